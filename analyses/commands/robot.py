@@ -18,7 +18,7 @@ ORDER = 5
 
 def command(
     source: Annotated[
-        str, typer.Argument(metavar="URDF | show", help="A URDF; or `show` and a robot.")
+        str, typer.Argument(metavar="URDF | show", help="A URDF, SDF, MJCF or xacro; or `show`.")
     ],
     robot: Annotated[
         str | None, typer.Argument(metavar="[ROBOT]", help="After `show`: a name or a robot.yaml.")
@@ -31,6 +31,9 @@ def command(
         list[str] | None,
         typer.Option(metavar="NAME:=VALUE", help="An argument of a xacro file; may be repeated."),
     ] = None,
+    trust_xacro: Annotated[
+        bool, typer.Option("--trust-xacro", help="Let a xacro file run: it is its author's code.")
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(help="The robot.yaml (robot.yaml), or with `show` the page (arm.html)."),
@@ -44,18 +47,14 @@ def command(
         return
     if robot is not None:
         raise InputError(robot, "", "is one argument too many", "write `robot URDF`")
-    from wrenchsight.analyses.methods.robot.robot_draft import FILL_IN, draft_robot
+    from wrenchsight.analyses.methods.robot.draft_text import FILL_IN
+    from wrenchsight.analyses.methods.robot.robot_draft import XacroTrust, draft_robot
 
     path = out or Path("robot.yaml")
-    drafted, places = draft_robot(Path(source), path, base, flange, _arguments(xacro_arg or []))
+    xacro = XacroTrust(trust_xacro, _arguments(xacro_arg or []))
+    drafted, places, found = draft_robot(Path(source), path, base, flange, xacro)
     _print(drafted)
-    locked_joints = drafted.config.locked_joints.items()
-    if locked_joints:
-        values = ", ".join(f"{name} at {value:g}" for name, value in locked_joints)
-        show(
-            f"note: joints held still, rad or m: {values}; where one of them is the arm's, name "
-            "the link that it moves: --flange LINK"
-        )
+    show(*notes(found))
     note = (
         "the URDF has no inertias: the simulated arm has no friction; state it in simulated_truth"
     )

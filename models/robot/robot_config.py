@@ -71,7 +71,6 @@ class RobotConfig:
 
     name: str = field(default="", metadata=REQUIRED)  # models and logs name the robot by it
     urdf: Path = field(default=Path(), metadata=REQUIRED)  # beside the robot.yaml, or absolute
-    xacro_args: dict[str, str] = field(default_factory=dict)  # of a xacro file; else its defaults
     base_link: str = field(default="", metadata=REQUIRED)  # W is its frame
     flange: str = field(default="", metadata=REQUIRED)  # the link that carries the tool
     tool_frame: PoseConfig = field(default_factory=PoseConfig)  # E in the flange

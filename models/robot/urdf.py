@@ -36,6 +36,7 @@ from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
 _KEPT_TAGS = ("link", "joint", "material", "drake:collision_filter_group")
+_TILT = math.radians(1.0)  # between two directions of gravity that agree
 _LARGEST = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
 
 
@@ -61,7 +62,7 @@ class _Reader:
         self.inertia_faults: list[InputError] = []
         self.rounded: list[str] = []  # joints whose angles were written with few digits
         self.meshes = CollisionMeshes()
-        self.root, self.lines = read_document(path, config_source, config.xacro_args)
+        self.root, self.lines = read_document(path, config_source)
         self.links: dict[str, ET.Element] = {}
         self.joints: dict[str, ET.Element] = {}
         self.standing: dict[str, tuple[ET.Element, ET.Element]] = {}
@@ -205,16 +206,18 @@ class _Reader:
     def _keep_below_base(self) -> None:
         """Drops all links that the base link does not carry: W is the base link's frame."""
         base = self.config.base_link
-        if base not in self.links or base == "world":
+        if base == "world":
+            problem = '"world" is no link of the robot, but what it stands on'
+            carried = [self._child(joint) for joint in self.child_joints.get(base, ())]
+            raise InputError(
+                self.config_source, "base_link", problem, f"name one of {', '.join(carried)}"
+            )
+        if base not in self.links:
             problem = f'"{base}" is no link of the robot in {self.path.name}'
             raise InputError(self.config_source, "base_link", problem, self._near_link(base))
         (root,) = (name for name in self.links if name not in self.parent_joint)
         poses = self._below(root)
-        if not poses[base].rotation().IsNearlyIdentity(1e-6):
-            self.notices.append(
-                f'the mounting of "{base}" in the URDF is ignored: W is "{base}", '
-                "gravity is as robot.yaml states it"
-            )
+        self._compare_gravity(poses[base])
         arm_links = set(self._below(base))
         dropped = [name for name in self.links if name not in arm_links]
         for name in dropped:
@@ -242,6 +245,21 @@ class _Reader:
             if element.tag not in _KEPT_TAGS:
                 self.root.remove(element)
         settle_filters(self.root, arm_links)
+
+    def _compare_gravity(self, X_RB: RigidTransform) -> None:
+        """Notes where robot.yaml's gravity is not that of the mounting in the URDF."""
+        down_B = -X_RB.rotation().matrix()[2]
+        gravity = np.array(self.config.gravity)
+        length = float(np.linalg.norm(gravity))
+        if length > 0.0 and gravity @ down_B < math.cos(_TILT) * length:
+            stated, mounted = (
+                "[" + ", ".join(f"{x:.3g}" for x in np.round(g, 3) + 0.0) + "]"
+                for g in (gravity, length * down_B)
+            )
+            self.notices.append(
+                f'robot.yaml states gravity {stated}; as the URDF mounts "{self.config.base_link}" '
+                f"it is {mounted} in W: robot.yaml's counts"
+            )
 
     def _serial_chain(self) -> list[ET.Element]:
         """The moving joints from base to flange; any other moving joint is a branch."""

@@ -1,46 +1,46 @@
-"""The document that describes a robot: URDF, or xacro and SDF converted to it."""
+"""The document that describes a robot: URDF, or SDF and MJCF converted to it."""
 
+import hashlib
 import xml.etree.ElementTree as ET
 import xml.parsers.expat
-from collections.abc import Mapping
 from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import read_limited
-from wrenchsight.models.robot.sdf_document import urdf_of_sdf
-from wrenchsight.models.robot.xacro_document import urdf_of_xacro
+from wrenchsight.models.robot.drake_document import KINDS, urdf_of_model
+from wrenchsight.models.robot.xacro_document import untrusted_xacro
 
 LARGEST_DOCUMENT = 1 << 26  # bytes
 
 
 def read_document(
-    path: Path, named_by: Path | None = None, arguments: Mapping[str, str] | None = None
+    path: Path, named_by: Path | None = None
 ) -> tuple[ET.Element, dict[ET.Element, int]]:
     """Reads a robot's description.
 
     Args:
-        path: .urdf, .xacro or .sdf; the root element decides which.
+        path: .urdf, .sdf or MJCF's .xml; the root element decides which.
         named_by: the file that names it, for the error line where it is missing.
-        arguments: of a xacro file, by name.
 
     Returns:
         The <robot> element of a URDF, and the lines of its elements in the file; none for a
         document that was converted to a URDF.
 
     Raises:
-        InputError: no such file, no valid XML, another root element, or as `urdf_of_xacro` and
-            `urdf_of_sdf`.
+        InputError: no such file, no valid XML, another root element, xacro (`xacro_document`
+            expands it), or as `urdf_of_model`.
     """
     remedy = f"see {named_by}" if named_by is not None else "check the path"
     data = read_limited(path, LARGEST_DOCUMENT, "a URDF", remedy)
     root, lines = _parsed(data, path)
-    if root.tag == "sdf":
-        return urdf_of_sdf(root, path), {}
+    if root.tag in KINDS:
+        digest = hashlib.sha256(data).hexdigest()
+        root, lines = _parsed(urdf_of_model(path, root.tag, digest), path)[0], {}
     if root.tag != "robot":
-        problem = f"<{root.tag}> is the root element, expected <robot> of a URDF, or <sdf>"
+        problem = f"<{root.tag}> is the root element, expected <robot> of a URDF, <sdf> or <mujoco>"
         raise InputError(path, f"line {lines[root]}", problem)
-    if any(element.tag.startswith("xacro:") for element in root.iter()):
-        root, lines = _parsed(urdf_of_xacro(path, arguments), path)[0], {}
+    if is_xacro(path, root):
+        raise untrusted_xacro(path)
     for element in root.iter():
         name = element.get("name", "")
         if not name.isprintable():
@@ -48,6 +48,24 @@ def read_document(
             problem = f"the name {name!r} holds characters that cannot be printed"
             raise InputError(path, location, problem, "rename it")
     return root, lines
+
+
+def is_xacro_file(path: Path) -> bool:
+    """Whether a file is to be expanded by xacro.
+
+    Raises:
+        InputError: it cannot be read, or is no XML.
+    """
+    root, _ = _parsed(read_limited(path, LARGEST_DOCUMENT, "a URDF"), path)
+    return root.tag == "robot" and is_xacro(path, root)
+
+
+def is_xacro(path: Path, root: ET.Element) -> bool:
+    """Whether a <robot> has elements of xacro, or is named so and has expressions."""
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
+        return True
+    values = (value for element in root.iter() for value in element.attrib.values())
+    return path.suffix == ".xacro" and any("$" in value for value in values)
 
 
 def _parsed(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
@@ -65,7 +83,7 @@ def _parsed(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element, int]]
         parser.Parse(data, True)
     except xml.parsers.expat.ExpatError as error:
         if path.suffix in {".yaml", ".yml"}:
-            problem = "is a YAML file, expected a URDF, xacro or SDF"
+            problem = "is a YAML file, expected a URDF, xacro, SDF or MJCF"
             remedy = f"show a robot.yaml with: wrenchsight robot show {path}"
             raise InputError(path, "", problem, remedy) from error
         reason = xml.parsers.expat.ErrorString(error.code)

@@ -7,6 +7,7 @@ from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.robot.collision_meshes import CollisionMeshes
 from wrenchsight.models.robot.convex_hulls import HULL_SUFFIXES
 from wrenchsight.models.robot.gltf import gltf_fault
+from wrenchsight.models.robot.ros_packages import find_package
 from wrenchsight.models.robot.urdf_shapes import hull_fault, size_fault
 
 _MESHES = (".obj", ".gltf", ".vtk")
@@ -92,14 +93,25 @@ def _mesh_for_hull(element: ET.Element, urdf: Path) -> tuple[Path | None, str]:
 
 
 def resolved_mesh(name: str, urdf: Path) -> Path | None:
-    """The file of a mesh's URI; package:// is searched for upwards from the URDF."""
-    return next((path for path in _mesh_places(name, urdf) if path.is_file()), None)
+    """The file of a mesh's URI; a package is searched for as in `ros_packages`."""
+    found = next((path for path in _mesh_places(name, urdf) if path.is_file()), None)
+    if found is None and name.startswith("package://"):
+        package, _, path_in_package = _path_of(name).partition("/")
+        folder = find_package(package, urdf.resolve().parent)
+        if folder is not None and (folder / path_in_package).is_file():
+            found = folder / path_in_package
+    return found
+
+
+def _path_of(name: str) -> str:
+    """PACKAGE/PATH of a URI; package:///PACKAGE/PATH is written, too."""
+    return name.removeprefix("package://").lstrip("/")
 
 
 def _mesh_places(name: str, urdf: Path) -> list[Path]:
     folder = urdf.resolve().parent
     if name.startswith("package://"):
-        relative = name.removeprefix("package://").lstrip("/")  # package:///p/f is written, too
+        relative = _path_of(name)
         path_in_package = relative.partition("/")[2]
         candidates = [parent / relative for parent in (folder, *folder.parents)]
         candidates += [

@@ -166,7 +166,7 @@ def _robot(arm: Arm, folder: Path) -> tuple[Robot, str]:
     if arm.source == "bundled":
         return Robot.load(arm.file), arm.file
     path = folder / "robot.yaml"
-    robot, _ = draft_robot(arm.path, path, arm.base, arm.flange)
+    robot, *_ = draft_robot(arm.path, path, arm.base, arm.flange)
     return robot, str(path)
 
 

@@ -1,4 +1,4 @@
-"""The command `robot`: a URDF in, the draft of a robot.yaml out.
+"""The command `robot`: a URDF, xacro, SDF or MJCF in, the draft of a robot.yaml out.
 
-Order: robot_draft.
+Order: draft_assumptions, draft_text, robot_draft.
 """

@@ -8,7 +8,8 @@ import yaml
 from typer.testing import CliRunner
 
 from wrenchsight.analyses.__main__ import app
-from wrenchsight.analyses.methods.robot.robot_draft import FILL_IN, draft_robot
+from wrenchsight.analyses.methods.robot.draft_text import FILL_IN
+from wrenchsight.analyses.methods.robot.robot_draft import XacroTrust, draft_robot
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError
@@ -36,7 +37,7 @@ def test_the_arm_is_found_and_loads(
     wheel_robots: Path, tmp_path: Path, urdf: str, base: str, flange: str, num_joints: int
 ) -> None:
     out = tmp_path / "robot.yaml"
-    robot, places = draft_robot(wheel_robots / urdf, out)
+    robot, places, _ = draft_robot(wheel_robots / urdf, out)
     assert (robot.config.base_link, robot.config.flange) == (base, flange)
     assert robot.num_joints == num_joints
     assert places == ("tool_frame", "payload", "drives")
@@ -57,7 +58,7 @@ def test_the_arm_is_found_and_loads(
 def test_base_and_flange_may_be_named(wheel_robots: Path, tmp_path: Path) -> None:
     urdf = wheel_robots / "z1_description/urdf/z1.urdf"
     out = tmp_path / "robot.yaml"
-    robot, _ = draft_robot(urdf, out, base="link01", flange="gripperMover")
+    robot, *_ = draft_robot(urdf, out, base="link01", flange="gripperMover")
     assert robot.joint_names == ("joint2", "joint3", "joint4", "joint5", "joint6", "jointGripper")
     with pytest.raises(InputError, match="exists already"):
         draft_robot(urdf, out)
@@ -72,7 +73,7 @@ def test_base_and_flange_may_be_named(wheel_robots: Path, tmp_path: Path) -> Non
 def test_the_urdf_beside_it_is_named_relatively(tmp_path: Path, wheel_robots: Path) -> None:
     urdf = tmp_path / "my arm.urdf"
     urdf.write_text((wheel_robots / "ur_description/urdf/ur5_robot.urdf").read_text())
-    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml")
     assert yaml.safe_load((tmp_path / "robot.yaml").read_text())["urdf"] == "my arm.urdf"
     # Its meshes are elsewhere now: the links are named, and clearance is not checked.
     assert len(robot.unusable_collisions) == 7
@@ -88,7 +89,7 @@ def test_several_arms_need_a_flange(wheel_robots: Path, tmp_path: Path) -> None:
     ("name", "text", "words"),
     [
         ("a.sdf", "<sdf/>", "holds 0 models, expected one"),
-        ("a.xml", "<mujoco/>", "<mujoco> is the root element"),
+        ("a.xml", "<mujoco/>", "a.xml: "),
         ("a.urdf", "<robot>", "no valid XML"),
         ("robot.yaml", "name: a", "expected a URDF.*wrenchsight robot show .*robot.yaml$"),
         ("a.urdf", "<robot name='a'><link name='b'/></robot>", "links without a parent"),
@@ -126,7 +127,7 @@ def arm_with_gripper(path: Path) -> Path:
 
 def test_a_joint_that_carries_the_gripper_is_the_arms(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")
-    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml")
     assert robot.joint_names[-1] == "wrist_roll"
     assert robot.num_joints == 5
     assert robot.config.flange == "gripper_link"
@@ -136,11 +137,11 @@ def test_no_joint_is_held_still_without_a_line(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")
     result = CliRunner().invoke(app, ["robot", str(urdf), "--out", str(tmp_path / "robot.yaml")])
     message = " ".join(result.output.split())
-    assert "joints held still, rad or m: gripper at 0;" in message
-    assert "--flange LINK" in message
+    assert "note: gripper is held still at 0 rad (locked_joints)" in message
+    assert "--flange moving_jaw" in message
 
 
-def test_a_xacro_files_arguments_are_given_and_kept(tmp_path: Path) -> None:
+def test_a_trusted_xacro_becomes_a_urdf_beside_the_file(tmp_path: Path) -> None:
     pytest.importorskip("xacro", reason="the package xacro is not installed")
     urdf = arm_with_gripper(tmp_path / "arm.xacro")
     text = urdf.read_text().replace("<mass value='0.3'/>", "<mass value='${mass}'/>")
@@ -152,12 +153,85 @@ def test_a_xacro_files_arguments_are_given_and_kept(tmp_path: Path) -> None:
     out = tmp_path / "robot.yaml"
     words = ["robot", str(urdf), "--xacro-arg", "mass:=0.6", "--out", str(out)]
     result = CliRunner().invoke(app, words)
+    assert result.exit_code == 2
+    assert "--trust-xacro" in result.stderr
+    assert not out.exists()
+    result = CliRunner().invoke(app, [*words, "--trust-xacro"])
     assert result.exit_code == 0, result.output
+    urdf.unlink()  # it is not read again
     masses = Robot.load(out).chain.inertial_parameters[:, 0]
     np.testing.assert_allclose(masses[:-1], 0.6)  # the last one carries the jaw
     result = CliRunner().invoke(app, [*words[:3], "mass=1"])
     assert result.exit_code == 2
     assert "write NAME:=VALUE" in result.stderr
+
+
+def test_an_expanded_file_without_an_arm_leaves_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("xacro", reason="the package xacro is not installed")
+    path = tmp_path / "a.xacro"
+    path.write_text(
+        "<robot name='a' xmlns:xacro='http://www.ros.org/wiki/xacro'>"
+        "<xacro:property name='b' value='1'/><link name='c'/></robot>"
+    )
+    with pytest.raises(InputError, match="links without a parent"):
+        draft_robot(path, tmp_path / "out.yaml", xacro=XacroTrust(is_trusted=True))
+    assert [file.name for file in tmp_path.iterdir()] == ["a.xacro"]
+
+
+def mounted(path: Path, origin: str) -> Path:
+    """The arm with a gripper on a fixed joint from `world`."""
+    urdf = arm_with_gripper(path)
+    bolted = (
+        "<link name='world'/><joint name='bolts' type='fixed'><parent link='world'/>"
+        f"<child link='base'/><origin {origin}/></joint></robot>"
+    )
+    urdf.write_text(urdf.read_text().replace("</robot>", bolted))
+    return urdf
+
+
+@pytest.mark.parametrize(
+    ("origin", "gravity", "floor"),
+    [
+        ("xyz='0 0 0.8'", [0.0, 0.0, -9.81], -0.8),
+        ("xyz='0 0 2' rpy='3.14159265 0 0'", [0.0, 0.0, 9.81], None),
+        ("rpy='0 1.5708 0'", [9.81, 0.0, 0.0], None),
+        ("rpy='0 0 1'", [0.0, 0.0, -9.81], 0.0),
+    ],
+)
+def test_gravity_and_floor_follow_the_mounting(
+    tmp_path: Path, origin: str, gravity: list[float], floor: float | None
+) -> None:
+    urdf = mounted(tmp_path / "arm.urdf", origin)
+    robot, _, notes = draft_robot(urdf, tmp_path / "robot.yaml")
+    np.testing.assert_allclose(robot.gravity, gravity, atol=1e-4)
+    assert robot.floor == floor
+    turned = [note for note in notes if "turned by" in note]
+    assert len(turned) == (floor is None)
+    assert not any("gravity" in notice for notice in robot.notices)
+    # A robot.yaml that says otherwise is told so.
+    lines = (tmp_path / "robot.yaml").read_text().splitlines()
+    lines = ["gravity: [0, 9.81, 0]" if "gravity:" in line else line for line in lines]
+    (tmp_path / "other.yaml").write_text("\n".join(lines))
+    assert any("states gravity" in n for n in Robot.load(tmp_path / "other.yaml").notices)
+
+
+def test_placeholder_efforts_are_filled_in_with_what_gravity_needs(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    text = urdf.read_text().replace("effort='10'", "effort='1'")
+    urdf.write_text(
+        text.replace(
+            "effort='1'/></joint><joint name='gripper'", "effort='8'/></joint><joint name='gripper'"
+        )
+    )
+    robot, places, notes = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert "effort_limit" in places
+    (note,) = [note for note in notes if "cannot hold the arm up" in note]
+    assert "shoulder_lift states 1 N m" in note
+    q = np.random.default_rng(2).uniform(-1.9, 1.9, (500, 5))
+    holding = np.abs(robot.chain.gravity_torque(q)).max(axis=0)
+    assert (robot.effort_limit[:4] > 1.2 * holding[:4]).all()
+    assert robot.effort_limit[4] == 8.0  # which holds its link
+    assert robot.effort_limit[0] >= 1.0  # the same placeholder, where gravity asks nothing
 
 
 def test_a_drafted_arm_has_friction_noise_and_steps_and_says_so(tmp_path: Path) -> None:
@@ -183,7 +257,7 @@ def test_a_collision_mesh_that_is_missing_is_named_with_the_place_it_was_looked_
     mesh = "<collision><geometry><mesh filename='package://arm/upper.stl'/></geometry></collision>"
     text = urdf.read_text().replace("<link name='upper'>", "<link name='upper'>" + mesh)
     urdf.write_text(text)
-    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml")
     [lost] = robot.unusable_collisions
     place = tmp_path / "arm" / "upper.stl"
     assert lost == f"upper (package://arm/upper.stl not found, searched for at {place} and above)"

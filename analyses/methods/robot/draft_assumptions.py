@@ -1,0 +1,147 @@
+"""What no description of a robot holds, assumed as on common arms: to be filled in."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.robot.arm_structure import DescribedJoint
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.unit_doubts import reach_of
+
+GRAVITY = 9.81  # m/s^2
+_CANDIDATES = 300  # postures that the home posture is chosen from
+_FULL_TURN = np.pi
+# Of the simulated arm, which no URDF describes; as on the UR10e, whose friction was identified: its
+# second joint carries 120 N m, and has 6 N m of Coulomb friction.
+_BRISK = 5.0  # rad/s^2 (m/s^2)
+FRICTION_SHARE = 0.05  # of what a joint carries
+_LEAST_CARRIED = 0.1  # of the joint that carries most
+_PAYLOAD_SHARE = 0.3  # of the moving mass: UR5 .27, iiwa .31, UR10e .38
+_PAYLOAD_PER_REACH = 7.0  # kg/m^2 of an arm without masses: UR5e 6.9, UR10e 7.4, Panda 4.1
+_EFFORT_MARGIN = 1.5  # of an effort limit that is not known over what the joint carries
+_PLACEHOLDER_SHARE = 0.6  # of what gravity asks at most; Talos' shoulder has .8
+_UNKNOWN_EFFORT = 100.0  # N m (N), of an arm without masses
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """Numbers of an arm that its description does not hold.
+
+    Attributes:
+        payload: kg.
+        carried: (n,) N m (N) that a joint carries, of which friction and noise are parts; 0
+            without inertias.
+        holding: (n,) N m (N), most that gravity asks of a joint; 0 without inertias.
+        effort: (n,) N m (N), limits in the place of those that are not stated or cannot hold the
+            arm; 0 where the stated one stands.
+    """
+
+    payload: float
+    carried: Array
+    holding: Array
+    effort: Array
+
+    @classmethod
+    def nothing(cls, arm: Sequence[DescribedJoint]) -> "Assumed":
+        """What a file needs to be loaded."""
+        zero = np.zeros(len(arm))
+        return cls(1.0, zero, zero, np.where(_stated(arm) > 0.0, 0.0, _UNKNOWN_EFFORT))
+
+
+def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
+    """Assumes what the description of a loaded robot does not hold."""
+    n = robot.num_joints
+    q = postures(robot)
+    if not robot.has_inertias:
+        payload = _PAYLOAD_PER_REACH * reach_of(robot, q) ** 2
+        zero = np.zeros(n)
+        return Assumed(_rounded(max(payload, 0.01)), zero, zero, Assumed.nothing(arm).effort)
+    still = np.zeros_like(q)
+    gravity = robot.chain.inverse_dynamics(q, still, still)
+    holding = np.abs(gravity).max(axis=0)
+    carried = holding.copy()
+    for j in range(n):
+        starts = still.copy()
+        starts[:, j] = _BRISK
+        inertial = robot.chain.inverse_dynamics(q, still, starts)
+        carried[j] += np.abs(inertial - gravity)[:, j].max()
+    carried = np.maximum(carried, _LEAST_CARRIED * carried.max())  # seals turn with any load
+    mass = float(robot.chain.inertial_parameters[:, 0].sum())
+    payload = _rounded(max(_PAYLOAD_SHARE * mass, 0.01))
+    weight = payload * robot.gravity
+    loaded = np.abs(np.einsum("kij,i->kj", robot.chain.jacobian(q)[:, 3:], weight)).max(axis=0)
+    stated = _stated(arm)
+    # An exporter writes one number for several joints: where it is wrong for one, it is for all.
+    short = np.unique(stated[cannot_hold(stated, holding)])
+    unknown = ~(stated > 0.0) | np.isin(stated, short)
+    likely = [_rounded(value) for value in _EFFORT_MARGIN * (carried + loaded)]
+    effort = np.where(unknown, np.maximum(likely, stated), 0.0)
+    return Assumed(payload, carried, holding, effort)
+
+
+def cannot_hold(stated: Array, holding: Array) -> Flags:
+    """Whether a stated effort limit (n,) is no drive's: gravity asks far more of the joint.
+
+    An arm that is built to hold itself in most postures alone is no such one.
+    """
+    return (stated > 0.0) & (stated < _PLACEHOLDER_SHARE * holding)
+
+
+def postures(robot: Robot) -> Array:
+    """(_CANDIDATES, n) rad or m, random ones within the limits, the same for the same robot."""
+    low, high = _range(robot)
+    return low + (high - low) * np.random.default_rng(0).uniform(size=(_CANDIDATES, len(low)))
+
+
+def _range(robot: Robot) -> tuple[Array, Array]:
+    """Limits (n,), a full turn where there are none."""
+    low = np.clip(robot.position_lower, -_FULL_TURN, _FULL_TURN)
+    return low, np.clip(robot.position_upper, -_FULL_TURN, _FULL_TURN)
+
+
+def _stated(arm: Sequence[DescribedJoint]) -> Array:
+    """(n,) effort limits of the description; 0 where it states none."""
+    efforts = np.array([joint.effort for joint in arm])
+    return np.where(np.isfinite(efforts) & (efforts > 0.0), efforts, 0.0)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.2g}")
+
+
+def good_posture(
+    robot: Robot, middle: Array, floors: Sequence[float | None]
+) -> tuple[Array, float | None]:
+    """Chooses the home posture and the height of the floor.
+
+    Args:
+        middle: (n,) rad or m, where nothing better is found.
+        floors: m in W, the likelier first; None: no floor.
+
+    Returns:
+        (n,) rad or m, well conditioned, near the middle of the limits and free of overlaps; and the
+        first floor above which the arm can stay.
+    """
+    low, high = _range(robot)
+    rng = np.random.default_rng(0)
+    span = 0.35 * (high - low)
+    centre = 0.5 * (low + high)
+    candidates = centre + span * rng.uniform(-1.0, 1.0, (_CANDIDATES, robot.num_joints))
+    conditions = np.array([float(robot.chain.condition_number(q)) for q in candidates])
+    best, largest_slack, best_floor = middle, -np.inf, None
+    for floor in floors:
+        clearance = Clearance(robot, floor=floor)
+        for k in np.argsort(conditions)[:60]:
+            if floor is not None and clearance.reaches_floor(candidates[k]):
+                continue
+            slack = clearance.slack(candidates[k])
+            if slack > largest_slack + 1e-3:
+                best, largest_slack, best_floor = candidates[k], slack, floor
+            if slack > 0.05:
+                break
+        if largest_slack > 0.0:
+            break
+    return np.asarray(np.round(np.clip(best, low, high), 2), np.float64), best_floor

@@ -1,0 +1,177 @@
+"""The text of a drafted robot.yaml, with marks where a description has no number."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from wrenchsight.analyses.methods.robot.draft_assumptions import FRICTION_SHARE, GRAVITY, Assumed
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.robot.arm_structure import DescribedJoint
+
+FILL_IN = "FILL IN"
+"""Marks, in the comments of a draft, a number that the URDF does not hold."""
+
+_NOISE_SHARE = 0.003
+_STEP_SHARE = 0.0005
+
+
+@dataclass(frozen=True)
+class DraftText:
+    """The contents of a URDF that a robot.yaml needs, and the file to write.
+
+    Attributes:
+        out: the robot.yaml.
+        urdf: beside it, or elsewhere.
+        origin: of the URDF: its own name, or that of the xacro.
+        name: of the robot.
+        base, flange: links.
+        arm: its joints.
+        locked: moving joints that are not the arm's.
+        gravity: (3,) m/s^2 in W.
+    """
+
+    out: Path
+    urdf: Path
+    origin: str
+    name: str
+    base: str
+    flange: str
+    arm: list[DescribedJoint]
+    locked: list[DescribedJoint]
+    gravity: Array
+
+    def text(self, home: Array, floor: float | None, assumed: Assumed) -> str:
+        """The robot.yaml.
+
+        Args:
+            home: (n,) rad or m.
+            floor: m, its height in W; None: there is none.
+            assumed: what no URDF holds.
+        """
+        payload, carried = assumed.payload, assumed.carried
+        path = self.urdf.resolve()
+        if path.is_relative_to(self.out.resolve().parent):
+            path = path.relative_to(self.out.resolve().parent)
+        lines = [
+            f"# Drafted from {self.origin}. What the URDF does not hold is marked {FILL_IN}: such",
+            "# numbers only make the file load. docs/your-robot.md says where they are found.",
+            f"name: {_quoted(self.name)}",
+            f"urdf: {_quoted(str(path))}",
+            f"base_link: {_quoted(self.base)}  # W is its frame",
+            f"flange: {_quoted(self.flange)}  # the link that carries the tool",
+            "tool_frame: {xyz: [0, 0, 0], rpy: [0, 0, 0]}"
+            f"  # {FILL_IN}: E in the flange, m and rad",
+            "# tool: {mass: kg, com: [x, y, z], inertia: [ixx, iyy, izz, ixy, ixz, iyz]}  "
+            "# what is mounted there, in axes of the flange",
+            self._gravity_line(),
+            f"floor: {floor:.4g}  # m, its height in W; null where there is none"
+            if floor is not None
+            else "floor: null  # none is known near the arm; else the floor's height in W, m",
+            f"payload: {payload:g}  # {FILL_IN}: kg, rated (data sheet)",
+            f"home: [{', '.join(f'{value:g}' for value in home)}]"
+            "  # rad or m: free of contact, far from singular",
+        ]
+        if self.locked:
+            lines.append("locked_joints:  # moving joints that are not the arm's, rad or m")
+            lines += [f"  {_quoted(joint.name)}: {joint.middle:g}" for joint in self.locked]
+        lines += [
+            "",
+            "# torque_per_ampere, N m/A on the joint side: motor torque constant times gear ratio",
+            "# (data sheet). 1 where the log holds joint torque in N m instead of current.",
+            "# rotor_inertia, kg m^2 on the joint side: data sheet, times the gear ratio squared.",
+            "drives:",
+        ]
+        for joint, torque, effort in zip(self.arm, carried, assumed.effort, strict=True):
+            fields = f"joint: {_quoted(joint.name)}, torque_per_ampere: 1.0, rotor_inertia: 0.0, "
+            fields += "rotor_inertia_side: joint"
+            if torque > 0.0:
+                noise, step = _NOISE_SHARE * torque, _STEP_SHARE * torque
+                fields += f", current_noise_sd: {noise:.2g}, current_resolution: {step:.2g}"
+            comment = f"{FILL_IN}"
+            if effort > 0.0:
+                fields += f", effort_limit: {effort:g}"
+                comment += (
+                    ", also effort_limit: gravity alone needs "
+                    f"{assumed.holding[self.arm.index(joint)]:.3g}"
+                    if joint.effort > 0.0
+                    else ", also effort_limit, which the URDF lacks"
+                )
+            comment += f"; limits {_limits(joint)}"
+            lines.append(f"  - {{{fields}}}  # {comment}")
+        if carried.any():
+            lines += _truth_lines(self.arm, carried)
+        return "\n".join(lines) + "\n"
+
+    def _gravity_line(self) -> str:
+        if np.allclose(self.gravity, [0.0, 0.0, -GRAVITY], atol=1e-9):
+            return (
+                "gravity: [0, 0, -9.81]  # in W; another vector where the base hangs or is tilted"
+            )
+        vector = ", ".join(f"{value:.5g}" for value in np.round(self.gravity, 5) + 0.0)
+        return f"gravity: [{vector}]  # in W, as the URDF mounts the base"
+
+
+def _truth_lines(arm: list[DescribedJoint], carried: Array) -> list[str]:
+    """Plain friction and resolution of the simulated arm, which only `simulate` reads."""
+    slow = [0.02 if joint.kind == "prismatic" else 0.1 for joint in arm]
+    fast = [0.2 if joint.kind == "prismatic" else 1.0 for joint in arm]
+    coulomb = FRICTION_SHARE * carried
+    rows: dict[str, Sequence[float] | Array] = {
+        "stiction": 1.3 * coulomb,
+        "coulomb": coulomb,
+        "stribeck_velocity": slow,
+        "viscous": coulomb / fast,
+    }
+    encoder = {"resolution": [1e-5] * len(arm), "velocity_noise_sd": [1e-4] * len(arm)}
+
+    def listed(values: Sequence[float] | Array) -> str:
+        return "[" + ", ".join(f"{value:.2g}" for value in values) + "]"
+
+    friction_lines = [f"    {name}: {listed(values)}" for name, values in rows.items()]
+    encoder_lines = [f"      {name}: {listed(values)}" for name, values in encoder.items()]
+    return [
+        "",
+        "# What only simulations read, all of it assumed: friction of a twentieth of what a joint",
+        "# carries, as the noise and steps of the currents above are parts of it. N m, rad, s.",
+        "simulated_truth:",
+        "  friction:",
+        *friction_lines,
+        "  mechanisms:",
+        "    encoder:",
+        *encoder_lines,
+    ]
+
+
+def _limits(joint: DescribedJoint) -> str:
+    unit = "m" if joint.kind == "prismatic" else "rad"
+    travel = f"{joint.lower:.4g} to {joint.upper:.4g} {unit}"
+    if joint.kind == "continuous":
+        travel = "none"
+    speed = f", {joint.velocity:g} {unit}/s" if joint.velocity > 0.0 else ", speed not stated"
+    force = "N" if unit == "m" else "N m"
+    return travel + speed + (f", {joint.effort:g} {force}" if joint.effort > 0.0 else "")
+
+
+def _quoted(text: str) -> str:
+    plain = text.replace("_", "").replace("/", "").replace(".", "").replace("-", "")
+    return text if plain.isalnum() and not plain.isdigit() else '"' + text.replace('"', '\\"') + '"'
+
+
+def marked_keys(text: str) -> tuple[str, ...]:
+    """The keys of a draft that are marked to be filled in, each once."""
+    marked = [
+        line for line in text.splitlines() if FILL_IN in line and ":" in line.partition("#")[0]
+    ]
+    keys = [_key_of(line) for line in marked]
+    if any("effort_limit:" in line for line in marked):
+        keys.append("effort_limit")
+    return tuple(dict.fromkeys(keys))
+
+
+def _key_of(line: str) -> str:
+    head = line.partition("#")[0]
+    if "torque_per_ampere" in head or "rotor_inertia" in head:
+        return "drives"
+    return head.partition(":")[0].strip(" -")

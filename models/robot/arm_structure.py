@@ -1,0 +1,362 @@
+"""Which joints of a robot's description are the arm's: told from its structure.
+
+A gripper is what follows another joint (mimic) or leads such a one beside it, what opens as several
+short branches of one link (a prismatic pair, fingers), or a jaw beyond a frame that is made for the
+tool. Names decide nothing by themselves: a jaw is told by its joint's name only where nothing moves
+beyond it and an arm ends before it.
+"""
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.mimic_joints import leader_of
+from wrenchsight.models.robot.rounded_angles import exact_angle
+
+_MOVING = ("revolute", "continuous", "prismatic")
+_FLANGES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_eef", "ee")
+_TOOL_WORDS = ("tool0", "tcp", "ee", "eef", "tool", "flange", "effector", "tip", "grasp")
+_HAND_WORDS = ("gripper", "hand")
+_JAW_WORDS = ("gripper", "finger", "jaw", "claw", "thumb", "knuckle")
+_MIN_ARM = 4  # joints; a shorter line from the base is a neck, a finger or a lift
+_MAX_FINGER = 2  # joints one after another; a finger's phalanges
+
+
+@dataclass(frozen=True)
+class DescribedJoint:
+    """A joint as a URDF states it.
+
+    Attributes:
+        name, kind: of it.
+        parent, child: links.
+        leader: the joint that it follows; '' where it follows none.
+        lower, upper: rad or m; infinite where there is none.
+        velocity: rad/s or m/s; NaN where it is not stated.
+        effort: N m or N; NaN where it is not stated.
+        X_PJ: pose of its frame in its parent's.
+        axis: (3,) in its frame.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    leader: str
+    lower: float
+    upper: float
+    velocity: float
+    effort: float
+    X_PJ: RigidTransform
+    axis: tuple[float, float, float]
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is a joint of an arm's kind."""
+        return self.kind in _MOVING
+
+    @property
+    def unit(self) -> str:
+        """Of its position."""
+        return "m" if self.kind == "prismatic" else "rad"
+
+    @property
+    def middle(self) -> float:
+        """Zero, or the middle of a range that leaves it out."""
+        if self.kind == "continuous" or self.lower <= 0.0 <= self.upper:
+            return 0.0
+        return 0.5 * (self.lower + self.upper)
+
+    def pose_at(self, position: float) -> RigidTransform:
+        """Pose of the child in the parent."""
+        axis = np.array(self.axis)
+        length = float(np.linalg.norm(axis))
+        if not self.moves or not length > 0.0:
+            return self.X_PJ
+        if self.kind == "prismatic":
+            return self.X_PJ @ RigidTransform(position * axis / length)
+        return self.X_PJ @ RigidTransform(AngleAxis(position, axis / length), np.zeros(3))
+
+
+class ArmStructure:
+    """The tree of a robot's joints and links.
+
+    Args:
+        root: <robot> of a URDF.
+        path: of the file, for error lines.
+
+    Attributes:
+        joints: all of them, in the file's order.
+    """
+
+    def __init__(self, root: ET.Element, path: Path) -> None:
+        self._path = path
+        self.joints = [_joint(element) for element in root.findall("joint")]
+        self._by_child = {joint.child: joint for joint in self.joints}
+        self._below: dict[str, list[DescribedJoint]] = {}
+        for joint in self.joints:
+            self._below.setdefault(joint.parent, []).append(joint)
+        self._followed = {joint.leader for joint in self.joints if joint.leader}
+        parts = ("inertial", "visual", "collision")
+        self._frames = {
+            link.get("name", "")
+            for link in root.findall("link")
+            if not any(link.find(part) is not None for part in parts)
+        }
+        self._links = {joint.parent for joint in self.joints} | set(self._by_child)
+        self._reach_of = self._reaches()
+
+    def require_link(self, link: str) -> None:
+        """Checks that a link exists.
+
+        Raises:
+            InputError: it does not.
+        """
+        if link not in self._links:
+            links = "links: " + ", ".join(sorted(self._links))
+            raise InputError(self._path, link, "is no link of it", links)
+
+    def base(self, flange: str | None) -> str:
+        """The link that the arm stands on: the root, or what `world` carries of the arm.
+
+        Args:
+            flange: of the arm; None: not known yet.
+
+        Raises:
+            InputError: there are several roots.
+        """
+        roots = sorted({joint.parent for joint in self.joints} - set(self._by_child))
+        if len(roots) != 1:
+            listed = ", ".join(roots) or "none"
+            problem = f"links without a parent: {listed}, expected one"
+            raise InputError(self._path, "", problem, "name the --base")
+        (root,) = roots
+        if root != "world":
+            return root
+        # Beside the arm, a table or a fence may stand on it: they carry no moving joint.
+        carrying = [joint for joint in self._below[root] if self._carries(joint, flange)]
+        if len(carrying) == 1 and not carrying[0].moves:
+            return carrying[0].child
+        return root
+
+    def _carries(self, joint: DescribedJoint, flange: str | None) -> bool:
+        """Whether the flange hangs on a joint; without a flange, whether anything beyond moves."""
+        links = self._links_below(joint.child)
+        if flange is not None:
+            return flange in links
+        return joint.moves or any(j.moves for link in links for j in self._below.get(link, ()))
+
+    def _links_below(self, link: str) -> list[str]:
+        """A link and all that it carries."""
+        links = [link]
+        for name in links:
+            links += [joint.child for joint in self._below.get(name, ())]
+        return links
+
+    def flange(self, base: str) -> str:
+        """The link at the end of the arm: the longest line of joints that are no gripper's.
+
+        Raises:
+            InputError: several arms.
+        """
+        link, length = base, 0
+        while True:
+            group = self._rigid(link)
+            ways = self._ways(group)
+            ways = [joint for joint in ways if not self._is_gripper(joint, group, length)]
+            if not ways or self._are_fingers(group, length):
+                return self._tool_link(link)
+            reaches = [self._reach(joint) for joint in ways]
+            longest = max(reaches)
+            others = sorted(reaches)[:-1]
+            if others and length >= _MIN_ARM > longest:
+                return self._tool_link(link)  # of a hand that nothing else reveals
+            if others and others[-1] >= _MIN_ARM:
+                ends = [j.child for j, n in zip(ways, reaches, strict=True) if n > 1]
+                problem = f"carries several arms or legs ({', '.join(ends)})"
+                remedy = "name the link that carries the tool with --flange"
+                raise InputError(self._path, link, problem, remedy)
+            link = ways[reaches.index(longest)].child
+            length += 1
+
+    def joints_between(self, base: str, flange: str) -> list[DescribedJoint]:
+        """The moving joints from base to flange.
+
+        Raises:
+            InputError: the flange does not hang on the base, or no joint between them moves.
+        """
+        arm = [joint for joint in self._way(base, flange) if joint.moves]
+        if not arm:
+            problem = f'no moving joint between it and "{base}"'
+            raise InputError(self._path, flange, problem, "name --flange")
+        return arm
+
+    def at_rest(self, arm: Sequence[DescribedJoint]) -> list[DescribedJoint]:
+        """Moving joints that are not the arm's, but for those that follow one of them."""
+        others = [joint for joint in self.joints if joint.moves and joint not in arm]
+        names = {joint.name for joint in others}
+        return [joint for joint in others if joint.leader not in names]
+
+    def is_beyond(self, joint: DescribedJoint, arm: Sequence[DescribedJoint]) -> bool:
+        """Whether the arm's end carries a joint."""
+        return joint.parent in self._links_below(arm[-1].child)
+
+    def mounting(self, base: str) -> tuple[str, RigidTransform]:
+        """The root, and the pose of the base in it, with joints between them where they rest."""
+        link, X = base, RigidTransform()
+        while link in self._by_child:
+            joint = self._by_child[link]
+            X = joint.pose_at(joint.middle) @ X
+            link = joint.parent
+        return link, X
+
+    def _reaches(self) -> dict[str, int]:
+        """By link, the joints of the longest line from it on, without those that follow others.
+
+        Raises:
+            InputError: the joints are no tree.
+        """
+        children = [joint.child for joint in self.joints]
+        twice = [child for child in self._by_child if children.count(child) > 1]
+        if twice:
+            problem = f'link "{twice[0]}" is the child of two joints'
+            raise InputError(self._path, "", problem, "a URDF is a tree")
+        ordered = [link for link in self._links if link not in self._by_child]
+        for link in ordered:
+            ordered += [joint.child for joint in self._below.get(link, ())]
+        looped = self._links - set(ordered)
+        if looped:
+            problem = f'link "{min(looped)}" is part of a loop of joints'
+            raise InputError(self._path, "", problem, "a URDF is a tree")
+        reach_of: dict[str, int] = {}
+        for link in reversed(ordered):
+            reaches = [
+                reach_of[joint.child] + (joint.moves and not joint.leader)
+                for joint in self._below.get(link, ())
+            ]
+            reach_of[link] = max(reaches, default=0)
+        return reach_of
+
+    def _way(self, base: str, flange: str) -> list[DescribedJoint]:
+        way: list[DescribedJoint] = []
+        link = flange
+        while link != base:
+            if link not in self._by_child:
+                problem = f'is not connected to "{base}"'
+                raise InputError(self._path, flange, problem, "name another --base")
+            way.insert(0, self._by_child[link])
+            link = way[0].parent
+        return way
+
+    def _rigid(self, link: str) -> list[str]:
+        """A link and what is fixed below it."""
+        links = [link]
+        for name in links:
+            links += [joint.child for joint in self._below.get(name, ()) if not joint.moves]
+        return links
+
+    def _ways(self, group: Collection[str]) -> list[DescribedJoint]:
+        """The moving joints that leave a rigid group."""
+        return [joint for link in group for joint in self._below.get(link, ()) if joint.moves]
+
+    def _reach(self, joint: DescribedJoint) -> int:
+        """Joints of the longest line from this one on that follow no other."""
+        return self._reach_of[joint.child] + (not joint.leader)
+
+    def _is_gripper(self, joint: DescribedJoint, group: Sequence[str], length: int) -> bool:
+        """Whether a joint is no arm's, for what it is by itself.
+
+        Args:
+            group: the links that it leaves, fixed to each other.
+            length: joints of the arm before it.
+        """
+        reach = self._reach(joint)
+        if joint.leader:
+            return reach < _MIN_ARM  # else a column that carries the arm
+        if joint.name in self._followed and reach <= _MAX_FINGER:
+            return True
+        if length < _MIN_ARM or reach > 1 or self._tool_frames(self._rigid(joint.child)):
+            return False
+        # The last joint of all: a jaw if the tool's frame is before it, or it is called one.
+        return bool(self._tool_frames(group)) or any(
+            word in joint.name.lower() for word in _JAW_WORDS
+        )
+
+    def _are_fingers(self, group: Collection[str], length: int) -> bool:
+        """Whether all that a rigid group carries are fingers: several short ones, no line."""
+        ways = self._ways(group)
+        is_short = all(self._reach(joint) <= _MAX_FINGER for joint in ways)
+        is_pair = sum(joint.kind == "prismatic" for joint in ways) > 1
+        return len(ways) > 1 and is_short and length >= (_MIN_ARM - 1 if is_pair else _MIN_ARM)
+
+    def _tool_frames(self, group: Sequence[str]) -> list[str]:
+        """Frames without a body in a rigid group that are made for a tool, the likeliest first."""
+        found: list[tuple[int, str]] = []
+        for link in group[1:]:
+            words = re.split(r"[^a-z0-9]+", link.lower())
+            ranks = [rank for rank, word in enumerate(_TOOL_WORDS) if word in words]
+            if not ranks and any(word in words for word in _HAND_WORDS):
+                ranks = [len(_TOOL_WORDS)]
+            if link in self._frames and ranks:
+                found.append((ranks[0], link))
+        return [link for _, link in sorted(found, key=lambda pair: pair[0])]
+
+    def _tool_link(self, link: str) -> str:
+        """The link that carries the tool, of those that are fixed to the last one."""
+        group = self._rigid(link)
+        for name in _FLANGES:
+            for candidate in group:
+                if candidate == name or candidate.endswith(("_" + name, "-" + name)):
+                    return candidate
+        return next(iter(self._tool_frames(group)), link)
+
+
+def _joint(element: ET.Element) -> DescribedJoint:
+    def end(role: str) -> str:
+        link = element.find(role)
+        return "" if link is None else link.get("link", "")
+
+    limit, origin, axis = element.find("limit"), element.find("origin"), element.find("axis")
+
+    def number(key: str) -> float:
+        try:
+            return float("nan" if limit is None else limit.get(key, "nan"))
+        except ValueError:
+            return math.nan
+
+    kind = element.get("type", "")
+    is_free = kind == "continuous"
+    attributes: Mapping[str, str] = {} if origin is None else origin.attrib
+    xyz = _vector(attributes.get("xyz", "0 0 0"))
+    rpy = _vector(attributes.get("rpy", "0 0 0"), exact_angle)
+    return DescribedJoint(
+        name=element.get("name", ""),
+        kind=kind,
+        parent=end("parent"),
+        child=end("child"),
+        leader=leader_of(element),
+        lower=-math.inf if is_free else float(np.nan_to_num(number("lower"))),
+        upper=math.inf if is_free else float(np.nan_to_num(number("upper"))),
+        velocity=number("velocity"),
+        effort=number("effort"),
+        X_PJ=RigidTransform(RollPitchYaw(rpy), xyz),
+        axis=_vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0")),
+    )
+
+
+def _vector(text: str, number: Callable[[str], float] = float) -> tuple[float, float, float]:
+    """Three numbers; zero where there are none: what is wrong with it is the reader's to say."""
+    try:
+        x, y, z = (number(word) for word in text.split())
+    except ValueError:
+        return 0.0, 0.0, 0.0
+    if not all(abs(value) < 1e6 for value in (x, y, z)):
+        return 0.0, 0.0, 0.0
+    return x, y, z

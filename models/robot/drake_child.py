@@ -1,0 +1,228 @@
+"""The child process that turns SDF or MJCF into a URDF: FILE TAG, URDF to standard output.
+
+Frames, joints and inertias are those of the plant that Drake makes of the file. A link's frame in
+the URDF is that of the joint that moves it, as a URDF has it; a base keeps its own. Shapes of an
+SDF are taken where their pose is relative to their link; others, and those of an MJCF, count as
+shapes that cannot be used.
+"""
+
+import math
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, WeldJoint
+
+from wrenchsight.models.robot.drake_parsing import add_model
+from wrenchsight.models.robot.limited_child import limit_process
+from wrenchsight.models.robot.urdf_elements import add_inertial, fixed_joint, set_pose, text_of
+
+_MEMORY = 2 << 30  # bytes
+_DEPTH = 100  # of nested elements
+_SHAPES = ("visual", "collision")
+_LARGEST = 1e6  # of a number of a pose, m or rad
+
+
+def main(words: list[str]) -> int:
+    """Converts FILE, whose root element is TAG; returns the exit code."""
+    limit_process(_MEMORY)
+    path, tag = Path(words[0]).resolve(), words[1]
+    try:
+        root = ET.parse(path).getroot()
+        _check_depth(root)
+        robot = urdf_of_sdf(root, path) if tag == "sdf" else urdf_of_mjcf(root, path)
+    except (RuntimeError, ValueError, ET.ParseError, MemoryError) as error:
+        text = str(error).replace("<literal-string>.sdf", path.name) or type(error).__name__
+        print(" ".join(text.replace(f"{path.parent}/", "").split()), file=sys.stderr)
+        return 1
+    sys.stdout.buffer.write(ET.tostring(robot))
+    return 0
+
+
+def _check_depth(root: ET.Element) -> None:
+    """Refuses what overflows a parser's stack."""
+    level = [root]
+    for _ in range(_DEPTH):
+        level = [child for element in level for child in element]
+        if not level:
+            return
+    raise ValueError(f"its elements are nested more than {_DEPTH} deep")
+
+
+def urdf_of_sdf(root: ET.Element, path: Path) -> ET.Element:
+    """The <robot> that an <sdf> means; its shapes are taken out of `root`.
+
+    Raises:
+        RuntimeError, ValueError: Drake cannot read it, or it holds no model or several.
+    """
+    models = root.findall("model") or root.findall("world/model")
+    if len(models) != 1:
+        raise ValueError(f"holds {len(models)} models, expected one; split the file")
+    shapes: dict[str, list[ET.Element]] = {}
+    for link in root.iter("link"):
+        for kind in _SHAPES:
+            for element in link.findall(kind):
+                shapes.setdefault(link.get("name", ""), []).append(element)
+                link.remove(element)
+    plant = MultibodyPlant(0.0)
+    instance = add_model(plant, ET.tostring(root, encoding="unicode"), "sdf")
+    robot, frames = _urdf_of_plant(plant, instance, models[0].get("name", path.stem))
+    for link in robot.findall("link"):
+        name = link.get("name", "")
+        for number, shape in enumerate(shapes.get(name, ())):
+            _add_sdf_shape(link, shape, f"{name}_{shape.tag}_{number}", frames[name])
+    return robot
+
+
+def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
+    """The <robot> that a <mujoco> means.
+
+    Raises:
+        RuntimeError, ValueError: Drake cannot read it, or it holds no model or several.
+    """
+    plant = MultibodyPlant(0.0)
+    parser = Parser(plant)
+    if path.suffix == ".xml":
+        instances = parser.AddModels(str(path))
+    else:
+        instances = parser.AddModelsFromString(ET.tostring(root, encoding="unicode"), "xml")
+    if len(instances) != 1:
+        raise ValueError(f"holds {len(instances)} models, expected one; split the file")
+    robot, _ = _urdf_of_plant(plant, instances[0], root.get("model") or path.stem)
+    if any(True for _ in root.iter("geom")):
+        for link in robot.findall("link"):
+            shape = ET.SubElement(link, "collision", name=f"{link.get('name')}_geoms")
+            ET.SubElement(ET.SubElement(shape, "geometry"), "geom")  # of no kind that is known
+    return robot
+
+
+def _urdf_of_plant(
+    plant: MultibodyPlant, instance: Any, name: str
+) -> tuple[ET.Element, dict[str, RigidTransform]]:
+    """The <robot> of a model without its shapes, and the poses of its bodies in their links."""
+    robot = ET.Element("robot", name=name)
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    in_body = {joint.child_body().index(): _frame(joint.frame_on_child()) for joint in joints}
+    frames: dict[str, RigidTransform] = {}
+    for index in plant.GetBodyIndices(instance):
+        body = plant.get_body(index)
+        X_LB = frames[body.name()] = in_body.get(index, RigidTransform()).inverse()
+        link = ET.SubElement(robot, "link", name=body.name())
+        _add_inertial(link, body, X_LB)
+    efforts = {}
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        efforts[actuator.joint().index()] = float(actuator.effort_limit())
+    if any(joint.parent_body().index() == plant.world_body().index() for joint in joints):
+        ET.SubElement(robot, "link", name="world")
+    for joint in joints:
+        X_LP = in_body.get(joint.parent_body().index(), RigidTransform()).inverse()
+        _add_joint(robot, joint, X_LP, efforts.get(joint.index(), 0.0))
+    return robot, frames
+
+
+def _frame(frame: Any) -> RigidTransform:
+    return frame.GetFixedPoseInBodyFrame()
+
+
+def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: float) -> None:
+    kind, axis, X = "floating", None, X_LP @ _frame(joint.frame_on_parent())
+    if isinstance(joint, WeldJoint):
+        kind, X = "fixed", X @ joint.X_FM()
+    elif isinstance(joint, RevoluteJoint):
+        kind, axis = "revolute", joint.revolute_axis()
+    elif isinstance(joint, PrismaticJoint):
+        kind, axis = "prismatic", joint.translation_axis()
+    element = fixed_joint(joint.name(), joint.parent_body().name(), joint.child_body().name(), X)
+    robot.append(element)
+    if axis is not None:
+        ET.SubElement(element, "axis", xyz=text_of(axis))
+        lower, upper = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+        if kind == "revolute" and not (math.isfinite(lower) and math.isfinite(upper)):
+            kind = "continuous"
+        limit = ET.SubElement(element, "limit")
+        if kind != "continuous":
+            limit.set("lower", repr(float(lower)))
+            limit.set("upper", repr(float(upper)))
+        velocity = float(joint.velocity_upper_limits()[0])
+        limit.set("velocity", repr(velocity if math.isfinite(velocity) else 0.0))
+        limit.set("effort", repr(effort if math.isfinite(effort) else 0.0))
+    element.set("type", kind)
+
+
+def _add_inertial(link: ET.Element, body: Any, X_LB: RigidTransform) -> None:
+    inertia = body.default_spatial_inertia()
+    mass, com = float(inertia.get_mass()), np.asarray(inertia.get_com())
+    if mass == 0.0:
+        return
+    about_origin = inertia.CalcRotationalInertia().CopyToFullMatrix3()
+    about_com = about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com))
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = about_com
+    add_inertial(link, mass, X_LB @ RigidTransform(com), (xx, yy, zz, xy, xz, yz))
+
+
+def _add_sdf_shape(link: ET.Element, shape: ET.Element, name: str, X_LB: RigidTransform) -> None:
+    element = ET.SubElement(link, shape.tag, name=name)
+    geometry = ET.SubElement(element, "geometry")
+    X_BG = _sdf_pose(shape.find("pose"))
+    if X_BG is None:
+        ET.SubElement(geometry, "sdf_pose")  # of no kind that is known: it is dropped
+        return
+    set_pose(element, X_LB @ X_BG)
+    _add_geometry(geometry, shape.find("geometry"))
+
+
+def _sdf_pose(pose: ET.Element | None) -> RigidTransform | None:
+    """The pose of a shape in its link; None where it is relative to another frame, or is none."""
+    if pose is None:
+        return RigidTransform()
+    if pose.get("relative_to"):
+        return None
+    try:
+        values = np.array([float(word) for word in (pose.text or "0 0 0 0 0 0").split()])
+    except ValueError:
+        return None
+    if not np.all(np.abs(values) <= _LARGEST):
+        return None
+    is_quaternion = pose.get("rotation_format", "euler_rpy") == "quat_xyzw"
+    if values.shape != ((7,) if is_quaternion else (6,)):
+        return None
+    if not is_quaternion:
+        factor = math.pi / 180.0 if pose.get("degrees") in ("true", "1") else 1.0
+        return RigidTransform(RollPitchYaw(factor * values[3:]), values[:3])
+    length = float(np.linalg.norm(values[3:]))
+    if not length > 1e-6:
+        return None
+    wxyz = np.roll(values[3:], 1) / length
+    return RigidTransform(RotationMatrix(Quaternion(wxyz)), values[:3])
+
+
+def _add_geometry(geometry: ET.Element, sdf_geometry: ET.Element | None) -> None:
+    shape = None if sdf_geometry is None else next(iter(sdf_geometry), None)
+    if shape is None:
+        return
+
+    def of(key: str) -> str:
+        return (shape.findtext(key) or "").strip()
+
+    if shape.tag == "box":
+        ET.SubElement(geometry, "box", size=of("size"))
+    elif shape.tag == "sphere":
+        ET.SubElement(geometry, "sphere", radius=of("radius"))
+    elif shape.tag in ("cylinder", "capsule"):
+        ET.SubElement(geometry, shape.tag, radius=of("radius"), length=of("length"))
+    elif shape.tag == "mesh":
+        uri = of("uri").replace("model://", "package://")
+        ET.SubElement(geometry, "mesh", filename=uri, scale=of("scale") or "1 1 1")
+    else:
+        ET.SubElement(geometry, shape.tag)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

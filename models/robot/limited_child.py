@@ -1,0 +1,83 @@
+"""Work on a file of unknown origin in a child process with limits of time and memory.
+
+A parser that a file breaks (a stack that overflows, memory without end) ends the child, and what is
+said of it is one line.
+"""
+
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from wrenchsight.models.files.input_error import InputError
+
+CPU_TIME = 6  # s
+WALL_TIME = 15.0  # s
+LARGEST_OUTPUT = 1 << 26  # bytes
+_LONGEST_PROBLEM = 400  # characters
+
+
+def run_limited(module: str, path: Path, arguments: Sequence[str], what: str, remedy: str) -> bytes:
+    """Returns what `python -m MODULE PATH ARGUMENTS` writes to its standard output.
+
+    The module calls `limit_process` before anything else, and ends with what is wrong as the last
+    line of its standard error and a code that is not 0.
+
+    Args:
+        path: the file of unknown origin.
+        what: what is done, for error lines: "xacro".
+
+    Raises:
+        InputError: the child failed, or reached a limit.
+    """
+    with tempfile.TemporaryDirectory(prefix="wrenchsight-") as folder:
+        output, errors = Path(folder) / "output", Path(folder) / "errors"
+        with output.open("wb") as out, errors.open("wb") as err:
+            # -P: no module is imported from the working directory.
+            command = [sys.executable, "-P", "-m", module, str(path), *arguments]
+            try:
+                code = subprocess.run(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=out,
+                    stderr=err,
+                    check=False,
+                    timeout=WALL_TIME,
+                ).returncode
+            except subprocess.TimeoutExpired:
+                code = -signal.SIGXCPU
+        if code == 0:
+            return output.read_bytes()
+        lines = errors.read_text(encoding="utf-8", errors="replace").split("\n")
+    problem = " ".join(next((line for line in reversed(lines) if line.strip()), "").split())
+    if "MemoryError" in problem or "bad_alloc" in problem or not problem:
+        problem = _ending_of(code)
+    raise InputError(path, "", f"{what}: {problem[:_LONGEST_PROBLEM]}", remedy)
+
+
+def limit_process(memory: int) -> None:
+    """Limits the process that calls it: CPU_TIME, size of files, and `memory` in bytes."""
+    for what, limit in (
+        (resource.RLIMIT_CPU, CPU_TIME),
+        (resource.RLIMIT_AS, memory),
+        (resource.RLIMIT_FSIZE, LARGEST_OUTPUT),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        _, hard = resource.getrlimit(what)
+        least = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+        resource.setrlimit(what, (least, least))
+
+
+def _ending_of(code: int) -> str:
+    """A few words on a process that ended without any."""
+    if -code in (signal.SIGXCPU, signal.SIGKILL):
+        return f"takes more than {CPU_TIME} s, or more memory than there is; it was stopped"
+    if code == -signal.SIGXFSZ:
+        return f"writes more than {LARGEST_OUTPUT >> 20} MB; it was stopped"
+    if code < 0:
+        name = signal.Signals(-code).name
+        return f"the file breaks the parser ({name}), as one that includes itself does"
+    return "needs more memory than it may have; it was stopped"

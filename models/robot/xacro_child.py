@@ -1,0 +1,52 @@
+"""The child process that expands a xacro file: FILE [NAME:=VALUE ...], URDF to standard output."""
+
+import sys
+import types
+from pathlib import Path
+
+from wrenchsight.models.robot.limited_child import limit_process
+from wrenchsight.models.robot.ros_packages import find_package
+
+_MEMORY = 1 << 30  # bytes
+
+
+def _give_packages(start: Path) -> None:
+    """Stands in for ROS's index of packages, which xacro asks for `$(find package)`."""
+
+    def get_package_share_directory(name: str) -> str:
+        folder = find_package(name, start)
+        if folder is None:
+            raise LookupError(
+                f'package "{name}" is found neither in the workspace around {start} nor on '
+                "ROS_PACKAGE_PATH or AMENT_PREFIX_PATH: put it beside the file's repository, or "
+                "set ROS_PACKAGE_PATH to the folder that holds it"
+            )
+        return str(folder)
+
+    index, packages = types.ModuleType("ament_index_python"), types.ModuleType("packages")
+    packages.get_package_share_directory = get_package_share_directory  # type: ignore[attr-defined]
+    packages.PackageNotFoundError = LookupError  # type: ignore[attr-defined]
+    index.packages = packages  # type: ignore[attr-defined]
+    sys.modules |= {"ament_index_python": index, "ament_index_python.packages": packages}
+
+
+def main(words: list[str]) -> int:
+    """Expands FILE with its arguments; returns the exit code."""
+    limit_process(_MEMORY)
+    path, pairs = Path(words[0]).resolve(), [word.partition(":=") for word in words[1:]]
+    _give_packages(path.parent)
+    import xacro
+
+    try:
+        document = xacro.process_file(str(path), mappings={name: value for name, _, value in pairs})
+        text = document.toxml(encoding="utf-8")
+    # What xacro raises has no common class, and SystemExit is among it.
+    except (Exception, SystemExit) as error:
+        print(" ".join(str(error).split()) or type(error).__name__, file=sys.stderr)
+        return 1
+    sys.stdout.buffer.write(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,189 @@
+"""SDF and MJCF against the plant that Drake makes of them: frames, limits, inertias, shapes."""
+
+import numpy as np
+import pytest
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.urdf_document import read_document
+
+INERTIAL = """<inertial><pose>.02 .01 .1 .3 0 .2</pose><mass>{mass}</mass><inertia><ixx>.02</ixx>
+<iyy>.025</iyy><izz>.015</izz><ixy>.001</ixy></inertia></inertial>"""
+SDF = f"""<sdf version="1.9"><model name="arm">
+  <link name="base"/>
+  <joint name="bolted" type="fixed"><parent>world</parent><child>base</child></joint>
+  <link name="upper"><pose>.1 0 .4 0 .2 .5</pose>{INERTIAL.format(mass=3)}
+    <collision name="c"><pose>0 0 .1 0 0 0</pose>
+      <geometry><box><size>.1 .1 .3</size></box></geometry></collision></link>
+  <joint name="shoulder" type="revolute">
+    <pose relative_to="upper">0 0 -.1 .3 0 0</pose>
+    <parent>base</parent><child>upper</child>
+    <axis><xyz expressed_in="__model__">0 1 0</xyz>
+      <limit><lower>-2</lower><upper>2</upper><velocity>3</velocity><effort>50</effort></limit></axis>
+  </joint>
+  <link name="lower"><pose relative_to="upper">0 .1 .5 0 0 .7</pose>{INERTIAL.format(mass=1)}</link>
+  <joint name="slide" type="prismatic">
+    <parent>upper</parent><child>lower</child>
+    <axis><xyz>.6 0 .8</xyz>
+      <limit><lower>-.1</lower><upper>.3</upper><velocity>1</velocity><effort>20</effort></limit></axis>
+  </joint>
+</model></sdf>"""
+CONFIG = """
+name: arm
+urdf: arm.sdf
+base_link: base
+flange: lower
+payload: 1.0
+home: [0.0, 0.0]
+drives:
+  - {joint: shoulder, torque_per_ampere: 1.0, rotor_inertia: 0.0}
+  - {joint: slide, torque_per_ampere: 1.0, rotor_inertia: 0.0}
+"""
+
+
+def test_the_arm_is_the_plant_that_drake_reads(tmp_path):
+    (tmp_path / "arm.sdf").write_text(SDF, encoding="utf-8")
+    (tmp_path / "robot.yaml").write_text(CONFIG, encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModelsFromString(SDF, "sdf")
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    q = np.array([0.7, 0.2])
+    plant.SetPositions(context, q)
+    terms = robot.chain.terms(q, np.zeros(2))
+    np.testing.assert_allclose(terms.M, plant.CalcMassMatrix(context), atol=1e-12)
+    np.testing.assert_allclose(terms.G, -plant.CalcGravityGeneralizedForces(context), atol=1e-12)
+    # E is the flange's frame, which is that of the joint "slide".
+    frame = plant.GetJointByName("slide").frame_on_child()
+    expected = frame.CalcPoseInWorld(context)
+    np.testing.assert_allclose(terms.p_WE, expected.translation(), atol=1e-12)
+    np.testing.assert_allclose(terms.R_WE, expected.rotation().matrix(), atol=1e-12)
+    world = plant.world_frame()
+    J = plant.CalcJacobianSpatialVelocity(
+        context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+    )
+    np.testing.assert_allclose(terms.J, J, atol=1e-12)
+    np.testing.assert_array_equal(robot.position_lower, [-2.0, -0.1])
+    np.testing.assert_array_equal(robot.position_upper, [2.0, 0.3])
+    np.testing.assert_array_equal(robot.velocity_limit, [3.0, 1.0])
+    np.testing.assert_array_equal(robot.effort_limit, [50.0, 20.0])
+    assert robot.urdf_text.count("<collision") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("<sdf version='1.9'/>", "holds 0 models"),
+        ("<sdf version='1.9'><model name='a'/><model name='b'/></sdf>", "holds 2 models"),
+        ("<sdf version='1.9'><model name='a'><link name='l'/><joint name='j' type='fixed'>"
+         "<parent>world</parent><child>nobody</child></joint></model></sdf>", "nobody"),
+    ],
+)  # fmt: skip
+def test_an_sdf_that_drake_cannot_read_is_one_line(tmp_path, text, expected):
+    path = tmp_path / "arm.sdf"
+    path.write_text(text)
+    with pytest.raises(InputError, match=expected) as error:
+        read_document(path)
+    assert "\n" not in str(error.value)
+
+
+def test_an_sdf_that_breaks_the_parser_is_one_line(tmp_path):
+    """It includes the folder that holds it: Drake's parser goes round until its stack ends."""
+    (tmp_path / "model.config").write_text(
+        "<model><name>m</name><sdf version='1.9'>model.sdf</sdf></model>"
+    )
+    path = tmp_path / "model.sdf"
+    path.write_text(
+        f"<sdf version='1.9'><model name='m'><link name='l'/><include><uri>{tmp_path}</uri>"
+        "</include></model></sdf>"
+    )
+    with pytest.raises(InputError, match=r"breaks the parser.*includes itself") as error:
+        read_document(path)
+    assert "\n" not in str(error.value)
+
+
+def test_elements_that_are_nested_deep_are_one_line(tmp_path):
+    path = tmp_path / "arm.sdf"
+    deep = "<a>" * 600 + "</a>" * 600
+    path.write_text(
+        f"<sdf version='1.9'><model name='m'><link name='l'>{deep}</link></model></sdf>"
+    )
+    with pytest.raises(InputError, match="nested more than 100 deep"):
+        read_document(path)
+
+
+_ROLL = np.deg2rad(30.0)
+
+
+@pytest.mark.parametrize(
+    ("pose", "expected"),
+    [
+        ("<pose>1 2 3 .5235987755982988 0 0</pose>", (1, 2, 3, _ROLL)),
+        ("<pose degrees='true'>1 2 3 30 0 0</pose>", (1, 2, 3, _ROLL)),
+        (
+            "<pose rotation_format='quat_xyzw'>1 2 3 .25881904510252074 0 0 .9659258262890683"
+            "</pose>",
+            (1, 2, 3, _ROLL),
+        ),
+        ("<pose/>", (0, 0, 0, 0)),
+        ("", (0, 0, 0, 0)),
+        ("<pose>1 2 3</pose>", None),
+        ("<pose>1 2 3 0 0 0 1</pose>", None),
+        ("<pose>1 2 3 0 0 1e30</pose>", None),
+        ("<pose>1 2 three 0 0 0</pose>", None),
+        ("<pose rotation_format='quat_xyzw'>1 2 3 0 0 0 0</pose>", None),
+        ("<pose relative_to='upper'>1 2 3 0 0 0</pose>", None),
+    ],
+)
+def test_the_pose_of_a_shape_is_read_in_every_form_or_the_shape_is_lost(tmp_path, pose, expected):
+    text = SDF.replace("<pose>0 0 .1 0 0 0</pose>", pose).replace(
+        '<pose relative_to="upper">0 0 -.1 .3 0 0</pose>', ""
+    )
+    path = tmp_path / "arm.sdf"
+    path.write_text(text)
+    root, lines = read_document(path)
+    assert not lines
+    (shape,) = root.findall("link[@name='upper']/collision")
+    assert (shape.find("geometry/box") is None) == (expected is None)
+    if expected is not None:
+        origin = shape.find("origin")
+        position = [float(x) for x in origin.get("xyz").split()]
+        np.testing.assert_allclose(position, expected[:3], atol=1e-15)
+        roll = [float(x) for x in origin.get("rpy").split()]
+        np.testing.assert_allclose(roll, [expected[3], 0.0, 0.0], atol=1e-15)
+
+
+MJCF = """<mujoco model="arm"><compiler angle="radian"/><worldbody>
+  <body name="base"><geom type="cylinder" size=".05 .05" mass="2"/>
+    <body name="upper" pos="0 0 .3" euler=".1 0 .2">
+      <joint name="shoulder" type="hinge" axis="0 1 0" pos="0 0 .05" range="-2 2"/>
+      <inertial pos="0 .01 .1" mass="3" fullinertia=".02 .025 .015 .001 0 0"/>
+      <body name="lower" pos="0 .1 .5">
+        <joint name="slide" type="slide" axis=".6 0 .8" range="-.1 .3"/>
+        <inertial pos=".01 0 0" mass="1" diaginertia=".01 .01 .01"/>
+      </body></body></body></worldbody>
+  <actuator><motor name="a" joint="shoulder" forcerange="-50 50"/></actuator></mujoco>"""
+
+
+def test_an_mjcf_is_the_plant_that_drake_reads(tmp_path):
+    (tmp_path / "arm.xml").write_text(MJCF, encoding="utf-8")
+    text = CONFIG.replace("arm.sdf", "arm.xml").replace("0.0}\n", "0.0, effort_limit: 50.0}\n")
+    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModels(str(tmp_path / "arm.xml"))
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    q = np.array([0.7, 0.2])
+    plant.SetPositions(context, q)
+    terms = robot.chain.terms(q, np.zeros(2))
+    np.testing.assert_allclose(terms.M, plant.CalcMassMatrix(context), atol=1e-12)
+    np.testing.assert_allclose(terms.G, -plant.CalcGravityGeneralizedForces(context), atol=1e-12)
+    expected = plant.GetJointByName("slide").frame_on_child().CalcPoseInWorld(context)
+    np.testing.assert_allclose(terms.p_WE, expected.translation(), atol=1e-12)
+    np.testing.assert_array_equal(robot.position_lower, [-2.0, -0.1])
+    assert any("<geom>" in notice for notice in robot.notices)  # its shapes are not taken
