@@ -213,7 +213,7 @@ def _fused(
     builder = DiagramBuilder()
     block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator))
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    reading = builder.AddNamedSystem("reading", Demultiplexer(block.reading_sizes))
+    reading = builder.AddNamedSystem("reading", Demultiplexer(block.tick_sizes))
     builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
     for k in range(block.num_input_ports()):
         port = block.get_input_port(k)

@@ -1,15 +1,11 @@
 """The contact detector as a block."""
 
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.detection.contact_statistic import ArmSamples
@@ -22,7 +18,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
-from wrenchsight.systems.last_tick import LastTick
+from wrenchsight.systems.sampled_block import SampledBlock
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
 """Entries of the output, in order: fields of `models.detection.contact_detector.Detection`.
@@ -40,7 +36,7 @@ def _plausible(values: Array) -> Array:
     return np.where(np.abs(values) < _LARGEST_INPUT, values, np.nan)
 
 
-class ContactDetection(LeafSystem):
+class ContactDetection(SampledBlock):
     """Detects contact of the arm, and whether it is at E: `ContactDetector` as a block.
 
                          +------------------+
@@ -62,22 +58,20 @@ class ContactDetection(LeafSystem):
              pole, law      of observer and friction as they are now, as of TorqueErrorSystem
     Output:  detection      (6,) in the order of DETECTION; direct feedthrough from tau_J and tau_f
                             only where the observer's is ("trapezoidal")
-    State:   that of the detector, flat
+    State:   that of SampledBlock; its memory is the detector's, flat
 
     An input beyond 1e9 in SI units counts as not known, as one that is not finite: its square is of
-    no use. Between two ticks the output is that of the last one. The numbers are those of
-    `ContactDetector.run`.
+    no use. The numbers are those of `ContactDetector.run`.
 
     Args:
         detector: of the estimator whose tau_ext it is.
     """
 
     def __init__(self, detector: ContactDetector) -> None:
-        LeafSystem.__init__(self)
+        held = {"detection": len(DETECTION)}
+        SampledBlock.__init__(self, detector.time_step, detector.initial_state(), held)
         self._detector = detector
         n = detector.num_joints
-        initial = detector.initial_state()
-        self._shape = initial.shape
         self._no_torque = np.zeros((1, n))
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -91,12 +85,10 @@ class ContactDetection(LeafSystem):
         self._tuned = declare_cached(
             self, "detector", self._calc_detector, {self._pole.ticket(), self._law.ticket()}
         )
-        self._last = LastTick(self, initial, detector.time_step, len(DETECTION))
-        self.DeclarePeriodicDiscreteUpdateEvent(detector.time_step, 0.0, self._update)
         ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
         if detector.reads_present_torque:
             ports += [self._tau_J, self._tau_f]
-        tickets = {port.ticket() for port in ports} | self._last.tickets
+        tickets = {port.ticket() for port in ports} | self.state_tickets
         self._output = self.DeclareVectorOutputPort(
             "detection", len(DETECTION), self._calc, tickets | {self._tuned.ticket()}
         )
@@ -109,7 +101,9 @@ class ContactDetection(LeafSystem):
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
         """Updates `state` with one sample, in place; returns (1, 6) the detection."""
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        error = torque_error_views(_plausible(self._torque_error.Eval(context)), self._shape[1])
+        error = torque_error_views(
+            _plausible(self._torque_error.Eval(context)), self._detector.num_joints
+        )
         detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()
         error_rows = [part[np.newaxis] for part in error]
         sample = ArmSamples(
@@ -128,16 +122,16 @@ class ContactDetection(LeafSystem):
         return torque[np.newaxis]
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        memory, last_output = self._last.at(context)
-        if last_output is not None:
-            output.SetFromVector(last_output)
+        held = self.held(context, "detection")
+        if held is not None:
+            output.SetFromVector(held)
             return
         transmitted = self._no_torque
         if self._detector.reads_present_torque:
             transmitted = self._transmitted(context)
-        detection = self._run(context, np.array(memory).reshape(self._shape), transmitted)
+        detection = self._run(context, self.memory(context), transmitted)
         output.SetFromVector(detection[0, : len(DETECTION)])
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        memory, _ = self._last.take(context, discrete_state, self._output.Eval(context))
-        self._run(context, memory.reshape(self._shape), self._transmitted(context))
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        self._run(context, memory, self._transmitted(context))
+        return (self._output.Eval(context),)

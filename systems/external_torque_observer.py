@@ -1,27 +1,23 @@
 """An observer of external joint torque as a block, whatever its kind."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.observer import NUM_SIGNALS, TAU_EXT, TAU_J, Observer
 from wrenchsight.models.observers.signals import signals_size, write_signals
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
-from wrenchsight.systems.last_tick import LastTick
+from wrenchsight.systems.sampled_block import SampledBlock
 
 _NOTHING = np.empty(0)
 
 
-class ExternalTorqueObserver(LeafSystem):
+class ExternalTorqueObserver(SampledBlock):
     """Estimates the external joint torque with any observer of `models.observers`.
 
                         +------------------------+
@@ -46,10 +42,8 @@ class ExternalTorqueObserver(LeafSystem):
                 pole     (n,) 1/s, below 0 for an observer without one
                 wrench   (42,) F_E_W and its covariance, row by row, of an observer that reads the
                          wrench itself; others have no such port
-    State:      of the observer, row by row
+    State:      that of SampledBlock; its memory is the observer's, row by row
     Parameters: of the observer, in its order
-
-    Between two ticks (t = 0, T, 2T...) the outputs are those of the last one.
 
     Args:
         observer: of `wrenchsight.models.observers.observer_kinds`.
@@ -63,9 +57,12 @@ class ExternalTorqueObserver(LeafSystem):
     """Whether there is an input torque_error."""
 
     def __init__(self, observer: Observer) -> None:
-        LeafSystem.__init__(self)
+        n = observer.num_joints
+        self._has_wrench = observer.kernels.wrench is not None
+        held = {"estimate": n + 1} | ({"wrench": 42} if self._has_wrench else {})
+        SampledBlock.__init__(self, observer.time_step, observer.initial_state(), held)
         self._observer = observer
-        self._n = n = observer.num_joints
+        self._n = n
         self._parameters = TunedParameters(self, observer.parameters)
         parameters = self._parameters.tickets
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -73,17 +70,12 @@ class ExternalTorqueObserver(LeafSystem):
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         if self.uses_sd:
             self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
-        state = observer.initial_state()
-        self._state_shape = state.shape
-        self.DeclarePeriodicDiscreteUpdateEvent(observer.time_step, 0.0, self._update)
 
         # The constants change only with the parameters, not at every tick.
         self._table = declare_cached(
             self, "observer table", lambda context: self._tuned(context).table, parameters
         )
-        self._has_wrench = observer.kernels.wrench is not None
-        self._last = LastTick(self, state, observer.time_step, n + 1 + 42 * self._has_wrench)
-        prerequisites = self._last.tickets | {
+        prerequisites = self.state_tickets | {
             self._terms.ticket(),
             self._tau_f.ticket(),
             self._table.ticket(),
@@ -125,9 +117,9 @@ class ExternalTorqueObserver(LeafSystem):
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         n, reading = self._n, output.get_mutable_value()
-        memory, last_output = self._last.at(context)
-        if last_output is not None:
-            reading[: n + 1] = last_output[: n + 1]
+        held = self.held(context, "estimate")
+        if held is not None:
+            reading[: n + 1] = held
             return
         error = _NOTHING
         if self.uses_sd and self._torque_error.HasValue(context):
@@ -137,34 +129,33 @@ class ExternalTorqueObserver(LeafSystem):
         signals, J = self._signals(reading)
         if self._observer.reads_present_torque:
             signals[TAU_J] = self._tau_J.Eval(context)
-        state = np.array(memory).reshape(self._state_shape)
         table = self._table.EvalAbstract(context).get_value()
-        reading[n] = self._observer.kernels.output(table, state, signals, J)
+        reading[n] = self._observer.kernels.output(table, self.memory(context), signals, J)
         reading[:n] = signals[TAU_EXT]
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        memory, last_output = self._last.at(context)
-        if last_output is not None:
-            output.SetFromVector(last_output[self._n + 1 :])
+        held = self.held(context, "wrench")
+        if held is not None:
+            output.SetFromVector(held)
             return
         signals, J = self._signals(self._reading.Eval(context))
         wrench = output.get_mutable_value()
         self._observer.kernels.wrench(
             self._table.EvalAbstract(context).get_value(),
-            np.array(memory).reshape(self._state_shape),
+            self.memory(context),
             signals,
             J,
             wrench[:6],
             wrench[6:].reshape(6, 6),
         )
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         reading = self._reading.Eval(context)
         outputs = [reading[: self._n + 1]]
         if self._has_wrench:
             outputs.append(self._wrench.Eval(context))
-        memory, _ = self._last.take(context, discrete_state, *outputs)
         signals, J = self._signals(reading)
         signals[TAU_J] = self._tau_J.Eval(context)
         table = self._table.EvalAbstract(context).get_value()
-        self._observer.kernels.update(table, memory.reshape(self._state_shape), signals, J)
+        self._observer.kernels.update(table, memory, signals, J)
+        return outputs

@@ -1,5 +1,6 @@
 """A force/torque sensor between flange and tool."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, cast
 
@@ -8,13 +9,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JointIndex
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteStateIndex,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
@@ -27,7 +22,7 @@ from wrenchsight.models.signals.tool_wrench import (
     measure_contact_wrench,
     tool_table,
 )
-from wrenchsight.systems.last_tick import tick_of
+from wrenchsight.systems.sampled_block import SampledBlock, tick_number
 
 
 @dataclass
@@ -65,7 +60,7 @@ NO_SENSOR = SensorConstants(
 """Stands for a sensor where there is none."""
 
 
-class ForceTorqueSensor(LeafSystem):
+class ForceTorqueSensor(SampledBlock):
     """Measures the wrench at the tool from the reaction at the weld that carries it.
 
         F_E_W  = M_tool A_tool - gravity of the tool - reaction on the tool    (all moved to E)
@@ -86,7 +81,8 @@ class ForceTorqueSensor(LeafSystem):
     Output:      wrench           (6,) F_E_W, environment on robot at E, axes of W, rotation first,
                                   N m, N; from the state alone, so that a controller may feed it
                                   back: one tick late
-    State:       (6,) the wrench, and (6 order,) the filter's; at rest at the start
+    State:       that of SampledBlock; its memory is the wrench (6,) of the tick before and the
+                 filter's state (6 order,); at rest at the start
     Parameter:   noise_sd         (6,) N m, N
 
     Args:
@@ -112,7 +108,9 @@ class ForceTorqueSensor(LeafSystem):
         time_step: float,
         seed: int | None = None,
     ) -> None:
-        LeafSystem.__init__(self)
+        self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
+        memory = np.zeros(6 + 6 * self._filter.order)
+        SampledBlock.__init__(self, time_step, memory, {"wrench": 6})
         self._noise, self._seed, self._time_step = np.zeros(6), seed, time_step
         if not (config.force_noise_sd >= 0 and config.moment_noise_sd >= 0):
             raise InputError(
@@ -123,7 +121,6 @@ class ForceTorqueSensor(LeafSystem):
             )
         self._weld = int(tool_weld)
         self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
-        self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
         sd = [config.moment_noise_sd] * 3 + [config.force_noise_sd] * 3
         self._default_noise_sd = np.array(sd)
         self._noise_sd = self.DeclareNumericParameter(BasicVector(sd))
@@ -132,10 +129,9 @@ class ForceTorqueSensor(LeafSystem):
         )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._vdot = self.DeclareVectorInputPort("vdot", num_joints)
-        filtered = DiscreteStateIndex(self.DeclareDiscreteState(6))
-        self.DeclareDiscreteState(6 * self._filter.order)
-        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        self.DeclareStateOutputPort("wrench", filtered)
+        self._wrench = self.DeclareVectorOutputPort(
+            "wrench", 6, self._calc_wrench, self.state_tickets
+        )
 
     @property
     def memory_size(self) -> int:
@@ -159,10 +155,15 @@ class ForceTorqueSensor(LeafSystem):
             noise_seed=-1 if self._seed is None else self._seed,
         )
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def _calc_wrench(self, context: Context, output: BasicVector) -> None:
+        held = self.held(context, "wrench")
+        output.SetFromVector(self.memory(context)[:6] if held is None else held)
+
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         if self._seed is not None:
-            gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), self._noise)
+            tick = tick_number(context.get_time(), self._time_step)
+            gaussian_noise(self._seed, tick, self._noise)
         measure_contact_wrench(
             ToolSensor(
                 self._tool,
@@ -174,9 +175,10 @@ class ForceTorqueSensor(LeafSystem):
             ToolMotion(terms.J, terms.R_WE, terms.V_WE, terms.v, self._vdot.Eval(context)),
             self._reaction.Eval(context)[self._weld].get_coeffs(),
             self._noise,
-            discrete_state.get_mutable_value(0),
-            discrete_state.get_mutable_value(1),
+            memory[:6],
+            memory[6:],
         )
+        return (self._wrench.Eval(context),)
 
 
 def _tool_constants(

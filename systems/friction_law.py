@@ -1,22 +1,18 @@
 """A friction law as a block."""
 
-import numpy as np
+from collections.abc import Sequence
+
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteStateIndex,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.velocity_friction import friction_torque
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.systems.declarations import TunedParameters, declare_cached
+from wrenchsight.systems.sampled_block import SampledBlock
 
 
-class FrictionLawSystem(LeafSystem):
+class FrictionLawSystem(SampledBlock):
     """Predicts the friction torque of every joint with any law of `models.friction`.
 
     The article's semi-parametric law (Lu et al., eq. 12; `models.friction.velocity_friction`) and
@@ -44,9 +40,9 @@ class FrictionLawSystem(LeafSystem):
                         M vdot + C v + G + tau_f = tau_J + tau_ext; direct feedthrough of q and v,
                         not of tau_J
                  law    FrictionLaw (abstract) with the parameters as they are now
-    State:       of the law, row by row, updated every `time_step`; none without memory. With:
-                 (2 + K, n) position at the last tick, transmitted torque, K slips z_k; relaxed
-                 before the first tick
+    State:       none for a law without memory. Else that of SampledBlock; its memory is the law's,
+                 (2 + K, n), row by row: position at the last tick, transmitted torque, K slips z_k;
+                 relaxed before the first tick
     Parameters:  of the law, in its order: coulomb N m, viscous N m s/rad, offset N m and v_crit
                  rad/s, (n,) each; with memory slip (n, 10 + 2 K), row by row, the columns of
                  `models.friction.slip_elements`. Networks are fixed
@@ -64,26 +60,24 @@ class FrictionLawSystem(LeafSystem):
     """
 
     def __init__(self, law: FrictionLaw, time_step: float = 0.0) -> None:
-        LeafSystem.__init__(self)
-        self._law = law
-        self._n = n = law.num_joints
-        self._rows = law.state_rows
-        if self._rows > 0 and not time_step > 0.0:
+        n, has_memory = law.num_joints, law.state_rows > 0
+        if has_memory and not time_step > 0.0:
             raise ValueError(f"friction: time_step must be positive, not {time_step}")
+        period = time_step if has_memory else 0.0
+        SampledBlock.__init__(self, period, law.initial_state(), {"tau_f": n})
+        self._law, self._has_memory = law, has_memory
         self._parameters = TunedParameters(self, law.parameters)
         # The law's constants change only with the parameters, not at every tick.
         self._tables = declare_cached(
             self, "friction tables", self._calc_tables, self._parameters.tickets
         )
-        if self._rows > 0:
+        if has_memory:
             self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         prerequisites = {self._v.ticket(), self._tables.ticket()}
-        if self._rows > 0:
+        if has_memory:
             self._tau_J = self.DeclareVectorInputPort("tau_J", n)
-            self._state: DiscreteStateIndex = self.DeclareDiscreteState(law.initial_state().ravel())
-            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-            prerequisites |= {self._q.ticket(), self.discrete_state_ticket(self._state)}
+            prerequisites |= {self._q.ticket()} | self.state_tickets
         # Kept, because the update at a tick needs the same torque.
         self._torque = self.DeclareVectorOutputPort("tau_f", n, self._calc_tau_f, prerequisites)
         self.DeclareAbstractOutputPort(
@@ -102,20 +96,24 @@ class FrictionLawSystem(LeafSystem):
         return law.velocity_law.table, law.slip_table
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:
+        tau_f, held = output.get_mutable_value(), self.held(context, "tau_f")
+        if held is not None:
+            tau_f[:] = held
+            return
         velocity_table, slip_table = self._tables.EvalAbstract(context).get_value()
-        v, tau_f = self._v.Eval(context), output.get_mutable_value()
+        v = self._v.Eval(context)
         friction_torque(velocity_table, v, tau_f)
-        if self._rows > 0:
-            state = np.array(context.get_discrete_state(self._state).value())
-            self._law.kernels.add_torque(
-                slip_table, state.reshape(self._rows, self._n), self._q.Eval(context), v, tau_f
-            )
+        if self._has_memory:
+            memory, q = self.memory(context), self._q.Eval(context)
+            self._law.kernels.add_torque(slip_table, memory, q, v, tau_f)
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        tau_f = self._torque.Eval(context)
         self._law.kernels.update(
             self._tables.Eval(context)[1],
-            discrete_state.get_mutable_value().reshape(self._rows, self._n),
+            memory,
             self._q.Eval(context),
             self._v.Eval(context),
-            self._tau_J.Eval(context) - self._torque.Eval(context),
+            self._tau_J.Eval(context) - tau_f,
         )
+        return (tau_f,)

@@ -1,18 +1,13 @@
 """Impedance control of the tool, with a controlled force along one direction."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    InputPort,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context, InputPort
 
 from wrenchsight.models.control.impedance import (
     ForceGains,
@@ -29,6 +24,7 @@ from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.systems.declarations import declare_cached, declare_parts
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
+from wrenchsight.systems.sampled_block import SampledBlock
 
 _NO_WRENCH = np.zeros(6)
 
@@ -62,7 +58,7 @@ class ImpedanceConfig:
     force: ForceControlConfig | None = None  # without it the whole tool is on the spring
 
 
-class ImpedanceController(LeafSystem):
+class ImpedanceController(SampledBlock):
     """Moves the tool as a spring and damper around a moving pose, and presses with a set force.
 
         tau = Jᵀ(F_spring + F_damper - d F_press) + Cv + G + M vdot_d + tau_f(v_d) + tau_null
@@ -106,8 +102,9 @@ class ImpedanceController(LeafSystem):
                  valid           (1,) 1, or 0 at a tick whose inputs are not finite numbers
                  action          (n + 6 + 1,) these two and the integral at the end of the tick, one
                                  after the other, in one port
-    State:       (1,) integral of the force error, N s; it stands still while a drive is at its
-                 limit, and ki ∫ never exceeds integral_limit
+    State:       that of SampledBlock; its memory is (1,) the integral of the force error, N s; it
+                 stands still while a drive is at its limit, and ki ∫ never exceeds integral_limit.
+                 Without force control there is no state
     Parameters:  stiffness       (36,) row by row, rotation first
                  damping         (36,)
                  force_gains     (3,) proportional, integral, integral_limit
@@ -138,9 +135,10 @@ class ImpedanceController(LeafSystem):
         time_step: float,
         config: ImpedanceConfig,
     ) -> None:
-        LeafSystem.__init__(self)
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         n = self._effort_limit.shape[0]
+        period = time_step if config.force is not None else 0.0
+        SampledBlock.__init__(self, period, np.zeros(1), {"action": sum(self.sizes(n)), "valid": 1})
         self._n = n
         self._time_step = time_step
         self._in_E = _in_E(config.axes, "axes")
@@ -170,9 +168,6 @@ class ImpedanceController(LeafSystem):
         self._force_setpoint = self.DeclareVectorInputPort("force_setpoint", 1)
         self._force_active = self.DeclareVectorInputPort("force_active", 1)
         self._feedback_valid = self.DeclareVectorInputPort("feedback_valid", 1)
-        self.DeclareDiscreteState(1)
-        if self._has_force:
-            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         # The gains change only with the parameters, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
         prerequisites = {
@@ -184,14 +179,13 @@ class ImpedanceController(LeafSystem):
             self._force_active.ticket(),
             self._feedback_valid.ticket(),
             self._law.ticket(),
-            self.xd_ticket(),
-        }
+        } | self.state_tickets
         self._action = self.DeclareVectorOutputPort(
             "action", sum(self.sizes(n)), self._calc_action, prerequisites
         )
         parts = {"tau_command": n, "pose_error": 6}
         declare_parts(self, self._action.Eval, parts, prerequisites)
-        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
+        self._valid = self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
 
     @staticmethod
     def sizes(num_joints: int) -> tuple[int, int, int]:
@@ -228,7 +222,8 @@ class ImpedanceController(LeafSystem):
         return self._has_force
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output[0] = float(self._is_usable(context))
+        held = self.held(context, "valid")
+        output[0] = float(self._is_usable(context)) if held is None else held.item()
 
     def _is_usable(self, context: Context) -> bool:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
@@ -240,9 +235,13 @@ class ImpedanceController(LeafSystem):
         return all(all_below(values, LARGEST_INPUT) for values in numbers)
 
     def _calc_action(self, context: Context, output: BasicVector) -> None:
+        held = self.held(context, "action")
+        if held is not None:
+            output.SetFromVector(held)
+            return
         has_reference, has_force = self._reference.HasValue(context), self._has_force
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        integral = context.get_discrete_state(0).GetAtIndex(0)
+        integral = self.memory(context).item()
         if not self._is_usable(context):
             action = output.get_mutable_value()
             action[:] = 0.0
@@ -266,8 +265,10 @@ class ImpedanceController(LeafSystem):
             output.get_mutable_value(),
         )
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        discrete_state.set_value(self._action.Eval(context)[-1:])
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        action = self._action.Eval(context)
+        memory[:] = action[-1:]
+        return action, self._valid.Eval(context)
 
 
 def _is_on(port: InputPort, context: Context) -> bool:

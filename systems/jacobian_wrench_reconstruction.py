@@ -1,15 +1,11 @@
 """The wrench at the tool from the external joint torque, as a block."""
 
+from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench_reading import (
@@ -21,13 +17,17 @@ from wrenchsight.models.estimation.wrench_reading import (
     WrenchReading,
     read_sample,
 )
-from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
+from wrenchsight.models.identification.torque_error_model import (
+    TAU_J_ROW,
+    UNKNOWN_SHARE_ROW,
+    ConstantTorqueError,
+)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.observers.sample_check import BEYOND
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
-from wrenchsight.systems.last_tick import LastTick
+from wrenchsight.systems.sampled_block import SampledBlock
 
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 _LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
@@ -49,7 +49,7 @@ class _TunedReading(NamedTuple):
     is_usable: bool
 
 
-class JacobianWrenchReconstruction(LeafSystem):
+class JacobianWrenchReconstruction(SampledBlock):
     """Estimates the wrench at E from the external joint torque, with its uncertainty.
 
         Σ_F = (J Σ_tau⁻¹ Jᵀ + P⁻¹)⁻¹
@@ -91,7 +91,7 @@ class JacobianWrenchReconstruction(LeafSystem):
                                     also the next state; Drake's Demultiplexer splits it with
                                     `reading_sizes`
                  All with direct feedthrough, all from one computation.
-    State:       `WrenchReading.initial_state`, with a time step; none without
+    State:       that of SampledBlock; its memory is `WrenchReading.initial_state`
     Parameters:  prior_sd           (2,) force, N, and moment, N m; inf where nothing is known
                  torque_covariance  (n²,) Σ_tau, N² m², row by row; of a constant error alone
                  damping            (1,) of method "damped"
@@ -99,8 +99,7 @@ class JacobianWrenchReconstruction(LeafSystem):
 
     The outputs are always finite, but for the condition number at a singular J. An input that is
     not finite gives a wrench of zero with the prior's covariance, and valid = 0; so does a pole of
-    0 to MIN_POLE, behind which no reading settles. With a time step
-    the outputs between two ticks are those of the last one.
+    0 to MIN_POLE, behind which no reading settles.
 
     Args:
         reading: of one estimator; `WrenchReading.constant(config, torque_covariance)` for errors of
@@ -112,7 +111,13 @@ class JacobianWrenchReconstruction(LeafSystem):
     """
 
     def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
-        LeafSystem.__init__(self)
+        self._initial = reading.initial_state()
+        self.reading_sizes = list(_PARTS.values())
+        """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, state."""
+        if time_step > 0.0:
+            self.reading_sizes.append(len(self._initial))
+        SampledBlock.__init__(self, time_step, self._initial, {"reading": sum(self.reading_sizes)})
+        self._has_memory = time_step > 0.0
         self._wrench_reading = reading
         self._n = n = reading.num_joints
         self._parameters = TunedParameters(self, reading.parameters)
@@ -128,16 +133,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         self._tables = declare_cached(self, "reconstruction tables", self._calc_tables, tuned)
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._fault]
         ports += [self._observed, self._torque_error]
-        tickets = {port.ticket() for port in ports} | {self._tables.ticket()}
-        self._last: LastTick | None = None
-        self._initial = reading.initial_state()
-        self.reading_sizes = list(_PARTS.values())
-        """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, state."""
-        if time_step > 0.0:
-            self.reading_sizes.append(len(self._initial))
-            self._last = LastTick(self, self._initial, time_step, sum(self.reading_sizes))
-            tickets |= self._last.tickets
-            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        tickets = {port.ticket() for port in ports} | {self._tables.ticket()} | self.state_tickets
         self._no_torque = np.full(n, np.nan)
         # Nothing in it outlives a call.
         self._work = np.empty((READING_WORK_ROWS, max(n, 6)))
@@ -161,22 +157,22 @@ class JacobianWrenchReconstruction(LeafSystem):
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         out = output.get_mutable_value()
-        if self._last is None:
-            state = self._initial.copy()
-        else:
-            memory, last_output = self._last.at(context)
-            if last_output is not None:
-                out[:] = last_output
-                return
-            state = out[READING:]
-            state[:] = memory
+        held = self.held(context, "reading")
+        if held is not None:
+            out[:] = held
+            return
+        state = self.memory(context)
         tables, error, is_usable = self._tables.EvalAbstract(context).get_value()
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         J, tau_ext = terms.J, self._tau_ext.Eval(context)
         is_usable &= all_below(terms.q, _LARGEST_INPUT) and all_below(J.ravel(), _LARGEST_INPUT)
         if self._torque_error.HasValue(context):
             error = self._torque_error.Eval(context)
-            is_usable &= all_below(error, _LARGEST_INPUT)
+            stated, error_state = error[: 9 * self._n], error[9 * self._n :].reshape(-1, self._n)
+            is_usable &= all_below(stated, _LARGEST_INPUT)
+            # The last sample's position and motor torque are NaN before the first one.
+            known_rows = error_state[UNKNOWN_SHARE_ROW:TAU_J_ROW]
+            is_usable &= all_below(known_rows.ravel(), _LARGEST_INPUT)
         else:
             error[3 * self._n : 9 * self._n] = J.ravel()
         observed = (
@@ -193,9 +189,10 @@ class JacobianWrenchReconstruction(LeafSystem):
         is_implausible = int(fault) & BEYOND != 0
         sample = ReadingSample(J, tau_ext, is_counted, is_implausible, observed)
         read_sample(tables, state, error, sample, out[:READING], self._work)
+        if self._has_memory:
+            out[READING:] = state
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        assert self._last is not None
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         reading = self._reading.Eval(context)
-        memory, _ = self._last.take(context, discrete_state, reading)
         memory[:] = reading[READING:]
+        return (reading,)

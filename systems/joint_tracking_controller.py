@@ -8,12 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.control.joint_tracking import (
     LARGEST_INPUT,
@@ -28,6 +23,7 @@ from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
+from wrenchsight.systems.sampled_block import SampledBlock
 
 LAWS = ("computed_torque", "feedforward_pd")
 
@@ -44,7 +40,7 @@ class JointTrackingConfig:
     friction_velocity: float = 0.005  # rad/s, below which the friction feed-forward fades
 
 
-class JointTrackingController(LeafSystem):
+class JointTrackingController(SampledBlock):
     """Makes the joints follow a reference by feed-forward of the model and feedback of the error.
 
     computed_torque:  tau = M (vdot_d + kp e + kd de/dt + ki ∫e dt) + Cv + G + tau_f(v_d)
@@ -64,9 +60,10 @@ class JointTrackingController(LeafSystem):
                  reference       (3n,) q_d, v_d, vdot_d: rad, rad/s, rad/s^2
     Outputs:     tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
                  valid           (1,) 1, or 0 at a tick whose inputs are not finite numbers
-    State:       (n,) integral of the error, rad s; it stands still while its drive is at its limit
-                 in the direction of the error, and ki ∫e dt never exceeds integral_limit. Without
-                 any ki in the configuration there is no integration
+    State:       that of SampledBlock; its memory is (n,) the integral of the error, rad s; it
+                 stands still while its drive is at its limit in the direction of the error, and
+                 ki ∫e dt never exceeds integral_limit. Without any ki in the configuration there is
+                 no state, and tau_command follows its inputs at any time
     Parameter:   gains           (4n,) kp, kd, ki, integral_limit
 
     At a tick that is not valid the command holds the arm's weight (Cv + G), or is 0 where its
@@ -89,21 +86,19 @@ class JointTrackingController(LeafSystem):
         time_step: float,
         config: JointTrackingConfig,
     ) -> None:
-        LeafSystem.__init__(self)
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         n = self._effort_limit.shape[0]
-        self._n = n
-        self._no_integral = np.zeros(n)
         if config.law not in LAWS:
             raise InputError(
                 "joint tracking", "law", f"{config.law!r} is none of {', '.join(LAWS)}"
             )
         gains = [_per_joint(config, name, n) for name in ("kp", "kd", "ki", "integral_limit")]
+        period = time_step if gains[2].any() else 0.0
+        SampledBlock.__init__(self, period, np.zeros(n), {"tau_command": n, "valid": 1})
+        self._n = n
         self._gains = self.DeclareNumericParameter(BasicVector(np.concatenate(gains)))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)
-        self.DeclareDiscreteState(n)
-        self._integrates = bool(gains[2].any())
         self._make_law = partial(
             tracking_law,
             computed=config.law == "computed_torque",
@@ -114,26 +109,20 @@ class JointTrackingController(LeafSystem):
         )
         # The gains change only with the parameters, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
-        if self._integrates:
-            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        self.DeclareVectorOutputPort(
-            "tau_command",
-            n,
-            self._calc_tau_command,
-            {
-                self._terms.ticket(),
-                self._reference.ticket(),
-                self.xd_ticket(),
-                self.all_parameters_ticket(),
-            },
+        prerequisites = {
+            self._terms.ticket(),
+            self._reference.ticket(),
+            self.all_parameters_ticket(),
+        } | self.state_tickets
+        self._tau_command = self.DeclareVectorOutputPort(
+            "tau_command", n, self._calc_tau_command, prerequisites
         )
 
-        self.DeclareVectorOutputPort(
-            "valid", 1, self._calc_valid, {self._terms.ticket(), self._reference.ticket()}
-        )
+        self._valid = self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output[0] = float(self._is_usable(context))
+        held = self.held(context, "valid")
+        output[0] = float(self._is_usable(context)) if held is None else held.item()
 
     def _is_usable(self, context: Context) -> bool:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
@@ -144,33 +133,30 @@ class JointTrackingController(LeafSystem):
         gains = context.get_numeric_parameter(self._gains).value().reshape(4, self._n)
         return self._make_law(gains=gains)
 
-    def _write_torque(self, context: Context, tau: Array) -> None:
-        """Writes the commanded torque into tau (n,), N m."""
+    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
+        tau, held = output.get_mutable_value(), self.held(context, "tau_command")
+        if held is not None:
+            tau[:] = held
+            return
         if not self._is_usable(context):
             terms = cast(RigidBodyTerms, self._terms.Eval(context))
             tau[:] = holding_torque(terms, self._effort_limit)
             return
-        state = self._no_integral
-        if self._integrates:
-            state = context.get_discrete_state_vector().value()
         tracking_torque_of(
             self._law.EvalAbstract(context).get_value(),
             self._terms.Eval(context).record,
             self._reference.Eval(context),
-            state,
+            self.memory(context),
             tau,
         )
 
-    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
-        self._write_torque(context, output.get_mutable_value())
-
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        tau, law = self._tau_command.Eval(context), self._law.EvalAbstract(context).get_value()
         if not self._is_usable(context):
-            return
-        tau, law = np.empty(self._n), self._law.EvalAbstract(context).get_value()
-        self._write_torque(context, tau)
+            return tau, self._valid.Eval(context)
         q_d, q = self._reference.Eval(context)[: self._n], self._terms.Eval(context).q
-        advance_integral(law, q, q_d, tau, discrete_state.get_mutable_value())
+        advance_integral(law, q, q_d, tau, memory)
+        return tau, self._valid.Eval(context)
 
 
 def _per_joint(config: JointTrackingConfig, name: str, n: int) -> Array:

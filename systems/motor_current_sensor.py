@@ -1,25 +1,20 @@
 """The drive's current measurement, as a block."""
 
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-    NumericParameterIndex,
-)
+from pydrake.systems.framework import BasicVector, Context, NumericParameterIndex
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.systems.declarations import declare_cached
-from wrenchsight.systems.last_tick import tick_of
+from wrenchsight.systems.sampled_block import SampledBlock, tick_number
 
 
-class MotorCurrentSensor(LeafSystem):
+class MotorCurrentSensor(SampledBlock):
     """Measures the motor current with the drive's bandwidth, noise and resolution.
 
         lagged_k = a lagged_{k-1} + (1 - a) current_true_k,   a = exp(-2π bandwidth time_step)
@@ -34,8 +29,8 @@ class MotorCurrentSensor(LeafSystem):
 
     Input:       current_true  (n,) A, the current in the motor, held over the tick
     Output:      current       (n,) A, as the drive reports it; direct feedthrough
-    State:       (n,) lagged, A; NaN before the first update: the lag starts at rest at the first
-                 current
+    State:       that of SampledBlock; its memory is (n,) lagged, A; NaN before the first update:
+                 the lag starts at rest at the first current
     Parameters:  bandwidth     (n,) Hz at -3 dB, inf for none
                  noise_sd      (n,) A, standard deviation
                  resolution    (n,) A, step of the reported value; 0 for none
@@ -62,8 +57,8 @@ class MotorCurrentSensor(LeafSystem):
         resolution: ArrayLike = 0.0,
         seed: int | None = None,
     ) -> None:
-        LeafSystem.__init__(self)
         n = num_joints
+        SampledBlock.__init__(self, time_step, np.full(n, np.nan), {"current": n})
         self._n = n
         self._noise, self._seed = np.zeros(n), seed
         self._time_step = time_step
@@ -81,16 +76,10 @@ class MotorCurrentSensor(LeafSystem):
             self, "parameters", self._calc_table, {self.all_parameters_ticket()}
         )
         self._current_true = self.DeclareVectorInputPort("current_true", n)
-        state = self.DeclareDiscreteState(np.full(n, np.nan))
-        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        prerequisites = {
-            self._current_true.ticket(),
-            self.discrete_state_ticket(state),
-            self._table.ticket(),
-        }
-        if seed is not None:
-            prerequisites.add(self.time_ticket())
-        self.DeclareVectorOutputPort("current", n, self._calc_current, prerequisites)
+        prerequisites = {self._current_true.ticket(), self._table.ticket()} | self.state_tickets
+        self._current = self.DeclareVectorOutputPort(
+            "current", n, self._calc_current, prerequisites
+        )
 
     @property
     def num_joints(self) -> int:
@@ -107,21 +96,27 @@ class MotorCurrentSensor(LeafSystem):
         return np.stack(rows)
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
+        held = self.held(context, "current")
+        if held is not None:
+            output.SetFromVector(held)
+            return
         if self._seed is not None:
-            gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), self._noise)
+            tick = tick_number(context.get_time(), self._time_step)
+            gaussian_noise(self._seed, tick, self._noise)
         measure_current(
             cast(Array, self._table.Eval(context)),
             self._time_step,
             self._current_true.Eval(context),
             self._noise,
-            context.get_discrete_state(0).value(),
+            self.memory(context),
             output.get_mutable_value(),
         )
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         update_lag(
             cast(Array, self._table.Eval(context))[0],
             self._time_step,
             self._current_true.Eval(context),
-            discrete_state.get_mutable_value(),
+            memory,
         )
+        return (self._current.Eval(context),)

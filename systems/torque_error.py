@@ -1,19 +1,14 @@
 """The error of the observed torque, as a block: for the wrench and the contact detector."""
 
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.estimation.torque_error_stage import (
     ERROR_ROWS,
-    STAGE_ROWS,
     TorqueErrorStage,
     torque_error_sample,
 )
@@ -21,10 +16,10 @@ from wrenchsight.models.identification.torque_error_model import take_transmitte
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
-from wrenchsight.systems.last_tick import LastTick
+from wrenchsight.systems.sampled_block import SampledBlock
 
 
-class TorqueErrorSystem(LeafSystem):
+class TorqueErrorSystem(SampledBlock):
     """States the torque error of each sample, and J as the observer saw it.
 
                        +-------------------+
@@ -42,9 +37,9 @@ class TorqueErrorSystem(LeafSystem):
              law           FrictionLaw (abstract) as it is now, whose level is the stiction band
     Output:  torque_error  (ERROR_ROWS n,) a `TorqueError`, flat: sd, stiction, drift, J_seen row by
                            row, rows of its state; no direct feedthrough from tau_J and tau_f
-    State:   (STAGE_ROWS, n), flat
+    State:   that of SampledBlock; its memory is (STAGE_ROWS, n), flat
 
-    Between two ticks the output is that of the last one. K_0 and friction that are changed while a
+    K_0 and friction that are changed while a
     simulation runs reach it through `pole` and `law`.
 
     Args:
@@ -53,9 +48,10 @@ class TorqueErrorSystem(LeafSystem):
     """
 
     def __init__(self, stage: TorqueErrorStage, time_step: float) -> None:
-        LeafSystem.__init__(self)
-        self._stage = stage
-        self._n = n = stage.num_joints
+        n = stage.num_joints
+        held = {"torque_error": ERROR_ROWS * n}
+        SampledBlock.__init__(self, time_step, stage.initial_state(), held)
+        self._stage, self._n = stage, n
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -63,13 +59,11 @@ class TorqueErrorSystem(LeafSystem):
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._pole = self.DeclareVectorInputPort("pole", n)
         self._law = self.DeclareAbstractInputPort("law", AbstractValue.Make(object()))
-        self._last = LastTick(self, stage.initial_state(), time_step, ERROR_ROWS * n)
-        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         self._tables = declare_cached(
             self, "tables", self._calc_tables, {self._pole.ticket(), self._law.ticket()}
         )
         ports = self._q, self._v, self._terms
-        tickets = {port.ticket() for port in ports} | self._last.tickets
+        tickets = {port.ticket() for port in ports} | self.state_tickets
         # The error and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(
             self, "torque error and state", self._calc_tick, tickets | {self._tables.ticket()}
@@ -78,7 +72,7 @@ class TorqueErrorSystem(LeafSystem):
             "torque_error",
             ERROR_ROWS * n,
             self._calc_error,
-            self._last.tickets | {self._tick.ticket()},
+            self.state_tickets | {self._tick.ticket()},
         )
 
     def _calc_tables(self, context: Context) -> tuple[Array, Array]:
@@ -87,7 +81,7 @@ class TorqueErrorSystem(LeafSystem):
         return stage.table, stage.poles
 
     def _calc_tick(self, context: Context) -> tuple[Array, Array]:
-        state = np.array(self._last.at(context)[0]).reshape(STAGE_ROWS, self._n)
+        state = self.memory(context)
         error = np.empty(ERROR_ROWS * self._n)
         J = cast(RigidBodyTerms, self._terms.Eval(context)).J
         table, poles = self._tables.EvalAbstract(context).get_value()
@@ -96,16 +90,14 @@ class TorqueErrorSystem(LeafSystem):
         return error, state
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
-        _, last_output = self._last.at(context)
-        if last_output is not None:
-            output.SetFromVector(last_output)
+        held = self.held(context, "torque_error")
+        if held is not None:
+            output.SetFromVector(held)
             return
         error, _ = self._tick.EvalAbstract(context).get_value()
         output.SetFromVector(error)
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        error, state = self._tick.EvalAbstract(context).get_value()
-        memory, _ = self._last.take(context, discrete_state, error)
-        memory[:] = state.ravel()
-        tau_J, tau_f = self._tau_J.Eval(context), self._tau_f.Eval(context)
-        take_transmitted(memory.reshape(STAGE_ROWS, self._n), tau_J, tau_f)
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        error, memory[:] = self._tick.EvalAbstract(context).get_value()
+        take_transmitted(memory, self._tau_J.Eval(context), self._tau_f.Eval(context))
+        return (error,)

@@ -1,16 +1,11 @@
 """The whole estimator in one block."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DependencyTicket,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context, DependencyTicket
 
 from wrenchsight.models.estimation.estimator import Correction, WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import (
@@ -34,24 +29,7 @@ from wrenchsight.models.friction.velocity_friction import friction_torque
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.sample_check import check_current
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
-from wrenchsight.systems.last_tick import LastTick
-
-
-class _ReadSample(NamedTuple):
-    """The sample of the last reading.
-
-    The update of the same tick recognises it by its number, and need not evaluate the inputs again.
-
-    Attributes:
-        number: of the reading.
-        packed: constants of the tick.
-        q, v: (n,) rad and rad/s (m and m/s).
-    """
-
-    number: float
-    packed: Packed
-    q: Array
-    v: Array
+from wrenchsight.systems.sampled_block import SampledBlock
 
 
 class _Tuned(NamedTuple):
@@ -84,7 +62,7 @@ class TickArguments(NamedTuple):
     scratch: Array
 
 
-class WrenchEstimatorSystem(LeafSystem):
+class WrenchEstimatorSystem(SampledBlock):
     """Estimates the wrench as `diagrams.estimator.make_estimator` does, in one block.
 
                         +-----------------------+ --> tau_ext
@@ -101,17 +79,14 @@ class WrenchEstimatorSystem(LeafSystem):
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
                 fault; checked_current (n,) A, NaN where it is impossible;
                 reading  the first five one after the other, in this order, then the memory of the
-                         update and the number of the reading, in one port; Drake's Demultiplexer
-                         splits it with `reading_sizes`
+                         update, in one port; Drake's Demultiplexer splits it with `tick_sizes`
                 pole     (n,) 1/s of the observer, below 0 for one without
                 law      FrictionLaw (abstract) as it is now
-    State:      `WrenchEstimator.initial_state`
+    State:      that of SampledBlock; its memory is `WrenchEstimator.initial_state`
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
                 reconstruction.prior_sd, .damping, .truncation, and .torque_covariance of a model
                 without a torque error
-
-    Between two ticks the outputs are those of the last one.
 
     The numbers are those of the diagram and of `WrenchEstimator.run`: the same kernels compute
     them. A tick takes two calls into Python instead of some fifteen: this block is for production.
@@ -125,9 +100,11 @@ class WrenchEstimatorSystem(LeafSystem):
     """
 
     def __init__(self, estimator: WrenchEstimator, has_correction: bool = False) -> None:
-        LeafSystem.__init__(self)
-        self._estimator = estimator
-        self._n = n = estimator.num_joints
+        n, period = estimator.num_joints, estimator.observer.time_step
+        self._size = sum(tick_sizes(n).values())
+        held = {"reading": self._size, "checked_current": n}
+        SampledBlock.__init__(self, period, estimator.initial_state(), held)
+        self._estimator, self._n = estimator, n
         self._choice: KernelChoice = estimator.choice
         # A learnt correction evaluates a law without memory at the planned speeds.
         self._planned = has_correction and estimator.friction.state_rows == 0
@@ -144,15 +121,9 @@ class WrenchEstimatorSystem(LeafSystem):
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
-        self._initial = estimator.initial_state()
-        self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         # They change only with the parameters.
         self._tuned = declare_cached(self, "constants, law and pole", self._calc_tuned, parameters)
-        self._size = sum(self.reading_sizes)
-        # Stored: `reading`, the checked current.
-        period = estimator.observer.time_step
-        self._last = LastTick(self, self._initial, period, self._size + n)
-        prerequisites = self._last.tickets | {
+        prerequisites = self.state_tickets | {
             self._q.ticket(),
             self._v.ticket(),
             self._tuned.ticket(),
@@ -165,7 +136,6 @@ class WrenchEstimatorSystem(LeafSystem):
         # Scratch memory, allocated once; nothing in it outlives a call.
         self._overrides = np.zeros((OVERRIDE_TAU_F + self._planned if has_correction else 0, n))
         self._unread = np.zeros(n)
-        self._last_sample = _ReadSample(0.0, estimator.packed, self._unread, self._unread)
         self._checked = np.zeros((3, n))
         self._scratch = np.empty(workspace_size(n))
         self._checked_in_tick = workspace_of(self._scratch, n).checked[2]  # after an update
@@ -182,7 +152,7 @@ class WrenchEstimatorSystem(LeafSystem):
         )
         sizes = dict(list(tick_sizes(n).items())[:6])  # tau_ext to fault
         declare_parts(self, self._reading.Eval, sizes, prerequisites)
-        drives = self._last.tickets | {self._current.ticket()}
+        drives = self.state_tickets | {self._current.ticket()}
         self._checked_current = self.DeclareVectorOutputPort(
             "checked_current", n, self._calc_checked_current, drives
         )
@@ -207,11 +177,6 @@ class WrenchEstimatorSystem(LeafSystem):
         """Sizes: tau_ext, wrench, covariance, condition_number, valid; all else of a Tick."""
         sizes = list(tick_sizes(self._n).values())
         return [*sizes[:5], sum(sizes[5:])]
-
-    @property
-    def reading_sizes(self) -> list[int]:
-        """Sizes of the parts of `reading`: `tick_sizes`, and the number of the reading."""
-        return [*self.tick_sizes, 1]
 
     def _calc_tuned(self, context: Context) -> _Tuned:
         estimator, values = self._estimator, self._parameters.at(context)
@@ -242,7 +207,7 @@ class WrenchEstimatorSystem(LeafSystem):
 
     def initial_state(self) -> Array:
         """The estimator's state before the first sample, flat."""
-        return self._initial.copy()
+        return self._estimator.initial_state()
 
     @property
     def default_packed(self) -> Packed:
@@ -273,7 +238,7 @@ class WrenchEstimatorSystem(LeafSystem):
             q, v, current: (n,) rad, rad/s and A; the current counts where the observer reads the
                 present torque.
             correction: learnt correction of an air pass, for this sample; None without one.
-            reading: of `reading_sizes` or of `tick_sizes`, written.
+            reading: of `tick_sizes`, written.
         """
         if correction is not None:
             if self._planned:
@@ -286,41 +251,33 @@ class WrenchEstimatorSystem(LeafSystem):
         tick_output(self._choice, packed[:], state, sample, reading, self._scratch)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        state, last_output = self._last.at(context)
-        out = output.get_mutable_value()
-        if last_output is not None:
-            out[:] = last_output[: self._size]
-            out[-1] = 0.0
+        out, held = output.get_mutable_value(), self.held(context, "reading")
+        if held is not None:
+            out[:] = held
             return
         packed = self._tuned_at(context).packed
-        q, v = self._q.Eval(context), self._v.Eval(context)
         current = self._current.Eval(context) if self._reads_current else self._unread
-        sample = (q, v, current, self._overrides)
-        tick_output(self._choice, packed[:], state, sample, out, self._scratch)
-        out[-1] = number = self._last_sample.number + 1.0
-        self._last_sample = _ReadSample(number, packed, q, v)
+        sample = (self._q.Eval(context), self._v.Eval(context), current, self._overrides)
+        memory = self.memory(context)
+        tick_output(self._choice, packed[:], memory, sample, out, self._scratch)
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         reading, current = self._reading.Eval(context), self._current.Eval(context)
-        state, outputs = self._last.take(context, discrete_state, reading)
-        number, packed, q, v = self._last_sample
-        if reading.item(-1) != number:  # another context has been evaluated since
-            packed = self._tuned_at(context).packed
-            q, v = self._q.Eval(context), self._v.Eval(context)
+        packed = self._tuned_at(context).packed
         # Of the overrides an update reads only the number of rows.
-        sample = (q, v, current, self._overrides)
-        tick_update(self._choice, packed[:], state, sample, reading, self._scratch)
+        sample = (self._q.Eval(context), self._v.Eval(context), current, self._overrides)
+        tick_update(self._choice, packed[:], memory, sample, reading, self._scratch)
         # Not the port of the checked current: a call into Python costs as much as a tick.
-        outputs[self._size :] = self._checked_in_tick
+        return reading, self._checked_in_tick
 
     def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
-        state, last_output = self._last.at(context)
-        if last_output is not None:
-            output.SetFromVector(last_output[-self._n :])
+        held = self.held(context, "checked_current")
+        if held is not None:
+            output.SetFromVector(held)
             return
         current, check = self._current.Eval(context), self._estimator.check
         if check is not None:
-            memory = self._estimator.parts(state).check
+            memory = self._estimator.parts(self.memory(context)).check
             period = self._estimator.observer.time_step
             check_current(check.table, memory, period, current, self._checked)
             current = self._checked[2]

@@ -194,7 +194,7 @@ def motion_type(num_joints: int) -> np.dtype[np.void]:
 
 @kernel
 def _tick_of(t: float, time_step: float) -> int:
-    # As `systems.last_tick.tick_of`.
+    # As `systems.sampled_block.tick_number`.
     return int(t / time_step + 1e-3)
 
 

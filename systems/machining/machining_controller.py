@@ -1,10 +1,11 @@
 """Reference, estimator and controller of a machining pass in one block."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.control.impedance_tick import impedance_tick
 from wrenchsight.models.estimation.estimator import Correction
@@ -36,13 +37,13 @@ from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.systems.impedance_controller import ImpedanceController
-from wrenchsight.systems.last_tick import LastTick
+from wrenchsight.systems.sampled_block import SampledBlock
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 _POSE_SIZE, _POSE = 12, 18  # of a pose, and of a pose's reference: R_WD first, row by row
 
 
-class MachiningController(LeafSystem):
+class MachiningController(SampledBlock):
     """Controls an arm during machining, from its encoders to its drives, in two calls per tick.
 
     A tick runs the kernels of `MachiningReference`, of `WrenchEstimatorSystem` and of
@@ -67,10 +68,8 @@ class MachiningController(LeafSystem):
                       one port; Drake's Demultiplexer splits it with `sizes`
              terms    RigidBodyTerms (abstract) of the model, for pictures
 
-    Between two ticks `action` is that of the last one.
-
-    State:   that of the estimator, of the reference (7 + 15), of the controller (1), of the
-             tracker, flat
+    State:   that of SampledBlock; its memory is that of the estimator, of the reference (7 + 15),
+             of the controller (1), of the tracker, flat
 
     Args:
         reference: of the pass.
@@ -93,7 +92,6 @@ class MachiningController(LeafSystem):
         time_step: float,
         reads_sensor: bool,
     ) -> None:
-        LeafSystem.__init__(self)
         if estimator.estimator.observer.reads_present_torque:
             raise ValueError("machining: an observer that reads the present torque closes a loop")
         self._reference, self._estimator, self._controller = reference, estimator, controller
@@ -105,23 +103,22 @@ class MachiningController(LeafSystem):
         if air_pass is not None:
             self._correction_table = CorrectionTable.of(air_pass)
             self._tracker = VibrationTracker(estimator.estimator)
-        self._q = self.DeclareVectorInputPort("q", n)
-        self._v = self.DeclareVectorInputPort("v", n)
-        self._current = self.DeclareVectorInputPort("current", n)
-        self._wrench = self.DeclareVectorInputPort("wrench", 6) if reads_sensor else None
         memory = estimator.initial_state()
         self._estimator_end = len(memory)
         self._integral = len(memory) + len(reference.initial_state)
         tracked = np.zeros(0) if self._tracker is None else self._tracker.initial_state
         initial = np.concatenate([memory, reference.initial_state, np.zeros(1), tracked])
-        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        motion = {self._q.ticket(), self._v.ticket()}
         self._plan = reference.sizes
         sizes = self.sizes
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True))
         self._size = sum(sizes.values())
-        self._last = LastTick(self, initial, time_step, self._size)
-        prerequisites = motion | self._last.tickets
+        SampledBlock.__init__(self, time_step, initial, {"action": self._size})
+        self._q = self.DeclareVectorInputPort("q", n)
+        self._v = self.DeclareVectorInputPort("v", n)
+        self._current = self.DeclareVectorInputPort("current", n)
+        self._wrench = self.DeclareVectorInputPort("wrench", 6) if reads_sensor else None
+        motion = {self._q.ticket(), self._v.ticket()}
+        prerequisites = motion | self.state_tickets
         if self._wrench is not None:
             prerequisites.add(self._wrench.ticket())
         self._integral_at = ends["integral"] - 1
@@ -179,11 +176,11 @@ class MachiningController(LeafSystem):
         return action | self._plan | reading | {"pose": _POSE_SIZE} | tracked
 
     def _calc_action(self, context: Context, output: BasicVector) -> None:
-        state, last_output = self._last.at(context)
-        if last_output is not None:
-            output.SetFromVector(last_output)
+        out, held = output.get_mutable_value(), self.held(context, "action")
+        if held is not None:
+            out[:] = held
             return
-        out = output.get_mutable_value()
+        state = self.memory(context)
         q, v = self._q.Eval(context), self._v.Eval(context)
         plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
         n, end, terms, integral = self._n, self._estimator_end, self._model_terms, self._integral
@@ -252,9 +249,8 @@ class MachiningController(LeafSystem):
             sd=freed[n : 2 * n],
         )
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        action = self._action.Eval(context)
-        state, _ = self._last.take(context, discrete_state, action)
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        action, state = self._action.Eval(context), memory
         q, end, integral = self._q.Eval(context), self._estimator_end, self._integral
         choice, packed, overrides, scratch = self._tick_arguments
         sample = (q, self._v.Eval(context), self._current.Eval(context), overrides)
@@ -286,6 +282,7 @@ class MachiningController(LeafSystem):
             state[end:integral],
         )
         state[integral] = action[self._integral_at]
+        return (action,)
 
     def _calc_terms(self, context: Context, output: Value) -> None:
         output.set_value(self._chain.terms(self._q.Eval(context), self._v.Eval(context)))

@@ -1,5 +1,6 @@
 """The true arm as a block: joints, drives, sensors and process around the plant."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -8,7 +9,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.machining.machining_process import MachiningProcess, add_unbalance_force
@@ -31,6 +32,7 @@ from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from wrenchsight.models.truth.joint_kernels import tick_work
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.systems.force_torque_sensor import NO_SENSOR, ForceTorqueSensor
+from wrenchsight.systems.sampled_block import SampledBlock
 from wrenchsight.systems.truth.tool_contacts import ToolContacts
 
 
@@ -64,12 +66,12 @@ class ArmParts:
     seed: int = 0
 
 
-class TrueArm(LeafSystem):
+class TrueArm(SampledBlock):
     """Joints, drives, sensors and environment of the true arm around its plant, tick by tick.
 
     Friction, gears, motors and encoders are those of `models.truth.joint_kernels`; with no
     mechanism switched on they are plain dry and viscous friction. The plant's joints have no
-    damping, and no brakes. The plant must not sample its outputs.
+    damping, and no brakes.
 
                           +---------+ --> motion
       state           --> |         | --> drives
@@ -95,7 +97,7 @@ class TrueArm(LeafSystem):
              spatial_forces    list of one ExternallyAppliedSpatialForce (abstract); where anything
                                but contact acts on the tool
              wrench_unbalance  (6,) F_E_W of the spindle, from the tool's own mass; at machining
-    State:   see ArmLayout, flat
+    State:   that of SampledBlock; its memory is that of ArmLayout, flat
 
     Friction is found implicitly, for the velocity at the tick's end. Where the plant's solver knows
     what acts (contact), friction takes the torque of the tick before: see docs/worlds.md for what
@@ -103,7 +105,6 @@ class TrueArm(LeafSystem):
     """
 
     def __init__(self, parts: ArmParts) -> None:
-        LeafSystem.__init__(self)
         joints, process, sensor = parts.joints, parts.process, parts.sensor
         n = joints.num_joints
         if process is not None and parts.contacts is None:
@@ -115,22 +116,23 @@ class TrueArm(LeafSystem):
         filtered = 0 if sensor is None else sensor.memory_size
         layout = ArmLayout(initial.size, memory.size, joints.time_step)
         self._layout, self._joint_size = tuple(layout), layout.joints
+        parts_of_state = initial.ravel(), np.full(n, np.nan), memory, np.zeros(12 + filtered)
+        held = {
+            "motion": sum(self.motion_sizes.values()),
+            "drives": sum(self.drive_sizes.values()),
+        }
+        if parts.contacts is not None:
+            held["truth"] = sum(self.truth_sizes.values())
+        SampledBlock.__init__(self, joints.time_step, np.concatenate(parts_of_state), held)
         self._make_constants(parts)
         self._x = self.DeclareVectorInputPort("state", 2 * n)
         self._command = self.DeclareVectorInputPort("current_command", n)
-        state = self.DeclareDiscreteState(
-            np.concatenate([initial.ravel(), np.full(n, np.nan), memory, np.zeros(12 + filtered)])
-        )
-        self.DeclarePeriodicDiscreteUpdateEvent(joints.time_step, 0.0, self._update)
-        prerequisites = {self._x.ticket(), self.time_ticket(), self.discrete_state_ticket(state)}
+        prerequisites = {self._x.ticket()} | self.state_tickets
         self._motion = self.DeclareVectorOutputPort(
-            "motion", sum(self.motion_sizes.values()), self._calc_motion, prerequisites
+            "motion", held["motion"], self._calc_motion, prerequisites
         )
         self._drives = self.DeclareVectorOutputPort(
-            "drives",
-            sum(self.drive_sizes.values()),
-            self._calc_drives,
-            prerequisites | {self._command.ticket()},
+            "drives", held["drives"], self._calc_drives, prerequisites | {self._command.ticket()}
         )
         if parts.contacts is not None:
             self._results = self.DeclareAbstractInputPort(
@@ -139,7 +141,7 @@ class TrueArm(LeafSystem):
             self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
             in_contact = prerequisites | {self._results.ticket(), self._tau_contact.ticket()}
             self._truth = self.DeclareVectorOutputPort(
-                "truth", sum(self.truth_sizes.values()), self._calc_truth, in_contact
+                "truth", held["truth"], self._calc_truth, in_contact
             )
         self._weld: int | None = None
         if sensor is not None:
@@ -245,12 +247,16 @@ class TrueArm(LeafSystem):
         return self._pushed
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
+        motion, held = output.get_mutable_value(), self.held(context, "motion")
+        if held is not None:
+            motion[:] = held
+            return
         arm_motion(
             self._motion_constants,
             context.get_time(),
             self._x.Eval(context),
-            context.get_discrete_state_vector().value(),
-            np.frombuffer(output.get_mutable_value(), self._motion_type),
+            self.memory(context),
+            np.frombuffer(motion, self._motion_type),
         )
 
     def _motion_at(self, context: Context) -> Record:
@@ -258,17 +264,25 @@ class TrueArm(LeafSystem):
         return np.frombuffer(self._motion.Eval(context), self._motion_type)
 
     def _calc_drives(self, context: Context, output: BasicVector) -> None:
+        drives, held = output.get_mutable_value(), self.held(context, "drives")
+        if held is not None:
+            drives[:] = held
+            return
         arm_drives(
             self._drive_constants,
             context.get_time(),
             self._motion_at(context),
             self._command.Eval(context),
-            context.get_discrete_state_vector().value(),
-            output.get_mutable_value(),
+            self.memory(context),
+            drives,
         )
 
     def _calc_truth(self, context: Context, output: BasicVector) -> None:
         assert self._contacts is not None
+        truth, held = output.get_mutable_value(), self.held(context, "truth")
+        if held is not None:
+            truth[:] = held
+            return
         contacts, count = self._contacts.touched(cast(ContactResults, self._results.Eval(context)))
         arm_truth(
             self._contacts.tip_radius,
@@ -276,7 +290,7 @@ class TrueArm(LeafSystem):
             count,
             self._tau_contact.Eval(context),
             self._motion_at(context),
-            output.get_mutable_value(),
+            truth,
         )
 
     def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
@@ -288,16 +302,20 @@ class TrueArm(LeafSystem):
         add_unbalance_force(self._process.table, context.get_time(), R_WE, wrench[3:])
         output.SetFromVector(wrench)
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        motion, drives = self._motion.Eval(context), self._drives.Eval(context)
+        outputs = [motion, drives]
         truth, reaction, vdot = self._no_truth, self._no_reaction, self._no_vdot
         if self._contacts is not None:
             truth = self._truth.Eval(context)
+            outputs.append(truth)
         if self._weld is not None:
             vdot = self._vdot.Eval(context)
             reaction = self._reactions.Eval(context)[self._weld].get_coeffs()
         arm_memory(
             self._memory_constants,
             context.get_time(),
-            (self._motion_at(context), self._drives.Eval(context), truth, vdot, reaction),
-            discrete_state.get_mutable_value(),
+            (self._motion_at(context), drives, truth, vdot, reaction),
+            memory,
         )
+        return outputs

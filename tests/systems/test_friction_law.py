@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from block_ticks import memory_after_tick
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
@@ -56,7 +57,7 @@ def torque(system, context):
 
 
 def step(system, context):
-    context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context))
+    context.SetDiscreteState(0, memory_after_tick(system, context))
 
 
 def test_ports():
@@ -68,7 +69,8 @@ def test_ports():
     system = PreslidingFrictionSystem(remembering_law(), STEP)
     assert [system.get_input_port(i).get_name() for i in range(3)] == ["q", "v", "tau_J"]
     assert [system.HasDirectFeedthrough(i, 0) for i in range(3)] == [True, True, False]
-    assert system.CreateDefaultContext().num_total_states() == 3 * N
+    state = system.CreateDefaultContext().get_discrete_state()
+    assert [state.get_vector(k).size() for k in range(3)] == [3 * N, N, 2]  # memory, tau_f, ticks
 
 
 @pytest.mark.parametrize("v", [[0.3, -0.5], [0.05, -0.01], [0.0, 0.0]])

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from block_ticks import memory_after_tick
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
@@ -170,7 +171,7 @@ def test_force_formula_and_direction_in_E(sts):
     d = -terms.R_WE[:, 2]
     measured = np.array([0, 0, 0, 1.0, 2.0, 3.0])
     context = block.CreateDefaultContext()
-    context.SetDiscreteState([4.0])
+    context.SetDiscreteState(0, [4.0])
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
     block.GetInputPort("pose_reference").FixValue(context, pose(terms.R_WE, terms.p_WE))
     block.GetInputPort("wrench").FixValue(context, measured)
@@ -361,8 +362,7 @@ def test_force_control_takes_over_from_the_spring_without_a_jump(sts):
     before = block.GetOutputPort("tau_command").Eval(context).copy()
     # The spring presses with 2000 N/m times 10 mm.
     np.testing.assert_allclose(before - terms.G, terms.J[5] * -20.0, atol=1e-9)
-    values = block.EvalUniquePeriodicDiscreteUpdate(context)
-    context.SetDiscreteState(0, values.get_vector(0).CopyToVector())
+    context.SetDiscreteState(0, memory_after_tick(block, context))
     active.GetMutableData().set_value([1.0])
     after = block.GetOutputPort("tau_command").Eval(context)
     np.testing.assert_allclose(after, before, atol=1e-9)
@@ -388,8 +388,7 @@ def test_without_valid_feedback_the_press_is_setpoint_and_integral(sts, valid):
         press = 40.0 + 0.6 * error + 60.0 * 0.1
         tau = block.GetOutputPort("tau_command").Eval(context)
         np.testing.assert_allclose(tau - terms.G, -press * terms.J[5], atol=1e-9)
-        values = block.EvalUniquePeriodicDiscreteUpdate(context)
-        assert values.get_vector(0).GetAtIndex(0) == pytest.approx(0.1 + T * error)
+        assert memory_after_tick(block, context).item() == pytest.approx(0.1 + T * error)
 
 
 def forced(sts):
@@ -427,7 +426,7 @@ def test_one_tick_that_is_not_finite_leaves_no_trace(sts, name, bad):
         if is_bad:  # the weight is held as long as the position is known
             held = np.zeros(6) if name == "terms" else terms.G
             np.testing.assert_allclose(tau, held, atol=1e-12)
-        simulator.AdvanceTo((k + 1) * T - 0.5 * T)
+        simulator.AdvanceTo((k + 1) * T)
     # Four good ticks of 20 N of error, as without the bad one.
     assert context.get_discrete_state(0).GetAtIndex(0) == pytest.approx(4 * T * 20.0, rel=1e-12)
 

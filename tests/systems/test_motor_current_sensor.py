@@ -77,7 +77,7 @@ def test_noise_has_its_standard_deviation_and_repeats_by_seed():
 def test_parameters_change_through_the_context():
     sensor = MotorCurrentSensor(1, TIME_STEP, bandwidth=5.0, noise_sd=1.0, resolution=0.5, seed=4)
     context = sensor.CreateDefaultContext()
-    context.SetDiscreteState([0.0])
+    context.SetDiscreteState(0, [0.0])
     for index, value in enumerate((np.inf, 0.25, 0.0)):
         context.get_mutable_numeric_parameter(index).SetFromVector([value])
     expected = 1.1 + 0.25 * draws(4, 0, 1)
@@ -91,7 +91,7 @@ def test_a_broken_current_is_reported_and_forgotten():
     rows = []
     for k, current_true in enumerate([[1.0, 1.0], [2.0, np.nan], [2.0, 2.0]]):
         rows.append(reading(sensor, context, current_true))
-        simulator.AdvanceTo((k + 0.5) * TIME_STEP)
+        simulator.AdvanceTo((k + 1) * TIME_STEP)  # at the next tick, before its update
     a = np.exp(-2.0 * np.pi * 30.0 * TIME_STEP)
     np.testing.assert_array_equal(rows[1], [2.0 - a, np.nan])
     # The joint that was broken lags as if the tick had not been.

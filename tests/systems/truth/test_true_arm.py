@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from block_ticks import memory_after_tick
 from pydrake.common.value import Value
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
@@ -111,11 +112,10 @@ class AtWork:
 
     @property
     def state(self):
-        return self.context.get_discrete_state_vector().value()
+        return self.context.get_discrete_state(0).value()
 
     def after(self):
-        update = self.arm.EvalUniquePeriodicDiscreteUpdate(self.context)
-        return update.get_vector(0).CopyToVector()
+        return memory_after_tick(self.arm, self.context)
 
 
 def by_kernel(joints, terms, state, tau_ext, tick=0):
@@ -176,7 +176,7 @@ def test_a_tick_is_the_kernels_and_contact_counts_a_tick_late(robot, joints, tou
     known = scripted + (tau if touching else 0.0)
     after[EXTERNAL] = known
     np.testing.assert_allclose(work.after()[: first.size], after.ravel(), rtol=1e-12, atol=1e-15)
-    work.context.SetDiscreteState(np.concatenate([after.ravel(), work.state[first.size :]]))
+    work.context.SetDiscreteState(0, np.concatenate([after.ravel(), work.state[first.size :]]))
     _, later = by_kernel(joints, work.terms, after, known)
     for output, expected in zip(work.parts("drives")[:SIGNALS], later, strict=True):
         np.testing.assert_allclose(output, expected, rtol=1e-13)
@@ -210,7 +210,7 @@ def test_the_reported_current_is_the_sensor_s(robot, joints):
         gaussian_noise(SEED, tick, noise)
         measure_current(table, T, work.parts("drives")[3], noise, lagged, expected)
         np.testing.assert_array_equal(work.parts("drives")[4], expected)
-        work.context.SetDiscreteState(work.after())
+        work.context.SetDiscreteState(0, work.after())
     np.testing.assert_array_equal(AtWork(robot, joints).parts("drives")[4], true)
 
 
@@ -244,7 +244,7 @@ def test_a_process_cuts_against_the_feed_once_contact_is_known(robot, joints):
     before = np.concatenate([[30.0, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0], np.zeros(3)])
     state = work.state.copy()
     state[law] = before
-    work.context.SetDiscreteState(state)
+    work.context.SetDiscreteState(0, state)
     expected = before.copy()
     advance_process(process.table, T, np.zeros(4), work.terms.V_WE, expected)
     after = work.after()
@@ -253,7 +253,7 @@ def test_a_process_cuts_against_the_feed_once_contact_is_known(robot, joints):
     assert expected[0] == 0.0 and not expected[7:].any()
     np.testing.assert_array_equal(after[law.stop + 3 : law.stop + 6], expected[7:])
     after[law.stop + 3 : law.stop + 6] = [-4.0, 0.0, 0.5]
-    work.context.SetDiscreteState(after)
+    work.context.SetDiscreteState(0, after)
     wrench, torque, applied = (work.motion[name] for name in ("wrench", "torque", "applied"))
     np.testing.assert_array_equal(wrench, [0.0, 0.0, 0.0, -4.0, 0.0, 0.5])
     np.testing.assert_allclose(torque, work.terms.J.T @ wrench, atol=1e-14)
@@ -393,5 +393,5 @@ def test_it_runs_in_a_simulator(robot, joints):
     state, terms = joints.initial_state(), robot.chain.terms(robot.home, V)
     for tick in range(50):
         state, _ = by_kernel(joints, terms, state, np.zeros(6), tick)
-    state_at_end = context.get_discrete_state_vector().value()[: state.size]
+    state_at_end = context.get_discrete_state(0).value()[: state.size]
     np.testing.assert_array_equal(state_at_end.reshape(state.shape), state)

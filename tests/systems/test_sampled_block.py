@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from block_ticks import take_tick
 from played_logs import add_log
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -123,8 +124,7 @@ def test_the_checked_current_between_ticks_is_that_of_the_last(sts, log, config)
         port = block.GetOutputPort("checked_current")
         at = port.Eval(context).copy()
         assert np.isnan(at[3]) == (k == 2 and config == "momentum")
-        updates = block.EvalUniquePeriodicDiscreteUpdate(context)
-        context.SetDiscreteState(updates)
+        take_tick(block, context)
         context.SetTime((k + 0.5) * T)
         block.GetInputPort("current").FixValue(context, np.zeros(N))  # of nobody's tick
         np.testing.assert_array_equal(port.Eval(context), at)

@@ -1,0 +1,126 @@
+"""Blocks that take one sample of their inputs at each tick."""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pydrake.systems.framework import (
+    Context,
+    DependencyTicket,
+    DiscreteStateIndex,
+    EventStatus,
+    LeafSystem,
+    State,
+)
+
+from wrenchsight.models.numerics.arrays import Array
+
+_LAST, _NEXT = 0, 1  # entries of the ticks: when the last one was, when the next one is
+
+
+def tick_number(t: float, time_step: float) -> int:
+    """The number of the tick that begins at t or before, s."""
+    # A thousandth of a tick absorbs the rounding of t = k time_step.
+    return int(t / time_step + 1e-3)
+
+
+class SampledBlock(LeafSystem):
+    """A block that takes a sample of its inputs at each tick t = 0, time_step, 2 time_step...
+
+    **Which state of a plant it sees.** The update is an unrestricted one. At a time t Drake
+    performs unrestricted updates first, all of them on the Context as it is before any update of
+    that time. So the block sees the state before the plant's step, whether the plant is continuous,
+    discrete with sampled output ports (Drake's default), or discrete without. A discrete update
+    would see the state *after* the step of a plant that samples its ports.
+
+    **What it puts out.** Drake evaluates an output whenever a port is read, also between two ticks
+    and, within one time, after the update. There the sample has been taken already and must not be
+    taken again as the next one: the outputs are those of the last tick, held. A plant that steps in
+    a discrete update, after this block's, so gets the same torque as one that steps in the same
+    unrestricted update.
+
+    State, in groups of discrete state:
+        memory       of the block, flat
+        one group an output that is held, in the order of `held`
+        ticks        (2,) s, the times of the last tick and of the next one; NaN before the first
+
+    A block with `time_step` 0 has no memory, no event and no state: its outputs are functions of
+    its inputs at any time.
+
+    Args:
+        time_step: s, period of the ticks; 0: the block is a function without memory.
+        memory: initial, of any shape.
+        held: sizes of the outputs that are held between ticks, by name.
+
+    Attributes:
+        state_tickets: the prerequisites that held outputs add to those of their inputs.
+    """
+
+    def __init__(self, time_step: float, memory: Array, held: Mapping[str, int]) -> None:
+        LeafSystem.__init__(self)
+        self._period = time_step
+        self._initial_memory = np.array(memory, dtype=np.float64)
+        self._memory_index: DiscreteStateIndex | None = None
+        self.state_tickets: set[DependencyTicket] = set()
+        if time_step == 0.0:
+            return
+        self._memory_index = DiscreteStateIndex(
+            self.DeclareDiscreteState(self._initial_memory.ravel())
+        )
+        self._held_index = {
+            name: DiscreteStateIndex(self.DeclareDiscreteState(size)) for name, size in held.items()
+        }
+        self._ticks_index = DiscreteStateIndex(self.DeclareDiscreteState(np.full(2, np.nan)))
+        indices = (self._memory_index, *self._held_index.values(), self._ticks_index)
+        self.state_tickets = {self.discrete_state_ticket(index) for index in indices}
+        self.state_tickets.add(self.time_ticket())
+        self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._take)
+        self.DeclareForcedUnrestrictedUpdateEvent(self._take)
+
+    @abstractmethod
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        """Takes the sample of the tick that `context` is at.
+
+        Args:
+            context: before the tick; evaluate inputs and outputs with it.
+            memory: the block's memory, in the shape of the initial one, as it is before the tick;
+                to be changed in place to what it is after. `context` does not see the changes.
+
+        Returns:
+            The outputs at this tick, in the order of `held`.
+        """
+
+    def memory(self, context: Context) -> Array:
+        """A copy of the block's memory, in the shape of the initial one."""
+        if self._memory_index is None:
+            return self._initial_memory.copy()
+        value = context.get_discrete_state(self._memory_index).value()
+        return np.array(value).reshape(self._initial_memory.shape)
+
+    def held(self, context: Context, name: str) -> Array | None:
+        """The output `name` of the last tick, a view to be copied at once.
+
+        Returns:
+            None where `context` is at a tick, whose sample has not been taken, or before the first:
+            then the output is to be computed.
+        """
+        if self._memory_index is None:
+            return None
+        ticks = context.get_discrete_state(self._ticks_index).value()
+        # NaN, before the first tick, is between nothing.
+        if ticks.item(_LAST) <= context.get_time() < ticks.item(_NEXT):
+            held: Array = context.get_discrete_state(self._held_index[name]).value()
+            return held
+        return None
+
+    def _take(self, context: Context, state: State) -> EventStatus:
+        discrete = state.get_mutable_discrete_state()
+        memory = discrete.get_mutable_value(self._memory_index)
+        outputs = self.take_sample(context, memory.reshape(self._initial_memory.shape))
+        for index, value in zip(self._held_index.values(), outputs, strict=True):
+            discrete.get_mutable_value(index)[:] = value
+        now = context.get_time()
+        ticks = discrete.get_mutable_value(self._ticks_index)
+        # The times are computed as Drake does, so that rounding makes no third kind.
+        ticks[_LAST], ticks[_NEXT] = now, (round(now / self._period) + 1) * self._period
+        return EventStatus.Succeeded()
