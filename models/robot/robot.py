@@ -204,9 +204,10 @@ class Robot:
         if fault is not None:
             problem = f"needs the inertias of {self.name}: {fault}"
             remedy = (
-                "correct the link's <inertial> in the URDF (CAD, data sheet); `jcn-map`, `place`"
+                "correct the link's <inertial> in the URDF (CAD, data sheet); `jcn-map`, `place`, "
+                "`redundancy` and `excite` need none"
             )
-            raise InputError(source, "", problem, f"{remedy} and `redundancy` need none")
+            raise InputError(source, "", problem, remedy)
 
     @cached_property
     def unusable_collisions(self) -> tuple[str, ...]:

@@ -66,7 +66,7 @@ def unit_doubts(robot: Robot, postures: Array) -> tuple[str, ...]:
     if fast:
         doubts.append(
             f"no arm's joint is as fast as the file states (rad/s or m/s: {', '.join(fast)}): "
-            "write the data sheet's speeds into it, for `excite` keeps to half of them"
+            "they count as not stated; write the data sheet's speeds into it"
         )
     return tuple(doubts)
 

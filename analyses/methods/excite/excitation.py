@@ -7,6 +7,7 @@ Where a check fails, the program is solved again with more in reserve. Where tha
 motions on the way back to the random one are tried until all checks pass.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from wrenchsight.models.planning.excitation.excitation_program import (
     ExcitationProgram,
     ExcitationSolution,
     MotionBounds,
+    NoTrajectoryError,
     ProgramSettings,
     Reserve,
 )
@@ -56,7 +58,9 @@ RETREATS = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
 LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
 UNDETERMINED = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
-_NAMED = 3  # lost shapes that a note names
+_NAMED = 3  # lost shapes that a note names, or pairs that are in the way
+_HELD_POSTURES, _MIN_HELD = 1000, 0.01  # random ones, and the share that must be held at rest
+_ROOM_POSTURES = 100  # random ones, in which shapes that are too near are counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,8 +186,8 @@ def excite(
     """
     config = ExcitationConfig() if config is None else config
     _check(config)
-    robot.require_inertias("excite")
     bounds = MotionBounds.of_robot(robot, config.limits)
+    _check_holding(robot, config, bounds)
     information = ExcitationInformation.of_chain(robot.chain, 1.0 / robot.effort_limit)
     progress(0.02, "shapes of the arm")
     floor = _floor(robot, config)
@@ -201,7 +205,12 @@ def excite(
         return ExcitationProgram(robot.chain, bounds, information, settings, slack, reserve)
 
     first_program = program(RESERVES[0])
-    starts = _random_starts(first_program, config, progress)
+    try:
+        starts = _random_starts(first_program, config, progress)
+    except NoTrajectoryError as error:
+        if error.limit != "clearance":
+            raise
+        raise _no_room(robot, clearance, bounds) from error
     exact = replace(information, friction_velocity=0.0)
     random = np.array([exact.condition_number(*_period(start)) for start in starts])
     ranked = [starts[i] for i in np.argsort(random, kind="stable")]
@@ -452,6 +461,53 @@ def _check(config: ExcitationConfig) -> None:
         raise InputError("excite", "num_periods", problem, "take fewer, or a coarser time step")
 
 
+def _check_holding(robot: Robot, config: ExcitationConfig, bounds: MotionBounds) -> None:
+    """Refuses effort limits that hold the arm up in next to no posture."""
+    q = _postures(bounds, _HELD_POSTURES)
+    gravity = np.abs(robot.chain.gravity_torque(q))
+    is_held = gravity <= bounds.torque
+    if is_held.all(axis=1).mean() >= _MIN_HELD:
+        return
+    joint = int(np.argmin(is_held.mean(axis=0)))
+    unit = "N" if robot.chain.prismatic[joint] else "N m"
+    raise InputError(
+        "excite",
+        "torque",
+        f"the effort limits cannot hold {robot.name} up: gravity takes up to "
+        f"{gravity[:, joint].max():.3g} {unit} at {robot.joint_names[joint]}, which has "
+        f"{robot.effort_limit[joint]:g} {unit} (torque_share {config.limits.torque_share:g} of it "
+        "may be used)",
+        f"state effort_limit of its drive in {robot.source.name} (data sheet)",
+    )
+
+
+def _no_room(robot: Robot, clearance: Clearance, bounds: MotionBounds) -> InputError:
+    """The error of an arm without room, with the shapes that are in the way most often."""
+    postures = _postures(bounds, _ROOM_POSTURES)
+    counts: Counter[tuple[str, str]] = Counter()
+    for q in postures:
+        near = [pair for pair in clearance.slacks(q, clearance.margin) if pair.slack < 0.0]
+        counts.update({(pair.first, pair.second) for pair in near})
+    listed = ", ".join(
+        f"{first} and {second} in {100 * count / len(postures):.0f} %"
+        for (first, second), count in counts.most_common(_NAMED)
+    )
+    problem = f"no trajectory found: too near each other in random postures are {listed}"
+    remedy = f"lower clearance (now {clearance.margin:g} m) or the floor"
+    if robot.config.locked_joints:
+        remedy += (
+            "; or move what is not the arm's (another arm, a head) out of the way: its joints' "
+            f"positions stand under locked_joints in {robot.source.name}"
+        )
+    return InputError("excite", "clearance", problem, remedy)
+
+
+def _postures(bounds: MotionBounds, count: int) -> Array:
+    """(count, n) rad or m, random ones within the limits of a motion."""
+    low, high = bounds.position_lower, bounds.position_upper
+    return np.random.default_rng(0).uniform(low, high, (count, len(low)))
+
+
 def _floor(robot: Robot, config: ExcitationConfig) -> float | None:
     if config.limits.no_floor:
         return None
@@ -473,6 +529,11 @@ def _check_floor(clearance: Clearance, floor: float | None) -> None:
 
 def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance) -> list[str]:
     warnings = []
+    if not robot.has_inertias:
+        warnings.append(
+            f"{robot.name} states no inertias that its links can have: the torque of the motion is "
+            "not checked; run it slowly first"
+        )
     if undetermined:
         warnings.append(
             f"the trajectory leaves {len(undetermined)} base parameters undetermined: "

@@ -19,6 +19,11 @@ from scipy.optimize import nnls
 
 from wrenchsight.analyses.methods.simulate.advance import advance
 from wrenchsight.analyses.methods.simulate.air_pass import LearntCorrection, learn_air_passes
+from wrenchsight.analyses.methods.simulate.run_faults import (
+    divergence_remedy,
+    require_controllable,
+    saturation_notices,
+)
 from wrenchsight.analyses.methods.simulate.simulate_settings import SimulateSettings
 from wrenchsight.analyses.methods.simulate.simulation_result import SimulationResult
 from wrenchsight.analyses.output.outputs import OutputFolder
@@ -26,6 +31,7 @@ from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.closed_loop import ClosedLoop, LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.distances.machining_way import overlaps
+from wrenchsight.diagrams.fitted_scenario import fitted_to
 from wrenchsight.diagrams.graph import write_graph
 from wrenchsight.diagrams.kept_signals import KeptSignals
 from wrenchsight.diagrams.machining import longest_duration, make_machining_path, view_of
@@ -57,6 +63,7 @@ _QUICK_DURATION = 1.0  # s
 _FIT_SAMPLES = 1000
 _FIT_RANGE = (0.02, 0.5)  # rad/s
 _TOO_FAST = 10.0  # times its velocity limit no joint moves
+_NO_SPEED = 60.0  # rad/s (m/s), which no joint reaches, whatever its URDF states
 _FEW_VALID = 0.5  # share of the readings, below which a notice states the reason
 _JUDGED = 500  # readings that the reason rests on
 
@@ -96,6 +103,9 @@ def _simulate_into(
             f"{robot.name} has no tool: the scenario's force/torque sensor, which sits under the "
             "tool, is left out",
         )
+    if settings.scenario == SimulateSettings.scenario and settings.robot is not None:
+        scenario, fitted = fitted_to(scenario, robot)
+        notices += fitted
     check_scenario(scenario, settings.scenario)
     try:
         result = simulate(
@@ -106,6 +116,7 @@ def _simulate_into(
             graph=folder / "diagram.svg" if settings.graph else None,
             title=requested.name,
             progress=progress,
+            model_source=settings.model or "model",
         )
     except InputError:
         raise
@@ -242,6 +253,7 @@ def simulate(
     graph: Path | None = None,
     title: str = "simulation",
     progress: ProgressCallback = lambda fraction, message: None,
+    model_source: str = "model",
 ) -> SimulationResult:
     """Simulates a scenario from its start to its end.
 
@@ -250,9 +262,11 @@ def simulate(
         page: where to write the arm in motion (HTML).
         graph: where to draw the diagram, see `diagrams.graph.write_graph`.
         title: of the page.
+        model_source: file of the model, for error lines.
 
     Raises:
-        InputError: scenario, robot and model do not fit; or the motion diverges.
+        InputError: scenario, robot and model do not fit; the motion diverges; or a joint is at its
+            effort limit for long.
     """
     robot.require_inertias("simulate")
     work = _planned(scenario, robot)
@@ -260,6 +274,8 @@ def simulate(
     if model is None:
         model = known_model(robot, scenario, work.trajectory)
         notices.append(_known_model_notice(scenario))
+    else:
+        require_controllable(robot, model, work.trajectory, model_source)
     learnt = _learnt_correction(work, robot, model, progress)
     estimator = LoopEstimator(fused=graph is None)  # a drawing shows the stages
     if learnt is not None:
@@ -281,12 +297,13 @@ def simulate(
     if meshcat is not None:
         start_animation(meshcat, scenario.recording.fps)
     recorder = KeptSignals(loop)
-    elapsed = _advance(simulator, scenario, robot, loop, recorder, progress)
+    elapsed = _advance(simulator, work, (robot, model), loop, recorder, progress)
     if meshcat is not None and page is not None:
         write_page(meshcat, page, title)
         files.append(page)
     t, signals = recorder.logged()
     notices += _retreat_notices(t, signals)
+    notices += saturation_notices(robot, signals, refuses=work.plan is None)
     valid = signals["valid"][:, 0] == 1.0
     if valid.mean() < _FEW_VALID:
         notices.append(_why_uncertain(scenario, robot, estimator.model or model, signals, valid))
@@ -419,15 +436,15 @@ def known_model(
 
 def _advance(
     simulator: Simulator,
-    scenario: Scenario,
-    robot: Robot,
+    work: _Work,
+    arm: tuple[Robot, IdentifiedModel],
     loop: ClosedLoop,
     recorder: KeptSignals,
     progress: ProgressCallback,
 ) -> float:
     """Runs to the end, and returns the elapsed seconds."""
-    duration = scenario.duration
-    plant, fastest = loop.cell.plant, _TOO_FAST * robot.velocity_limit
+    duration, (robot, model) = work.scenario.duration, arm
+    plant, fastest = loop.cell.plant, np.minimum(_TOO_FAST * robot.velocity_limit, _NO_SPEED)
     started = time.perf_counter()
     count = int(np.ceil(duration / _STRETCH))
     ends = [min(k * _STRETCH, duration) for k in range(1, count + 1)]
@@ -450,7 +467,7 @@ def _advance(
             "scenario",
             "",
             f"the motion diverges before {ends[len(passed)]:.3g} s",
-            "lower the controller's gains, the wrench or the time_step",
+            divergence_remedy(robot, model),
         ) from None
     return time.perf_counter() - started
 

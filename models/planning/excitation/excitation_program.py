@@ -44,6 +44,8 @@ _STEP = 1e-4  # rad, of the differences of q in the torque
 _SHRINKS, _MORE_SHRINKS = 4, 9  # of a random motion, by .6 each
 _MOST_POSTURES = 2000  # that random motions are drawn about
 UNSTATED_SPEED = 3.0  # rad/s (m/s), of a joint whose URDF states no speed limit
+MAX_SPEED = 30.0  # rad/s (m/s); a limit beyond is a placeholder, and counts as not stated
+_SLIDE_MARGIN = 0.1  # of the travel of a sliding joint, most that is kept from its ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +83,14 @@ class MotionBounds:
             problem = f"{acceleration.size} numbers, expected 1 or {n}"
             raise InputError("excite", "acceleration", problem)
         # A joint without position limits gains nothing from more than a turn each way.
-        speed = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, UNSTATED_SPEED)
-        lower = np.maximum(robot.position_lower, -2.0 * np.pi) + limits.position_margin
-        upper = np.minimum(robot.position_upper, 2.0 * np.pi) - limits.position_margin
-        positive("position_margin", upper - lower, "rad of travel")
+        is_stated = robot.velocity_limit <= MAX_SPEED
+        speed = np.where(is_stated, robot.velocity_limit, UNSTATED_SPEED)
+        lower = np.maximum(robot.position_lower, -2.0 * np.pi)
+        upper = np.minimum(robot.position_upper, 2.0 * np.pi)
+        slide_margin = np.minimum(limits.position_margin, _SLIDE_MARGIN * (upper - lower))
+        margin = np.where(robot.chain.prismatic, slide_margin, limits.position_margin)
+        lower, upper = lower + margin, upper - margin
+        positive("position_margin", upper - lower, "rad (m) of travel")
         acceleration = np.broadcast_to(acceleration, n).copy()
         return cls(
             position_lower=lower,
@@ -145,6 +151,23 @@ class Reserve(NamedTuple):
 RESERVE = Reserve(slack=0.004, torque_share=0.02)
 
 
+class NoTrajectoryError(InputError):
+    """No random motion keeps within the limits.
+
+    Attributes:
+        limit: that most of them broke: torque or clearance.
+    """
+
+    def __init__(self, limit: str, num_tried: int) -> None:
+        self.limit = limit
+        problem = f"no trajectory found: all {num_tried} random ones break this limit, also small "
+        remedies = {
+            "torque": "raise torque_share (1 at most), or state the drives' effort_limit",
+            "clearance": "lower clearance or the floor",
+        }
+        super().__init__("excite", limit, f"{problem}ones", remedies[limit])
+
+
 class ExcitationProgram:
     """The program of one robot.
 
@@ -194,7 +217,7 @@ class ExcitationProgram:
         draws, and the motions may be smaller.
 
         Raises:
-            InputError: none was found; the line names the limit that most draws broke.
+            NoTrajectoryError: none was found; the line names the limit that most draws broke.
         """
         n, H = self.chain.num_joints, self.num_harmonics
         low, high = self.bounds.position_lower, self.bounds.position_upper
@@ -233,13 +256,7 @@ class ExcitationProgram:
                 x[:, 1:] *= 0.6
             num_broken[broken] += 1
         worst = max(num_broken, key=lambda name: num_broken[name])
-        remedy = {"torque": "raise torque_share", "clearance": "lower clearance or the floor"}
-        raise InputError(
-            "excite",
-            worst,
-            f"no trajectory found: all {num_tried} random ones break this limit, also small ones",
-            remedy[worst],
-        )
+        raise NoTrajectoryError(worst, num_tried)
 
     def solve(
         self,

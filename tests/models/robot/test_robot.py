@@ -619,9 +619,9 @@ def test_impossible_inertias_spare_kinematics(
     assert sound.has_inertias and not robot.has_inertias
     assert any(expected in notice for notice in robot.notices)
     with pytest.raises(InputError) as error:
-        robot.require_inertias("excite")
+        robot.require_inertias("simulate")
     line = str(error.value)
-    assert line.startswith("excite: needs the inertias of small: ")
+    assert line.startswith("simulate: needs the inertias of small: ")
     assert expected in line
     q = np.array([0.3, -0.8])
     np.testing.assert_array_equal(robot.chain.jacobian(q), sound.chain.jacobian(q))
@@ -632,7 +632,7 @@ def test_a_moving_body_without_mass(tmp_path: Path) -> None:
     end = SMALL_URDF.index("</inertial>", start) + len("</inertial>")
     massless = SMALL_URDF[:start] + SMALL_URDF[end:]
     with pytest.raises(InputError, match=r'line 7: moving link "lower" .* have no mass'):
-        load_small(tmp_path, massless).require_inertias("excite")
+        load_small(tmp_path, massless).require_inertias("simulate")
     # The tool, or a link that is fixed to it, can carry the inertia.
     tool = {"mass": 1.0, "com": [0, 0, 0.1], "inertia": [0.01, 0.01, 0.005, 0, 0, 0]}
     robot = load_small(tmp_path, massless, tool=tool)

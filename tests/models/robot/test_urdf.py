@@ -105,7 +105,7 @@ def test_the_moving_link_itself_needs_one(tmp_path: Path) -> None:
     (tmp_path / "machine.urdf").write_text(text)
     robot = Robot.load(tmp_path / "robot.yaml")
     with pytest.raises(InputError, match=r"l1.*correct the link's <inertial>"):
-        robot.require_inertias("excite")
+        robot.require_inertias("simulate")
 
 
 def test_the_world_need_not_be_declared(tmp_path: Path) -> None:

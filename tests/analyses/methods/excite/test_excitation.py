@@ -1,6 +1,8 @@
 """The command excite: trajectory, files, figures to reach, bad input."""
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from wrenchsight.models.planning.excitation.excitation_program import (
     ExcitationSolution,
 )
 from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.robot.robot import Robot
 
 
 @pytest.mark.slow
@@ -130,3 +133,33 @@ def test_pairs_closer_than_the_requested_clearance_are_named(sts):
     near = dict(Clearance(sts, 0.1).near_at_home)
     assert all(0.0 < selected < 0.1 for selected in near.values())
     assert len(near) >= len(Clearance(sts, 0.02).near_at_home)
+
+
+QUICK = ExcitationConfig(num_starts=1, iterations=2, time_step=0.01)
+
+
+def test_efforts_that_cannot_hold_the_arm_are_named_with_what_gravity_takes(sts):
+    weak = [replace(drive, effort_limit=1.0) for drive in sts.config.drives]
+    q = np.random.default_rng(5).uniform(-3.0, 3.0, (2000, 6))
+    most = np.abs(sts.chain.gravity_torque(q)).max()
+    with pytest.raises(InputError, match=r"cannot hold .* up.*state effort_limit") as error:
+        excite(sts.with_drives(weak), QUICK)
+    stated = float(re.search(r"takes up to ([0-9.]+) N m", str(error.value))[1])
+    assert stated == pytest.approx(most, rel=0.1)  # of two sets of postures
+
+
+def test_an_arm_without_inertias_has_a_motion_too(serial_robot):
+    joints = [("revolute", axis, "0 0 .3") for axis in ("0 0 1", "0 1 0", "0 1 0")]
+    robot = serial_robot(joints)
+    bare = Robot(robot.config, robot.source, robot._urdf)
+    bare._urdf.inertia_fault = InputError("arm.urdf", "line 3", "no inertia")
+    bare.__dict__["chain"] = robot.chain.with_inertial_parameters(np.zeros((3, 10)))
+    result = excite(bare, QUICK)
+    assert any("torque of the motion is not checked" in warning for warning in result.warnings)
+    assert result.num_parameters == excite(serial_robot(joints), QUICK).num_parameters
+
+
+def test_the_shapes_that_leave_no_room_are_named(sts, monkeypatch):
+    monkeypatch.setattr(Clearance, "smooth_slack", lambda self, q: (-1.0, np.zeros(6)))
+    with pytest.raises(InputError, match=r"too near each other in random postures are .* in \d+ %"):
+        excite(sts, QUICK)

@@ -164,3 +164,14 @@ def test_a_joint_without_a_speed_limit_gets_one(serial_robot):
     robot.velocity_limit[1] = np.inf
     bounds = MotionBounds.of_robot(robot, ExcitationLimits())
     np.testing.assert_allclose(bounds.velocity, [0.5, 0.5 * UNSTATED_SPEED])
+
+
+def test_a_placeholder_of_speed_counts_as_none_and_a_short_slide_keeps_its_travel(serial_robot):
+    robot = serial_robot([("revolute", "0 0 1", "0 0 0"), ("prismatic", "0 0 1", "0 0 .3")])
+    for values in (robot.velocity_limit, robot.position_lower, robot.position_upper):
+        values.setflags(write=True)
+    robot.velocity_limit[0] = 1000.0
+    robot.position_lower[1], robot.position_upper[1] = 0.0, 0.05
+    bounds = MotionBounds.of_robot(robot, ExcitationLimits())
+    assert bounds.velocity[0] == 0.5 * UNSTATED_SPEED
+    np.testing.assert_allclose([bounds.position_lower[1], bounds.position_upper[1]], [0.005, 0.045])

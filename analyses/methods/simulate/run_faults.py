@@ -1,0 +1,93 @@
+"""Causes for which a simulated run is of no use, each in one sentence."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.physical_consistency import unphysical_links
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.paths import JointTrajectory
+from wrenchsight.models.robot.robot import Robot
+
+MAX_SATURATED = 0.2  # of the samples at its effort limit, above which a joint follows no motion
+_NOTED = 0.01  # of the samples at its effort limit, from which on it is said
+_POSTURES = 60  # of the motion, in which a model's inertias are compared with the arm's
+_MAX_RATIO = 15.0  # of a model's inertia to the arm's: beyond it held torques overshoot
+_AT_LIMIT = 1.0 - 1e-6  # of the effort limit
+
+
+def require_controllable(
+    robot: Robot, model: IdentifiedModel, trajectory: JointTrajectory, source: str
+) -> None:
+    """Checks that a controller which knows the model's inertias can move the arm.
+
+    Args:
+        trajectory: of the joints, whose postures count.
+        source: of the model, for the error line.
+
+    Raises:
+        InputError: it cannot: somewhere a joint's inertia is not above 0, or many times the arm's.
+    """
+    rows = np.linspace(0, len(trajectory.q) - 1, _POSTURES).astype(int)
+    chain, still = model.chain(robot), np.zeros(robot.num_joints)
+    ratios = []
+    for q in trajectory.q[rows]:
+        M_arm, M_model = robot.chain.terms(q, still).M, chain.terms(q, still).M
+        ratios.append(np.linalg.eigvals(np.linalg.solve(M_arm, M_model)).real)
+    least, largest = float(np.min(ratios)), float(np.max(ratios))
+    if least > 0.0 and largest < _MAX_RATIO:
+        return
+    ratio = least if least <= 0.0 else largest
+    raise InputError(
+        source,
+        "",
+        f"the model's mass matrix is no body's: along the motion {ratio:.2g} times the arm's in "
+        "one direction, so that a controller that uses it diverges",
+        "identify again with --consistent",
+    )
+
+
+def divergence_remedy(robot: Robot, model: IdentifiedModel) -> str:
+    """What to do about a motion that diverges."""
+    links = unphysical_links(model.inertial_parameters, robot.joint_names)
+    if links and robot.has_inertias:
+        return (
+            f"the model's inertia of {', '.join(links)} is no body's: identify again with "
+            "--consistent"
+        )
+    return "lower the controller's gains, the wrench or the time_step"
+
+
+def saturation_notices(robot: Robot, signals: Mapping[str, Array], refuses: bool) -> list[str]:
+    """Sentences on joints at their effort limits.
+
+    Args:
+        signals: of a run; `tau_command` (T, n) is read.
+        refuses: whether a joint that is there for long ends in an error.
+
+    Raises:
+        InputError: a joint is at its limit in more than MAX_SATURATED of the samples.
+    """
+    at_limit = np.abs(signals["tau_command"]) >= _AT_LIMIT * robot.effort_limit
+    shares = at_limit.mean(axis=0)
+    needed = np.abs(robot.chain.gravity_torque(signals["q"])).max(axis=0)
+    sentences = []
+    for j in np.flatnonzero(shares > _NOTED):
+        unit = "N" if robot.chain.prismatic[j] else "N m"
+        limit = float(robot.effort_limit[j])
+        sentence = (
+            f"{robot.joint_names[j]} is at its effort limit of {limit:g} {unit} in "
+            f"{100.0 * shares[j]:.0f} % of the samples"
+        )
+        if needed[j] > limit:
+            sentence += f", and gravity alone takes up to {needed[j]:.3g} {unit}"
+        if refuses and shares[j] > MAX_SATURATED:
+            problem = f"{sentence}: it cannot follow the motion"
+            remedy = (
+                f"state effort_limit of its drive in {robot.source.name} (data sheet), or push less"
+            )
+            raise InputError("simulate", "", problem, remedy)
+        sentences.append(sentence)
+    return sentences

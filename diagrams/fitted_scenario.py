@@ -1,0 +1,67 @@
+"""The default scenario on any arm: as far as its joints travel, and no harder than it carries."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.diagrams.scenario import JointSineMotion, Scenario
+from wrenchsight.models.control.wrench_script import HandPush
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.robot.robot import Robot
+
+_ROOM_SHARE = 0.8  # of the way from home to the nearer limit
+_SPEED_SHARE = 0.5  # of the velocity limit
+_PUSH_SHARE = 0.25  # of the payload's weight, sd of a push along each axis
+_GRAVITY = 9.81  # m/s^2
+
+
+def fitted_to(scenario: Scenario, robot: Robot) -> tuple[Scenario, tuple[str, ...]]:
+    """The scenario with swings and pushes that the arm can make and bear, never larger ones.
+
+    Returns:
+        The scenario, and a sentence on each change.
+    """
+    notices: list[str] = []
+    motion = scenario.motion
+    if isinstance(motion, JointSineMotion):
+        amplitude, is_less = _amplitude(motion, robot)
+        if is_less.any():
+            motion = replace(motion, amplitude=amplitude.tolist())
+            units = np.where(robot.chain.prismatic, "m", "rad")
+            changes = ", ".join(
+                f"{robot.joint_names[j]} {amplitude[j]:.2g} {units[j]}"
+                for j in np.flatnonzero(is_less)
+            )
+            notices.append(f"the swing keeps within the joints' limits and speeds: {changes}")
+    most = _PUSH_SHARE * robot.payload * _GRAVITY
+    pushes = [segment for segment in scenario.wrench if isinstance(segment, HandPush)]
+    force = max((max(map(abs, push.force)) for push in pushes), default=0.0)
+    wrench = scenario.wrench
+    if force > most:
+        scale = most / force
+        wrench = [
+            replace(
+                segment,
+                force=[scale * x for x in segment.force],
+                moment=[scale * x for x in segment.moment],
+            )
+            if isinstance(segment, HandPush)
+            else segment
+            for segment in wrench
+        ]
+        notices.append(
+            f"the push is a quarter of the payload's weight: sd {most:.2g} N along each axis"
+        )
+    return replace(scenario, motion=motion, wrench=wrench), tuple(notices)
+
+
+def _amplitude(motion: JointSineMotion, robot: Robot) -> tuple[Array, Flags]:
+    """Amplitudes (n,) that the arm can swing, and where they are less than the scenario's."""
+    n = robot.num_joints
+    stated = np.broadcast_to(np.array(motion.amplitude, dtype=np.float64), n)
+    centre = np.array(motion.centre or robot.home, dtype=np.float64)
+    room = np.minimum(robot.position_upper - centre, centre - robot.position_lower)
+    omega = 2.0 * np.pi * np.broadcast_to(np.array(motion.frequency, dtype=np.float64), n)
+    swing = _SPEED_SHARE * robot.velocity_limit / np.maximum(omega, 1e-9)
+    amplitude = np.minimum(stated, np.minimum(_ROOM_SHARE * np.maximum(room, 0.0), swing))
+    return amplitude, amplitude < stated
