@@ -45,7 +45,7 @@ from wrenchsight.systems.pose_reference import PoseReference
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
-_READINGS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+_READINGS = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid")
 _PASS = ("reference", "force_setpoint", "phase", "fault", "progress", "feed_time", "pose_error")
 _FREED = ("freed_torque", "freed_sd", "tool_vibration")  # after an air pass
 

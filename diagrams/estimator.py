@@ -51,6 +51,7 @@ def make_estimator(
       v       -->  | estimator | --> covariance
       current -->  |           | --> condition_number
                    |           | --> valid
+                   |           | --> invalid
                    |           | --> terms
                    +-----------+ --> fault
 
@@ -63,6 +64,8 @@ def make_estimator(
               covariance        (36,) of the wrench, row by row
               condition_number  (1,) of J in m and rad
               valid             (1,) 1 or 0
+              invalid           (1,) the reasons why it is not valid, a sum of the codes of
+                                `models.estimation.invalid`; 0 where it is valid
               terms             RigidBodyTerms (abstract) of the model, for other blocks
               fault             (1,) what is wrong with q and v of the tick, and with the current of
                                 the one before: a sum of the codes of
@@ -141,7 +144,7 @@ def _staged(
         del wrench_sources["pole"]
     _connect(builder, [reconstruction], wrench_sources)
     builder.ExportOutput(sources["tau_ext"], "tau_ext")
-    for i, signal in enumerate(("wrench", "covariance", "condition_number", "valid")):
+    for i, signal in enumerate(("wrench", "covariance", "condition_number", "valid", "invalid")):
         builder.ExportOutput(reading.get_output_port(i), signal)
     builder.ExportOutput(sources["terms"], "terms")
     builder.ExportOutput(sources["fault"], "fault")
@@ -218,7 +221,7 @@ def _fused(
     for k in range(block.num_input_ports()):
         port = block.get_input_port(k)
         builder.ExportInput(port, port.get_name())
-    signals = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+    signals = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid")
     ports = [reading.get_output_port(k) for k in range(len(signals))]
     for signal, source in zip(signals, ports, strict=True):
         builder.ExportOutput(source, signal)

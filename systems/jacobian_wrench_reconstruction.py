@@ -24,7 +24,6 @@ from wrenchsight.models.identification.torque_error_model import (
 )
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import all_below
-from wrenchsight.models.observers.sample_check import BEYOND
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -32,7 +31,7 @@ from wrenchsight.systems.sampled_block import SampledBlock
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 _LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
 _NOT_OBSERVED = np.empty(0)
-_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1}
+_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
 
 
 class _TunedReading(NamedTuple):
@@ -64,8 +63,8 @@ class JacobianWrenchReconstruction(SampledBlock):
       terms         -->  |                              | --> covariance
       tau_ext       -->  |                              | --> condition_number
       tau_ext_valid -->  | JacobianWrenchReconstruction | --> valid
-      fault         -->  |                              | --> reading
-      observed      -->  |                              |
+      fault         -->  |                              | --> invalid
+      observed      -->  |                              | --> reading
       torque_error  -->  |                              |
       pole          -->  |                              |
                          +------------------------------+
@@ -84,10 +83,9 @@ class JacobianWrenchReconstruction(SampledBlock):
                                     exerted by the environment on the robot
                  covariance         (36,) of the wrench, row by row, rotation first
                  condition_number   (1,) of J in m and rad; inf where J is singular
-                 valid              (1,) 1, or 0 where the force is known too poorly (see
-                                    `models.estimation.wrench`), J is singular (method "inverse"),
-                                    no wrench at E explains tau_ext, or an input cannot be used
-                 reading            these four, one after the other, in one port, with a time step
+                 valid              (1,) 1, or 0 where there is a reason against the reading
+                 invalid            (1,) the reasons, a sum of codes of `models.estimation.invalid`
+                 reading            these five, one after the other, in one port, with a time step
                                     also the next state; Drake's Demultiplexer splits it with
                                     `reading_sizes`
                  All with direct feedthrough, all from one computation.
@@ -178,16 +176,23 @@ class JacobianWrenchReconstruction(SampledBlock):
         observed = (
             self._observed.Eval(context) if self._observed.HasValue(context) else _NOT_OBSERVED
         )
-        is_counted = not self._tau_ext_valid.HasValue(context) or (
+        is_fresh = not self._tau_ext_valid.HasValue(context) or (
             self._tau_ext_valid.Eval(context).item() == 1.0
         )
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
         if not abs(fault) < _LARGEST_INPUT:
             is_usable, fault = False, 0.0
         if not is_usable:
-            is_counted, tau_ext = False, self._no_torque
-        is_implausible = int(fault) & BEYOND != 0
-        sample = ReadingSample(J, tau_ext, is_counted, is_implausible, observed)
+            is_fresh, tau_ext = False, self._no_torque
+        sample = ReadingSample(
+            J=J,
+            tau_ext=tau_ext,
+            is_fresh=is_fresh,
+            is_missing=not (is_usable and np.isfinite(terms.momentum).all()),
+            is_corrected=True,
+            fault=int(fault),
+            observed=observed,
+        )
         read_sample(tables, state, error, sample, out[:READING], self._work)
         if self._has_memory:
             out[READING:] = state

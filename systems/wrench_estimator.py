@@ -70,15 +70,16 @@ class WrenchEstimatorSystem(SampledBlock):
       v            -->  |                       | --> covariance
       current      -->  | WrenchEstimatorSystem | --> condition_number
                         |                       | --> valid
+                        |                       | --> invalid
                         |                       | --> terms
                         |                       | --> fault
                         |                       | --> checked_current
                         +-----------------------+ --> reading
 
     Inputs:     as make_estimator's
-    Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
-                fault; checked_current (n,) A, NaN where it is impossible;
-                reading  the first five one after the other, in this order, then the memory of the
+    Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, invalid,
+                terms, fault; checked_current (n,) A, NaN where it is impossible;
+                reading  the first six one after the other, in this order, then the memory of the
                          update, in one port; Drake's Demultiplexer splits it with `tick_sizes`
                 pole     (n,) 1/s of the observer, below 0 for one without
                 law      FrictionLaw (abstract) as it is now
@@ -150,7 +151,7 @@ class WrenchEstimatorSystem(SampledBlock):
         self._reading = self.DeclareVectorOutputPort(
             "reading", self._size, self._calc_reading, prerequisites
         )
-        sizes = dict(list(tick_sizes(n).items())[:6])  # tau_ext to fault
+        sizes = dict(list(tick_sizes(n).items())[:7])  # tau_ext to fault
         declare_parts(self, self._reading.Eval, sizes, prerequisites)
         drives = self.state_tickets | {self._current.ticket()}
         self._checked_current = self.DeclareVectorOutputPort(
@@ -174,9 +175,9 @@ class WrenchEstimatorSystem(SampledBlock):
 
     @property
     def tick_sizes(self) -> list[int]:
-        """Sizes: tau_ext, wrench, covariance, condition_number, valid; all else of a Tick."""
+        """Sizes: tau_ext, wrench, covariance, condition_number, valid, invalid; the rest."""
         sizes = list(tick_sizes(self._n).values())
-        return [*sizes[:5], sum(sizes[5:])]
+        return [*sizes[:6], sum(sizes[6:])]
 
     def _calc_tuned(self, context: Context) -> _Tuned:
         estimator, values = self._estimator, self._parameters.at(context)

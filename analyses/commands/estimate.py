@@ -128,7 +128,7 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
                 f"{rows['stated_sd_n']:.2f} N"
             )
         prefix = f"{log.name}: " if len(result.logs) > 1 else ""
-        for line in log.contacts:
+        for line in (*log.invalid, *log.contacts):
             show(f"{prefix}{line}")
     count = sum(log.num_samples for log in result.logs)
     valid = sum(log.num_samples * log.valid_share for log in result.logs) / count
@@ -153,6 +153,7 @@ def _print(result: "EstimateResult", out: Path) -> None:
     show(
         f"{result.num_samples} samples, {100 * result.valid_share:.1f} % valid; "
         + _prior_text(metrics["prior"]),
+        *result.invalid,
         *result.contacts,
         *notes((*result.notices, *result.warnings)),
     )

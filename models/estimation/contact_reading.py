@@ -22,6 +22,11 @@ from wrenchsight.models.estimation.contact_filter import (
     Reading,
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch
+from wrenchsight.models.estimation.invalid import (
+    SAMPLE_MISSING,
+    UNCERTAIN_FORCE,
+    UNEXPLAINED,
+)
 from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -236,8 +241,10 @@ class ContactReader:
         A = samples.wrench_map
         covariance = A @ P @ A.transpose(0, 2, 1)
         is_sure = np.sqrt(P[:, 0, 0]) <= self._largest_sd
-        return samples.batch._replace(
+        batch = samples.batch._replace(
             wrench=np.einsum("kij,kj->ki", A, F),
             covariance=covariance,
-            valid=samples.is_known & is_sure & is_explained,
+            invalid=np.zeros(len(F), np.int64),
         )
+        batch = batch.marked(SAMPLE_MISSING, ~samples.is_known)
+        return batch.marked(UNCERTAIN_FORCE, ~is_sure).marked(UNEXPLAINED, ~is_explained)

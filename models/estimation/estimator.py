@@ -27,6 +27,7 @@ from wrenchsight.models.estimation.estimator_arrays import (
     tick_sizes,
     workspace_size,
 )
+from wrenchsight.models.estimation.invalid import InvalidCodes, marked
 from wrenchsight.models.estimation.kernel_choice import kernel_choice
 from wrenchsight.models.estimation.tick import (
     OVERRIDE_CORRECTION,
@@ -76,10 +77,11 @@ from wrenchsight.models.observers.observer import (
     InformedObserver,
     ModelKnowledge,
     Observer,
+    Q,
     V,
 )
 from wrenchsight.models.observers.observer_kinds import AnyObserverConfig, make_observer
-from wrenchsight.models.observers.sample_check import BEYOND, Codes, SampleCheck
+from wrenchsight.models.observers.sample_check import Codes, SampleCheck
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 
@@ -124,8 +126,13 @@ class TickEstimate(NamedTuple):
     wrench: Array
     covariance: Array
     condition_number: float
-    valid: bool
+    invalid: int
     fault: int = 0
+
+    @property
+    def valid(self) -> bool:
+        """Whether there is no reason against it."""
+        return self.invalid == 0
 
 
 class EstimateBatch(NamedTuple):
@@ -137,13 +144,13 @@ class EstimateBatch(NamedTuple):
             robot, at E, in axes of W.
         covariance: (N, 6, 6) of the wrench.
         condition_number: (N,) of J in m and rad.
-        valid: (N,) as `models.estimation.wrench.WrenchEstimate`; also False where this or the
-            previous sample was not finite, so that tau_ext is held.
+        invalid: (N,) the reasons why a reading is not valid, a sum of the codes of
+            `models.estimation.invalid`; 0 where it is valid.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
         torque_sd: (N, n) N m, of tau_ext without contact.
         transmitted: (N, n) N m, torque that the gears transmit: motor torque less friction; empty
             where it is not stored, as are all further fields.
-        fresh: (N,) whether tau_ext belongs to the sample.
+        fresh: (N,) whether tau_ext belongs to the sample, and its correction holds.
         fault: (N,) faults of q and v of the sample and of the previous current: a sum of BEYOND,
             DISAGREES and FROZEN of `models.observers.sample_check`, or 0. Such a sample is treated
             as one that is not finite.
@@ -155,7 +162,7 @@ class EstimateBatch(NamedTuple):
     wrench: Array
     covariance: Array
     condition_number: Array
-    valid: Flags
+    invalid: InvalidCodes
     J: Array
     torque_sd: Array
     transmitted: Array = np.empty((0, 0))
@@ -167,6 +174,15 @@ class EstimateBatch(NamedTuple):
     error_rows: Array = np.empty((0, 0, 0))
     v: Array = np.empty((0, 0))
     momentum: Array = np.empty((0, 0))
+
+    @property
+    def valid(self) -> Flags:
+        """(N,) whether there is no reason against a reading."""
+        return np.asarray(self.invalid == 0)
+
+    def marked(self, reason: int, rows: Flags | bool) -> "EstimateBatch":
+        """These readings, in some rows (N,) not valid for one more reason."""
+        return self._replace(invalid=marked(self.invalid, reason, rows))
 
     @property
     def torque_error(self) -> TorqueError:
@@ -400,7 +416,7 @@ class WrenchEstimator:
             out[n : n + 6],
             out[n + 6 : n + 42].reshape(6, 6),
             out.item(n + 42),
-            out.item(n + 43) == 1.0,
+            int(out.item(n + READING - 1)),
             int(out.item(n + READING)),
         )
 
@@ -476,6 +492,7 @@ class WrenchEstimator:
         error = batch.torque_error
         signals_of_pass = np.empty((min(N, _PASS), NUM_SIGNALS, n))
         observed_of_pass = np.empty((min(N, _PASS), self.observed_size))
+        fresh_of_pass, corrected_of_pass = np.empty((2, min(N, _PASS)), np.bool_)
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
             count = rows.stop - start
@@ -484,7 +501,8 @@ class WrenchEstimator:
                 J=batch.J[rows],
                 error=error.part(rows),
                 tau_ext=batch.tau_ext[rows],
-                counts=batch.fresh[rows],
+                fresh=fresh_of_pass[:count],
+                corrected=corrected_of_pass[:count],
                 observed=observed_of_pass[:count],
             )
             samples_of_pass = TickSample(
@@ -497,15 +515,22 @@ class WrenchEstimator:
             memory_log(self.choice, self.packed, state, samples_of_pass.overrides, log)
             batch.transmitted[rows] = log.signals[:, TAU_J] - log.signals[:, TAU_F]
             batch.momentum[rows], batch.v[rows] = log.signals[:, MOMENTUM], log.signals[:, V]
-            is_implausible = np.asarray(fault[rows] & BEYOND != 0)
+            batch.fresh[rows] = log.fresh & log.corrected
+            is_finite = np.isfinite(log.signals[:, [Q, V]]).all(axis=(1, 2))
             reading_samples = ReadingSample(
-                log.J, log.tau_ext, log.counts, is_implausible, log.observed
+                J=log.J,
+                tau_ext=log.tau_ext,
+                is_fresh=log.fresh,
+                is_missing=~is_finite,
+                is_corrected=log.corrected,
+                fault=fault[rows],
+                observed=log.observed,
             )
             reading = self.reading.run(reading_state, log.error, reading_samples, conditions)
             batch.wrench[rows] = reading.wrench
             batch.covariance[rows] = reading.covariance
             batch.condition_number[rows] = reading.condition_number
-            batch.valid[rows] = reading.valid
+            batch.invalid[rows] = reading.invalid
         return batch
 
     def _run_single_sample(
@@ -522,7 +547,7 @@ class WrenchEstimator:
             wrench=reading[:, :6],
             covariance=reading[:, 6:42].reshape(1, 6, 6),
             condition_number=reading[:, 42],
-            valid=reading[:, 43] == 1.0,
+            invalid=reading[:, READING - 1].astype(np.int64),
             J=tick.J,
             torque_sd=signals[:, TORQUE_SD],
             transmitted=signals[:, TAU_J] - signals[:, TAU_F],
@@ -565,13 +590,15 @@ class WrenchEstimator:
             J=np.empty((N, 6, n)),
             error=TorqueError.empty(N, n),
             tau_ext=np.empty((N, n)),
-            counts=np.empty(N, np.bool_),
+            fresh=np.empty(N, np.bool_),
+            corrected=np.empty(N, np.bool_),
             observed=np.empty((N, 0)),
         )
         terms_log(self.packed, samples, log.signals, log.J)
         memory_log(self.choice, self.packed, self.initial_state(), samples.overrides, log)
         tau_J, tau_f = log.signals[:, TAU_J].copy(), log.signals[:, TAU_F].copy()
-        return Observation(log.tau_ext, tau_J, tau_f, log.counts, log.J, log.error)
+        fresh = log.fresh & log.corrected
+        return Observation(log.tau_ext, tau_J, tau_f, fresh, log.J, log.error)
 
     def _current_of(self, tau_f: ArrayLike) -> Array:
         """The current (..., n) in A for a joint torque (..., n) in N m."""
@@ -647,7 +674,7 @@ def _empty_batch(N: int, n: int, fault: Codes) -> EstimateBatch:
         wrench=np.empty((N, 6)),
         covariance=np.empty((N, 6, 6)),
         condition_number=np.empty(N),
-        valid=np.empty(N, np.bool_),
+        invalid=np.empty(N, np.int64),
         J=np.empty((N, 6, n)),
         torque_sd=error.sd,
         transmitted=np.empty((N, n)),

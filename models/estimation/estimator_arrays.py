@@ -163,7 +163,7 @@ class Tick(NamedTuple):
 
     Attributes:
         tau_ext: (n,) N m.
-        reading: (READING,) wrench, covariance, condition number, valid.
+        reading: (READING,) wrench, covariance, condition number, valid, invalid.
         flags: (2,) fault codes of the sample; 1 where tau_ext counts, else 0.
         J: (6, n), rows [angular; linear], at E in axes of W.
         signals: (NUM_SIGNALS, n), see `models.observers.observer`.
@@ -196,6 +196,7 @@ def tick_sizes(num_joints: int) -> dict[str, int]:
         "covariance": 36,
         "condition_number": 1,
         "valid": 1,
+        "invalid": 1,
         "fault": 1,
         "counts": 1,
         "J": 6 * n,

@@ -13,6 +13,7 @@ gain V gain^T to that of the wrench.
 import numpy as np
 
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
+from wrenchsight.models.estimation.invalid import FRICTION_DRIFT
 from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior, wrench_prior
 from wrenchsight.models.numerics.arrays import Array
 
@@ -61,8 +62,8 @@ class ReadingGain:
         A reading is not valid where the added covariance alone exceeds the limit of the force's sd.
         """
         force, limit = added[:, 3:, 3:], self._max_force_sd**2
-        valid = np.asarray(np.trace(force, axis1=1, axis2=2) <= limit)
-        uncertain = np.flatnonzero(~valid)
-        if len(uncertain):
-            valid[uncertain] = np.linalg.eigvalsh(force[uncertain])[:, -1] <= limit
-        return batch._replace(covariance=batch.covariance + added, valid=batch.valid & valid)
+        exceeds = ~np.asarray(np.trace(force, axis1=1, axis2=2) <= limit)
+        doubtful = np.flatnonzero(exceeds)
+        if len(doubtful):
+            exceeds[doubtful] = ~(np.linalg.eigvalsh(force[doubtful])[:, -1] <= limit)
+        return batch._replace(covariance=batch.covariance + added).marked(FRICTION_DRIFT, exceeds)

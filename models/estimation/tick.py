@@ -5,7 +5,7 @@
     friction  its part with memory                   `models.friction`
     error     uncertainty of the observer's torque   `models.estimation.torque_error_stage`
     observer  tau_ext                                `models.observers`
-    reading   wrench, covariance, valid              `models.estimation.wrench_reading`
+    reading   wrench, covariance, invalid            `models.estimation.wrench_reading`
 
 `tick_output` computes the estimate right after a sample and leaves the state as it is.
 `tick_update` takes the sample into the state. A log runs the same stages; those without memory run
@@ -70,7 +70,6 @@ from wrenchsight.models.observers.observer import (
     V,
 )
 from wrenchsight.models.observers.sample_check import (
-    BEYOND,
     check_current,
     check_motion,
     take_sample,
@@ -126,7 +125,8 @@ class TickLog(NamedTuple):
         signals, J: (N, NUM_SIGNALS, n) and (N, 6, n) of `terms_log`; the sds are written.
         error: of N samples, written.
         tau_ext: (N, n) N m, written.
-        counts: (N,) whether tau_ext counts, written.
+        fresh, corrected: (N,) whether tau_ext belongs to the sample, and whether the correction of
+            an air pass holds or there is none; written.
         observed: (N, OBSERVED), written by an observer that reads the wrench itself; else (N, 0).
     """
 
@@ -134,7 +134,8 @@ class TickLog(NamedTuple):
     J: Array
     error: TorqueError
     tau_ext: Array
-    counts: Flags
+    fresh: Flags
+    corrected: Flags
     observed: Array
 
 
@@ -212,16 +213,26 @@ def _add_correction_sd(overrides: Array, sd: Array) -> None:
 
 
 @kernel(inline="always")
-def _corrected(overrides: Array, signals: Array, tau_ext: Array, fresh: bool) -> bool:
-    """Writes the corrected tau_ext (n,); returns whether it counts."""
+def _corrected(overrides: Array, signals: Array, tau_ext: Array) -> bool:
+    """Writes the corrected tau_ext (n,); returns whether its correction holds."""
+    holds: bool = overrides.shape[0] == 0 or overrides[OVERRIDE_COUNTS, 0] == 1.0
     for i in range(tau_ext.shape[0]):
         tau_ext[i] = signals[TAU_EXT, i]
         if overrides.shape[0] > 0:
             if np.isfinite(overrides[OVERRIDE_CORRECTION, i]):
                 tau_ext[i] += overrides[OVERRIDE_CORRECTION, i]
             else:
-                fresh = False
-    return fresh and (overrides.shape[0] == 0 or overrides[OVERRIDE_COUNTS, 0] == 1.0)
+                holds = False
+    return holds
+
+
+@kernel(inline="always")
+def _is_finite(x: Array, y: Array) -> bool:
+    """Whether all entries of both (n,) are finite."""
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += 0.0 * x[i] + 0.0 * y[i]
+    return total == 0.0
 
 
 @kernel(inline="always")
@@ -280,15 +291,22 @@ def tick_output(
     _add_correction_sd(overrides, tick.error.sd)
     observed = tick.observed if _reads_wrench(choice) else tick.observed[:0]
     fresh = _observed(_Memory(choice, p, observer, s), overrides, signals, J, observed)
-    counts = _corrected(overrides, signals, tick.tau_ext, fresh)
-    tick.flags[COUNTS] = 1.0 if counts else 0.0
+    is_corrected = _corrected(overrides, signals, tick.tau_ext)
+    tick.flags[COUNTS] = 1.0 if fresh and is_corrected else 0.0
     copy_whole(tick.reading_state, s.reading)
-    is_implausible = int(tick.flags[FAULT]) & BEYOND != 0
     read_wrench(
         ReadingTables(p.read_load[0], p.lag[0], p.explained[0], p.faults[0], p.wrench),
         tick.reading_state,
         tick.error,
-        ReadingSample(J, tick.tau_ext, counts, is_implausible, observed),
+        ReadingSample(
+            J,
+            tick.tau_ext,
+            fresh,
+            not _is_finite(signals[Q], signals[V]),
+            is_corrected,
+            int(tick.flags[FAULT]),
+            observed,
+        ),
         tick.reading,
         work.reading,
     )
@@ -414,4 +432,5 @@ def memory_log(
         copy_to(drift[k], sample_error.drift)
         fresh = _observed(memory, overrides[k], signals, J[k], observed[k])
         _take_sample(memory, overrides[k], signals, J[k])
-        log.counts[k] = _corrected(overrides[k], signals, tau_ext[k], fresh)
+        log.fresh[k] = fresh
+        log.corrected[k] = _corrected(overrides[k], signals, tau_ext[k])

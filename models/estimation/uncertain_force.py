@@ -1,4 +1,4 @@
-"""Why readings are not valid: the force's sd against the limit of a valid reading."""
+"""Why the force of readings is too uncertain: its sd, its limit, and the joint that counts most."""
 
 from dataclasses import dataclass
 
@@ -40,7 +40,7 @@ class UncertainForce:
             torque_sd: (N, n) N m, as the estimator stated.
         """
         robot, reading = estimator.robot, estimator.reading.reconstruction
-        limit, force_sd, moment_sd = reading.limits
+        limit, _, force_sd, moment_sd = reading.limits
         prior = np.diag([1.0 / max(moment_sd, 1e-9) ** 2] * 3 + [1.0 / force_sd**2] * 3)
 
         def worst_sd(factor: Array) -> float:
@@ -72,13 +72,6 @@ class UncertainForce:
         valid = "no reading is valid"
         if valid_share > 0.0:
             valid = f"{100 * valid_share:.2g} % of readings are valid"
-        if self.sd <= self.limit:
-            return (
-                f"{valid}, though the force's sd of {self.sd:.2g} N is below its limit of "
-                f"{self.limit:.2g} N: joints rest or reverse, where stiction hides a force, or no "
-                "wrench at the tool explains the torques; move all joints, or check where the arm "
-                "is touched"
-            )
         reason = (
             f"{valid}: the force's sd is {self.sd:.2g} N in its worst direction, above its limit "
             f"of {self.limit:.2g} N (payload {self.payload:g} kg in robot.yaml); the torque error "

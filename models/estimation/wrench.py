@@ -28,7 +28,7 @@ is valid (.981 to .996). `bayesian` keeps the full model.
 
 **Valid** depends on the arm, not on the log: its prior is known before any log is read
 (`live_prior`). Two conditions have to hold. The largest principal force sd is at most TRUSTED_SHARE
-of that prior's force sd. The force that stiction alone can imitate is below PHANTOM_SHARE of it.
+of that prior's force sd. The force that stiction alone can imitate is below STICTION_SHARE of it.
 That force is sqrt 3 times the largest principal sd that stiction's part of the torque error gives
 through the same gain; stiction is uniform within its band. A joint at rest carries any torque
 within its stiction, so a force that loads only such joints cannot be distinguished from it.
@@ -47,14 +47,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wrenchsight.models.estimation.invalid import InvalidCodes
 from wrenchsight.models.estimation.wrench_kernels import (
     BAYESIAN,
+    CONDITION,
     FORCE_ONLY,
     METHODS,
+    NUM_QUALITY,
     NUM_SETTINGS,
     WORK_ROWS,
     TorqueSample,
     WrenchOut,
+    reasons_log,
     reconstruct_log,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
@@ -64,7 +68,7 @@ STANDARD_GRAVITY = 9.80665
 PRIOR_LEVER = 0.05  # m; distance of a tool's contact from E, for the live prior
 UNKNOWN_SD = 1e6  # N or N m; stands for infinity: no arm's wrench gets near it
 TRUSTED_SHARE = 1.0 / 3.0  # of the live prior's force sd: largest sd of a valid reading
-PHANTOM_SHARE = 0.16  # of the same: 8 % of the rated payload's weight, 9.8 N on an arm for 12.5 kg
+STICTION_SHARE = 0.16  # of the same: 8 % of the rated payload's weight, 9.8 N on an arm for 12.5 kg
 
 
 @dataclass
@@ -80,7 +84,7 @@ class WrenchReconstructionConfig:
     prior_moment_sd: float | None = None  # N m about E, prior sd of the moment
     max_force_sd: float | None = None
     # N, largest force sd (principal) of a valid reading; left out: a third of live_force_sd
-    max_phantom: float | None = None
+    max_stiction_force: float | None = None
     # N, largest force that stiction alone may look like in a valid reading; None: 16 % of
     # live_force_sd, that is 8 % of the rated payload's weight
     live_force_sd: float | None = None  # N, known before any log: what `valid` rests on
@@ -118,13 +122,18 @@ class WrenchEstimate(NamedTuple):
         covariance: (..., 6, 6) of it.
         condition_number: (...) of J in m and rad, as `models.rigid_body.conditioning`; inf also
             where J is not finite.
-        valid: (...) bool.
+        invalid: (...) reasons why it is not valid, see `models.estimation.invalid`.
     """
 
     wrench: Array
     covariance: Array
     condition_number: Array
-    valid: Flags
+    invalid: InvalidCodes
+
+    @property
+    def valid(self) -> Flags:
+        """(...) whether there is no reason against it."""
+        return np.asarray(self.invalid == 0)
 
     @property
     def standard_deviation(self) -> Array:
@@ -181,16 +190,29 @@ def _or_infinite(sd: float | None) -> float:
 
 
 class ValidityLimits(NamedTuple):
-    """Limit of a valid reading.
+    """Limits of a valid reading.
 
     Attributes:
-        max_force_sd: N, largest principal force sd of a valid reading.
+        max_force_sd: N, largest principal force sd.
+        max_stiction_force: N, largest force that stiction alone may look like.
         force_sd, moment_sd: N and N m, prior with which that sd is computed.
     """
 
     max_force_sd: float
+    max_stiction_force: float
     force_sd: float
     moment_sd: float
+
+    @classmethod
+    def of(cls, config: WrenchReconstructionConfig) -> "ValidityLimits":
+        """The limits of a configuration."""
+        settings = _settings(config)
+        return cls(
+            settings.max_force_sd,
+            settings.max_stiction_force,
+            settings.valid_force_sd,
+            settings.valid_moment_sd,
+        )
 
 
 class WrenchReconstruction:
@@ -238,11 +260,8 @@ class WrenchReconstruction:
 
     @property
     def limits(self) -> ValidityLimits:
-        """The limit of a valid reading's force sd, and the prior of that sd."""
-        settings = _settings(self.config)
-        return ValidityLimits(
-            settings.max_force_sd, settings.valid_force_sd, settings.valid_moment_sd
-        )
+        """The limits of a valid reading."""
+        return ValidityLimits.of(self.config)
 
     def scratch(self) -> Array:
         """Returns a new work array for `reconstruct`; one per thread."""
@@ -278,7 +297,7 @@ class WrenchReconstruction:
                 f"J must be (..., 6, {n}) and tau_ext (..., {n}), not {J.shape} and {tau_ext.shape}"
             )
         rows = int(np.prod(lead))
-        out = WrenchOut(np.empty((rows, 6)), np.empty((rows, 6, 6)), np.empty((rows, 2)))
+        out = WrenchOut(np.empty((rows, 6)), np.empty((rows, 6, 6)), np.empty((rows, NUM_QUALITY)))
         J_now_rows = J if J_now is None else np.asarray(J_now, float)
         sd = np.ones_like(tau_ext) if sd is None else np.asarray(sd, float)
         stiction_sd = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
@@ -292,11 +311,13 @@ class WrenchReconstruction:
             tau_ext.reshape(rows, n), sd.reshape(rows, n), stiction_sd.reshape(rows, n)
         )
         reconstruct_log(self.table, J_now_rows, TorqueSample(J, tau, sd, stiction_sd), out)
+        invalid = np.empty(rows, np.int64)
+        reasons_log(self.table, out.quality, invalid)
         return WrenchEstimate(
             out.wrench.reshape(*lead, 6),
             out.covariance.reshape(*lead, 6, 6),
-            out.quality[:, 0].reshape(lead),
-            (out.quality[:, 1] == 1.0).reshape(lead),
+            out.quality[:, CONDITION].reshape(lead),
+            invalid.reshape(lead),
         )
 
 
@@ -345,7 +366,7 @@ class _Settings(NamedTuple):
         damping, truncation: of the methods of these names.
         max_force_sd: N, largest principal force sd of a valid reading.
         valid_force_sd, valid_moment_sd: N and N m, prior with which that sd is computed.
-        max_phantom: N, largest force that stiction alone may imitate in a valid reading.
+        max_stiction_force: N, largest force that stiction alone may imitate in a valid reading.
     """
 
     method: int
@@ -356,7 +377,7 @@ class _Settings(NamedTuple):
     max_force_sd: float
     valid_force_sd: float
     valid_moment_sd: float
-    max_phantom: float
+    max_stiction_force: float
 
 
 def _settings(config: WrenchReconstructionConfig) -> _Settings:
@@ -371,7 +392,7 @@ def _settings(config: WrenchReconstructionConfig) -> _Settings:
         "prior_force_sd",
         "prior_moment_sd",
         "max_force_sd",
-        "max_phantom",
+        "max_stiction_force",
         "live_force_sd",
         "live_moment_sd",
     )
@@ -391,7 +412,7 @@ def _settings(config: WrenchReconstructionConfig) -> _Settings:
     bound = config.max_force_sd
     if bound is None:
         bound = known_force / np.sqrt(2.0) if method == BAYESIAN else known_force
-    phantom = UNKNOWN_SD if config.max_phantom is None else config.max_phantom
+    stiction_force = UNKNOWN_SD if config.max_stiction_force is None else config.max_stiction_force
     if method == FORCE_ONLY:
         known_force, known_moment = UNKNOWN_SD, 0.0
     valid_force, valid_moment = known_force, known_moment
@@ -400,8 +421,8 @@ def _settings(config: WrenchReconstructionConfig) -> _Settings:
         valid_moment = 0.0 if method == FORCE_ONLY else min(config.live_moment_sd, UNKNOWN_SD)
         if config.max_force_sd is None:
             bound = TRUSTED_SHARE * valid_force
-        if config.max_phantom is None:
-            phantom = PHANTOM_SHARE * valid_force
+        if config.max_stiction_force is None:
+            stiction_force = STICTION_SHARE * valid_force
     return _Settings(
         method=method,
         force_sd=known_force,
@@ -411,5 +432,5 @@ def _settings(config: WrenchReconstructionConfig) -> _Settings:
         max_force_sd=bound,
         valid_force_sd=valid_force,
         valid_moment_sd=valid_moment,
-        max_phantom=phantom,
+        max_stiction_force=stiction_force,
     )

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrenchsight.models.estimation.invalid import Findings, InvalidCodes, invalid_reasons
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.row_blocks import in_row_blocks
@@ -21,7 +22,10 @@ _INVERSE, FORCE_ONLY, BAYESIAN, _DAMPED, _TRUNCATED = range(5)
 
 # Last row of `WrenchReconstruction.table`.
 _METHOD, _FORCE_SD, _MOMENT_SD, _DAMPING, _TRUNCATION, _MAX_FORCE_SD = range(6)
-_VALID_FORCE_SD, _VALID_MOMENT_SD, _MAX_PHANTOM, NUM_SETTINGS = range(6, 10)
+_VALID_FORCE_SD, _VALID_MOMENT_SD, _MAX_STICTION_FORCE, NUM_SETTINGS = range(6, 10)
+
+# Entries of a reading's quality, see WrenchOut.
+CONDITION, FORCE_SD, STICTION_FORCE, HAS_FULL_RANK, NUM_QUALITY = range(5)
 
 # Rows of the scratch array of `reconstruct`, (WORK_ROWS, max(n, 6)).
 _WHITE, _FACTOR, _INVERSE_FACTOR, _TURNED, _TURN, _MATRIX, _PLAIN = range(0, 42, 6)
@@ -56,7 +60,9 @@ class WrenchOut(NamedTuple):
     Attributes:
         wrench: (6,).
         covariance: (6, 6).
-        quality: (2,) condition number, and 1 for valid or 0.
+        quality: (NUM_QUALITY,) condition number; N, largest principal sd of the force, NaN where
+            the torques are not finite; N, force that stiction alone may look like; 1 where J has
+            full rank or the method does not need it, else 0.
     """
 
     wrench: Array
@@ -101,18 +107,18 @@ def reconstruct_with(
         J_now: (6, n) of the sample, for the condition number.
         others: as `reconstruct`.
     """
-    valid = _reading(table, sample, out, work)
+    _reading(table, sample, out, work)
     condition = condition_number_of(J_now, work[_SCRATCH : _SCRATCH + 6])
-    out.quality[0] = np.inf if np.isnan(condition) else condition
-    out.quality[1] = 1.0 if valid else 0.0
+    out.quality[CONDITION] = np.inf if np.isnan(condition) else condition
 
 
 @kernel
-def _reading(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> bool:
-    """Writes wrench and covariance and returns whether they are valid."""
-    J, wrench, covariance = sample.J, out.wrench, out.covariance
+def _reading(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
+    """Writes wrench, covariance and quality, but for the condition number."""
+    J, wrench, covariance, quality = sample.J, out.wrench, out.covariance, out.quality
     n = J.shape[1]
     settings = table[2 * n]
+    quality[FORCE_SD], quality[STICTION_FORCE], quality[HAS_FULL_RANK] = np.nan, 0.0, 1.0
     total = 0.0
     for j in range(n):
         total += sample.tau_ext[j] + sample.sd[j]
@@ -120,30 +126,55 @@ def _reading(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) ->
             total += J[i, j]
     if not np.isfinite(total):
         _prior_only(settings, wrench, covariance)
-        return False
+        return
     method = int(settings[_METHOD])
     if method == FORCE_ONLY and table[2 * n + 1, 0] > 0.0:
         _balanced(table, sample, out, work)
-        has_full_rank = True
     elif method in (FORCE_ONLY, BAYESIAN):
         _posterior(table, sample, out, work)
-        has_full_rank = True
-    else:
-        has_full_rank = _pseudo_inverse(table, sample, out, work)
+    elif not _pseudo_inverse(table, sample, out, work):
+        quality[HAS_FULL_RANK] = 0.0
     total = 0.0
     for i in range(6):
         total += abs(wrench[i]) + covariance[i, i]
     if not total < _LARGEST:
         _prior_only(settings, wrench, covariance)
-        return False
-    worst_variance = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
-    square_from_stiction = 0.0
+        quality[FORCE_SD] = np.inf
+        return
+    variance = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
+    quality[FORCE_SD] = np.sqrt(max(variance, 0.0))
     if _has_stiction(sample.stiction):
-        square_from_stiction = 3.0 * largest_eigenvalue_3x3(
-            work[_FROM_STICTION : _FROM_STICTION + 3]
+        variance = largest_eigenvalue_3x3(work[_FROM_STICTION : _FROM_STICTION + 3])
+        quality[STICTION_FORCE] = np.sqrt(3.0 * max(variance, 0.0))
+
+
+@kernel
+def quality_limits(table: Array) -> tuple[float, float]:
+    """N, largest principal force sd and largest force of stiction of a valid reading."""
+    settings = table[table.shape[0] - 2]
+    return settings[_MAX_FORCE_SD], settings[_MAX_STICTION_FORCE]
+
+
+@kernel
+def reconstruction_reasons(table: Array, quality: Array) -> int:
+    """The reasons why the reading of a fresh sample is not valid, from its quality alone."""
+    max_force_sd, max_stiction_force = quality_limits(table)
+    return invalid_reasons(
+        Findings(
+            is_fresh=True,
+            is_missing=False,
+            fault=0,
+            is_corrected=True,
+            has_reading=not np.isnan(quality[FORCE_SD]),
+            has_full_rank=quality[HAS_FULL_RANK] == 1.0,
+            force_sd=quality[FORCE_SD],
+            stiction_force=quality[STICTION_FORCE],
+            max_force_sd=max_force_sd,
+            max_stiction_force=max_stiction_force,
+            is_explained=True,
+            is_believed=True,
         )
-    is_certain = worst_variance <= settings[_MAX_FORCE_SD] ** 2
-    return has_full_rank and is_certain and square_from_stiction <= settings[_MAX_PHANTOM] ** 2
+    )
 
 
 @kernel
@@ -494,8 +525,14 @@ def _reconstruct_rows(
         condition_numbers_of(J_now, conditions)
     for k in range(J.shape[0]):
         sample = TorqueSample(J[k], tau_ext[k], sd[k], stiction[k])
-        valid = _reading(table, sample, WrenchOut(wrench[k], covariance[k], quality[k]), work)
-        quality[k, 0] = np.inf if np.isnan(conditions[k]) else conditions[k]
+        _reading(table, sample, WrenchOut(wrench[k], covariance[k], quality[k]), work)
+        quality[k, CONDITION] = np.inf if np.isnan(conditions[k]) else conditions[k]
         if J_now.shape[0] == 0:
-            quality[k, 0] = np.nan
-        quality[k, 1] = 1.0 if valid else 0.0
+            quality[k, CONDITION] = np.nan
+
+
+@kernel
+def reasons_log(table: Array, quality: Array, invalid: InvalidCodes) -> None:
+    """`reconstruction_reasons` for N samples; `invalid` (N,) is written."""
+    for k in range(quality.shape[0]):
+        invalid[k] = reconstruction_reasons(table, quality[k])

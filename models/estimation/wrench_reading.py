@@ -7,19 +7,7 @@
 For a model without a learnt torque error the error has one covariance, and the band holds neither
 lag nor scale.
 
-A reading is not valid where
-
-- the observer has not settled (`models.observers.observer`);
-- a sample is missing or impossible (`models.observers.sample_check`);
-- the force's sd is above its limit, or stiction alone could look like a force
-  (`models.estimation.wrench`);
-- no wrench at E explains the torques (`models.observers.explained_torque`);
-- the torques are the trace of a wrong signal (`models.observers.fault_signature`).
-
-Further reasons: with a known contact direction, the filter does not explain the torque
-(`models.estimation.contact_reading`); in machining, the air-pass correction does not hold
-(`models.machining.air_pass`); in a whole log, a link before the last may carry the contact
-(`analyses.methods.estimate.contact_places`).
+The reasons why a reading is not valid are those of `models.estimation.invalid`.
 """
 
 from dataclasses import replace
@@ -28,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wrenchsight.models.estimation.invalid import Findings, InvalidCodes, invalid_reasons
 from wrenchsight.models.estimation.torque_error_stage import TorqueError, torque_error_views
 from wrenchsight.models.estimation.wrench import (
     WrenchEstimate,
@@ -35,9 +24,15 @@ from wrenchsight.models.estimation.wrench import (
     WrenchReconstructionConfig,
 )
 from wrenchsight.models.estimation.wrench_kernels import (
+    CONDITION,
+    FORCE_SD,
+    HAS_FULL_RANK,
+    NUM_QUALITY,
+    STICTION_FORCE,
     WORK_ROWS,
     TorqueSample,
     WrenchOut,
+    quality_limits,
     reconstruct_log,
     reconstruct_with,
 )
@@ -64,12 +59,14 @@ from wrenchsight.models.observers.fault_signature import (
     is_believed,
 )
 from wrenchsight.models.observers.lag import lag_settings, lag_tick, lag_update
+from wrenchsight.models.observers.sample_check import BEYOND as BEYOND_LIMITS
 
-READING = 44  # entries of a reading: wrench, covariance, condition number, valid
+READING = 45  # entries of a reading: wrench, covariance, condition number, valid, invalid
 OBSERVED = 42  # entries of a wrench that an observer estimates itself, and of its covariance
 
-READING_WORK_ROWS = WORK_ROWS + 2  # rows of max(n, 6), scratch of a sample
-_SD, _LATENESS = WORK_ROWS, WORK_ROWS + 1
+READING_WORK_ROWS = WORK_ROWS + 3  # rows of max(n, 6), scratch of a sample
+_SD, _LATENESS, _QUALITY = range(WORK_ROWS, READING_WORK_ROWS)
+_CONDITION_AT, _VALID_AT, _INVALID_AT = range(42, READING)
 
 # The state: a slow wrench (6), the time s without an explanation, the state of `fault_signature`.
 _UNEXPLAINED_TIME, _SIGNALS = 6, 7
@@ -101,16 +98,20 @@ class ReadingSample(NamedTuple):
     Attributes:
         J: (6, n) at E in axes of W.
         tau_ext: (n,) N m.
-        counts: bool; whether tau_ext belongs to its sample, so that the reading may be valid.
-        is_implausible: bool; no joint can have made this sample.
+        is_fresh: bool; whether tau_ext belongs to its sample, neither held nor settling.
+        is_missing: bool; whether q or v are not finite.
+        is_corrected: bool; whether the correction of an air pass holds, or there is none.
+        fault: int; codes of `models.observers.sample_check`.
         observed: (OBSERVED,) wrench and covariance that the observer estimates itself; they take
             the place of the reading's. (0,) of an observer that does not.
     """
 
     J: Array
     tau_ext: Array
-    counts: Any
-    is_implausible: Any
+    is_fresh: Any
+    is_missing: Any
+    is_corrected: Any
+    fault: Any
     observed: Array
 
 
@@ -121,14 +122,18 @@ class _Judged(NamedTuple):
         D: of `unexplained`.
         torque: tau_ext and its uncertainty.
         tau_J: (n,) N m, of the previous sample.
-        counts, is_implausible: as ReadingSample.
+        is_fresh, is_missing, is_corrected, fault: as ReadingSample.
+        quality: (NUM_QUALITY,) as WrenchOut.
     """
 
     D: Any
     torque: TorqueSample
     tau_J: Array
-    counts: Any
-    is_implausible: Any
+    is_fresh: Any
+    is_missing: Any
+    is_corrected: Any
+    fault: Any
+    quality: Array
 
 
 class WrenchReading:
@@ -259,13 +264,13 @@ class WrenchReading:
             samples: N of them; `observed` (N, OBSERVED) or (N, 0).
             conditions: whether condition numbers are wanted; NaN where not.
         """
-        J, tau_ext, counts, is_implausible, observed = samples
+        J, tau_ext, observed = samples.J, samples.tau_ext, samples.observed
         N = len(tau_ext)
         sd = error.sd
         if self.error.read_load > 0.0:
             sd = np.sqrt(sd**2 + (self.error.read_load * np.nan_to_num(tau_ext)) ** 2)
         torque = TorqueSample(error.J_seen, tau_ext, sd, error.stiction)
-        out = WrenchOut(np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, 2)))
+        out = WrenchOut(np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, NUM_QUALITY)))
         reconstruct_log(self.reconstruction.table, J if conditions else J[:0], torque, out)
         if observed.shape[1] > 0:
             out.wrench[:], out.covariance[:] = observed[:, :6], observed[:, 6:].reshape(N, 6, 6)
@@ -273,29 +278,39 @@ class WrenchReading:
             D=unexplained_log(self.explained, error.J_seen, tau_ext, sd),
             torque=torque,
             tau_J=np.ascontiguousarray(error.rows[:, TAU_J_ROW]),
-            counts=np.asarray(counts, bool),
-            is_implausible=np.asarray(is_implausible, bool),
+            is_fresh=np.asarray(samples.is_fresh, bool),
+            is_missing=np.asarray(samples.is_missing, bool),
+            is_corrected=np.asarray(samples.is_corrected, bool),
+            fault=np.asarray(samples.fault, np.int64),
+            quality=out.quality,
         )
-        _judge_log(self.tables, state, validity, out)
-        return WrenchEstimate(
-            out.wrench, out.covariance, out.quality[:, 0], out.quality[:, 1] == 1.0
-        )
+        invalid = np.empty(N, np.int64)
+        _judge_log(self.tables, state, validity, out.wrench, out.covariance, invalid)
+        return WrenchEstimate(out.wrench, out.covariance, out.quality[:, CONDITION], invalid)
 
 
 @kernel(forceinline=True)
 def _judge_reading(
-    tables: ReadingTables, state: Array, validity: _Judged, out: WrenchOut, lateness: Array
-) -> None:
-    """Single-sample kernel: adds lag and scale to a reading, and decides whether it is valid.
+    tables: ReadingTables,
+    state: Array,
+    validity: _Judged,
+    wrench: Array,
+    covariance: Array,
+    lateness: Array,
+) -> int:
+    """Single-sample kernel: adds lag and scale to a reading; returns why it is not valid, or 0.
 
     Args:
         tables: of WrenchReading.
         state: of `initial_state`, changed.
         validity: of the sample.
-        out: the reading, changed.
+        wrench: (6,).
+        covariance: (6, 6), changed.
         lateness: (6,), overwritten.
     """
-    torque, counts = validity.torque, validity.counts
+    torque, quality = validity.torque, validity.quality
+    # Of the first sample there is no torque before it, and the slow wrench is NaN.
+    lacks_torque = np.isfinite(state[0]) and not np.isfinite(validity.tau_J.sum())
     is_at_E, state[_UNEXPLAINED_TIME] = is_explained(
         tables.explained, state[_UNEXPLAINED_TIME], validity.D
     )
@@ -305,13 +320,29 @@ def _judge_reading(
         torque.tau_ext,
         torque.sd,
         validity.tau_J,
-        counts,
-        validity.is_implausible,
+        validity.is_fresh and validity.is_corrected,
+        validity.fault & BEYOND_LIMITS != 0,
     )
-    valid = counts and out.quality[1] == 1.0 and is_at_E and is_sound
-    out.quality[1] = 1.0 if valid else 0.0
-    lag_tick(tables.lag, state[:6], out.wrench, out.covariance, lateness)
-    lag_update(tables.lag, state[:6], out.wrench, valid)
+    max_force_sd, max_stiction_force = quality_limits(tables.wrench)
+    invalid = invalid_reasons(
+        Findings(
+            is_fresh=validity.is_fresh,
+            is_missing=validity.is_missing or lacks_torque,
+            fault=validity.fault,
+            is_corrected=validity.is_corrected,
+            has_reading=not np.isnan(quality[FORCE_SD]),
+            has_full_rank=quality[HAS_FULL_RANK] == 1.0,
+            force_sd=quality[FORCE_SD],
+            stiction_force=quality[STICTION_FORCE],
+            max_force_sd=max_force_sd,
+            max_stiction_force=max_stiction_force,
+            is_explained=is_at_E,
+            is_believed=is_sound,
+        )
+    )
+    lag_tick(tables.lag, state[:6], wrench, covariance, lateness)
+    lag_update(tables.lag, state[:6], wrench, invalid == 0)
+    return invalid
 
 
 @kernel(forceinline=True)
@@ -333,7 +364,7 @@ def read_wrench(
         reading: (READING,), written.
         work: (READING_WORK_ROWS, max(n, 6)), overwritten.
     """
-    J, tau_ext, counts, is_implausible, observed = sample
+    J, tau_ext, observed = sample.J, sample.tau_ext, sample.observed
     read_load = tables.read_load[0]
     n = J.shape[1]
     sd = work[_SD, :n]
@@ -342,13 +373,26 @@ def read_wrench(
         if read_load > 0.0 and np.isfinite(tau_ext[j]):
             sd[j] = np.sqrt(sd[j] ** 2 + (read_load * tau_ext[j]) ** 2)
     torque = TorqueSample(error.J_seen, tau_ext, sd, error.stiction)
-    out = WrenchOut(reading[:6], view_2d(reading, 6, 6, 6), reading[42:READING])
+    quality = work[_QUALITY]
+    out = WrenchOut(reading[:6], view_2d(reading, 6, 6, 6), quality)
     reconstruct_with(tables.wrench, J, torque, out, work[:WORK_ROWS])
     for k in range(observed.shape[0]):
         reading[k] = observed[k]
     D = unexplained(tables.explained, error.J_seen, tau_ext, sd)
-    validity = _Judged(D, torque, error.rows[TAU_J_ROW], counts, is_implausible)
-    _judge_reading(tables, state, validity, out, work[_LATENESS])
+    validity = _Judged(
+        D,
+        torque,
+        error.rows[TAU_J_ROW],
+        sample.is_fresh,
+        sample.is_missing,
+        sample.is_corrected,
+        sample.fault,
+        quality,
+    )
+    invalid = _judge_reading(tables, state, validity, out.wrench, out.covariance, work[_LATENESS])
+    reading[_CONDITION_AT] = quality[CONDITION]
+    reading[_VALID_AT] = 1.0 if invalid == 0 else 0.0
+    reading[_INVALID_AT] = invalid
 
 
 @kernel
@@ -366,8 +410,15 @@ def read_sample(
 
 
 @kernel
-def _judge_log(tables: ReadingTables, state: Array, validity: _Judged, out: WrenchOut) -> None:
-    """`_judge_reading` for N samples; `state` and `out` are changed."""
+def _judge_log(
+    tables: ReadingTables,
+    state: Array,
+    validity: _Judged,
+    wrench: Array,
+    covariance: Array,
+    invalid: InvalidCodes,
+) -> None:
+    """`_judge_reading` for N samples; `state`, `covariance` and `invalid` are changed."""
     lateness = np.empty(6)
     borrowed_tables = ReadingTables(
         borrowed(tables.read_load),
@@ -379,15 +430,19 @@ def _judge_log(tables: ReadingTables, state: Array, validity: _Judged, out: Wren
     torque, state, tau_J = validity.torque, borrowed(state), borrowed(validity.tau_J)
     J, tau_ext = borrowed(torque.J), borrowed(torque.tau_ext)
     sd, stiction = borrowed(torque.sd), borrowed(torque.stiction)
-    wrench, covariance = borrowed(out.wrench), borrowed(out.covariance)
-    quality = borrowed(out.quality)
+    wrench, covariance = borrowed(wrench), borrowed(covariance)
+    quality = borrowed(validity.quality)
     for k in range(tau_ext.shape[0]):
         sample_input = _Judged(
             validity.D[k],
             TorqueSample(J[k], tau_ext[k], sd[k], stiction[k]),
             tau_J[k],
-            validity.counts[k],
-            validity.is_implausible[k],
+            validity.is_fresh[k],
+            validity.is_missing[k],
+            validity.is_corrected[k],
+            validity.fault[k],
+            quality[k],
         )
-        sample_out = WrenchOut(wrench[k], covariance[k], quality[k])
-        _judge_reading(borrowed_tables, state, sample_input, sample_out, lateness)
+        invalid[k] = _judge_reading(
+            borrowed_tables, state, sample_input, wrench[k], covariance[k], lateness
+        )

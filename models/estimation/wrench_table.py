@@ -22,17 +22,19 @@ COLUMNS = ("t", *WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES), "conditio
 """The first columns: s; N and N m at E in axes of W, environment on robot; their standard
 deviations; condition number of the Jacobian (inf where it is singular); 1 where the row may be
 trusted, else 0."""
-FLAGS = ("contact", "misfit", "link", "rest", "out_of_range", "fault")
+FLAGS = ("contact", "misfit", "link", "rest", "out_of_range", "fault", "invalid")
 """Columns after tau_ext_1 to tau_ext_n (N m, positive along the motion it causes) and
 contact_statistic (1: contact begins), as `models.detection.contact_detector.Detection`: 1 or 0, and
 the number of the link with a contact that no force at E explains, 0 where it is not known; and
-fault, 0 or the sum of the sample's fault codes (`models.observers.sample_check`)."""
+fault, 0 or the sum of the sample's fault codes (`models.observers.sample_check`); and invalid, 0 or
+the sum of the reasons why the row may not be trusted (`models.estimation.invalid`)."""
 COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(WRENCH_AXES) for b in WRENCH_AXES[k:])
 """Columns after these, on request: N^2, N^2 m and N^2 m^2; the upper triangle, row by row."""
 TABLES = ("csv", "parquet")
 
 _UPPER = np.triu_indices(6)
 _INTEGER = ("valid", *FLAGS)
+_WIDE = ("invalid",)  # integers of more than eight bits
 
 
 def columns_of(num_joints: int, covariance: bool = False) -> tuple[str, ...]:
@@ -40,6 +42,13 @@ def columns_of(num_joints: int, covariance: bool = False) -> tuple[str, ...]:
     torques = (f"tau_ext_{j + 1}" for j in range(num_joints))
     further = COVARIANCE if covariance else ()
     return (*COLUMNS, *torques, "contact_statistic", *FLAGS, *further)
+
+
+def _type_of(name: str) -> pa.DataType:
+    """Of a column."""
+    if name in _WIDE:
+        return pa.int32()
+    return pa.int8() if name in _INTEGER else pa.float64()
 
 
 class WrenchRows(NamedTuple):
@@ -50,7 +59,6 @@ class WrenchRows(NamedTuple):
         wrench: (N, 6) F_E_W, N m and N, ROTATION FIRST, as everywhere but in files.
         standard_deviation: (N, 6) N m and N, rotation first too.
         condition_number: (N,) of J.
-        valid: (N,).
         tau_ext: (N, n) N m, positive along the motion that it causes.
         statistic: (N,) of contact.
         flags: (N,) each, of FLAGS.
@@ -61,7 +69,6 @@ class WrenchRows(NamedTuple):
     wrench: Array
     standard_deviation: Array
     condition_number: Array
-    valid: NDArray[np.bool_]
     tau_ext: Array
     statistic: Array
     flags: Mapping[str, NDArray[Any]]
@@ -92,9 +99,7 @@ class WrenchTableWriter:
         self.num_rows = 0
         self._covariance = covariance
         self._columns = columns_of(num_joints, covariance)
-        self._schema = pa.schema(
-            [(name, pa.int8() if name in _INTEGER else pa.float64()) for name in self._columns]
-        )
+        self._schema = pa.schema([(name, _type_of(name)) for name in self._columns])
         self._whole_file: AbstractContextManager[Path] | None = None
 
     def __enter__(self) -> "WrenchTableWriter":
@@ -118,8 +123,12 @@ class WrenchTableWriter:
         """
         columns = [rows.t, *rows.wrench[:, FORCE_FIRST].T]
         columns += [*rows.standard_deviation[:, FORCE_FIRST].T, rows.condition_number]
-        columns += [rows.valid.astype(np.int8), *rows.tau_ext.T, rows.statistic]
-        columns += [np.asarray(rows.flags[name]).astype(np.int8) for name in FLAGS]
+        is_valid = np.asarray(rows.flags["invalid"]) == 0
+        columns += [is_valid.astype(np.int8), *rows.tau_ext.T, rows.statistic]
+        columns += [
+            np.asarray(rows.flags[name]).astype(np.int32 if name in _WIDE else np.int8)
+            for name in FLAGS
+        ]
         if self._covariance:
             if rows.covariance is None:
                 raise ValueError("wrench table: the covariance is missing")

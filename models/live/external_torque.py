@@ -24,6 +24,7 @@ from wrenchsight.models.detection.torque_contact import (
     first_baseline,
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch
+from wrenchsight.models.estimation.invalid import OTHER_LINK, SAMPLE_MISSING, SETTLING
 from wrenchsight.models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
@@ -95,20 +96,22 @@ class ExternalTorqueEstimator:
         place = self._place if state.contact else None
         on_link = place is not None and place.on_link
         link = place.named()[0] if place is not None and on_link else 0
-        at_E = place is None or bool(place.links[:-1].sum() <= DOUBT)
-        valid = is_finite and self._detector is not None and at_E and bool(estimate.valid[0])
-        valid &= place is not None or not state.contact
+        # A contact whose place is not judged yet may be anywhere.
+        may_be_elsewhere = state.contact if place is None else place.links[:-1].sum() > DOUBT
         batch = EstimateBatch(
             tau,
             estimate.wrench,
             estimate.covariance,
             estimate.condition_number,
-            np.array([valid]),
+            estimate.invalid,
             J,
             self._sd[None],
             fresh=np.array([is_finite]),
             fault=np.zeros(1, np.int64),
         )
+        batch = batch.marked(SAMPLE_MISSING, not is_finite)
+        batch = batch.marked(SETTLING, self._detector is None)
+        batch = batch.marked(OTHER_LINK, bool(may_be_elsewhere))
         detection = Detection(
             statistic=np.array([state.statistic]),
             contact=np.array([state.contact]),

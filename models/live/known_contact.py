@@ -11,6 +11,7 @@ from wrenchsight.models.detection.contact_detector import Detection, Reader
 from wrenchsight.models.estimation.contact_filter import ContactConfig
 from wrenchsight.models.estimation.contact_reading import ContactReader
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
+from wrenchsight.models.estimation.invalid import SAMPLE_MISSING, SETTLING
 from wrenchsight.models.numerics.arrays import Array
 
 
@@ -61,9 +62,11 @@ class KnownContactEstimator:
             self._read_block()
         reading, batch = self._last_reading, sample.batch
         if reading is None:
-            return batch._replace(valid=np.zeros(1, np.bool_))
-        valid = np.asarray(reading.valid & batch.fresh)
-        return batch._replace(wrench=reading.wrench, covariance=reading.covariance, valid=valid)
+            return batch.marked(SETTLING, True)
+        batch = batch._replace(
+            wrench=reading.wrench, covariance=reading.covariance, invalid=reading.invalid
+        )
+        return batch.marked(SAMPLE_MISSING, ~batch.fresh)
 
     def _read_block(self) -> None:
         """Passes the complete block to the filter."""
@@ -77,7 +80,7 @@ class KnownContactEstimator:
             np.asarray(batch.fresh & (batch.fault == 0)),
             batch,
         )
-        if len(readings.valid):
+        if len(readings.invalid):
             self._last_reading = readings.rows(slice(-1, None))
 
 

@@ -20,6 +20,12 @@ from wrenchsight.models.detection.contact_detector import (
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.contact_filter import ContactConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.invalid import (
+    NO_MODEL,
+    SAMPLE_MISSING,
+    STREAM_LATE,
+    ZEROING,
+)
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.external_torque import ExternalTorqueEstimator
@@ -387,7 +393,8 @@ class LiveEstimator:
             current = np.full(n, np.inf)
         batch, detection = self._reader.run(q[None], v[None], current[None])
         contradicted = self.contradicted and not self._is_external
-        is_usable = not (point.dropout or is_stale or contradicted or self._is_zeroing)
+        batch = batch.marked(SAMPLE_MISSING, point.dropout).marked(STREAM_LATE, is_stale)
+        batch = batch.marked(NO_MODEL, contradicted).marked(ZEROING, self._is_zeroing)
         fault = int(batch.fault[0]) | sample_fault
         is_measured = not point.dropout and fault == 0
         self._reading = Reading.of(
@@ -397,7 +404,7 @@ class LiveEstimator:
             np.nan_to_num(q) if point.dropout else q,
             t=point.t,
             received=sample.received,
-            valid=float(batch.valid[0] and is_usable),
+            invalid=float(batch.invalid[0]),
             contact=float(is_measured and detection.contact[0]),
             misfit=float(is_measured and detection.misfit[0]),
             link=float(detection.link[0] if is_measured else 0),

@@ -6,6 +6,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from wrenchsight.models.estimation.invalid import STREAM_LATE, first_reason
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 
@@ -13,7 +14,7 @@ _FIELDS = (
     "t",
     "received",
     "published",
-    "valid",
+    "invalid",
     "contact",
     "misfit",
     "link",
@@ -77,7 +78,8 @@ class Reading:
     def unusable(self, received: float) -> "Reading":
         """The same reading, not valid: the stream or the robot has stopped."""
         row = self.row.copy()
-        row[[_PLACE[name] for name in ("valid", "contact", "misfit")]] = 0.0
+        row[_PLACE["invalid"]] = self.invalid | STREAM_LATE
+        row[[_PLACE[name] for name in ("contact", "misfit")]] = 0.0
         row[_PLACE["received"]] = received
         return Reading(row)
 
@@ -87,8 +89,8 @@ class Reading:
     """s, monotonic clock of this computer, of the sample that the reading rests on."""
     published = _Field(float)
     """s, of the same clock, when the reading was published; 0 before."""
-    valid = _Field(bool)
-    """Whether it may be used; see `models.estimation.wrench.WrenchEstimate`."""
+    invalid = _Field(int)
+    """Why it may not be used, a sum of codes of `models.estimation.invalid`; 0: it may."""
     contact = _Field(bool)
     """As `models.detection.contact_detector.Detection`; so are the next ones."""
     misfit = _Field(bool)
@@ -109,6 +111,17 @@ class Reading:
     """Whether the robot runs."""
     condition_number = _Field(float)
     """Of J, in m and rad."""
+
+    @property
+    def valid(self) -> bool:
+        """Whether it may be used."""
+        return self.invalid == 0
+
+    @property
+    def reason(self) -> str:
+        """Why it may not be used, one word; empty where it may."""
+        words = first_reason(self.invalid)
+        return "" if words is None else words.key
 
     @property
     def latency(self) -> float:

@@ -166,7 +166,10 @@ class MachiningController(SampledBlock):
         torque, error, integral = self._controller.sizes(self._n)
         reading = dict(
             zip(
-                ("tau_ext", "wrench", "covariance", "condition_number", "valid", "rest"),
+                (
+                    *("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid"),
+                    "rest",
+                ),
                 self._estimator.tick_sizes,
                 strict=True,
             )

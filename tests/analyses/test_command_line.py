@@ -382,6 +382,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(monkeypatch, tmp_path):
         notices=("a drop-out was bridged",),
         warnings=("it extrapolates [mostly]",),
         table=tmp_path / "wrench.csv",
+        invalid=("32.4 % not valid: 32.4 % settling", "what would help: time"),
         contacts=("contact at t = 1.20 s for 0.40 s, up to 31 N, not at E: link 4",),
         comparison=None,
     )
@@ -392,6 +393,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(monkeypatch, tmp_path):
     lines = shown.stdout.splitlines()
     assert lines[1].split() == ["fz", "-24.68", "25.50", "40.34", "–", "N"]
     assert "5010 samples, 67.6 % valid; prior: force sd 15.7 N, moment sd 2.58 N m" in lines[2]
+    assert lines[3:5] == ["32.4 % not valid: 32.4 % settling", "what would help: time"]
     assert "note: it extrapolates [mostly]" in lines
     assert "contact at t = 1.20 s for 0.40 s, up to 31 N, not at E: link 4" in lines
     assert str(tmp_path / "wrench.csv") in lines[-1]

@@ -67,6 +67,7 @@ def test_default_runs_and_logs_every_tick(sts):
         "covariance": 36,
         "condition_number": 1,
         "valid": 1,
+        "invalid": 1,
     }
     assert all(np.all(np.isfinite(signal)) for signal in signals.values())
 
@@ -223,7 +224,7 @@ def test_without_the_estimator_the_motion_is_the_same(sts):
         simulator.AdvanceTo(scenario.duration)
         logs.append(loop.logged(simulator.get_context())[1])
     full, plain = logs
-    estimates = {"tau_ext", "wrench", "covariance", "condition_number", "valid"}
+    estimates = {"tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid"}
     assert set(full) - set(plain) == estimates
     for name, signal in plain.items():
         np.testing.assert_array_equal(signal, full[name])

@@ -114,6 +114,7 @@ def test_the_numbers_of_the_stages_and_of_the_batch(sts_reversed, model, log, la
     batch = estimator.run(estimator.initial_state(), *log)
     np.testing.assert_allclose(fused["wrench"], batch.wrench, rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(fused["valid"][:, 0] == 1.0, batch.valid)
+    np.testing.assert_array_equal(fused["invalid"][:, 0], batch.invalid)
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -75,7 +75,7 @@ def test_every_engine_reads_the_same(
     sts: Robot, kind: type, with_error: bool, torque_samples: str
 ) -> None:
     observer_config = kind.Config(time_step=T, torque_samples=torque_samples)  # type: ignore[attr-defined]
-    reading = WrenchReconstructionConfig(max_force_sd=1e3, max_phantom=1e3)
+    reading = WrenchReconstructionConfig(max_force_sd=1e3, max_stiction_force=1e3)
     config = WrenchEstimatorConfig(observer_config, reading)
     model, log = model_of(sts, with_error), samples(sts)
     estimator = WrenchEstimator(sts, model, config)

@@ -17,7 +17,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.contact_detection import DETECTION
 
-OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
+OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid")
 
 
 def moving_log(robot: Robot, time_step: float, rows: int) -> tuple[Array, Array, Array]:

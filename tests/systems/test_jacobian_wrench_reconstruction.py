@@ -62,7 +62,8 @@ def test_ports():
     names = [block.get_input_port(i).get_name() for i in range(block.num_input_ports())]
     ports = ["terms", "tau_ext", "tau_ext_valid", "observed", "fault", "torque_error", "pole"]
     assert names == ports
-    sizes = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "reading": 44}
+    sizes = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "reading": 45}
+    sizes["invalid"] = 1
     assert {name: block.GetOutputPort(name).size() for name in sizes} == sizes
     assert block.num_output_ports() == len(sizes)
     assert block.CreateDefaultContext().num_total_states() == 0

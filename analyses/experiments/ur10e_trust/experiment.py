@@ -195,8 +195,10 @@ class _PointLog:
         samples = ReadingSample(
             J=self.J,
             tau_ext=self.observation.tau_ext,
-            counts=self.observation.fresh,
-            is_implausible=np.zeros(N, bool),
+            is_fresh=self.observation.fresh,
+            is_missing=np.zeros(N, bool),
+            is_corrected=np.ones(N, bool),
+            fault=np.zeros(N, np.int64),
             observed=np.empty((N, 0)),
         )
         return estimator.reading.run(

@@ -143,13 +143,13 @@ def covariance_about(wrench: Array, mean: Array, covariance: Array) -> Array:
 
 
 def with_band_of(batch: EstimateBatch, batch_with_drift: EstimateBatch) -> EstimateBatch:
-    """The readings of `batch` with the band and the valid samples of `batch_with_drift`."""
+    """The readings of `batch` with the band of `batch_with_drift`, valid where both are."""
     covariance = covariance_about(
         batch.wrench, batch_with_drift.wrench, batch_with_drift.covariance
     )
     return batch._replace(
         covariance=covariance,
-        valid=batch.valid & batch_with_drift.valid,
+        invalid=batch.invalid | batch_with_drift.invalid,
         torque_sd=batch_with_drift.torque_sd,
     )
 
@@ -178,7 +178,7 @@ def read_later(
     for part in parts:
         unread = part if unread is None else unread.followed_by(part)
         ready = take(part)
-        count = len(ready.valid)
+        count = len(ready.invalid)
         if count:
             yield unread.rows(slice(0, count))._replace(batch=ready)
         unread = unread.rows(slice(count, None))

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from wrenchsight.analyses.output.stream_summary import Envelope, EvenSample
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
+from wrenchsight.models.estimation.invalid import UNCERTAIN_FORCE
+from wrenchsight.models.estimation.invalid_shares import InvalidShares
 from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.identification.identified_model import Validity
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -33,7 +35,7 @@ _FAULTS = {
     FROZEN: "a joint moves while its current or torque stays the same to the last digit; check the "
     "connection to its drive",
 }
-_UNSURE_WARNING = 0.5  # share of invalid samples
+_UNCERTAIN_WARNING = 0.5  # share of samples whose force is too uncertain
 
 
 class _WrenchSums:
@@ -76,22 +78,15 @@ class EstimateSummary:
     Args:
         joint_names: n.
         validity: ranges in which the model holds; without them no sample leaves them.
-        settling_time: s, of the observer.
 
     Attributes:
-        count: of the samples.
-        num_valid: of the valid ones.
+        invalid: shares of the samples that are not valid.
     """
 
-    def __init__(
-        self, joint_names: Sequence[str], validity: Validity, settling_time: float
-    ) -> None:
+    def __init__(self, joint_names: Sequence[str], validity: Validity) -> None:
         self._joint_names, self._validity = joint_names, validity
-        self._settling_time = settling_time
-        self.count = 0
-        self.num_valid = 0
+        self.invalid = InvalidShares()
         self._num_faults = dict.fromkeys(_FAULTS, 0)
-        self._num_invalid = {"settling": 0, "dropout": 0, "unsure": 0}
         self._begin = 0.0  # s, on the log's clock
         self._end = 0.0
         self._origin = 0.0
@@ -107,36 +102,27 @@ class EstimateSummary:
         self._envelope = Envelope(_FIGURE_BINS)
         self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
 
-    def judge(
-        self,
-        chunk: Recording,
-        batch: EstimateBatch | WrenchEstimate,
-        config: WrenchEstimatorConfig,
-    ) -> Flags:
-        """(N,) which samples of the next chunk are valid; counts the reasons of the others."""
-        index = self.count + np.arange(chunk.num_samples)
-        settling = index * config.observer.time_step < self._settling_time  # the observer's flag
-        dropout = chunk.dropout & ~settling
-        unsure = ~batch.valid & ~dropout & ~settling
-        for name, reason in (("settling", settling), ("dropout", dropout), ("unsure", unsure)):
-            self._num_invalid[name] += int(reason.sum())
-        return np.asarray(batch.valid & ~chunk.dropout)
+    @property
+    def count(self) -> int:
+        """Of the samples."""
+        return self.invalid.count
+
+    @property
+    def valid_share(self) -> float:
+        """Of the samples, 0 to 1."""
+        return self.invalid.num_valid / max(self.count, 1)
 
     def add(
         self,
         chunk: Recording,
         batch: EstimateBatch | WrenchEstimate,
-        sd: Array,
-        valid: Flags,
         torque: Array,
         contact: Flags,
     ) -> None:
         """Takes the next chunk of N samples.
 
         Args:
-            batch: their readings.
-            sd: (N, 6), rotation first.
-            valid: (N,).
+            batch: their readings, with all reasons why one is not valid.
             torque: (N, n) N m, of the joints.
             contact: (N,).
         """
@@ -147,8 +133,8 @@ class EstimateSummary:
             # The clock of a log that counts from 1970 fits no axis.
             self._origin = self._begin if abs(self._begin) >= FAR_CLOCK else 0.0
         self._end = float(chunk.t[-1])
-        self.count += chunk.num_samples
-        self.num_valid += int(valid.sum())
+        self.invalid.add(batch.invalid)
+        valid, sd = batch.valid, batch.standard_deviation
         condition = batch.condition_number
         self._condition.add(condition)
         regular = condition < _SINGULAR
@@ -198,12 +184,8 @@ class EstimateSummary:
             "num_samples": self.count,
             "duration_s": self._end - self._begin,
             "time_step_s": config.observer.time_step,
-            "valid_pct": share * self.num_valid,
-            "invalid": {
-                "observer_settling_pct": share * self._num_invalid["settling"],
-                "bridged_dropout_pct": share * self._num_invalid["dropout"],
-                "force_too_uncertain_pct": share * self._num_invalid["unsure"],
-            },
+            "valid_pct": 100.0 * self.valid_share,
+            "invalid": self.invalid.metrics(),
             "faults": {
                 "beyond_limits_pct": share * self._num_faults[BEYOND],
                 "encoder_pct": share * self._num_faults[DISAGREES],
@@ -255,9 +237,9 @@ class EstimateSummary:
         return warnings
 
     @property
-    def mostly_unsure(self) -> bool:
+    def mostly_uncertain(self) -> bool:
         """Whether the force of most samples is too uncertain."""
-        return self._num_invalid["unsure"] > _UNSURE_WARNING * self.count
+        return self.invalid.share(UNCERTAIN_FORCE) > _UNCERTAIN_WARNING
 
     def figure(self, reads_moments: bool = True, smoothed: bool = False) -> "Figure":
         """Reading and band over the log's own time, with the range of the valid samples.

@@ -72,6 +72,7 @@ class EstimateResult:
         warnings: what makes the result doubtful, one sentence each.
         config: as used, with the time step and the prior filled in.
         table: wrench.csv, or wrench.parquet.
+        invalid: why readings are not valid, and what would help most; empty where all are.
         contacts: one sentence each, or one that there is none.
         comparison: with the log's force sensor, where one is named.
     """
@@ -82,6 +83,7 @@ class EstimateResult:
     warnings: tuple[str, ...]
     config: EstimateConfig
     table: Path
+    invalid: tuple[str, ...]
     contacts: tuple[str, ...]
     _metrics: dict[str, Any]
     comparison: SensorComparison | None = None
@@ -201,7 +203,8 @@ def estimate(
     summary = second_pass.readings.summary
     return EstimateResult(
         num_samples=summary.count,
-        valid_share=summary.num_valid / summary.count,
+        valid_share=summary.valid_share,
+        invalid=second_pass.readings.invalid_sentences(),
         notices=outcome.notices,
         warnings=tuple(warnings),
         config=used_settings.estimate,

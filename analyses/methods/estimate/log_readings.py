@@ -29,12 +29,16 @@ from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
 from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.calibration.gravity_disagreement import GravityWatch
 from wrenchsight.models.detection.pure_force import force_alone_explains
-from wrenchsight.models.estimation.estimator import (
-    EstimateBatch,
-    WrenchEstimator,
-    WrenchEstimatorConfig,
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.invalid import (
+    HAS_MOMENT,
+    NO_MODEL,
+    OTHER_LINK,
+    SAMPLE_MISSING,
+    UNCERTAIN_FORCE,
 )
 from wrenchsight.models.estimation.uncertain_force import UncertainForce
+from wrenchsight.models.estimation.wrench import ValidityLimits, live_prior
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
@@ -44,7 +48,7 @@ from wrenchsight.models.observers.observer_kinds import kind_of, make_observer
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.models.robot.robot import Robot
 
-_UNSURE_SAMPLES = 1 << 9  # readings that are not valid, from which the warning finds the reason
+_UNCERTAIN_SAMPLES = 1 << 9  # readings from which the warning finds the joint that counts most
 
 
 class ReadingWarnings(NamedTuple):
@@ -81,7 +85,7 @@ class LogReadings:
         self._robot, self._model, self._settings, self._config = robot, model, settings, config
         observer = make_observer(config.observer, robot.num_joints)
         self._settled_from = begin + observer.settling_time
-        self.summary = EstimateSummary(model.joint_names, model.validity, observer.settling_time)
+        self.summary = EstimateSummary(model.joint_names, model.validity)
         self.episodes = ContactEpisodes(robot.num_joints)
         reference, step = settings.estimate.reference, config.observer.time_step
         self._sensor_log = SensorLogCollector(step) if reference.columns else None
@@ -89,7 +93,7 @@ class LogReadings:
         kind = kind_of(config.observer)
         leaves_torque = kind is None or kind.kernels.wrench is None
         self._judges_places = leaves_torque and not settings.estimate.contact.axis
-        self._J, self._torque_sd = EvenSample(_UNSURE_SAMPLES), EvenSample(_UNSURE_SAMPLES)
+        self._J, self._torque_sd = EvenSample(_UNCERTAIN_SAMPLES), EvenSample(_UNCERTAIN_SAMPLES)
         sd_joints = np.sqrt(np.diag(model.residual_covariance))
         self._gravity_watch = GravityWatch(model.chain(robot), sd_joints, step)
 
@@ -98,13 +102,13 @@ class LogReadings:
         fault = fault_of(part.chunk, part.batch)
         part = part._replace(detection=part.detection.without(part.chunk.dropout | (fault != 0)))
         if self._settings.model is None:  # no model holds the stated band to the arm
-            part = _invalidated(part, np.ones(part.chunk.num_samples, bool))
+            part = _marked(part, NO_MODEL, True)
         odds: Array | None = None
         if self._judges_places:
             part, odds = self._with_places(part)
-        valid = self.summary.judge(part.chunk, part.batch, self._config)
-        self._write(part, valid, fault, table, bag)
-        self._sum_up(part, valid, fault, odds)
+        part = _marked(part, SAMPLE_MISSING, part.chunk.dropout)
+        self._write(part, fault, table, bag)
+        self._sum_up(part, fault, odds)
 
     def _with_places(self, part: LogPart) -> tuple[LogPart, Array]:
         """The part with each contact at its place, and the odds (N, n + 1) of the places.
@@ -123,18 +127,17 @@ class LogReadings:
                 correlation=None if error is None else error.correlation,
             ),
         )
-        may_be_valid = places.may_be_valid
+        part = _marked(part, OTHER_LINK, ~places.may_be_valid)
         if error is not None and self._config.reconstruction.method == "force_only":
-            may_be_valid &= force_alone_explains(
+            is_force = force_alone_explains(
                 chunk.t, batch.J, tau_ext, batch.torque_sd, error.correlation
             )
-        part = _invalidated(part, ~may_be_valid)
+            part = _marked(part, HAS_MOMENT, ~is_force)
         return part._replace(detection=places.detection), places.odds
 
     def _write(
         self,
         part: LogPart,
-        valid: Flags,
         fault: NDArray[np.int64],
         table: WrenchTableWriter,
         bag: WrenchBagWriter | None,
@@ -146,10 +149,9 @@ class LogReadings:
                 wrench=batch.wrench,
                 standard_deviation=batch.standard_deviation,
                 condition_number=batch.condition_number,
-                valid=valid,
                 tau_ext=batch.tau_ext,
                 statistic=detection.statistic,
-                flags={**detection._asdict(), "fault": fault},
+                flags={**detection._asdict(), "fault": fault, "invalid": batch.invalid},
                 covariance=batch.covariance,
             )
         )
@@ -157,28 +159,23 @@ class LogReadings:
             _, p_WE = self._robot.chain.pose(np.nan_to_num(chunk.q))
             bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
 
-    def _sum_up(
-        self, part: LogPart, valid: Flags, fault: NDArray[np.int64], odds: Array | None
-    ) -> None:
+    def _sum_up(self, part: LogPart, fault: NDArray[np.int64], odds: Array | None) -> None:
         """Adds a part to the summaries."""
         chunk, batch, detection, tau_ext = part
-        if isinstance(batch, EstimateBatch):  # a smoothed reading has neither J nor torque_sd
-            is_unsure = np.isfinite(batch.J).all(axis=(1, 2)) & ~valid
-            self._J.add(batch.J[is_unsure])
-            self._torque_sd.add(batch.torque_sd[is_unsure])
+        valid = batch.valid
+        is_uncertain = np.asarray(batch.invalid & UNCERTAIN_FORCE != 0)
+        self._J.add(batch.J[is_uncertain])
+        self._torque_sd.add(batch.torque_sd[is_uncertain])
         self.episodes.add(chunk.t, detection, batch.wrench[:, 3:], valid, odds)
         settled = int(np.searchsorted(chunk.t, self._settled_from))
         self._gravity_watch.add(chunk.q, tau_ext, is_usable(chunk, fault, tau_ext, settled))
         torque = np.asarray(self._robot.joint_torque(chunk.current))
-        sd = batch.standard_deviation
-        self.summary.add(chunk, batch, sd, valid, torque, detection.contact)
+        self.summary.add(chunk, batch, torque, detection.contact)
         self.summary.add_faults(fault)
         if self._sensor_log is not None:
-            self._collect(self._sensor_log, part, valid, settled)
+            self._collect(self._sensor_log, part, settled)
 
-    def _collect(
-        self, sensor_log: SensorLogCollector, part: LogPart, valid: Flags, settled: int
-    ) -> None:
+    def _collect(self, sensor_log: SensorLogCollector, part: LogPart, settled: int) -> None:
         """Adds the samples from index `settled` on to the log beside the sensor."""
         chunk, batch = part.chunk, part.batch
         R_WE, _ = self._robot.chain.pose(chunk.q)
@@ -188,12 +185,19 @@ class LogReadings:
                 t=chunk.t[rows],
                 reading=batch.wrench[rows, FORCE_FIRST],
                 sd=batch.standard_deviation[rows, FORCE_FIRST],
-                valid=np.asarray(valid[rows], float),
+                valid=np.asarray(batch.valid[rows], float),
                 R_WE=R_WE[rows],
                 v=chunk.v[rows],
                 sensor=chunk.extra[REFERENCE][rows],
             )
         )
+
+    def invalid_sentences(self) -> tuple[str, ...]:
+        """Why readings are not valid, and what would help most; empty where all are valid."""
+        reconstruction = self._config.reconstruction
+        if self._model.torque_error is not None:
+            reconstruction = reconstruction.with_live(*live_prior(self._robot.payload))
+        return self.summary.invalid.sentences(ValidityLimits.of(reconstruction))
 
     def comparison(self) -> SensorComparison | None:
         """With the log's force sensor; None where none is named.
@@ -218,19 +222,12 @@ class LogReadings:
         sentences, config = self.summary.warnings(), self._settings.estimate
         # At a contact of known axis `valid` rests on the contact's own sd.
         rests_on_model = self._settings.model is not None and not config.contact.axis
-        if self.summary.mostly_unsure and rests_on_model:
-            valid_share = self.summary.num_valid / self.summary.count
-            if config.smooth:
-                sentences.append(
-                    f"{100 * valid_share:.2g} % of readings are valid; run without --smooth for "
-                    "the reason"
-                )
-            else:
-                estimator = WrenchEstimator(self._robot, model_with_drift, self._config)
-                uncertain_force = UncertainForce.of(
-                    estimator, self._J.values(), self._torque_sd.values()
-                )
-                sentences.append(uncertain_force.sentence(valid_share))
+        if self.summary.mostly_uncertain and rests_on_model:
+            estimator = WrenchEstimator(self._robot, model_with_drift, self._config)
+            uncertain_force = UncertainForce.of(
+                estimator, self._J.values(), self._torque_sd.values()
+            )
+            sentences.append(uncertain_force.sentence(self.summary.valid_share))
         tilt = self._gravity_watch.disagreement()
         if tilt is None:
             return ReadingWarnings(sentences, None)
@@ -238,6 +235,6 @@ class LogReadings:
         return ReadingWarnings([*sentences, tilt.sentence()], gravity)
 
 
-def _invalidated(part: LogPart, rows: Flags) -> LogPart:
-    """The part, its readings in these rows (N,) not valid."""
-    return part._replace(batch=part.batch._replace(valid=part.batch.valid & ~rows))
+def _marked(part: LogPart, reason: int, rows: Flags | bool) -> LogPart:
+    """The part, its readings in these rows (N,) not valid for one more reason."""
+    return part._replace(batch=part.batch.marked(reason, rows))

@@ -57,7 +57,9 @@ from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.estimation.invalid import OTHER_LINK, SAMPLE_MISSING, marked
 from wrenchsight.models.estimation.wrench import (
+    ValidityLimits,
     WrenchReconstruction,
     WrenchReconstructionConfig,
     live_prior,
@@ -89,6 +91,7 @@ class TorqueLogResult:
         metrics: as written to metrics.json.
         comparison: with the log's force sensor, where one is named.
         contacts: one sentence each, or one that there is none.
+        invalid: why rows are not valid, and what would help most; empty where all are valid.
     """
 
     name: str
@@ -98,6 +101,7 @@ class TorqueLogResult:
     metrics: dict[str, Any]
     comparison: SensorComparison | None
     contacts: tuple[str, ...]
+    invalid: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +223,7 @@ def _estimate(
         run = _Run(log, name, "" if len(logs) == 1 else f"_{name}", config)
         _read(log, run, reading, robot, out)
         runs.append(run)
-    results, mounting_notices = _compared(runs, config.reference, out)
+    results, mounting_notices = _compared(runs, config.reference, reading.limits, out)
     against_sensor = _against_sensor(runs, results, config.reference)
     metrics = _metrics(prior, results, against_sensor, config.reference)
     out.write_settings("config.yaml", replace(settings, estimate=config))
@@ -417,7 +421,7 @@ class _Run:
         self.name, self.suffix, self.config = name, suffix, config
         self.table = f"wrench{suffix}.{config.table}"
         names = [f"joint {j + 1}" for j in range(log.num_joints)]
-        self.summary = EstimateSummary(names, Validity(), 0.0)
+        self.summary = EstimateSummary(names, Validity())
         self.touches = TorqueTouches(log)
         self.sensor_log: SensorLogCollector | None = None
         self.rows: RowsBesideSensor | None = None
@@ -459,27 +463,30 @@ def _read(
                 run.start(chunk)
             batch = reading.reconstruct(J, tau_ext)
             detection, odds, may_be_valid = touches.take(chunk, J, tau_ext)
-            batch = batch._replace(valid=batch.valid & may_be_valid)
+            invalid = marked(batch.invalid, OTHER_LINK, ~may_be_valid)
+            batch = batch._replace(invalid=marked(invalid, SAMPLE_MISSING, chunk.dropout))
             sd = batch.standard_deviation
-            valid = run.summary.judge(chunk, batch, run.config.estimator)
             table.write(
                 WrenchRows(
                     t=chunk.t,
                     wrench=batch.wrench,
                     standard_deviation=sd,
                     condition_number=batch.condition_number,
-                    valid=valid,
                     tau_ext=np.nan_to_num(tau_ext),
                     statistic=detection.statistic,
-                    flags={**detection._asdict(), "fault": np.zeros(chunk.num_samples, np.int8)},
+                    flags={
+                        **detection._asdict(),
+                        "fault": np.zeros(chunk.num_samples, np.int8),
+                        "invalid": batch.invalid,
+                    },
                     covariance=batch.covariance,
                 )
             )
             if bag is not None and robot is not None:
                 _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
-            touches.episodes.add(chunk.t, detection, batch.wrench[:, 3:], valid, odds)
-            run.summary.add(chunk, batch, sd, valid, tau_ext, detection.contact)
+            touches.episodes.add(chunk.t, detection, batch.wrench[:, 3:], batch.valid, odds)
+            run.summary.add(chunk, batch, tau_ext, detection.contact)
             if run.sensor_log is not None and run.rows is not None:
                 R_WE, sensor = log.axes(chunk), chunk.extra[REFERENCE]
                 v = chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1))
@@ -488,7 +495,7 @@ def _read(
                         t=chunk.t,
                         reading=batch.wrench[:, FORCE_FIRST],
                         sd=sd[:, FORCE_FIRST],
-                        valid=np.asarray(valid, float),
+                        valid=np.asarray(batch.valid, float),
                         R_WE=R_WE,
                         v=v,
                         sensor=sensor,
@@ -511,7 +518,10 @@ def _bag(log: TorqueLog, path: Path, robot: Robot | None) -> WrenchBagWriter:
 
 
 def _compared(
-    runs: Sequence[_Run], reference: ReferenceConfig, out: OutputFolder
+    runs: Sequence[_Run],
+    reference: ReferenceConfig,
+    limits: ValidityLimits,
+    out: OutputFolder,
 ) -> tuple[list[TorqueLogResult], tuple[str, ...]]:
     """Each log's result, compared with its sensor, and notices about the mounting.
 
@@ -548,11 +558,12 @@ def _compared(
             TorqueLogResult(
                 name=run.name,
                 num_samples=run.summary.count,
-                valid_share=run.summary.num_valid / run.summary.count,
+                valid_share=run.summary.valid_share,
                 table=out / run.table,
                 metrics=metrics,
                 comparison=comparison,
                 contacts=tuple(run.touches.episodes.lines()),
+                invalid=run.summary.invalid.sentences(limits),
             )
         )
     return results, notices
@@ -563,7 +574,6 @@ def _log_metrics(run: _Run) -> dict[str, Any]:
     metrics = run.summary.metrics(run.config.estimator, "")
     for key in ("faults", "outside_model", "prior"):
         del metrics[key]
-    del metrics["invalid"]["observer_settling_pct"]
     error, sign = run.touches.error, run.touches.sign
     metrics["contact"] = run.touches.episodes.metrics()
     metrics["free_torque_sd_nm"] = {"rest": error.rest_sd, "moving": error.moving_sd}

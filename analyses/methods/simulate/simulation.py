@@ -44,13 +44,15 @@ from wrenchsight.diagrams.scenario import (
     make_trajectory,
 )
 from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.invalid import UNCERTAIN_FORCE
+from wrenchsight.models.estimation.invalid_shares import InvalidShares
 from wrenchsight.models.estimation.uncertain_force import UncertainForce
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
-from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.recordings.recording_writer import write_recording
@@ -304,10 +306,9 @@ def simulate(
     t, signals = recorder.logged()
     notices += _retreat_notices(t, signals)
     notices += saturation_notices(robot, signals, refuses=work.plan is None)
-    valid = signals["valid"][:, 0] == 1.0
-    if valid.mean() < _FEW_VALID:
-        notices.append(_why_uncertain(scenario, robot, estimator.model or model, signals, valid))
     result = _result_of(scenario, robot, t, signals, float(t[-1]) / elapsed)
+    if result.valid.mean() < _FEW_VALID:
+        notices += _why_not_valid(result, estimator.model or model)
     return replace(result, notices=tuple(notices), files=tuple(files))
 
 
@@ -374,7 +375,7 @@ def _result_of(
         wrench=signals["wrench"],
         covariance=signals["covariance"].reshape(-1, 6, 6),
         condition_number=signals["condition_number"][:, 0],
-        valid=signals["valid"][:, 0] == 1.0,
+        invalid=signals["invalid"][:, 0].astype(np.int64),
         ft_wrench=signals.get("ft_wrench"),
         pose_error=signals.get("pose_error"),
         force_setpoint=_first_column(signals.get("force_setpoint")),
@@ -385,22 +386,23 @@ def _result_of(
     )
 
 
-def _why_uncertain(
-    scenario: Scenario,
-    robot: Robot,
-    model: IdentifiedModel,
-    signals: Mapping[str, Array],
-    valid: Flags,
-) -> str:
-    """A sentence on why most readings are not valid, from the estimator run over the log again."""
+def _why_not_valid(result: SimulationResult, model: IdentifiedModel) -> tuple[str, ...]:
+    """Sentences on why most readings are not valid.
+
+    Where the force is too uncertain, the joint that counts most is found by the estimator, which is
+    run over the log again.
+    """
+    scenario, robot = result.scenario, result.robot
     observer = replace(scenario.estimator.observer, time_step=scenario.time_step)
     estimator = WrenchEstimator(robot, model, replace(scenario.estimator, observer=observer))
-    state = estimator.initial_state()
-    batch = estimator.run(state, signals["q"], signals["v"], signals["current"])
-    rows = np.flatnonzero(~valid & np.isfinite(batch.J).all(axis=(1, 2)))
+    shares: InvalidShares = result.invalid_shares
+    if shares.largest != UNCERTAIN_FORCE:
+        return shares.sentences(estimator.reading.reconstruction.limits)
+    batch = estimator.run(estimator.initial_state(), result.q, result.v, result.current)
+    rows = np.flatnonzero(batch.invalid & UNCERTAIN_FORCE)
     rows = rows[:: max(1, len(rows) // _JUDGED)]
     uncertain = UncertainForce.of(estimator, batch.J[rows], batch.torque_sd[rows])
-    return uncertain.sentence(float(valid.mean()))
+    return (uncertain.sentence(float(result.valid.mean())),)
 
 
 def known_model(

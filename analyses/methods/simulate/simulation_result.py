@@ -11,6 +11,8 @@ from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_
 from wrenchsight.diagrams.scenario import (
     Scenario,
 )
+from wrenchsight.models.estimation.invalid import InvalidCodes
+from wrenchsight.models.estimation.invalid_shares import InvalidShares
 from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording import Recording
@@ -51,7 +53,7 @@ class SimulationResult:
         wrench_true, wrench: (T, 6) true and estimated.
         covariance: (T, 6, 6) stated for `wrench`.
         condition_number: (T,) of J.
-        valid: (T,) the flag of the estimate.
+        invalid: (T,) why a reading is not valid, codes of `models.estimation.invalid`; 0: it is.
         ft_wrench: (T, 6) of the force/torque sensor, where there is one.
         pose_error: (T, 6) rad and m, under impedance control.
         phase: (T,) of models.machining.machining_phases, of a machining pass.
@@ -77,7 +79,7 @@ class SimulationResult:
     wrench: Array
     covariance: Array
     condition_number: Array
-    valid: Flags
+    invalid: InvalidCodes
     ft_wrench: Array | None
     pose_error: Array | None
     force_setpoint: Array | None
@@ -87,6 +89,18 @@ class SimulationResult:
     tool_vibration: Array | None = None
     notices: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
+
+    @property
+    def valid(self) -> Flags:
+        """(T,) which readings may be used."""
+        return np.asarray(self.invalid == 0)
+
+    @property
+    def invalid_shares(self) -> InvalidShares:
+        """Shares of the readings that are not valid."""
+        shares = InvalidShares()
+        shares.add(self.invalid)
+        return shares
 
     @property
     def standard_deviation(self) -> Array:
@@ -106,6 +120,7 @@ class SimulationResult:
             "num_samples": len(self.t),
             "duration_s": float(self.t[-1]),
             "valid_share": float(self.valid.mean()),
+            "invalid": self.invalid_shares.metrics(),
             **_errors(self.wrench, self.wrench_true),
         }
         if 0 < np.count_nonzero(self.valid) < len(self.valid):

@@ -29,7 +29,17 @@ from wrenchsight.models.robot.robot import Robot
 ARM = "/arm"
 HOST, PORT = "127.0.0.1", 8765
 METRES_PER_NEWTON = 0.005
-FLAGS = ("valid", "contact", "misfit", "link", "rest", "out_of_range", "dropout", "running")
+FLAGS = (
+    "valid",
+    "invalid",
+    "contact",
+    "misfit",
+    "link",
+    "rest",
+    "out_of_range",
+    "dropout",
+    "running",
+)
 NUMBERS = ("statistic", "condition_number", "latency")
 LARGEST_MESH = 1 << 24  # bytes of a link's file that is sent
 _WRENCH_NAMES = list(WRENCH_AXES) + [f"sd_{axis}" for axis in WRENCH_AXES]

@@ -128,7 +128,7 @@ class LiveSummary:
         """State of the last reading in a few words."""
         if self.last is None:
             return "waiting for samples"
-        words = ["valid" if self.last.valid else "NOT VALID"]
+        words = ["valid" if self.last.valid else f"NOT VALID ({self.last.reason})"]
         words += ["contact"] if self.last.contact else []
         if self.last.misfit:
             words.append(f"misfit at link {self.last.link}" if self.last.link else "misfit")

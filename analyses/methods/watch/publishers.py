@@ -16,10 +16,11 @@ from wrenchsight.models.live.source import SourceAddress
 from wrenchsight.models.robot.robot import Robot
 
 DATAGRAM = struct.Struct("<4sHHd12d")
-"""A UDP packet, little-endian: b"WSR1"; flags (1 valid, 2 contact, 4 misfit, 8 the robot runs); 0;
-t in s, the controller's; fx fy fz mx my mz in N and N m at E in axes of W, environment on robot;
-their standard deviations."""
+"""A UDP packet, little-endian: b"WSR1"; flags (1 valid, 2 contact, 4 misfit, 8 the robot runs); why
+it is not valid, the lowest 16 bits of `models.estimation.invalid`; t in s, the controller's; fx fy
+fz mx my mz in N and N m at E in axes of W, environment on robot; their standard deviations."""
 MAGIC = b"WSR1"
+REASON_BITS = 0xFFFF
 VALID, CONTACT, MISFIT, RUNNING = 1, 2, 4, 8
 
 
@@ -45,7 +46,8 @@ def datagram(reading: Reading) -> bytes:
     """The UDP packet of a reading."""
     flags = VALID * reading.valid + CONTACT * reading.contact + MISFIT * reading.misfit
     flags += RUNNING * reading.running
-    return DATAGRAM.pack(MAGIC, flags, 0, reading.t, *reading.force_first.tolist())
+    invalid = reading.invalid & REASON_BITS
+    return DATAGRAM.pack(MAGIC, flags, invalid, reading.t, *reading.force_first.tolist())
 
 
 class UdpPublisher:

@@ -156,7 +156,6 @@ class Recorder:
                         condition_number=np.array(
                             [reading.condition_number for reading in readings]
                         ),
-                        valid=np.array([reading.valid for reading in readings]),
                         tau_ext=np.array([reading.tau_ext for reading in readings]),
                         statistic=np.array([reading.statistic for reading in readings]),
                         flags=flags,

@@ -26,7 +26,7 @@ from wrenchsight.models.robot.robot import Robot
 
 STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 STATUS_TIME = 0.1  # s between two statuses of one kind
-_FLAGS = ("valid", "contact", "misfit", "rest", "out_of_range", "dropout", "running")
+_FLAGS = ("valid", "invalid", "contact", "misfit", "rest", "out_of_range", "dropout", "running")
 _LAST_STAMP = 2**31 * 10**9  # ns
 _NAME = re.compile(r"[\w/.-]{1,200}", re.ASCII)
 
@@ -108,7 +108,7 @@ class Ros2Publisher:
         pair, level = types["diagnostic_msgs/msg/KeyValue"], 0 if reading.valid else 1
         values = [pair(name, f"{value:g}") for name, value in zip(_FLAGS, state, strict=False)]
         values.append(pair("link", str(reading.link)))
-        word = "valid" if reading.valid else "not valid"
+        word = "valid" if reading.valid else f"not valid: {reading.reason}"
         status = types["diagnostic_msgs/msg/DiagnosticStatus"]
         message_status = status(level, "wrenchsight", word, self._robot.name, values)
         status_header = header("", 0)

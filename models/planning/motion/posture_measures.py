@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
-from wrenchsight.models.estimation.wrench_kernels import reconstruct
+from wrenchsight.models.estimation.wrench_kernels import NUM_QUALITY, reconstruct
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
@@ -451,7 +451,7 @@ def _force_sd_rows(
         tau=np.zeros(n),
         wrench=np.empty(6),
         covariance=np.empty((6, 6)),
-        quality=np.empty(2),
+        quality=np.empty(NUM_QUALITY),
         work=np.zeros_like(reading.work),
     )
     for k in range(q.shape[0]):

@@ -56,7 +56,7 @@ def test_a_too_uncertain_force_is_not_valid(sts):
     estimator = estimator_of(sts, "bayesian", max_force_sd=30.0)
     batch = read(estimator, sts, np.zeros(6))
     gain = ReadingGain(estimator)
-    batch = batch._replace(valid=np.ones(ROWS, bool))
+    batch = batch._replace(invalid=np.zeros(ROWS, np.int64))
     added = np.tile(np.diag([0.0, 0.0, 0.0, 20.0**2, 20.0**2, 20.0**2]), (ROWS, 1, 1))
     wider = gain.widened(batch, added)
     np.testing.assert_allclose(wider.covariance, batch.covariance + added)

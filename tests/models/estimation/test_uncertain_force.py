@@ -1,4 +1,4 @@
-"""Why readings are not valid, told apart by what is known of the arm."""
+"""Why the force is too uncertain, and which joint counts most."""
 
 from dataclasses import replace
 
@@ -60,9 +60,3 @@ def test_the_joint_that_counts_most_is_named_with_the_remedy(robot):
     fitted = replace(judgement, assumed=False).sentence(0.2)
     assert fitted.startswith("20 % of readings are valid")
     assert "--max-force-sd" in fitted
-
-
-def test_where_the_sd_would_do_rest_and_foreign_contact_are_named(robot):
-    judgement, _ = judged(robot, [0.01] * 6)
-    assert judgement.sd < judgement.limit
-    assert "joints rest or reverse" in judgement.sentence(0.0)

@@ -19,7 +19,12 @@ from wrenchsight.models.estimation.wrench import (
     live_prior,
     reconstruct_wrench,
 )
-from wrenchsight.models.estimation.wrench_kernels import METHODS, reconstruct
+from wrenchsight.models.estimation.wrench_kernels import (
+    METHODS,
+    NUM_QUALITY,
+    reconstruct,
+    reconstruction_reasons,
+)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.conditioning import condition_number
 
@@ -354,7 +359,7 @@ def test_single_sample_log_and_kernel_are_the_same(method: str) -> None:
     reconstruction = WrenchReconstruction(config(method), Sigma)
     many = reconstruction.reconstruct(J, tau)
     work = reconstruction.scratch()
-    wrench, covariance, quality = np.empty(6), np.empty((6, 6)), np.empty(2)
+    wrench, covariance, quality = np.empty(6), np.empty((6, 6)), np.empty(NUM_QUALITY)
     for k in (0, 299, 599):
         one = reconstruction.reconstruct(J[k], tau[k])
         reconstruct(reconstruction.table, J[k], tau[k], wrench, covariance, quality, work)
@@ -363,7 +368,8 @@ def test_single_sample_log_and_kernel_are_the_same(method: str) -> None:
         for value in (one.covariance, covariance):
             np.testing.assert_array_equal(value, many.covariance[k])
         assert quality[0] == one.condition_number == many.condition_number[k]
-        assert bool(quality[1]) == bool(one.valid) == bool(many.valid[k])
+        reasons = reconstruction_reasons(reconstruction.table, quality)
+        assert reasons == one.invalid == many.invalid[k]
     assert reconstruction.reconstruct(J[:0], tau[:0]).wrench.shape == (0, 6)
     two = reconstruction.reconstruct(J.reshape(2, 300, 6, 7), tau.reshape(2, 300, 7))
     np.testing.assert_array_equal(two.wrench.reshape(600, 6), many.wrench)
@@ -542,7 +548,7 @@ def test_what_stiction_may_feign_is_bounded(method: str) -> None:
         held = np.zeros((1, 6))
         held[0, 4] = s
         config = WrenchReconstructionConfig(method, 1e4, 1e4, live_force_sd=1e4, live_moment_sd=1e4)
-        config = replace(config, max_force_sd=20.0, max_phantom=9.6)
+        config = replace(config, max_force_sd=20.0, max_stiction_force=9.6)
         reading = WrenchReconstruction(config, np.eye(6)).reconstruct(J, np.ones((1, 6)), sd, held)
         assert bool(reading.valid[0]) is expected
         assert WrenchReconstruction(config, np.eye(6)).reconstruct(J, np.ones((1, 6)), sd).valid[0]
@@ -562,7 +568,7 @@ def test_what_stiction_feigns_goes_through_the_correlated_gain() -> None:
     feigned = np.sqrt(3.0 * np.linalg.eigvalsh(gain @ np.diag(held**2) @ gain.T)[-1])
     for limit, expected in ((1.0001 * feigned, True), (0.9999 * feigned, False)):
         config = WrenchReconstructionConfig(
-            "bayesian", 5.0, 0.2, max_force_sd=1e3, max_phantom=limit, **LIVE
+            "bayesian", 5.0, 0.2, max_force_sd=1e3, max_stiction_force=limit, **LIVE
         )
         reading = WrenchReconstruction(config, R).reconstruct(J, np.ones(7), sd, held)
         assert bool(reading.valid) is expected
@@ -574,7 +580,7 @@ def test_without_condition_numbers_all_else_is_the_same(method: str) -> None:
     reading = WrenchReconstruction(config(method), noise_covariance())
     whole, part = reading.reconstruct(J, tau), reading.reconstruct(J, tau, J_now=J[:0])
     assert np.isnan(part.condition_number).all()
-    for name in ("wrench", "covariance", "valid"):
+    for name in ("wrench", "covariance", "invalid"):
         np.testing.assert_array_equal(getattr(part, name), getattr(whole, name))
 
 

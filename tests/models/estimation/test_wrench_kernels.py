@@ -96,7 +96,7 @@ def test_what_stiction_feigns_goes_through_the_balanced_gain() -> None:
     gain = balanced_gain(J, 60.0)
     feigned = float(np.sqrt(3.0 * np.linalg.eigvalsh(gain @ np.diag(held**2) @ gain.T)[-1]))
     for limit, expected in ((1.0001 * feigned, True), (0.9999 * feigned, False)):
-        reading = read(J, np.ones(N), held, max_phantom=limit, **live)
+        reading = read(J, np.ones(N), held, max_stiction_force=limit, **live)
         assert bool(reading.valid) is expected
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow.parquet as pa_parquet
 import pytest
 
+from wrenchsight.models.estimation.invalid import REASONS
 from wrenchsight.models.estimation.wrench_table import (
     COLUMNS,
     COVARIANCE,
@@ -24,12 +25,12 @@ def _rows(num_rows: int, seed: int = 0) -> WrenchRows:
     wrench, sd = rng.normal(size=(2, num_rows, 6))
     flags = {name: rng.integers(0, 2, num_rows) for name in FLAGS}
     flags["link"] = rng.integers(0, 8, num_rows)
+    flags["invalid"] *= max(REASONS)  # the widest number there is
     return WrenchRows(
         t=np.arange(num_rows) * 1e-3,
         wrench=wrench,
         standard_deviation=np.abs(sd),
         condition_number=condition_number,
-        valid=sd[:, 0] > 0,
         tau_ext=rng.normal(size=(num_rows, 7)),
         statistic=rng.uniform(size=num_rows),
         flags=flags,
@@ -50,7 +51,7 @@ def _part(rows: WrenchRows, part: slice) -> WrenchRows:
 def test_the_columns_are_force_first_and_exact(tmp_path: Path) -> None:
     path = tmp_path / "wrench.csv"
     rows = _rows(200)
-    t, wrench, sd, condition_number, valid, tau_ext, statistic, flags, _ = rows
+    t, wrench, sd, condition_number, tau_ext, statistic, flags, _ = rows
     with WrenchTableWriter(path, 7) as table:
         for part in (slice(0, 70), slice(70, 70), slice(70, 200)):
             table.write(_part(rows, part))
@@ -60,7 +61,7 @@ def test_the_columns_are_force_first_and_exact(tmp_path: Path) -> None:
     header = "t,fx,fy,fz,mx,my,mz,sd_fx,sd_fy,sd_fz,sd_mx,sd_my,sd_mz,condition_number,valid"
     assert header == ",".join(COLUMNS)
     torques = ",".join(f"tau_ext_{j}" for j in range(1, 8))
-    header += f",{torques},contact_statistic,contact,misfit,link,rest,out_of_range,fault"
+    header += f",{torques},contact_statistic,contact,misfit,link,rest,out_of_range,fault,invalid"
     assert path.read_text().splitlines()[0] == header == ",".join(columns_of(7))
     read = np.genfromtxt(path, delimiter=",", names=True)
     for k, axis in enumerate(("mx", "my", "mz", "fx", "fy", "fz")):  # rotation first inside
@@ -68,7 +69,7 @@ def test_the_columns_are_force_first_and_exact(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read[f"sd_{axis}"], sd[:, k])
     np.testing.assert_array_equal(read["t"], t)
     np.testing.assert_array_equal(read["condition_number"], condition_number)
-    np.testing.assert_array_equal(read["valid"], valid)
+    np.testing.assert_array_equal(read["valid"], flags["invalid"] == 0)
     np.testing.assert_array_equal(read["contact_statistic"], statistic)
     for j in range(7):
         np.testing.assert_array_equal(read[f"tau_ext_{j + 1}"], tau_ext[:, j])
@@ -89,7 +90,7 @@ def test_a_parquet_table_holds_the_same_and_the_covariance(tmp_path: Path) -> No
     assert read.column_names == [*columns_of(7), *COVARIANCE]
     assert len(COVARIANCE) == 21
     np.testing.assert_array_equal(read["fx"], rows.wrench[:, 3])
-    np.testing.assert_array_equal(read["valid"], rows.valid)
+    np.testing.assert_array_equal(read["valid"], rows.flags["invalid"] == 0)
     order = {"mx": 0, "my": 1, "mz": 2, "fx": 3, "fy": 4, "fz": 5}
     for name in COVARIANCE:
         _, a, b = name.split("_")

@@ -25,7 +25,9 @@ T = 0.01
 def readings(count, wrench, sd, valid):
     covariance = np.diag(np.full(6, sd**2))
     return [
-        Reading.of(wrench[k], covariance, np.zeros(6), np.zeros(6), t=T * k, valid=float(valid[k]))
+        Reading.of(
+            wrench[k], covariance, np.zeros(6), np.zeros(6), t=T * k, invalid=float(not valid[k])
+        )
         for k in range(count)
     ]
 

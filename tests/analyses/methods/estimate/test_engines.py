@@ -21,7 +21,7 @@ def batch(rng, valid):
     """Two samples of a six-joint arm; every array another one."""
     shapes = {"wrench": (2, 6), "covariance": (2, 6, 6), "torque_sd": (2, 6), "tau_ext": (2, 6)}
     arrays = {name: rng.random(shapes.get(name, 2)) for name in EstimateBatch._fields}
-    return EstimateBatch(**arrays | {"valid": np.array(valid)})
+    return EstimateBatch(**arrays | {"invalid": np.where(valid, 0, 1)})
 
 
 def test_another_band_does_not_change_the_reading():
@@ -36,5 +36,5 @@ def test_another_band_does_not_change_the_reading():
     )
     np.testing.assert_array_equal(combined.torque_sd, with_drift.torque_sd)
     np.testing.assert_array_equal(combined.valid, [True, False, False])
-    for name in set(EstimateBatch._fields) - {"covariance", "torque_sd", "valid"}:
+    for name in set(EstimateBatch._fields) - {"covariance", "torque_sd", "invalid"}:
         np.testing.assert_array_equal(getattr(combined, name), getattr(known, name), err_msg=name)

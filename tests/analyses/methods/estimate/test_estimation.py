@@ -159,11 +159,9 @@ def test_the_settling_observer_is_not_valid(estimated):
     result = estimated()
     valid = _table(result)[:, 14]
     np.testing.assert_array_equal(np.flatnonzero(valid == 0), np.arange(150))  # 3 / K_0 = 0.15 s
-    assert result.metrics()["invalid"] == {
-        "observer_settling_pct": pytest.approx(10.0),
-        "bridged_dropout_pct": 0.0,
-        "force_too_uncertain_pct": 0.0,
-    }
+    assert result.metrics()["invalid"] == {"settling_pct": pytest.approx(10.0)}
+    assert result.invalid[0] == "10.0 % not valid: 10.0 % settling"
+    assert "the observer settles within 3 / K_0" in result.invalid[1]
     assert result.valid_share == pytest.approx(0.9)
 
 
@@ -300,7 +298,7 @@ def test_a_bridged_dropout_is_not_valid(estimated, recording):
     assert len(table) == recording.num_samples
     invalid = np.flatnonzero(table[:, 14] == 0)
     np.testing.assert_array_equal(invalid, np.r_[0:150, 900:950])
-    assert result.metrics()["invalid"]["bridged_dropout_pct"] == pytest.approx(100 * 50 / 1500)
+    assert result.metrics()["invalid"]["sample_missing_pct"] == pytest.approx(100 * 50 / 1500)
     # The motion is smooth: the bridge costs little.
     assert np.abs(table[850:1000, 1:4] - _FORCE).max() < 1.0
 

@@ -121,7 +121,7 @@ def readings(ur10e, count):
     for k in range(count):
         wrench = np.array([0.1, 0.2, 0.3, 0.0, 0.0, 100.0 + k])
         covariance = np.diag([np.inf, 4.0, 1.0, 9.0, 1.0, 16.0])
-        yield Reading.of(wrench, covariance, tau_ext, q, t=5.25 + k, valid=1.0, running=1.0)
+        yield Reading.of(wrench, covariance, tau_ext, q, t=5.25 + k, running=1.0)
 
 
 def test_a_client_gets_plots_and_a_scene(ur10e, view):

@@ -96,7 +96,7 @@ def test_valid_readings_are_sent_as_drakes_force_torque():
     wrench = np.arange(1.0, 7.0)
     for valid in (0.0, 1.0):
         zero = np.zeros(7)
-        publisher.send(Reading.of(wrench, np.eye(6), zero, zero, t=12.5, valid=valid))
+        publisher.send(Reading.of(wrench, np.eye(6), zero, zero, t=12.5, invalid=1.0 - valid))
         lcm.HandleSubscriptions(0)
     (message,) = received
     assert message.timestamp == 12_500_000

@@ -22,7 +22,7 @@ def rows(count, valid=1.0, link=0.0):
             zero,
             t=5.0 + 0.002 * k,
             received=1.0,
-            valid=valid,
+            invalid=1.0 - valid,
             contact=1.0,
             misfit=float(link > 0),
             link=link,
@@ -51,7 +51,7 @@ def test_numbers_and_state_are_shown_force_first():
     assert "500 Hz, latency 0.30 ms (p99 0.30), 100 % valid, 100 readings" in text
     assert "fx 4.0+-4.0" in summary.line()
     summary.add(rows(1, valid=0.0, link=3.0), [])
-    assert "NOT VALID, contact, misfit at link 3" in summary.line()
+    assert "NOT VALID (settling), contact, misfit at link 3" in summary.line()
 
 
 def timed(times):

@@ -76,6 +76,6 @@ def test_a_replayed_log_reads_as_estimate_reads_it(
     # `estimate` judges each contact as a whole, also by what comes after a sample: whether it is
     # one at E, and so whether what is read during it is valid. Elsewhere both say the same.
     apart = mine["contact"] == 0.0
-    for column in ("valid", "misfit", "link"):
+    for column in ("valid", "invalid", "misfit", "link"):
         np.testing.assert_array_equal(mine[column][apart], table[column][apart], err_msg=column)
     assert np.all(mine["valid"] >= table["valid"])

@@ -34,7 +34,7 @@ def test_the_arm_and_the_force_are_drawn_where_they_are(ur10e):
 
     q = np.add(ur10e.home, [0.3, 0.1, -0.2, 0.0, 0.4, 0.0])
     wrench = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 100.0])
-    reading = Reading.of(wrench, np.eye(6), np.zeros(6), q, t=1.0, valid=1.0)
+    reading = Reading.of(wrench, np.eye(6), np.zeros(6), q, t=1.0)
     ring = Ring(row_size(6), 64)
     thread = SinkThread(lambda: View(ur10e), RingReader(ring), messages.append)
     ring.write(reading.row)

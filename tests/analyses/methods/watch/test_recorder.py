@@ -27,7 +27,6 @@ def rows(robot, count, start=0.0, step=0.002):
             rng.normal(size=6),
             robot.home,
             t=start + k * step,
-            valid=1.0,
         )
         ring_rows.append(reading.row)
     return ring_rows

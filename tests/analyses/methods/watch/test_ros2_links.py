@@ -239,7 +239,7 @@ def reading(ur10e, t, valid=1.0):
     q = np.add(ur10e.home, 0.2)
     covariance = np.diag(np.arange(1.0, 7.0))
     wrench = np.array([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])  # rotation first
-    return Reading.of(wrench, covariance, np.zeros(6), q, t=t, valid=valid, running=1.0)
+    return Reading.of(wrench, covariance, np.zeros(6), q, t=t, invalid=1.0 - valid, running=1.0)
 
 
 def test_valid_readings_go_out_as_a_sensors_broadcaster_sends_them(ur10e, url):
@@ -260,7 +260,7 @@ def test_valid_readings_go_out_as_a_sensors_broadcaster_sends_them(ur10e, url):
     assert received[0].wrench == Wrench(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0))
     until(lambda: statuses.extend(status.take(10)) or len(statuses) > 1)
     words = [typestore().deserialize_cdr(one.data, STATUS).status[0] for one in statuses[:2]]
-    assert [word.message for word in words] == ["not valid", "valid"]
+    assert [word.message for word in words] == ["not valid: settling", "valid"]
     turned = []
     until(lambda: turned.extend(in_tool.take(10)) or turned)
     R_WE, _ = ur10e.chain.pose(np.add(ur10e.home, 0.2)[None])
