@@ -18,10 +18,15 @@ ORDER = 5
 
 def command(
     source: Annotated[
-        str, typer.Argument(metavar="URDF | show", help="A URDF, SDF, MJCF or xacro; or `show`.")
+        str,
+        typer.Argument(
+            metavar="URDF | show | export",
+            help="A URDF, SDF, MJCF or xacro; or `show`, `export`.",
+        ),
     ],
     robot: Annotated[
-        str | None, typer.Argument(metavar="[ROBOT]", help="After `show`: a name or a robot.yaml.")
+        str | None,
+        typer.Argument(metavar="[ROBOT]", help="After `show` or `export`: a name or a robot.yaml."),
     ] = None,
     base: Annotated[str | None, typer.Option(help="Link whose frame is W; else the root.")] = None,
     flange: Annotated[
@@ -34,12 +39,28 @@ def command(
     trust_xacro: Annotated[
         bool, typer.Option("--trust-xacro", help="Let a xacro file run: it is its author's code.")
     ] = False,
+    model: Annotated[
+        Path | None, typer.Option(help="With `export`: the model.yaml of `identify`.")
+    ] = None,
+    to: Annotated[str, typer.Option(help="With `export`: urdf or mjcf (MuJoCo).")] = "urdf",
     out: Annotated[
         Path | None,
-        typer.Option(help="The robot.yaml (robot.yaml), or with `show` the page (arm.html)."),
+        typer.Option(
+            help="The robot.yaml (robot.yaml); with `show` the page (arm.html), with `export` the "
+            "file (NAME.urdf, NAME.xml)."
+        ),
     ] = None,
 ) -> None:
-    """Draft a robot.yaml from a URDF, or print and draw a robot: `robot show ROBOT`."""
+    """Draft a robot.yaml from a URDF, draw a robot (`show`) or write an identified one (`export`).
+
+    `robot show ROBOT` prints and draws it; `robot export [ROBOT] --model MODEL --to mjcf` writes
+    inertias, rotors and friction of a model as a file for simulators.
+    """
+    if source == "export":
+        _export(robot, model, to, out)
+        return
+    if model is not None:
+        raise InputError("robot", "--model", "belongs to `robot export`", "write `robot export`")
     if source == "show":
         if robot is None:
             raise InputError("robot show", "", "names no robot", "give a name or a robot.yaml")
@@ -73,6 +94,31 @@ def _arguments(words: list[str]) -> dict[str, str]:
         if not (name and sign):
             raise InputError("--xacro-arg", "", f"is {word!r}", "write NAME:=VALUE")
     return {name: value for name, _, value in pairs}
+
+
+def _export(robot: str | None, model: Path | None, form: str, out: Path | None) -> None:
+    from wrenchsight.analyses.methods.robot.robot_export import export_robot
+
+    if model is None:
+        problem = "is missing: what is exported is an identified arm"
+        raise InputError("robot export", "--model", problem, "give the model.yaml of `identify`")
+    exported = export_robot(model, form, out, robot)
+    friction = exported.friction
+    table = new_table(
+        "joint", "rotor\n[kg m^2]", "Coulomb\n[N m]", "viscous\n[N m s/rad]", "law's rest\n[N m]"
+    )
+    columns = (exported.rotors, friction.coulomb, friction.viscous, friction.error)
+    for j, name in enumerate(exported.robot.joint_names):
+        table.add_row(name, *(f"{values[j]:.3g}" for values in columns))
+    show(
+        table,
+        "note: law's rest is the largest part of the identified friction, sliding without load, "
+        "that Coulomb and viscous friction leave out; memory and dependence on load are left out, "
+        "too",
+    )
+    if form == "urdf":
+        show("note: Drake reads damping and rotors of this file, and no Coulomb friction")
+    show(f"{form}: {exported.path}")
 
 
 def _show(name: str, out: Path) -> None:

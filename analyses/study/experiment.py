@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
@@ -135,6 +136,7 @@ class Experiment:
     run: Callable[[ExperimentContext], ExperimentResult]
     needs: tuple[str, ...] = ()  # sets of recordings without which it is skipped
     uses: tuple[str, ...] = ()  # sets of recordings that it reads if they are there
+    modules: tuple[str, ...] = ()  # of the extra `study`, without which it is skipped
     takes_methods: bool = False  # whether it measures estimators of others, `study --method`
     order: float = 1000.0  # its place in the report: the smaller, the earlier
     seconds: float = 30.0  # of a processor that it typically takes; the longest start first
@@ -147,3 +149,7 @@ class Experiment:
             data: folder of recordings from the command line; None: the default places.
         """
         return [name for name in self.needs if find_data_set(name, data) is None]
+
+    def missing_modules(self) -> list[str]:
+        """The modules of the extra `study` that it needs and that are not installed."""
+        return [name for name in self.modules if find_spec(name) is None]

@@ -347,6 +347,9 @@ def _run_experiment(
     if missing:
         connection.send(("lacks", tuple(missing)))
         return "skipped", f"needs the recordings {', '.join(missing)}; {how_to_get_all(missing)}"
+    lacking = experiment.missing_modules()
+    if lacking:
+        return "skipped", f"needs {', '.join(lacking)}; python -m pip install 'wrenchsight[study]'"
     if "numba" in sys.modules:
         on_first_compilation(lambda action: connection.send(("progress", 0.0, action)))
     due = 0.0

@@ -3,5 +3,5 @@
 In: rows of a regression and held-out readings. Out: an `IdentifiedModel` and its file, or a URDF.
 Order: torque_regression, base_parameters, physical_consistency, gravity_spread, torque_error_fit,
 torque_error_model, repetition_error, contact_noise, fitted_robot, identified_model, then
-identified_urdf.
+simulator_friction, identified_urdf.
 """

@@ -282,6 +282,15 @@ class IdentifiedModel:
                 "identify it again: wrenchsight identify LOGS --robot THIS_ROBOT",
             )
 
+    @staticmethod
+    def robot_of(path: Path) -> str:
+        """Name of the robot that a model.yaml is of.
+
+        Raises:
+            InputError: as `load`, but for what depends on the robot.
+        """
+        return load_configuration(path, _ModelFile).robot
+
     def save(self, path: Path) -> None:
         """Writes the model as YAML, whole or not at all."""
         save_configuration(self._to_file(), path)

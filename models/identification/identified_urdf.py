@@ -5,11 +5,17 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from wrenchsight.models.identification.physical_consistency import unphysical_links
+from wrenchsight.models.identification.simulator_friction import SimulatorFriction
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 
-def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> str:
+def identified_urdf(
+    robot: Robot,
+    inertial: Array,
+    reflected_inertia: Array,
+    friction: SimulatorFriction | None = None,
+) -> str:
     """Returns the robot's effective URDF with these inertias.
 
     Bodies that are fixed to a link (flange, tool) are part of that link's inertia: they keep their
@@ -21,6 +27,8 @@ def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> 
         inertial: (n, 10) per moving link about its joint frame, as
             `models.rigid_body.serial_chain.SerialChain.inertial_parameters`.
         reflected_inertia: (n,) kg m^2 (kg if prismatic).
+        friction: of the joints; None: the file states none. Drake reads `damping` and leaves
+            `friction` (Coulomb) out.
 
     Raises:
         ValueError: a link whose inertia is not physical, which URDF readers refuse.
@@ -44,6 +52,12 @@ def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> 
         for element in link.findall("inertial"):
             link.remove(element)
         link.insert(0, _inertial(inertial[i]))
+        if friction is not None:
+            coefficients = {
+                "damping": repr(float(friction.viscous[i])),
+                "friction": repr(float(friction.coulomb[i])),
+            }
+            ET.SubElement(joints[name], "dynamics", coefficients)
         transmission = ET.SubElement(root, "transmission", name=f"{name}_transmission")
         ET.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
         ET.SubElement(transmission, "joint", name=name)
@@ -53,6 +67,13 @@ def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> 
     root.set("xmlns:drake", "http://drake.mit.edu")
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def links_behind(robot: Robot) -> tuple[str, ...]:
+    """Names of the links that the joints move, base to tool."""
+    root = ET.fromstring(robot.urdf_text)
+    joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
+    return tuple(_end(joints[name], "child") for name in robot.joint_names)
 
 
 def _end(joint: ET.Element, tag: str) -> str:

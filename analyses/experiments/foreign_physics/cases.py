@@ -224,3 +224,5 @@ CASES: Final[dict[str, Case]] = {
     "tilted": constant,
 }
 """By name; `tilted` is `constant` on a base that is tilted, which robot.yaml says."""
+TURNING: Final = {*(name for name in CASES if name.startswith("sine")), "elastic"}
+"""Cases whose force is smooth, however fast: nothing in it is an edge."""

@@ -9,8 +9,9 @@ import numpy as np
 from pydrake.math import RollPitchYaw
 
 from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm, draw_arm, robot_file
-from wrenchsight.analyses.experiments.foreign_physics.cases import CASES
+from wrenchsight.analyses.experiments.foreign_physics.cases import CASES, TURNING
 from wrenchsight.analyses.experiments.foreign_physics.identified_arms import (
+    PERIODS,
     excitation_motions,
     identification_logs,
     identified,
@@ -48,16 +49,18 @@ class DrawnArm:
     folder: Path
 
     @classmethod
-    def identify(cls, name: str, draw: int, folder: Path) -> Self:
+    def identify(cls, name: str, draw: int, folder: Path, periods: int = PERIODS) -> Self:
         """Draws an arm, records two motions of `excite` and identifies it.
 
         Args:
             name: one of `arms.ARMS`.
             draw: its seed.
             folder: for its files; made.
+            periods: of each motion of the identification.
         """
         arm, tilted = _drawn(name, draw, folder)
-        worlds = identification_logs(arm, excitation_motions(arm.robot, arm.robot_file))
+        motions = excitation_motions(arm.robot, arm.robot_file, periods)
+        worlds = identification_logs(arm, motions)
         logs = tuple(world.recording for world in worlds)
         return cls(arm, tilted, logs, identified(arm.robot, logs), folder)
 
@@ -86,18 +89,17 @@ class DrawnArm:
         arm = self._of(case)
         return simulate(arm, CASES[case](arm.robot, arm.coulomb, arm.seed), arm.seed, case)
 
-    def read(self, case: str, log: WorldLog) -> Reading:
+    def read(self, case: str, log: WorldLog, draws: bool = True) -> Reading:
         """Reads the log of a case with the defaults of `estimate`."""
         folder, is_tilted = self._folder(case), case == TILTED
-        return read_log(self._of(case), self.model, log, folder, is_tilted)
+        return read_log(self._of(case), self.model, log, folder, is_tilted, draws)
 
     def figures(
         self, case: str, log: WorldLog, reading: Reading, with_plain: bool = True
     ) -> dict[str, Any]:
         """The figures of a case's log, with those of plain tools beside."""
-        return figures(
-            log, reading, self.plain if with_plain else None, self._of(case).robot.gravity
-        )
+        plain, gravity = self.plain if with_plain else None, self._of(case).robot.gravity
+        return figures(log, reading, plain, gravity, case not in TURNING)
 
     def write(self, case: str, log: WorldLog) -> None:
         """Writes the log of a case."""

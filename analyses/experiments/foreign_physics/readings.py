@@ -60,6 +60,7 @@ def read_log(
     log: WorldLog,
     folder: Path,
     model_is_of_other_mount: bool = False,
+    draws: bool = True,
 ) -> Reading:
     """Reads a log as the command does, and leaves its files in the folder.
 
@@ -70,6 +71,7 @@ def read_log(
         folder: for log.parquet, model.yaml and estimate/.
         model_is_of_other_mount: whether gravity was another one at the identification, which the
             user states with --other-robot.
+        draws: whether figures are wanted.
     """
     path, model_path = folder / "log.parquet", folder / "model.yaml"
     write_recording(log.recording, path)
@@ -78,7 +80,9 @@ def read_log(
     N = log.recording.num_samples
     try:
         config = EstimateConfig(other_robot=model_is_of_other_mount)
-        result = estimate_log(path, arm.robot_file, model_path, folder / "estimate", config=config)
+        result = estimate_log(
+            path, arm.robot_file, model_path, folder / "estimate", config=config, draws=draws
+        )
     except InputError as error:
         nothing = np.full((N, 6), np.nan)
         return Reading(str(error), nothing, nothing, np.zeros(N, bool), (), ())
@@ -98,7 +102,11 @@ def read_log(
 
 
 def figures(
-    log: WorldLog, reading: Reading, plain: PlainModel | None = None, gravity: Array | None = None
+    log: WorldLog,
+    reading: Reading,
+    plain: PlainModel | None = None,
+    gravity: Array | None = None,
+    steps: bool = True,
 ) -> dict[str, Any]:
     """The figures of a log; lists are of fx fy fz mx my mz, those in newtons of fx fy fz.
 
@@ -109,11 +117,14 @@ def figures(
         reading: of it.
         plain: whose figures stand beside.
         gravity: (3,) m/s^2 in W, for `plain`; None: as at the identification.
+        steps: whether the force may step; else no sample is left out.
     """
     t = log.recording.t
     truth = np.roll(log.wrench, 3, axis=1)  # force first
     judged = t - t[0] >= SETTLED_SECONDS
-    counted = judged & reading.valid & ~after_edges(truth)
+    counted = judged & reading.valid
+    if steps:
+        counted &= ~after_edges(truth)
     error = reading.wrench - truth
     ratio = np.abs(error[counted]) / reading.sd[counted]
     has_samples = bool(counted.any())

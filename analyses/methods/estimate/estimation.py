@@ -101,6 +101,7 @@ def estimate_log(
     log_format: str | Path | None = None,
     config: EstimateConfig | None = None,
     progress: ProgressCallback = lambda fraction, action: None,
+    draws: bool = True,
 ) -> EstimateResult:
     """Streams a log and writes the wrench at the tool into `out`.
 
@@ -113,6 +114,7 @@ def estimate_log(
         robot_name: a bundled robot or a robot.yaml.
         model_path: a model.yaml; None: the model of the robot's files, without friction.
         log_format: description of the log's columns.
+        draws: whether figures are written.
 
     Raises:
         InputError: as `Robot.load`, `IdentifiedModel.load`, `RecordingReader` and `result_folder`;
@@ -152,7 +154,7 @@ def estimate_log(
             log_format=None if log_format is None else str(log_format),
             estimate=config,
         )
-        result = estimate(read, robot, model, folder, settings, progress)
+        result = estimate(read, robot, model, folder, settings, progress, draws)
     return replace(result, table=out / result.table.name)
 
 
@@ -163,6 +165,7 @@ def estimate(
     out: OutputFolder,
     settings: EstimateSettings,
     progress: ProgressCallback = lambda fraction, action: None,
+    draws: bool = True,
 ) -> EstimateResult:
     """As `estimate_log`, with robot and model loaded.
 
@@ -193,7 +196,8 @@ def estimate(
     used_settings = replace(
         settings, estimate=replace(config, estimator=second_pass.estimator_config)
     )
-    _write_figures(outcome, config, out)
+    if draws:
+        _write_figures(outcome, config, out)
     if isinstance(second_pass.reader, EpisodesReader):
         progress(1.0, "copying the data set")
         _copy_data_set(settings.log, second_pass.reader, second_pass.table, metrics["prior"], out)

@@ -1,0 +1,252 @@
+"""Supports docs/foreign-physics.md, "is checked in physics that nobody here wrote".
+
+Experiment `foreign-physics`: drawn arms in MuJoCo, identified and read as a user does it, 20 draws.
+
+Each draw of an arm is identified from two motions of `excite`; then its logs are read by `estimate`
+with its defaults and held against MuJoCo's truth. CORE cases run for all draws of all arms, the
+others for the first FURTHER_DRAWS of the UR10e. Figures are the median and the worst of the draws.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from wrenchsight.analyses.output.figures import SERIES, new_figure
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow,
+    Drawing,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+    ResultTable,
+)
+
+if TYPE_CHECKING:
+    from wrenchsight.analyses.experiments.foreign_physics.drawn_arm import DrawnArm
+
+CORE: Final = (
+    "free",
+    "pick_and_place",
+    "constant",
+    "steps",
+    "sine_2",
+    "sine_5",
+    "slide_40",
+    "slide_110",
+    "press",
+    "drift_steps",
+)
+FIRST_ARM: Final = "ur10e"
+DRAWS: Final = {"ur10e": 20, "panda": 3, "z1": 3}
+QUICK_DRAWS: Final = {"ur10e": 2}
+FURTHER_DRAWS: Final = 4
+QUICK_CASES: Final = ("free", "pick_and_place", "steps")
+QUICK_PERIODS: Final = 2
+SHOWN: Final = ("free", "constant", "steps", "sine_2", "slide_40", "slide_110")
+"""Cases of which the README states the worst draw."""
+_WORST: Final = {  # whether the least is the worst
+    "inside_95_pct": True,
+    "beyond_3sd_pct": False,
+    "share_valid_pct": True,
+    "sd_n": False,
+    "false_contacts_per_hour": False,
+    "missed": False,
+}
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Cases that are read of each draw of an arm."""
+
+    arm: str
+    draw: int
+    cases: tuple[str, ...]
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Reads all logs, draw by draw, and sums them up."""
+    plans = _plans(context.quick)
+    count, done = sum(len(plan.cases) for plan in plans), 0
+    read: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    with TemporaryDirectory() as scratch:
+        for plan in plans:
+            context.progress(done / count, f"{plan.arm} {plan.draw}: identification")
+            drawn = _drawn(plan, Path(scratch), context)
+            by_case = read.setdefault(plan.arm, {})
+            for case in plan.cases:
+                context.progress(done / count, f"{plan.arm} {plan.draw}: {case}")
+                log = drawn.simulate(case)
+                reading = drawn.read(case, log, draws=False)
+                by_case.setdefault(case, []).append(drawn.figures(case, log, reading))
+                done += 1
+    metrics: dict[str, Any] = {
+        arm: {case: summed_up(figures) for case, figures in by_case.items()}
+        for arm, by_case in read.items()
+    }
+    for cases in metrics.values():
+        shown = [cases[case] for case in SHOWN if case in cases]
+        cases["worst_inside_pct"] = [float(np.min(c["inside_95_pct"]["worst"][:3])) for c in shown]
+    return ExperimentResult(
+        metrics=metrics,
+        figures=[_figure(read)] if context.draws else [],
+        comparison=_comparison(metrics),
+        notes=NOTES,
+        tables=[_table(arm, cases) for arm, cases in metrics.items()],
+    )
+
+
+def _plans(quick: bool) -> list[_Plan]:
+    from wrenchsight.analyses.experiments.foreign_physics.cases import CASES
+
+    if quick:
+        return [
+            _Plan(arm, k, QUICK_CASES) for arm, draws in QUICK_DRAWS.items() for k in range(draws)
+        ]
+    further = tuple(case for case in CASES if case not in CORE)
+    return [
+        _Plan(arm, k, CORE + further * (arm == FIRST_ARM and k < FURTHER_DRAWS))
+        for arm, draws in DRAWS.items()
+        for k in range(draws)
+    ]
+
+
+def _drawn(plan: _Plan, scratch: Path, context: ExperimentContext) -> "DrawnArm":
+    from wrenchsight.analyses.experiments.foreign_physics.drawn_arm import DrawnArm
+    from wrenchsight.analyses.experiments.foreign_physics.identified_arms import PERIODS
+
+    periods = QUICK_PERIODS if context.quick else PERIODS
+    seed = 100 * context.seed + plan.draw
+    return DrawnArm.identify(plan.arm, seed, scratch / f"{plan.arm}_{plan.draw}", periods)
+
+
+def summed_up(draws: list[dict[str, Any]]) -> dict[str, Any]:
+    """Median and worst of the figures of one case, a draw each (`readings.figures`).
+
+    Draws whose log was refused, or has no valid sample, have no share inside: they do not count
+    there, and count as not valid.
+    """
+    hours = sum(figures["seconds"] for figures in draws) / 3600.0
+    result: dict[str, Any] = {
+        "draws": len(draws),
+        "refused": sum(figures["refused"] for figures in draws),
+        "true_contacts": sum(figures["true_contacts"] for figures in draws),
+        "all_missed": sum(figures["missed"] for figures in draws),
+        "all_false_contacts_per_hour": sum(figures["false_contacts"] for figures in draws) / hours,
+    }
+    for key, is_least in _WORST.items():
+        if key == "false_contacts_per_hour":
+            values = [3600.0 * f["false_contacts"] / f["seconds"] for f in draws]
+        else:
+            values = [figures[key] for figures in draws]
+        result[key] = _median_and_worst(values, is_least)
+    for tool in ("ours", "plain"):
+        values = [figures[tool]["rmse_n"] for figures in draws]
+        result[tool] = {"rmse_n": _median_and_worst(values, False)}
+    return result
+
+
+def _median_and_worst(values: list[Any], is_least: bool) -> dict[str, Any]:
+    table = np.array(values, dtype=float)
+    known = table[~np.isnan(table.reshape(len(table), -1)).any(axis=1)]
+    if not len(known):
+        none = np.full(table.shape[1:], np.nan)
+        return {"median": none, "worst": none}
+    worst = known.min(axis=0) if is_least else known.max(axis=0)
+    return {"median": np.median(known, axis=0), "worst": worst}
+
+
+def _figure(read: dict[str, dict[str, list[dict[str, Any]]]]) -> Drawing:
+    """Shares of each draw, case by case."""
+    names = list(dict.fromkeys(case for by_case in read.values() for case in by_case))
+    figure, axes = new_figure(3, 1, height=7.0, share_x=True)
+    panels: tuple[tuple[str, Callable[[dict[str, Any]], float]], ...] = (
+        ("valid samples inside\nthe 95 % band [%]", lambda f: f["inside_95_pct"][:3].min()),
+        ("beyond 3 sd [%]", lambda f: f["beyond_3sd_pct"][:3].max()),
+        ("valid samples [%]", lambda f: f["share_valid_pct"]),
+    )
+    for axis, (label, value) in zip(list[Any](axes.flat), panels, strict=True):
+        for k, (arm, by_case) in enumerate(read.items()):
+            place = (k - 0.5 * (len(read) - 1)) * 0.25
+            for case, draws in by_case.items():
+                values = [value(figures) for figures in draws]
+                x = np.full(len(values), names.index(case) + place)
+                label_once = arm if case == next(iter(by_case)) else None
+                colour = SERIES[k % len(SERIES)]
+                axis.plot(x, values, ".", color=colour, ms=5, alpha=0.6, label=label_once)
+        axis.set_ylabel(label)
+    axes[0, 0].axhspan(90.0, 99.0, color="0.9", zorder=0)
+    axes[1, 0].axhline(2.0, color="0.6", lw=0.8)
+    axes[-1, 0].set_xticks(range(len(names)), names, rotation=60, ha="right")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    caption = (
+        "Each dot is a draw: the worst axis of the force (shares inside and beyond 3 sd), and the "
+        "share of samples that are valid. Grey: 90 to 99 % inside, 2 % beyond 3 sd."
+    )
+    return "shares", figure, caption
+
+
+def _table(arm: str, cases: dict[str, Any]) -> ResultTable:
+    def row(case: str) -> list[str]:
+        key = f"{arm}.{case}"
+        return [
+            case,
+            f"<{key}.inside_95_pct.median:.0f>",
+            f"<{key}.inside_95_pct.worst:.0f>",
+            f"<{key}.beyond_3sd_pct.worst:.1f>",
+            f"<{key}.share_valid_pct.median:.0f> (<{key}.share_valid_pct.worst:.0f>)",
+            f"<{key}.all_false_contacts_per_hour:.0f>",
+            f"<{key}.all_missed:.0f> of <{key}.true_contacts:.0f>",
+            f"<{key}.refused:.0f> of <{key}.draws:.0f>",
+            f"<{key}.ours.rmse_n.median:.1f>",
+            f"<{key}.plain.rmse_n.median:.1f>",
+        ]
+
+    heads = (
+        "case",
+        "inside [%]",
+        "worst draw [%]",
+        "beyond 3 sd, worst draw [%]",
+        "valid (worst) [%]",
+        "false contacts an hour",
+        "missed",
+        "refused",
+        "RMSE, ours [N]",
+        "RMSE, plain tools [N]",
+    )
+    return ResultTable(arm, arm, heads, [row(case) for case in cases if case != "worst_inside_pct"])
+
+
+def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
+    cases = ", ".join(SHOWN)
+    rows = []
+    for arm, figures in metrics.items():
+        draws = figures[next(iter(figures))]["draws"]
+        label = f"Inside the stated 95 % band, worst axis and draw of {draws}, {arm}: {cases}"
+        rows.append(ComparisonRow(label, f"{arm}.worst_inside_pct", more_is_better=True))
+    return rows
+
+
+NOTES = (
+    "UR10e in MuJoCo, valid samples inside the 95 % band in the median draw, fx fy fz mx my mz: "
+    "free motion <ur10e.free.inside_95_pct.median:.0f> %, steps of force "
+    "<ur10e.steps.inside_95_pct.median:.0f> %.",
+    "False contacts an hour: <ur10e.free.all_false_contacts_per_hour:.0f> in free motion, "
+    "<ur10e.pick_and_place.all_false_contacts_per_hour:.0f> with a rest at every place.",
+    "RMSE of the force in steps, x y z: <ur10e.steps.ours.rmse_n.median:.2f> N; plain tools "
+    "(least squares, first-order observer, pinv(J^T)): <ur10e.steps.plain.rmse_n.median:.2f> N.",
+)
+
+
+EXPERIMENT = Experiment(
+    name="foreign-physics",
+    title="What is valid, in physics that nobody here wrote",
+    section="arms in MuJoCo",
+    run=run,
+    modules=("mujoco",),
+    order=190,
+    seconds=550,
+)
