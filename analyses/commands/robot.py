@@ -107,9 +107,9 @@ def _export(robot: str | None, model: Path | None, form: str, out: Path | None) 
     table = new_table(
         "joint", "rotor\n[kg m^2]", "Coulomb\n[N m]", "viscous\n[N m s/rad]", "law's rest\n[N m]"
     )
-    columns = (exported.rotors, friction.coulomb, friction.viscous, friction.error)
+    columns = (exported.rotors, friction.coulomb, friction.viscous)
     for j, name in enumerate(exported.robot.joint_names):
-        table.add_row(name, *(f"{values[j]:.3g}" for values in columns))
+        table.add_row(name, *(f"{values[j]:.3g}" for values in columns), f"{friction.error[j]:.2f}")
     show(
         table,
         "note: law's rest is the largest part of the identified friction, sliding without load, "

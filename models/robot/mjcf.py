@@ -3,7 +3,8 @@
 World is W, the frame of the arm's base link. What is fixed to a link (flange, tool) is part of that
 link's inertia. Friction at rest and in motion is MuJoCo's `frictionloss` (Coulomb) and `damping`
 (viscous), the rotors' inertia behind the gears is `armature`, each joint has a motor whose control
-is the torque on the joint in N m (N). The site "E" is the tool centre point. Numbers are written so
+is the torque on the joint in N m (N). The site "E" is the tool centre point. Capsules between the
+joints are pictures alone: they have no mass and touch nothing. Numbers are written so
 that they read back bit for bit.
 
 See https://mujoco.readthedocs.io/en/stable/XMLreference.html.
@@ -21,6 +22,8 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 TIME_STEP = 0.001  # s
 INTEGRATOR = "implicitfast"  # damping implicitly: a wrist's is large beside its inertia
+PICTURE = {"type": "capsule", "contype": "0", "conaffinity": "0", "group": "2", "mass": "0"}
+THICKNESS = 0.025  # radius of the capsules, of the arm's length
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +71,7 @@ def chain_mjcf(
     option = {"timestep": repr(TIME_STEP), "integrator": INTEGRATOR}
     ET.SubElement(root, "option", option, gravity=_numbers(chain.gravity))
     parent = ET.SubElement(root, "worldbody")
+    thickness = THICKNESS * float(np.linalg.norm(chain.p_PJ, axis=1).sum())
     actuators = ET.SubElement(root, "actuator")
     for i, joint_name in enumerate(chain.joint_names):
         link = link_names[i] if link_names else f"body_{i + 1}"
@@ -84,6 +88,10 @@ def chain_mjcf(
         if np.isfinite([joints.lower[i], joints.upper[i]]).all():
             joint["range"] = _numbers([joints.lower[i], joints.upper[i]])
         ET.SubElement(parent, "joint", joint)
+        end = chain.p_PJ[i + 1] if i + 1 < len(chain.joint_names) else chain.p_LE
+        if np.linalg.norm(end) > thickness:
+            ends = _numbers([0.0, 0.0, 0.0, *end])
+            ET.SubElement(parent, "geom", PICTURE, fromto=ends, size=repr(thickness))
         motor = {"name": joint_name, "joint": joint_name}
         if math.isfinite(joints.effort[i]):
             motor["ctrlrange"] = _numbers([-joints.effort[i], joints.effort[i]])
