@@ -27,6 +27,7 @@ _TOOL_WORDS = ("tool0", "tcp", "ee", "eef", "tool", "flange", "effector", "tip",
 _HAND_WORDS = ("gripper", "hand")
 _JAW_WORDS = ("gripper", "finger", "jaw", "claw", "thumb", "knuckle")
 _MIN_ARM = 4  # joints; a shorter line from the base is a neck, a finger or a lift
+_MIN_FINGERS = 3  # of a hand at the end of an arm; a torso carries as many, after fewer joints
 _MAX_FINGER = 2  # joints one after another; a finger's phalanges
 
 
@@ -292,6 +293,8 @@ class ArmStructure:
     def _are_fingers(self, group: Collection[str], length: int) -> bool:
         """Whether all that a rigid group carries are fingers: several short ones, no line."""
         ways = self._ways(group)
+        if len(ways) >= _MIN_FINGERS and length > _MIN_ARM:
+            return True  # a hand, however many joints its fingers have
         is_short = all(self._reach(joint) <= _MAX_FINGER for joint in ways)
         is_pair = sum(joint.kind == "prismatic" for joint in ways) > 1
         return len(ways) > 1 and is_short and length >= (_MIN_ARM - 1 if is_pair else _MIN_ARM)

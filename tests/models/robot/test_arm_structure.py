@@ -58,6 +58,11 @@ def found(structure, flange=None):
                                   for k in (1, 2, 3) for i in (1, 2)]],
             (), "l6", 6, ["f11", "f12", "f21", "f22", "f31", "f32"],
         ),
+        # A hand whose fingers have more joints than many an arm.
+        (
+            ["p fixed l6 palm", *(joint for f in "tim" for joint in line(5, "palm", f))],
+            (), "l6", 6, [f"{finger}_j{k}" for finger in "tim" for k in range(1, 6)],
+        ),
         # A link called thumb is moved by the arm; beyond it a jaw that is called one.
         (["roll revolute l6 hand_thumb", "gripper revolute hand_thumb finger"], (), "hand_thumb", 7,
          ["gripper"]),
