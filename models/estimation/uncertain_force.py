@@ -7,6 +7,10 @@ import numpy as np
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.numerics.arrays import Array
 
+_GRAVITY = 9.81  # m/s^2
+_MOMENT_FACTOR = 1.2  # by which the sd grows with the prior of the moment
+_NO_PRIOR = 1e6  # N, sd of a force of which nothing is known
+_MAX_PAYLOAD_FACTOR = 20.0  # by which a rated payload may be wrong
 _SMALL_ERROR = 0.1  # factor on a joint's torque error, with which its effect is tried
 
 
@@ -20,6 +24,7 @@ class UncertainForce:
         joint: name of the joint whose torque error counts most.
         torque_sd: N m (N), of that joint, median.
         payload: kg, rated, from which the limit follows.
+        enough_payload: kg, with which the limit would be above the sd.
         assumed: whether the torque error is assumed, not identified from logs.
     """
 
@@ -28,6 +33,7 @@ class UncertainForce:
     joint: str
     torque_sd: float
     payload: float
+    enough_payload: float
     assumed: bool
 
     @classmethod
@@ -41,10 +47,11 @@ class UncertainForce:
         """
         robot, reading = estimator.robot, estimator.reading.reconstruction
         limit, _, force_sd, moment_sd = reading.limits
-        prior = np.diag([1.0 / max(moment_sd, 1e-9) ** 2] * 3 + [1.0 / force_sd**2] * 3)
+        moment_prior = [1.0 / max(moment_sd, 1e-9) ** 2] * 3
 
-        def worst_sd(factor: Array) -> float:
+        def worst_sd(factor: Array, force_sd: float) -> float:
             """N, the force's sd where the joints' errors are `factor` (n,) times as large."""
+            prior = np.diag(moment_prior + [1.0 / force_sd**2] * 3)
             s = torque_sd * factor
             noise = s[:, :, None] * reading.torque_covariance * s[:, None, :]
             information = J @ np.linalg.solve(noise, J.swapaxes(1, 2)) + prior
@@ -52,14 +59,23 @@ class UncertainForce:
             return float(np.sqrt(np.median(values[:, -1])))
 
         n = robot.num_joints
-        sd_without = [worst_sd(np.where(np.arange(n) == j, _SMALL_ERROR, 1.0)) for j in range(n)]
+        factors = [np.where(np.arange(n) == j, _SMALL_ERROR, 1.0) for j in range(n)]
+        sd_without = [worst_sd(factor, force_sd) for factor in factors]
         worst = int(np.argmin(sd_without))
         return cls(
-            sd=worst_sd(np.ones(n)),
+            sd=worst_sd(np.ones(n), force_sd),
             limit=limit,
             joint=robot.joint_names[worst],
             torque_sd=float(np.median(torque_sd[:, worst])),
             payload=robot.payload,
+            # With a prior of half the payload's weight W the sd is below a third of that prior
+            # where W / 2 is sqrt(8) times what the torques alone leave; the moment's prior grows,
+            # too.
+            enough_payload=_MOMENT_FACTOR
+            * 2.0
+            * np.sqrt(8.0)
+            * worst_sd(np.ones(n), _NO_PRIOR)
+            / _GRAVITY,
             assumed=not estimator.model.provenance.logs,
         )
 
@@ -79,6 +95,11 @@ class UncertainForce:
         )
         if self.assumed:
             return reason + "; it is assumed: pass --model of an identified model"
+        if self.payload < self.enough_payload < _MAX_PAYLOAD_FACTOR * self.payload:
+            reason += (
+                f"; if the arm's rated payload is {self.enough_payload:.2g} kg or more, write it "
+                "into robot.yaml: half of these readings are then valid"
+            )
         return reason + (
             "; identify from logs with these postures and speeds, find a better posture with "
             "`wrenchsight place`, or raise the limit with --max-force-sd"

@@ -73,7 +73,8 @@ class DescribedJoint:
         """Zero, or the middle of a range that leaves it out."""
         if self.kind == "continuous" or self.lower <= 0.0 <= self.upper:
             return 0.0
-        return 0.5 * (self.lower + self.upper)
+        ends = [end for end in (self.lower, self.upper) if math.isfinite(end)]
+        return sum(ends) / max(1, len(ends))
 
     def pose_at(self, position: float) -> RigidTransform:
         """Pose of the child in the parent."""

@@ -13,6 +13,9 @@ from wrenchsight.models.robot.unit_doubts import reach_of
 
 GRAVITY = 9.81  # m/s^2
 _CANDIDATES = 300  # postures that the home posture is chosen from
+_BEST_CONDITIONED = 60  # of them, tried first
+_SLACK = 0.01  # m beyond the clearance, with which a home posture is content
+_NEAR = 0.005  # m, of shapes that are named
 _FULL_TURN = np.pi
 # Of the simulated arm, which no URDF describes; as on the UR10e, whose friction was identified: its
 # second joint carries 120 N m, and has 6 N m of Coulomb friction.
@@ -134,7 +137,9 @@ def good_posture(
     best, largest_slack, best_floor = middle, -np.inf, None
     for floor in floors:
         clearance = Clearance(robot, floor=floor)
-        for k in np.argsort(conditions)[:60]:
+        for rank, k in enumerate(np.argsort(conditions)):
+            if rank >= _BEST_CONDITIONED and largest_slack > _SLACK:
+                break
             if floor is not None and clearance.reaches_floor(candidates[k]):
                 continue
             slack = clearance.slack(candidates[k])
@@ -145,3 +150,18 @@ def good_posture(
         if largest_slack > 0.0:
             break
     return np.asarray(np.round(np.clip(best, low, high), 2), np.float64), best_floor
+
+
+def nearest_at_home(robot: Robot) -> str:
+    """A sentence on shapes that are near each other at home; '' where all is well."""
+    pairs = Clearance(robot, floor=robot.floor).slacks(robot.home)
+    nearest = min(pairs, key=lambda pair: pair.distance, default=None)
+    if nearest is None or nearest.distance > _NEAR:
+        return ""
+    sentence = (
+        f"no posture with more room was found: at home {nearest.first} and {nearest.second} are "
+        f"{1e3 * nearest.distance:.2g} mm from each other"
+    )
+    if robot.config.locked_joints:
+        sentence += "; if one is not the arm's, move it away by its joints under locked_joints"
+    return sentence

@@ -14,6 +14,7 @@ from wrenchsight.analyses.methods.robot.draft_assumptions import (
     assume,
     cannot_hold,
     good_posture,
+    nearest_at_home,
     postures,
 )
 from wrenchsight.analyses.methods.robot.draft_text import DraftText, marked_keys
@@ -147,13 +148,9 @@ def _draft(
         with writing_to(out):
             partial.write_text(text, encoding="utf-8")
     robot = Robot.load(out)
-    notes = (
-        *doubts,
-        *mounting_note,
-        *_effort_note(arm, assumed),
-        *_rest_notes(structure, arm, locked),
-    )
-    return DraftedRobot(robot, marked_keys(text), notes)
+    notes = [*doubts, *mounting_note, *_effort_note(arm, assumed)]
+    notes += [*_rest_notes(structure, arm, locked), nearest_at_home(robot)]
+    return DraftedRobot(robot, marked_keys(text), tuple(note for note in notes if note))
 
 
 def _mounting(

@@ -60,3 +60,17 @@ def test_the_joint_that_counts_most_is_named_with_the_remedy(robot):
     fitted = replace(judgement, assumed=False).sentence(0.2)
     assert fitted.startswith("20 % of readings are valid")
     assert "--max-force-sd" in fitted
+
+
+def test_the_payload_that_would_be_enough_is_said(robot):
+    sd = np.array([30.0, 25.0, 15.0, 3.0, 5.0, 2.0])
+    judgement, _ = judged(robot, sd, None)
+    fitted = replace(judgement, assumed=False)
+    payload = judgement.enough_payload
+    assert f"rated payload is {payload:.2g} kg or more" in fitted.sentence(0.0)
+    # With it the limit, a sixth of its weight, is above the sd, and not far.
+    stronger = replace(robot.config, payload=payload)
+    heavy = Robot(stronger, robot.source, robot._urdf)
+    assert 0.8 < judged(heavy, sd, None)[0].sd / (9.81 * payload / 6.0) < 1.0
+    # An error that only another arm could have is no matter of the payload.
+    assert "rated payload" not in judged(robot, 100.0 * sd)[0].sentence(0.0)
