@@ -49,7 +49,7 @@ from wrenchsight.models.identification.torque_regression import (
     solve_values,
     split_terms,
 )
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.ties import SAME, first_of_least
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
@@ -59,6 +59,7 @@ STRIBECK_VELOCITIES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # rad/s or m/s
 LOAD_PASSES = 3
 HUBER_PASSES = 4
 STRETCHES = 3  # of a single log, to hold out one by one
+REST_WEIGHT = 0.01  # of the squared residuals of a joint that rests in a whole log
 HUBER = 3.0  # scales of the residual from which it counts linearly, no longer squared
 
 
@@ -143,6 +144,7 @@ class FrictionFit:
         selection: of `SELECTIONS`; the second takes the lowest held-out error, whatever the others'
             are.
         weights: of the squared residuals, by log (m, n); None: all one.
+        resting: the joints (n,) that rest in a whole log, by log; None: none does.
         groups: the motion that each log shows; logs of one motion are held out together. None:
             each log shows its own.
         stretches: number of stretches in which logs of one motion are held out.
@@ -159,6 +161,7 @@ class FrictionFit:
     weights: Sequence[Array] | None = None
     groups: Sequence[int] | None = None
     stretches: int = STRETCHES
+    resting: Sequence[Flags] | None = None
     _columns_of_log: dict[int, _LogColumns] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -250,8 +253,38 @@ class FrictionFit:
             q, v = self.of_motors(self.runs[k].q), self.of_motors(self.runs[k].v)
             self._columns_of_log[k] = _LogColumns(q, v, self.regressions[k])
         return [
-            self._columns_of_log[k].of(structure, None if loads is None else loads[k])
+            self._without_stiction(
+                k,
+                structure,
+                self._columns_of_log[k].of(structure, None if loads is None else loads[k]),
+            )
             for k in range(len(self.regressions))
+        ]
+
+    def _without_stiction(
+        self, log: int, structure: FrictionStructure, columns: list[Array]
+    ) -> list[Array]:
+        """The columns of a log, those of a resting joint 0 but for its offset.
+
+        Stiction holds it with any torque up to its Coulomb friction, and its velocity is noise,
+        whose sign would be fitted to chance.
+        """
+        if self.resting is None or not self.resting[log].any():
+            return columns
+        return [
+            rows * [term == "offset" for term in terms] if rests else rows
+            for rows, terms, rests in zip(columns, structure.terms, self.resting[log], strict=True)
+        ]
+
+    def _with_rests(self, weights: Sequence[Array] | None) -> Sequence[Array] | None:
+        """The weights by log, small for joints that rest: their stiction is not known."""
+        if self.resting is None or not np.any(self.resting):
+            return weights
+        n = self.robot.num_joints
+        by_log = weights or [np.ones((len(r.rows), n)) for r in self.regressions]
+        return [
+            rows * np.where(rests, REST_WEIGHT, 1.0)
+            for rows, rests in zip(by_log, self.resting, strict=True)
         ]
 
     def held_out(self, structure: FrictionStructure, loads: Sequence[Array]) -> Array:
@@ -340,6 +373,7 @@ class FrictionFit:
     def _part_factors(
         self, part: FoldPart, columns: list[list[Array]], weights: Sequence[Array] | None
     ) -> TorqueFactors:
+        weights = self._with_rests(None) if weights is None else weights
         log_weights = None if weights is None else weights[part.log]
         regression = self.regressions[part.log]
         return regression.factors(columns[part.log], part.rows, log_weights)
@@ -367,5 +401,6 @@ class FrictionFit:
             scale = 1.4826 * np.median(np.abs(np.vstack(residuals)), axis=0)
             limit = HUBER * np.maximum(scale, 1e-9)
             weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
+            weights = self._with_rests(weights)
             result = replace(result, weights=weights)
         return result

@@ -21,6 +21,7 @@ Every error stated here compares low-passed measured torque with low-passed pred
 of the filter's transients and of drop-outs.
 """
 
+import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, Solution
+from wrenchsight.analyses.methods.identify.held_out_logs import held_out_test
 from wrenchsight.analyses.methods.identify.identification_checks import (
     contradictions,
     repeated_logs,
@@ -56,6 +58,7 @@ from wrenchsight.analyses.methods.identify.low_passed_logs import (
     low_pass_logs,
     median_step,
     read_episodes,
+    resting_joints,
 )
 from wrenchsight.analyses.methods.identify.repeated_motion import (
     motion_groups,
@@ -198,6 +201,9 @@ class IdentificationResult:
         Args:
             out: the folder.
             settings: what config.yaml is to hold; written with the time step filled in.
+
+        Raises:
+            InputError: the fit is no model that another command would read.
         """
         for fit in self.validation or self.fit:
             kind = "validation" if self.validation else "fitted"
@@ -206,7 +212,29 @@ class IdentificationResult:
         if self.config.consistent:
             out.write_text("robot.urdf", self.urdf())
         out.write_settings("config.yaml", replace(settings, identification=self.config))
+        self._refuse_unreadable()
         self.model.save(out / "model.yaml")
+
+    def _refuse_unreadable(self) -> None:
+        """Refuses a model that no command would read.
+
+        Raises:
+            InputError: it holds numbers that no arm has.
+        """
+        with tempfile.TemporaryDirectory(prefix="wrenchsight") as folder:
+            path = Path(folder) / "model.yaml"
+            self.model.save(path)
+            try:
+                IdentifiedModel.load(path, self.robot)
+            except InputError as error:
+                self._refuse(path, error)
+
+    def _refuse(self, path: Path, error: InputError) -> None:
+        names = ", ".join(log.name for log in self.model.provenance.logs)
+        reason = str(error).removeprefix(f"{path}: ")
+        problem = f"the fit is no model of an arm ({reason})"
+        remedy = "log a motion in which every joint moves (`wrenchsight excite` plans one)"
+        raise InputError(names, "", problem, remedy) from error
 
 
 def identify(
@@ -263,7 +291,10 @@ def _identify(
         lambda: low_pass_logs(recordings, robot, validation, config, progress),
     )
     progress(0.9, "solving")
-    problem = _friction_problem(logs, robot, config)
+    test = held_out_test(_friction_problem(logs, robot, config))
+    problem = test.problem
+    if not test.is_possible:
+        config = replace(config, cross_validate=False)
     law_fits = LawFits(problem, config, digest((*sources, filters)))
     candidates = _fitted_laws(law_fits, config)
     choice = _best_fit(candidates)
@@ -288,7 +319,7 @@ def _identify(
         fit=choice.fit,
         cross_validation=choice.cross_validation,
         validation=tuple(log.predict(choice.chain, choice.friction) for log in logs.validation),
-        warnings=_all_warnings(recordings, validation, problem, choice, model),
+        warnings=(*test.notes, *_all_warnings(recordings, validation, problem, choice, model)),
         config=config,
         law=choice.law,
         held_out={c.law: c.cross_validated_rmse for c in candidates},
@@ -334,6 +365,7 @@ def _friction_problem(
         loss=config.loss,
         consistent=config.consistent,
         selection=config.selection,
+        resting=resting_joints(logs, robot),
         groups=motion_groups(logs.fitted),
     )
 

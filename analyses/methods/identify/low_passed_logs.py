@@ -64,7 +64,10 @@ class LowPassedLog:
     def predict(self, chain: SerialChain, friction: FrictionLaw) -> TorqueFit:
         """Measured and predicted torque where samples are used; inertias of `chain`."""
         rigid = np.asarray(chain.inverse_dynamics(self.q, self.v, self.vdot))
-        predicted = self.match(rigid + friction.torque_along(self.q, self.v, rigid))
+        prismatic = np.asarray(chain.prismatic, bool)
+        rests = ~moves(self.q[self.used], self.v[self.used], prismatic)
+        v = np.where(rests, 0.0, self.v)  # the sign of a resting joint's velocity is noise
+        predicted = self.match(rigid + friction.torque_along(self.q, v, rigid))
         return TorqueFit(self.name, self.t[self.used], self.tau[self.used], predicted[self.used])
 
 
@@ -287,6 +290,20 @@ def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
             f"log a motion in which each joint travels {LEAST_TRAVEL:g} rad ({LEAST_SLIDE:g} m) "
             "and more",
         )
+
+
+def moves(q: Array, v: Array, prismatic: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) the joints that move over samples (T, n), enough to show friction and inertia."""
+    least = np.where(prismatic, LEAST_SLIDE, LEAST_TRAVEL)
+    if not len(q):
+        return np.zeros(len(prismatic), bool)
+    return np.asarray((np.ptp(q, axis=0) >= least) & (np.abs(v).max(axis=0) >= LEAST_SPEED))
+
+
+def resting_joints(logs: "LowPassedLogs", robot: Robot) -> list[NDArray[np.bool_]]:
+    """(n,) for each fitted log the joints that rest throughout."""
+    prismatic = np.asarray(robot.chain.prismatic, bool)
+    return [~moves(log.q[log.used], log.v[log.used], prismatic) for log in logs.fitted]
 
 
 def decimation(low_pass: ZeroPhaseLowPass) -> int:
