@@ -5,6 +5,7 @@ from pathlib import Path
 from wrenchsight.models.recordings.lerobot.data_set import root_of
 from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS
 from wrenchsight.models.recordings.log_container import LogContainer
+from wrenchsight.models.recordings.mat_table import MatContainer
 from wrenchsight.models.recordings.npz_table import NpzContainer
 from wrenchsight.models.recordings.parquet_table import ParquetContainer
 from wrenchsight.models.recordings.rosbag.table import RosbagContainer, is_bag
@@ -16,7 +17,7 @@ TEXT = TextContainer()
 BAG = RosbagContainer()
 """Also for a folder that holds a rosbag2."""
 
-CONTAINERS: list[LogContainer] = [TEXT, ParquetContainer(), NpzContainer(), BAG]
+CONTAINERS: list[LogContainer] = [TEXT, ParquetContainer(), NpzContainer(), BAG, MatContainer()]
 """A further kind is one line here, or one `CONTAINERS.append` in a user's program."""
 
 

@@ -111,11 +111,7 @@ class NpzTable:
         """As the protocol."""
         first, last = rows_within(self.path, rows, self.num_rows, "rows")
         array_names = dict.fromkeys(self._places[column].array for column in columns)
-        try:
-            with np.load(self.path, allow_pickle=False) as archive:
-                arrays = {name: archive[name].reshape(self.num_rows, -1) for name in array_names}
-        except (*_DAMAGE, MemoryError) as error:
-            raise self._damaged(error) from error
+        arrays = self._loaded(list(array_names))
         for begin in range(first, last + 1, _BLOCK_ROWS):
             end = min(begin + _BLOCK_ROWS - 1, last)
             values = np.empty((end - begin + 1, len(columns)))
@@ -126,6 +122,14 @@ class NpzTable:
             refuse_missing(self, self.path, values, numbers, columns, may_be_empty)
             self.progress = end / self.num_rows
             yield values, numbers
+
+    def _loaded(self, names: list[str]) -> dict[str, NDArray[Any]]:
+        """Arrays as matrices (T, k), by name."""
+        try:
+            with np.load(self.path, allow_pickle=False) as archive:
+                return {name: archive[name].reshape(self.num_rows, -1) for name in names}
+        except (*_DAMAGE, MemoryError) as error:
+            raise self._damaged(error) from error
 
     def _array_shapes(self) -> dict[str, tuple[int, ...]]:
         """The shapes of the file's arrays of numbers, by name."""

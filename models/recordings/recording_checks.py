@@ -47,6 +47,8 @@ _ALIKE = 1.6  # factor on the gravity torque that a load or a poor model explain
 _ONE_MULTIPLE = 50.0  # times or parts of the gravity torque that no motor exerts
 _COMMON_MULTIPLE = 7.0  # the same, of all loaded joints: no arm carries seven times its weight
 _LEAST_GRAVITY_SAMPLES = 50
+_MOST_PER_CENT = 400.0  # of rated torque, which no drive exceeds
+_COUNT_SPREAD = 16  # whole numbers apart, from which positions look like counts of an encoder
 _SCALES = (
     (1 / _DEGREE, "the positions look like degrees: set position: {unit: deg}"),
     (_DEGREE, "the velocities look like degrees per second: set velocity: {unit: deg/s}"),
@@ -95,10 +97,10 @@ class RecordingChecks:
         self._add_motion(part)
         self._judge_motion(chunk)
         if self._has_drives():
-            self._check_currents(chunk)
             if self._robot.has_inertias:
                 torque = self._robot.joint_torque(chunk.current)
                 self._gravity.add_slow(chunk.q, chunk.v, torque)
+            self._check_currents(chunk)
             self._drives.add(chunk)
             self._judge_signs(chunk)
             self._judge_gravity(chunk)
@@ -118,7 +120,13 @@ class RecordingChecks:
         value = chunk.q[k, j]
         revolute = not self._is_prismatic(j)
         remedy = "check the column, its unit and its offset, and that the log is of this robot"
-        if revolute and np.max(np.abs(chunk.q)) > _CERTAINLY_DEGREES:
+        is_counted = bool((chunk.q == np.rint(chunk.q)).all()) and np.ptp(chunk.q) > _COUNT_SPREAD
+        if revolute and is_counted:
+            remedy = (
+                "the positions are whole numbers, such as counts of an encoder: set position: "
+                "{gain: [6.28318 / counts per turn], offset: [...]} in a description (--log-format)"
+            )
+        elif revolute and np.max(np.abs(chunk.q)) > _CERTAINLY_DEGREES:
             remedy = (
                 f"if positions and velocities are in degrees, add --log-format {IN_DEGREES}; if "
                 "only positions are, set position: {unit: deg} in a description"
@@ -169,9 +177,7 @@ class RecordingChecks:
         j = int(excessive[0])
         remedy = "check the column, its unit and the robot's torque_per_ampere"
         if torque[j] / 1000 < limit[j]:
-            remedy = (
-                "if these are milliamperes, set current: {unit: mA} in a description (--log-format)"
-            )
+            remedy = self._small_unit(chunk)
         if self._has_torque_only(chunk):
             remedy = (
                 "check the column and its unit: motor_torque: {unit: mN m} in a description "
@@ -183,6 +189,32 @@ class RecordingChecks:
             f"the median torque would be {torque[j]:.4g} N m, but the joint has {limit[j]:.4g} N m"
         )
         raise self._error(chunk, None, "current", j, problem, remedy)
+
+    def _small_unit(self, chunk: Recording) -> str:
+        """What to do about currents that are too large: their unit, as far as gravity shows it."""
+        milliamperes = (
+            "if these are milliamperes, set current: {unit: mA} in a description (--log-format)"
+        )
+        of_rated = (
+            "set motor_torque: {columns: ..., unit: per mille, gain: [rated torque of each drive "
+            "at its joint, N m]} (or unit: per cent) in a description (--log-format), which "
+            "`wrenchsight log` drafts"
+        )
+        sums = self._gravity
+        loaded = sums.gravity() > LEAST_GRAVITY
+        telling = loaded & (np.abs(sums.cosine()) > FOLLOWS)
+        largest = float(np.max(np.abs(chunk.current)))
+        if not telling.any() or sums.count[0] < _LEAST_GRAVITY_SAMPLES:
+            return f"{milliamperes}; if they are per mille of the drives' rated torque, {of_rated}"
+        ratio = np.abs(sums.ratio())[telling] / 1000.0
+        if np.median(np.abs(np.log(ratio))) < np.log(FACTOR):
+            return milliamperes
+        shown = ", ".join(f"{value:.2g}" for value in ratio)
+        unit = "per mille" if largest > _MOST_PER_CENT else "per cent or per mille"
+        return (
+            f"as milliamperes they would be {shown} times the gravity torque, so they may be "
+            f"{unit} of the drives' rated torque: {of_rated}"
+        )
 
     def _add_motion(self, part: Recording) -> None:
         steps = np.diff(part.t)

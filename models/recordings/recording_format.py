@@ -20,6 +20,7 @@ TWOS_COMPLEMENT, SIGN_BIT = "twos_complement", "sign_bit"
 _ENCODINGS = ("", TWOS_COMPLEMENT, SIGN_BIT)
 _WRAPS = ("", "pi")
 _MOST_BITS = 52  # of a word that a double holds
+TAU_EXT = "tau_ext"  # the extra signal of external torque
 ROBOT, ENVIRONMENT = "robot", "environment"  # the body on which an external torque acts
 FORMATS = "recordings/formats"  # folder of the bundled descriptions
 

@@ -140,6 +140,7 @@ class RecordingReader:
         path: of the log.
         format: the description of its columns.
         layout: its signals and their columns.
+        effort_holds_gravity: False where the log's effort is too small beside gravity's torque.
         sign_evidence: what the log says of the signs of its currents; None before all chunks are
             read, or where currents are not checked.
 
@@ -175,6 +176,7 @@ class RecordingReader:
         self._requested_by = requested_by
         words = log_words(description)
         self._words = words or LogWords()
+        self.effort_holds_gravity = True
         self._torque_is_effort = False  # whether the log calls its motor torque effort
         self._torque_substitute = ""  # what the log holds instead of torque
         self._is_described = description is not None and words is None
@@ -278,6 +280,7 @@ class RecordingReader:
                 parts = _sample_episodes(self._table.data_set, robot, self._words)
             decision = effort_unit(parts, robot)
             unit = decision.unit
+            self.effort_holds_gravity = not decision.without_gravity
             self._notices.append(decision.sentence(robot))
         if unit == "A":
             current = [

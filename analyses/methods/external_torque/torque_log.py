@@ -15,8 +15,9 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.models.recordings.layouts.external_torque import JACOBIAN, TAU_EXT, jacobians
+from wrenchsight.models.recordings.layouts.external_torque import JACOBIAN, jacobians
 from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_format import TAU_EXT
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
 from wrenchsight.models.robot.robot import Robot
@@ -78,6 +79,8 @@ class TorqueLog:
                 remedy += "log the torque of its sensors (motor_torque) and q, and name the robot"
                 raise InputError(path, "", "holds no external torque", remedy)
             robot.require_inertias("estimate --torque external from the torque of sensors")
+            # What holds no gravity is what is left when a controller has taken it: read as it is.
+            self.is_sensed = reader.effort_holds_gravity
         self.num_joints = len(torque.columns)
         self.exerted_on = torque.exerted_on if sign == "found" else sign
         self._factor = 1.0 if self.exerted_on == torque.exerted_on else -1.0
@@ -114,7 +117,9 @@ class TorqueLog:
                 else:
                     assert self._robot is not None
                     J = self._robot.chain.jacobian(chunk.q)
-                yield chunk, J, self._factor * chunk.extra[TAU_EXT]
+                tau_ext = chunk.extra.get(TAU_EXT, chunk.tau_J)
+                assert tau_ext is not None
+                yield chunk, J, self._factor * tau_ext
 
     def _sensed(self, reader: RecordingReader) -> Iterator[tuple[Recording, Array, Array]]:
         """As `chunks`, on a uniform grid, from torque sensors.

@@ -69,8 +69,8 @@ from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWr
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import Validity
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.layouts.external_torque import TAU_EXT
 from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_format import TAU_EXT
 from wrenchsight.models.recordings.resampling import plausible_step
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.models.robot.robot import Robot

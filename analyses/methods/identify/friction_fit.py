@@ -401,6 +401,5 @@ class FrictionFit:
             scale = 1.4826 * np.median(np.abs(np.vstack(residuals)), axis=0)
             limit = HUBER * np.maximum(scale, 1e-9)
             weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
-            weights = self._with_rests(weights)
-            result = replace(result, weights=weights)
+            result = replace(result, weights=self._with_rests(weights))
         return result

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import svd
 
 from wrenchsight.analyses.methods.identify.friction_fit import FoldPart, FrictionFit
@@ -107,7 +108,7 @@ def _prediction_errors(problem: FrictionFit) -> Array:
 
 
 def _error_of_fold(
-    fold: TorqueFactors, others: Sequence[TorqueFactors], columns: Array, sd: Array
+    fold: TorqueFactors, others: Sequence[TorqueFactors], columns: NDArray[np.intp], sd: Array
 ) -> Array:
     """(n,) as `_prediction_errors`, for rows that are all independent."""
     rows = [R[:, columns] / sd[j] for factor in others for j, R in enumerate(factor.R)]
@@ -132,6 +133,6 @@ def _error_of_fold(
     return errors
 
 
-def _weighed(fold: TorqueFactors, columns: Array, sd: Array) -> list[Array]:
+def _weighed(fold: TorqueFactors, columns: NDArray[np.intp], sd: Array) -> list[Array]:
     """Each joint's rows of a fold, over the sd of its residual."""
     return [R[:, columns] / sd[j] for j, R in enumerate(fold.R)]

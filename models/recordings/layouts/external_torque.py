@@ -29,12 +29,13 @@ from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_format import (
     ENVIRONMENT,
+    TAU_EXT,
     RecordingFormat,
     SignalColumns,
 )
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 
-TAU_EXT, JACOBIAN = "tau_ext", "jacobian"  # the signals of a recording
+JACOBIAN = "jacobian"  # the signal of a recording
 _INDEX = r"(?:[._]?(\d+)|\[(\d+)\])"
 _TORQUE = re.compile(
     rf"(?:.*[/.])?(?:tau_ext(?:_hat)?(?:_filtered)?|external_?torques?){_INDEX}", re.I

@@ -25,7 +25,13 @@ from wrenchsight.models.recordings.layouts.joint_names import (
 )
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.log_words import PREFIX, LogWords
-from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns, by_number
+from wrenchsight.models.recordings.recording_format import (
+    ENVIRONMENT,
+    TAU_EXT,
+    RecordingFormat,
+    SignalColumns,
+    by_number,
+)
 
 _WRENCH = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
 _Topics = dict[str, dict[str, dict[str, int]]]
@@ -182,6 +188,7 @@ def _series(
             topic: columns
             for topic, columns in topics.items()
             if not set(joints).isdisjoint(columns.get(quantity.name, {}))
+            and (topic == main or "external" not in topic)
             and ("current" in topic.lower()) == quantity.of_current_topic
         }
         complete = {
@@ -205,8 +212,38 @@ def _series(
     if form.motor_torque is None and form.current is None and "effort" in lacking:
         raise InputError(path, "header", lacking, "record the effort of all joints")
     notice = f"joints read from the columns of {main or 'each joint'}"
+    external = _external_torque(topics, main, joints)
+    if external is not None:
+        form.extra[TAU_EXT] = external.columns
+        order.notices.append(external.notice)
+        if external.topic == main:
+            form.motor_torque = None
     is_effort = form.motor_torque is not None
     return KnownLayout(form, (notice, *order.notices), torque_is_effort=is_effort)
+
+
+class _ExternalTorque(NamedTuple):
+    """The external torque among the topics of a log."""
+
+    topic: str
+    columns: SignalColumns
+    notice: str
+
+
+def _external_torque(topics: _Topics, main: str, joints: Sequence[str]) -> _ExternalTorque | None:
+    """The effort of a topic that is called external torque."""
+    for topic, quantities in topics.items():
+        effort = quantities.get("effort", {})
+        if not re.search(r"external_?(joint_?)?torque", topic) or not set(joints) <= set(effort):
+            continue
+        columns = by_number([effort[joint] for joint in joints])
+        sentence = f"the effort of {topic} is read as external torque"
+        if "external_joint_torque" in topic:  # of Franka's controllers
+            columns.exerted_on = ENVIRONMENT
+            sentence += ", exerted by the arm on the environment as Franka reports it; add "
+            sentence += "--torque-sign robot to read it as it is"
+        return _ExternalTorque(topic, columns, sentence)
+    return None
 
 
 def _topic_of(

@@ -11,13 +11,14 @@ Only joints count whose K is far from one, that gravity loads, and whose effort 
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.log_words import IN_AMPERES, IN_NEWTON_METRES
 from wrenchsight.models.recordings.plausibility.product_sums import (
+    FACTOR,
     FOLLOWS,
     LEAST_GRAVITY,
     GravitySums,
@@ -28,6 +29,8 @@ from wrenchsight.models.robot.robot import Robot
 
 NEARER = 0.7  # by which the logarithm of one ratio must be nearer than the other, joints' mean
 _LEAST_SAMPLES = 20
+_LOADED = 0.03  # of the effort limit, from which gravity shows beside friction
+_WITHOUT_GRAVITY = 0.25  # of the gravity torque, below which an effort does not hold it
 NAMES = {"N m": IN_NEWTON_METRES, "A": IN_AMPERES}
 """Words of --log-format that state the unit, by unit."""
 REMEDIES = {unit: f"--log-format {word}" for unit, word in NAMES.items()}
@@ -47,6 +50,7 @@ class EffortUnit:
     unit: str
     ratio: Array
     is_telling: Flags
+    without_gravity: str = ""  # how small the effort is beside gravity's torque, if it holds none
 
     def sentence(self, robot: Robot, remedies: Mapping[str, str] = REMEDIES) -> str:
         """Says in which unit the effort is read, why, and how to state the other one.
@@ -54,6 +58,12 @@ class EffortUnit:
         Args:
             remedies: what to add for effort in N m and in A, by unit.
         """
+        if self.without_gravity:
+            return (
+                f"effort holds no gravity torque ({self.without_gravity}): it is read as joint "
+                "torque in N m, but may be the external torque: add --torque external to "
+                "`estimate`; or torque from which the driver took gravity"
+            )
         if not self.unit:
             reason = "gravity does not show in this log whether it is in amperes"
             if robot.has_inertias and not telling_joints(robot).any():
@@ -95,6 +105,9 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
             sums.add_slow(recording.q, recording.v, recording.tau_J)
     if sums.count[0] < _LEAST_SAMPLES:
         return unknown
+    without_gravity = _without_gravity(sums, robot)
+    if without_gravity:
+        return replace(unknown, without_gravity=without_gravity)
     ratio = np.abs(sums.ratio())
     loaded = sums.gravity() > LEAST_GRAVITY
     is_telling = loaded & telling_joints(robot) & (np.abs(sums.cosine()) > FOLLOWS)
@@ -108,3 +121,22 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     if abs(difference) >= NEARER:
         unit = "N m" if difference > 0.0 else "A"
     return EffortUnit(unit, ratio, is_telling)
+
+
+def _without_gravity(sums: GravitySums, robot: Robot) -> str:
+    """How small torques are beside gravity's, in words; empty where they may hold gravity.
+
+    A current has the ratio 1 / K to gravity's torque, at joints where K is far from one.
+    """
+    gravity = sums.gravity()
+    effort = np.sqrt(sums.yy / np.maximum(sums.count, 1.0))
+    limit = np.where(np.isfinite(robot.effort_limit), robot.effort_limit, 0.0)
+    loaded = gravity > np.maximum(LEAST_GRAVITY, _LOADED * limit)
+    share = np.divide(effort, gravity, out=np.ones_like(effort), where=gravity > 0.0)
+    may_be_current = telling_joints(robot) & (
+        np.abs(np.log(np.maximum(share, 1e-9) * robot.torque_per_ampere)) < np.log(FACTOR)
+    )
+    if not loaded.any() or (loaded & (may_be_current | (share > _WITHOUT_GRAVITY))).any():
+        return ""
+    j = int(np.argmax(np.where(loaded, gravity, 0.0)))
+    return f"{effort[j]:.2g} N m where gravity is {gravity[j]:.2g} N m, {robot.joint_names[j]}"
