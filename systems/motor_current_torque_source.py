@@ -5,8 +5,8 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.robot.arm import Arm
 from wrenchsight.models.robot.motors import joint_torque, motor_gain
-from wrenchsight.models.robot.robot import Robot
 
 
 class MotorCurrentTorqueSource(LeafSystem):
@@ -60,7 +60,7 @@ class MotorCurrentTorqueSource(LeafSystem):
         )
 
     @classmethod
-    def of(cls, robot: Robot) -> "MotorCurrentTorqueSource":
+    def of(cls, robot: Arm) -> "MotorCurrentTorqueSource":
         """The torque source of a robot's drives."""
         rates = robot.motor_rates if robot.is_coupled else None
         return cls(robot.torque_per_ampere, robot.current_sign, rates)

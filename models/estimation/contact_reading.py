@@ -30,7 +30,7 @@ from wrenchsight.models.estimation.invalid import (
 from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.arm import Arm
 from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
 
@@ -108,7 +108,7 @@ class ContactReader:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: Arm,
         K_0: Array | None,
         time_step: float,
         config: ContactConfig,

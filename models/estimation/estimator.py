@@ -82,8 +82,8 @@ from wrenchsight.models.observers.observer import (
 )
 from wrenchsight.models.observers.observer_kinds import AnyObserverConfig, make_observer
 from wrenchsight.models.observers.sample_check import Codes, SampleCheck
+from wrenchsight.models.robot.arm import Arm
 from wrenchsight.models.robot.motors import motor_gain
-from wrenchsight.models.robot.robot import Robot
 
 _PASS = 16384  # rows of a log taken at a time, which bounds the memory
 
@@ -254,7 +254,7 @@ class WrenchEstimator:
     """
 
     def __init__(
-        self, robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig | None = None
+        self, robot: Arm, model: IdentifiedModel, config: WrenchEstimatorConfig | None = None
     ) -> None:
         config = config if config is not None else WrenchEstimatorConfig()
         self.robot = robot

@@ -32,6 +32,7 @@ from wrenchsight.models.identification.gravity_spread import PARAMETERS
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.arm import Arm
 from wrenchsight.models.robot.robot import Robot
 
 FORMAT = "wrenchsight-model"
@@ -189,7 +190,7 @@ class IdentifiedModel:
     Attributes:
         robot: name of the robot that the logs came from.
         joint_names: names of the n joints, base first.
-        kinematics_digest: `Robot.kinematics_digest` of that robot.
+        kinematics_digest: `Arm.kinematics_digest` of that robot.
         inertial_parameters: (n, 10) per moving link in the axes of its joint frame: m, m c (3),
             Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin (kg, kg m, kg m^2). One
             realisation of the base parameters: only those combinations are measured, so single
@@ -224,7 +225,7 @@ class IdentifiedModel:
     fitted_robot: FittedRobot = field(default_factory=FittedRobot)
 
     @classmethod
-    def nominal(cls, robot: Robot) -> "IdentifiedModel":
+    def nominal(cls, robot: Arm) -> "IdentifiedModel":
         """Returns the model that the robot's own files state: URDF inertias, no friction.
 
         Its residual standard deviation is 2 % of each drive's effort limit, an assumption: nothing
@@ -245,7 +246,7 @@ class IdentifiedModel:
             ),
         )
 
-    def chain(self, robot: Robot) -> SerialChain:
+    def chain(self, robot: Arm) -> SerialChain:
         """Returns the robot's chain with this model's inertias.
 
         Raises:
@@ -256,7 +257,7 @@ class IdentifiedModel:
             self.inertial_parameters, self.reflected_inertia
         )
 
-    def check_robot(self, robot: Robot, source: str | Path) -> None:
+    def check_robot(self, robot: Arm, source: str | Path) -> None:
         """Raises InputError, naming `source`, unless the model was made for `robot`."""
         if self.robot != robot.name:
             raise InputError(
@@ -296,7 +297,7 @@ class IdentifiedModel:
         save_configuration(self._to_file(), path)
 
     @classmethod
-    def load(cls, path: Path, robot: Robot, other_robot: bool = False) -> "IdentifiedModel":
+    def load(cls, path: Path, robot: Arm, other_robot: bool = False) -> "IdentifiedModel":
         """Reads a model that `save` wrote.
 
         Args:
@@ -347,7 +348,7 @@ class IdentifiedModel:
         # A condition number has no unit, and where a log comes from no size.
         check_numbers(replace(block, condition_number=1.0, provenance=Provenance()), str(path))
         model.check_robot(robot, path)
-        if not other_robot:
+        if not other_robot and isinstance(robot, Robot):
             model.fitted_robot.check(robot, path)
         return model
 
@@ -407,7 +408,7 @@ def _numbers(path: Path, key: str, values: object, shape: tuple[int, ...]) -> Ar
     return array
 
 
-def _at_joints(law: FrictionLaw, robot: Robot) -> FrictionLaw:
+def _at_joints(law: FrictionLaw, robot: Arm) -> FrictionLaw:
     """The law of a file, which is the motors'; `FittedRobot.check` holds their couplings."""
     if not robot.is_coupled or law.num_joints != robot.num_joints:
         return law

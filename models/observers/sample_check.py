@@ -45,7 +45,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import borrowed
-from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.arm import Arm
 
 Codes = NDArray[np.int64]
 
@@ -89,7 +89,7 @@ class SampleCheck:
     """
 
     def __init__(
-        self, robot: Robot, resolution: ArrayLike | None = None, jitter: bool = False
+        self, robot: Arm, resolution: ArrayLike | None = None, jitter: bool = False
     ) -> None:
         self.num_joints = n = robot.num_joints
         speed = np.minimum(robot.velocity_limit, FASTEST)

@@ -5,11 +5,11 @@ The kernels and their conventions are those of `models.rigid_body.chain_kernels`
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     BodyIndex,
@@ -19,8 +19,10 @@ from pydrake.multibody.tree import (
     ModelInstanceIndex,
     PrismaticJoint,
     RevoluteJoint,
+    RigidBody,
     WeldJoint,
 )
+from pydrake.systems.framework import Context
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
@@ -149,7 +151,11 @@ class SerialChain:
 
     @classmethod
     def from_plant(
-        cls, plant: MultibodyPlant, model_instance: ModelInstanceIndex, frame_E: Frame
+        cls,
+        plant: MultibodyPlant,
+        model_instance: ModelInstanceIndex,
+        frame_E: Frame,
+        standing: "StandingJoints | None" = None,
     ) -> Self:
         """Reads the chain from world to frame_E as Drake simulates it.
 
@@ -161,6 +167,8 @@ class SerialChain:
             plant: finalized, with the robot's base welded to the world.
             model_instance: the robot's.
             frame_E: a frame fixed to the last moving body or to something welded to it.
+            standing: joints that are no part of the arm and stand still: below its base, and those
+                of a gripper on it. None: there are none.
 
         Raises:
             InputError: plant not finalized; base not welded; no joint, or a joint that is neither
@@ -169,7 +177,7 @@ class SerialChain:
         name = plant.GetModelInstanceName(model_instance)
         if not plant.is_finalized():
             raise InputError(name, "", "its plant is not finalized", "call Finalize() first")
-        tree = _Tree(plant, model_instance, frame_E)
+        tree = _Tree(plant, model_instance, frame_E, standing)
         chain = tree.moving_joints()
         position = {joint.index(): i for i, joint in enumerate(chain)}
         reflected_inertia = np.zeros(len(chain))
@@ -197,6 +205,19 @@ class SerialChain:
             R_LE=X_LE.rotation().matrix(),
             p_LE=X_LE.translation(),
         )
+
+    def seen_from(self, X_WB: RigidTransform) -> "SerialChain":
+        """The same chain with another frame for W.
+
+        Args:
+            X_WB: pose in W of the frame B that takes its place: poses, wrenches and gravity of the
+                new chain are in B.
+        """
+        X_BJ = X_WB.inverse() @ RigidTransform(RotationMatrix(self.R_PJ[0]), self.p_PJ[0])
+        R_PJ, p_PJ = self.R_PJ.copy(), self.p_PJ.copy()
+        R_PJ[0], p_PJ[0] = X_BJ.rotation().matrix(), X_BJ.translation()
+        gravity_B = X_WB.rotation().inverse().multiply(self.gravity)
+        return replace(self, R_PJ=R_PJ, p_PJ=p_PJ, gravity=gravity_B)
 
     def with_inertial_parameters(
         self, inertial_parameters: ArrayLike, reflected_inertia: ArrayLike | None = None
@@ -309,12 +330,30 @@ class SerialChain:
         in_row_blocks(run, len(arrays[0]), _BLOCK)
 
 
+class StandingJoints(NamedTuple):
+    """Joints of a plant that are no part of an arm and stand still.
+
+    Attributes:
+        base: body of the arm's base: its own joint and those below it stand still.
+        context: of the plant, with their positions.
+    """
+
+    base: RigidBody
+    context: Context
+
+
 class _Tree:
     """The bodies of a finalized plant, each with the joint that carries it."""
 
     def __init__(
-        self, plant: MultibodyPlant, model_instance: ModelInstanceIndex, frame_E: Frame
+        self,
+        plant: MultibodyPlant,
+        model_instance: ModelInstanceIndex,
+        frame_E: Frame,
+        standing: StandingJoints | None,
     ) -> None:
+        self._standing = standing
+        self._moving: set[JointIndex] = set()  # of the arm, once known; else all that are no welds
         self._plant, self._model_instance, self._frame_E = plant, model_instance, frame_E
         self._name = plant.GetModelInstanceName(model_instance)
         joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
@@ -329,11 +368,13 @@ class _Tree:
         """
         chain: list[Joint] = []
         body, name_E = self._frame_E.body(), self._frame_E.name()
-        while body.index() != self._plant.world_body().index():
+        base = self._plant.world_body() if self._standing is None else self._standing.base
+        while body.index() != base.index():
             joint = self._inboard.get(body.index())
             if joint is None:
-                problem = f"body {body.name()!r} is not connected to the world"
-                raise InputError(self._name, "", problem, "weld the robot's base to the world")
+                problem = f"body {body.name()!r} is not connected to {base.name()!r}"
+                remedy = "name a base that carries the arm, or weld the base to the world"
+                raise InputError(self._name, "", problem, remedy)
             if not isinstance(joint, WeldJoint):
                 if not isinstance(joint, RevoluteJoint | PrismaticJoint):
                     raise InputError(
@@ -348,7 +389,22 @@ class _Tree:
         if not chain:
             problem = f"no moving joint between the world and frame {name_E!r}"
             raise InputError(self._name, "", problem, "choose a frame at the arm's end")
+        if self._standing is not None:
+            self._moving = {joint.index() for joint in chain}
         return chain[::-1]
+
+    def _moves(self, joint: Joint) -> bool:
+        if self._standing is not None:
+            return joint.index() in self._moving
+        return not isinstance(joint, WeldJoint)
+
+    def _pose_across(self, joint: Joint) -> RigidTransform:
+        """X_FM of a joint that does not move."""
+        if isinstance(joint, WeldJoint):
+            return joint.X_FM()
+        assert self._standing is not None
+        frame_M, frame_F = joint.frame_on_child(), joint.frame_on_parent()
+        return frame_M.CalcPose(self._standing.context, frame_F)
 
     def anchor(self, frame: Frame) -> tuple[Joint | None, RigidTransform]:
         """The joint that moves a frame (None: none, it is fixed to W), and the frame's pose in
@@ -357,11 +413,15 @@ class _Tree:
         X = frame.GetFixedPoseInBodyFrame()
         body = frame.body()
         while body.index() != self._plant.world_body().index():
+            joint = self._inboard.get(body.index())
+            if joint is None and self._standing is not None:  # a free body
+                return None, body.EvalPoseInWorld(self._standing.context) @ X
             joint = self._inboard[body.index()]
             X = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse() @ X
-            if not isinstance(joint, WeldJoint):
+            if self._moves(joint):
                 return joint, X
-            X = joint.frame_on_parent().GetFixedPoseInBodyFrame() @ joint.X_FM() @ X
+            X_PF = joint.frame_on_parent().GetFixedPoseInBodyFrame()
+            X = X_PF @ self._pose_across(joint) @ X
             body = joint.parent_body()
         return None, X
 

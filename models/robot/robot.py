@@ -6,8 +6,6 @@ as root, locked joints fixed, the tool and the frame E added, visuals that Drake
 dropped.
 """
 
-import hashlib
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -15,19 +13,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
 from wrenchsight.models.files.bundled_files import bundled_files, named_file
-from wrenchsight.models.files.configuration import load_configuration, nearest, save_configuration
+from wrenchsight.models.files.configuration import load_configuration, save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import LARGEST, check_numbers
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
-from wrenchsight.models.robot.coupling import coupling_notice, coupling_of, is_coupled, motor_rates
+from wrenchsight.models.robot.arm import Arm, frozen
+from wrenchsight.models.robot.coupling import coupling_notice
 from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.effective_urdf import EffectiveUrdf, JointLimits
-from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot_config import (
     DriveConfig,
     PoseConfig,
@@ -67,7 +66,7 @@ class RobotInPlant:
     tool_weld: JointIndex | None  # the weld of the tool to the flange; None without a tool
 
 
-class Robot:
+class Robot(Arm):
     """A serial arm with its drives and its tool; immutable once loaded.
 
     W is the frame of `config.base_link`, E the tool centre point. Arrays are (n,) in the order of
@@ -75,45 +74,18 @@ class Robot:
     """
 
     def __init__(self, config: RobotConfig, source: Path, urdf: EffectiveUrdf) -> None:
+        self._urdf_source = urdf.source
+        Arm.__init__(
+            self, config.name, source, urdf.joints, config.drives, config.coupling, config.payload
+        )
         self.config = config
-        self.source = source
-        self.name = config.name
         self._urdf = urdf
-        self.joint_names: tuple[str, ...] = tuple(joint.name for joint in urdf.joints)
-        self.num_joints = len(self.joint_names)
         self.notices: tuple[str, ...] = urdf.notices
-        self.payload = config.payload
-        self.gravity = _frozen(config.gravity)
-        self.floor = config.floor  # m, its height in W; None: none is near
-        drives = _ordered_drives(config, source, self.joint_names)
-        self._drives = drives
-        self.torque_per_ampere = _frozen([_torque_per_ampere(d, source) for d in drives])
-        self.reflected_inertia = _frozen([_reflected_inertia(d, source) for d in drives])
-        self.current_sign = _frozen([float(d.current_sign) for d in drives])
-        self._motor_gain = motor_gain(self.torque_per_ampere, self.current_sign)
-        self.coupling = coupling_of(config.coupling, self.num_joints, source)
-        self.coupling.setflags(write=False)
         if self.is_coupled:
             self.notices += (coupling_notice(self.coupling, self.joint_names),)
-        self.current_resolution = _frozen([d.current_resolution for d in drives])
-        self.current_noise_sd = _frozen([d.current_noise_sd for d in drives])
-        self.rest_friction_share = _frozen([d.rest_friction_share for d in drives])
-        at_rest = [d.rest_torque_per_ampere for d in drives]
-        moving = self.torque_per_ampere.tolist()
-        self.rest_torque_per_ampere = _frozen(
-            [k if r is None else r for k, r in zip(moving, at_rest, strict=True)]
-        )
-        self.position_resolution = _frozen(  # nan: not known
-            [math.nan if d.position_resolution is None else d.position_resolution for d in drives]
-        )
-        self.current_bandwidth = _frozen([d.current_bandwidth or math.inf for d in drives])
-        self.effort_limit = _frozen(
-            [_effort_limit(d, j, urdf.source) for d, j in zip(drives, urdf.joints, strict=True)]
-        )
-        self.velocity_limit = _frozen([joint.velocity for joint in urdf.joints])
-        self.position_lower = _frozen([joint.lower for joint in urdf.joints])
-        self.position_upper = _frozen([joint.upper for joint in urdf.joints])
-        self.home = _frozen(self._checked_home())
+        self.gravity = frozen(config.gravity)
+        self.floor = config.floor  # m, its height in W; None: none is near
+        self.home = frozen(self._checked_home())
         self.truth = _true_friction(config.simulated_truth.friction, source, self.num_joints)
 
     @classmethod
@@ -159,32 +131,19 @@ class Robot:
         )
 
     @property
-    def is_coupled(self) -> bool:
-        """Whether a motor moves more joints than its own."""
-        return is_coupled(self.coupling)
+    def chain_from_base(self) -> SerialChain:
+        """As `chain`: the base's frame is W."""
+        return self.chain
 
-    @cached_property
-    def motor_rates(self) -> Array:
-        """(n, n) with v_motor = motor_rates v_joint, motors behind their gears."""
-        return _frozen(motor_rates(self.coupling))
-
-    def joint_torque(self, current: Array) -> Array:
-        """tau_J (..., n) in N m on the joints, of the motors' current (..., n) in A."""
-        tau_motor = np.asarray(current, float) * self._motor_gain
-        return tau_motor @ self.motor_rates if self.is_coupled else tau_motor
-
-    @property
-    def current_limit(self) -> Array:
-        """(n,) A, currents of the motors at the joints' effort limits."""
-        effort = self.effort_limit
-        if self.is_coupled:
-            effort = np.abs(self.coupling.T) @ effort
-        return np.asarray(effort / self.torque_per_ampere)
-
-    def motor_current(self, tau_J: Array) -> Array:
-        """The motors' current (..., n) in A that puts tau_J (..., n) in N m on the joints."""
-        tau_motor = np.asarray(tau_J, float) @ self.coupling if self.is_coupled else tau_J
-        return np.asarray(tau_motor, float) / self._motor_gain
+    def _effort_limit(self, drive: DriveConfig, joint: JointLimits) -> float:
+        if drive.effort_limit is not None:
+            return drive.effort_limit
+        if joint.effort is None:
+            problem = f'joint "{joint.name}" has no effort limit above 0'
+            remedy = 'add effort="..." (N m) to its <limit>, or effort_limit to its drive in '
+            place = f"line {joint.line}" if joint.line else ""
+            raise InputError(self._urdf_source, place, problem, f"{remedy}robot.yaml")
+        return joint.effort
 
     @property
     def has_inertias(self) -> bool:
@@ -213,17 +172,6 @@ class Robot:
     def unusable_collisions(self) -> tuple[str, ...]:
         """Links with a collision shape that no distance can be taken to, each with the reason."""
         return self._urdf.meshes.unusable()
-
-    @cached_property
-    def kinematics_digest(self) -> str:
-        """Short hash of the kinematics: names, kinds, frames and axes of the joints."""
-        chain = self.chain
-        digest = hashlib.sha256("\n".join(self.joint_names).encode())
-        for array in (chain.R_PJ, chain.p_PJ, chain.axis, chain.prismatic):
-            # Rounded, and without the sign of zero, so that the hash does not depend on the last
-            # bit of a machine's sine.
-            digest.update((np.round(np.asarray(array, dtype=np.float64), 9) + 0.0).tobytes())
-        return digest.hexdigest()[:16]
 
     def save(self, path: Path) -> None:
         """Writes robot.yaml, with its URDF by absolute path."""
@@ -288,18 +236,25 @@ class Robot:
         return Robot(self.config, self.source, self._urdf.with_moved_joints(poses))
 
     def add_to_plant(
-        self, plant: Any, name: str | None = None, hulls: bool = False
+        self,
+        plant: Any,
+        name: str | None = None,
+        hulls: bool = False,
+        X_WB: RigidTransform | None = None,
     ) -> RobotInPlant:
         """Adds the arm to a plant that is not finalized yet, and welds its base to the world.
 
-        Sets the plant's gravity, one actuator per joint with rotor inertia, gear ratio and effort
-        limit, and the home posture as default positions. Friction is not added.
+        Sets one actuator per joint with rotor inertia, gear ratio and effort limit, and the home
+        posture as default positions. Friction is not added.
 
         Args:
             plant: with or without a SceneGraph.
             name: of the model instance; None: the robot's.
             hulls: with collision meshes that Drake does not read as their convex hulls: for
                 distances. In a simulation hulls of neighbours, which overlap, would push.
+            X_WB: pose of the base in the plant's World, whose gravity stays as it is. None: the
+                base's frame is World, and the plant's gravity becomes that of robot.yaml, which is
+                stated in the base's axes.
         """
         text = self._urdf.text(name or self.name, hulls)
         try:
@@ -307,8 +262,9 @@ class Robot:
         except (RuntimeError, ValueError) as error:
             raise InputError(self._urdf.source, "", f"Drake cannot take it: {error}") from error
         base = plant.GetFrameByName(self.config.base_link, instance)
-        plant.WeldFrames(plant.world_frame(), base)
-        plant.mutable_gravity_field().set_gravity_vector(self.gravity)
+        plant.WeldFrames(plant.world_frame(), base, X_WB or RigidTransform())
+        if X_WB is None:
+            plant.mutable_gravity_field().set_gravity_vector(self.gravity)
         joints = tuple(plant.GetJointByName(joint, instance) for joint in self.joint_names)
         actuators = []
         # The plant knows a rotor's inertia about its own joint only: see `motor_rates`.
@@ -367,12 +323,6 @@ def _urdf_path(config: RobotConfig, source: Path) -> Path:
     return config.urdf if config.urdf.is_absolute() else source.parent / config.urdf
 
 
-def _frozen(values: Sequence[float] | Array) -> Array:
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
-
-
 def _check_config(config: RobotConfig, source: Path) -> None:
     """Checks sizes of numbers and lengths of lists, which the YAML schema cannot state."""
     checked_config = replace(config, simulated_truth=SimulatedTruthConfig())  # which may hold inf
@@ -404,77 +354,6 @@ def _check_config(config: RobotConfig, source: Path) -> None:
                 expect(shape.box, 3, f"{shape_key}.box")
 
 
-def _ordered_drives(
-    config: RobotConfig, source: Path, joint_names: tuple[str, ...]
-) -> list[DriveConfig]:
-    """The drives in joint order, each checked."""
-    by_joint: dict[str, DriveConfig] = {}
-    for index, drive in enumerate(config.drives):
-        key = f"drives[{index}]"
-        if drive.joint not in joint_names:
-            hint = nearest(drive.joint, joint_names) or f"it has {', '.join(joint_names)}"
-            problem = f'"{drive.joint}" is no moving joint of the arm'
-            raise InputError(source, key, problem, hint)
-        if drive.joint in by_joint:
-            raise InputError(source, key, f'a second drive for "{drive.joint}"')
-        by_joint[drive.joint] = drive
-        if drive.current_sign not in (-1, 1):
-            problem = f"{drive.current_sign}, expected 1 or -1"
-            raise InputError(source, f"{key}.current_sign", problem)
-        if drive.rotor_inertia_side not in ("motor", "joint"):
-            problem = f'"{drive.rotor_inertia_side}", expected "motor" or "joint"'
-            raise InputError(source, f"{key}.rotor_inertia_side", problem)
-    missing = [name for name in joint_names if name not in by_joint]
-    if missing:
-        problem = f"no drive for {', '.join(missing)}"
-        remedy = "add one, or name the joint under locked_joints"
-        raise InputError(source, "drives", problem, remedy)
-    return [by_joint[name] for name in joint_names]
-
-
-def _torque_per_ampere(drive: DriveConfig, source: Path) -> float:
-    key = f"drive of {drive.joint}"
-    if drive.torque_per_ampere is not None:
-        if drive.torque_constant is not None:
-            raise InputError(source, key, "gives torque_per_ampere and torque_constant", "drop one")
-        value = drive.torque_per_ampere
-    elif drive.torque_constant is not None and drive.gear_ratio is not None:
-        value = drive.torque_constant * drive.gear_ratio
-    else:
-        raise InputError(source, key, "needs torque_per_ampere, or torque_constant with gear_ratio")
-    if not _WEAK <= value <= _STRONG:
-        problem = f"{value:g} N m/A, expected a positive number, {_WEAK:g} to {_STRONG:g}"
-        raise InputError(source, key, problem, "the sign belongs in current_sign")
-    return value
-
-
-def _reflected_inertia(drive: DriveConfig, source: Path) -> float:
-    if drive.rotor_inertia_side == "joint":
-        return drive.rotor_inertia
-    if drive.gear_ratio is None:
-        if drive.rotor_inertia == 0.0:
-            return 0.0
-        problem = "rotor_inertia is on the motor side, and gear_ratio is missing"
-        raise InputError(
-            source, f"drive of {drive.joint}", problem, "add it, or set rotor_inertia_side: joint"
-        )
-    reflected = drive.rotor_inertia * drive.gear_ratio**2
-    if reflected > _STRONG:
-        problem = f"a rotor inertia of {reflected:.3g} kg m^2 on the joint side"
-        raise InputError(source, f"drive of {drive.joint}", problem, "rotor_inertia is in kg m^2")
-    return reflected
-
-
-def _effort_limit(drive: DriveConfig, joint: JointLimits, urdf: Path) -> float:
-    if drive.effort_limit is not None:
-        return drive.effort_limit
-    if joint.effort is None:
-        problem = f'joint "{joint.name}" has no effort limit above 0'
-        remedy = 'add effort="..." (N m) to its <limit>, or effort_limit to its drive in robot.yaml'
-        raise InputError(urdf, f"line {joint.line}" if joint.line else "", problem, remedy)
-    return joint.effort
-
-
 def _true_friction(
     friction: JointFrictionConfig, source: Path, num_joints: int
 ) -> JointFrictionConfig:
@@ -491,7 +370,7 @@ def _true_friction(
         if not np.all((values >= 0.0) & (values <= _STRONG)):
             problem = f"{values.tolist()}, expected numbers of 0 to {_STRONG:g}"
             raise InputError(source, key, problem)
-        checked[field.name] = _frozen(values)
+        checked[field.name] = frozen(values)
     if np.any(checked["stiction"] < checked["coulomb"]) and friction.stiction.size:
         raise InputError(
             source, "simulated_truth.friction.stiction", "below coulomb", "stiction >= coulomb"

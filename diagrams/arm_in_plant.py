@@ -1,0 +1,280 @@
+"""An arm that stands in anyone's MultibodyPlant."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import Context
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import (
+    NOMINAL_RESIDUAL_SHARE,
+    IdentifiedModel,
+)
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.rigid_body.serial_chain import SerialChain, StandingJoints
+from wrenchsight.models.robot.arm import Arm, frozen
+from wrenchsight.models.robot.effective_urdf import JointLimits
+from wrenchsight.models.robot.robot_config import DriveConfig
+
+USUAL_PAYLOAD_SHARE = 0.2
+"""Rated payload over moving mass, where none is stated: ur5e 0.27, ur10e 0.35, Panda 0.18."""
+_GRAVITY_POSTURES = 200  # random ones, in which the torque of gravity is looked at
+
+
+class ArmInPlant(Arm):
+    """An arm in a finalized MultibodyPlant: its joints from a base to a frame E, and its drives.
+
+    The plant may be of URDF, SDF, MJCF or model directives, may sample its output ports or be
+    continuous, and may hold other arms and bodies. Joints below the base (a rail, a torso, a
+    vehicle) and those beyond E's chain (a gripper) stand still as they are in `context`.
+
+    W is the plant's World: `wrench`, Jacobian and gravity are in its axes. `in_base_axes` gives the
+    same arm with W at its base, as a robot.yaml has it.
+
+    Args:
+        plant: finalized.
+        model_instance: the arm's; None: the only one with an actuator.
+        frame_E: frame of the tool centre point; None: that of the last link, if there is only one.
+        drives: of the joints. None: of a simulated arm, whose "current" is its motor torque: 1 N m/A,
+            with rotor inertia, gear ratio and effort limit of the plant's actuators.
+        base: body that carries the first joint; None: the parent of the first joint of the
+            instance.
+        context: of the plant; None: its default.
+        payload: kg, rated; None: USUAL_PAYLOAD_SHARE of the moving mass.
+        name: by which models name the arm; None: the model instance's.
+
+    Attributes:
+        plant, model_instance, frame_E: as given or found.
+        X_WB: pose of the base's frame in World.
+        joints: of the chain, base to tool.
+
+    Raises:
+        InputError: the plant is not finalized; instance or E cannot be told; no joint, or one that
+            is neither revolute nor prismatic, between base and E; a drive is missing.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        model_instance: ModelInstanceIndex | None = None,
+        frame_E: Frame | None = None,
+        drives: Sequence[DriveConfig] | None = None,
+        *,
+        base: RigidBody | None = None,
+        context: Context | None = None,
+        payload: float | None = None,
+        name: str | None = None,
+    ) -> None:
+        if not plant.is_finalized():
+            problem = "is not finalized"
+            raise InputError(plant.get_name() or "plant", "", problem, "call Finalize() first")
+        self.plant = plant
+        self.model_instance = instance = (
+            _actuated_instance(plant) if model_instance is None else model_instance
+        )
+        source = Path(plant.GetModelInstanceName(instance))
+        self.frame_E = frame_E = _last_frame(plant, instance) if frame_E is None else frame_E
+        context = plant.CreateDefaultContext() if context is None else context
+        self._base = base = _base(plant, instance, frame_E) if base is None else base
+        self.X_WB: RigidTransform = base.EvalPoseInWorld(context)
+        self._chain_in_W = SerialChain.from_plant(
+            plant, instance, frame_E, StandingJoints(base, context)
+        )
+        self.joints: tuple[Joint, ...] = tuple(
+            _joint_on_chain(plant, base, frame_E, joint) for joint in self._chain_in_W.joint_names
+        )
+        self._actuators = _actuators(plant)
+        limits = [_limits(joint, self._actuators.get(int(joint.index()))) for joint in self.joints]
+        if drives is None:
+            drives = [_simulated_drive(joint, self._actuators) for joint in self.joints]
+        mass = float(self._chain_in_W.inertial_parameters[:, 0].sum())
+        if payload is None:
+            payload = max(USUAL_PAYLOAD_SHARE * mass, 1e-3)
+        self._gravity_bound = _largest_gravity(self._chain_in_W, limits)
+        self._is_in_W = True
+        Arm.__init__(self, name or str(source), source, limits, drives, [], payload)
+        self._chain_in_W = replace(self._chain_in_W, reflected_inertia=self.reflected_inertia)
+        self.gravity = frozen(self._chain_in_W.gravity)
+
+    def in_base_axes(self) -> "ArmInPlant":
+        """The same arm with W at its base: wrench and gravity in the base's axes."""
+        arm = object.__new__(type(self))
+        arm.__dict__.update(self.__dict__)
+        arm.__dict__.pop("chain", None)
+        arm._is_in_W = False
+        arm.gravity = frozen(arm.chain_from_base.gravity)
+        return arm
+
+    @property
+    def has_world_axes(self) -> bool:
+        """Whether W is the plant's World, and not the arm's base."""
+        return self._is_in_W
+
+    @cached_property
+    def chain(self) -> SerialChain:
+        """Kinematics and inertias from W to E, as the plant has them."""
+        return self._chain_in_W if self._is_in_W else self.chain_from_base
+
+    @cached_property
+    def chain_from_base(self) -> SerialChain:
+        """The same from the base's frame."""
+        return self._chain_in_W.seen_from(self.X_WB)
+
+    def nominal_model(self) -> IdentifiedModel:
+        """The model that the plant states: inertias, and the joints' damping as viscous friction.
+
+        Its residual standard deviation is 2 % of each joint's effort limit, or of ten times the
+        largest torque of gravity where there is no limit: nothing has been measured.
+        """
+        zero = np.zeros(self.num_joints)
+        damping = np.array([float(joint.default_damping_vector()[0]) for joint in self.joints])
+        model = IdentifiedModel.nominal(self)
+        sd = NOMINAL_RESIDUAL_SHARE * self.effort_limit
+        return replace(
+            model,
+            friction=SemiParametricFriction(CoulombViscous(zero, damping, zero)),
+            residual_covariance=np.diag(sd**2),
+        )
+
+    def _effort_limit(self, drive: DriveConfig, joint: JointLimits) -> float:
+        limit = drive.effort_limit if drive.effort_limit is not None else joint.effort
+        if limit is not None and np.isfinite(limit):
+            return limit
+        # Of a joint without a limit: what no arm of this weight reaches.
+        return 10.0 * self._gravity_bound[joint.name]
+
+    def state_selector(self) -> tuple[Array, Array]:
+        """Rows that pick q and v (n, n_state) of the chain from the instance's state."""
+        plant, instance = self.plant, self.model_instance
+        num_q, num_v = plant.num_positions(instance), plant.num_velocities(instance)
+        positions = plant.GetPositionsFromArray(instance, np.arange(plant.num_positions()))
+        velocities = plant.GetVelocitiesFromArray(instance, np.arange(plant.num_velocities()))
+        q_rows, v_rows = np.zeros((2, self.num_joints, num_q + num_v))
+        for i, joint in enumerate(self.joints):
+            q_rows[i, positions.tolist().index(joint.position_start())] = 1.0
+            v_rows[i, num_q + velocities.tolist().index(joint.velocity_start())] = 1.0
+        return q_rows, v_rows
+
+    def current_selector(self) -> Array:
+        """Rows (n, n_u) that turn the instance's actuation, N m, into the motors' current, A.
+
+        Raises:
+            InputError: a joint of the chain has no actuator.
+        """
+        indices = self.plant.GetJointActuatorIndices(self.model_instance)
+        rows = np.zeros((self.num_joints, len(indices)))
+        start = {int(joint.index()): i for i, joint in enumerate(self.joints)}
+        for column, index in enumerate(indices):
+            joint = int(self.plant.get_joint_actuator(index).joint().index())
+            if joint in start:
+                rows[start[joint], column] = 1.0
+        missing = [name for name, row in zip(self.joint_names, rows, strict=True) if not row.any()]
+        if missing:
+            problem = f"no actuator moves {', '.join(missing)}"
+            raise InputError(self.source, "", problem, "wire the port `current` by hand")
+        scale = self.torque_per_ampere * self.current_sign
+        return np.asarray(rows / scale[:, None])
+
+
+def _actuated_instance(plant: MultibodyPlant) -> ModelInstanceIndex:
+    actuated = [
+        ModelInstanceIndex(k)
+        for k in range(plant.num_model_instances())
+        if plant.num_actuated_dofs(ModelInstanceIndex(k)) > 0
+    ]
+    if len(actuated) != 1:
+        names = ", ".join(plant.GetModelInstanceName(instance) for instance in actuated) or "none"
+        problem = f"model instances with actuators: {names}"
+        raise InputError(plant.get_name() or "plant", "", problem, "name the arm's model_instance")
+    return actuated[0]
+
+
+def _last_frame(plant: MultibodyPlant, instance: ModelInstanceIndex) -> Frame:
+    """The frame of the only link that carries no other."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    parents = {joint.parent_body().index() for joint in joints}
+    ends = [joint.child_body() for joint in joints if joint.child_body().index() not in parents]
+    if len(ends) != 1:
+        names = ", ".join(body.name() for body in ends) or "none"
+        problem = f"links that carry no other: {names}"
+        remedy = "name frame_E, the frame of the tool centre point"
+        raise InputError(plant.GetModelInstanceName(instance), "", problem, remedy)
+    return ends[0].body_frame()
+
+
+def _inboard_joints(plant: MultibodyPlant, frame_E: Frame) -> list[Joint]:
+    """All joints from E down to World."""
+    inboard = {
+        plant.get_joint(index).child_body().index(): plant.get_joint(index)
+        for index in plant.GetJointIndices()
+    }
+    joints, body = [], frame_E.body()
+    while body.index() in inboard:
+        joints.append(inboard[body.index()])
+        body = joints[-1].parent_body()
+    return joints
+
+
+def _base(plant: MultibodyPlant, instance: ModelInstanceIndex, frame_E: Frame) -> RigidBody:
+    """The first body of the instance below E, or what carries the instance's first joint."""
+    of_instance = [
+        joint for joint in _inboard_joints(plant, frame_E) if joint.model_instance() == instance
+    ]
+    serial = [joint for joint in of_instance if joint.num_velocities() <= 1]
+    if not serial:
+        problem = f"no joint of this model instance carries {frame_E.name()!r}"
+        raise InputError(plant.GetModelInstanceName(instance), "", problem, "name another frame_E")
+    body = serial[-1].parent_body()
+    # A first joint that welds the instance to what it stands on is none of the arm's.
+    if serial[-1].num_velocities() == 0 and body.model_instance() != instance:
+        body = serial[-1].child_body()
+    return body
+
+
+def _joint_on_chain(plant: MultibodyPlant, base: RigidBody, frame_E: Frame, name: str) -> Joint:
+    return next(joint for joint in _inboard_joints(plant, frame_E) if joint.name() == name)
+
+
+def _actuators(plant: MultibodyPlant) -> dict[int, JointActuator]:
+    """The last actuator of each joint, by the joint's index."""
+    actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    return {int(actuator.joint().index()): actuator for actuator in actuators}
+
+
+def _limits(joint: Joint, actuator: JointActuator | None) -> JointLimits:
+    return JointLimits(
+        name=joint.name(),
+        line=0,
+        lower=float(joint.position_lower_limits()[0]),
+        upper=float(joint.position_upper_limits()[0]),
+        velocity=float(joint.velocity_upper_limits()[0]),
+        effort=None if actuator is None else float(actuator.effort_limit()),
+    )
+
+
+def _simulated_drive(joint: Joint, actuators: dict[int, JointActuator]) -> DriveConfig:
+    """A drive whose current is its torque."""
+    actuator = actuators.get(int(joint.index()))
+    inertia = 0.0 if actuator is None else float(actuator.default_reflected_inertia())
+    return DriveConfig(
+        joint=joint.name(),
+        torque_per_ampere=1.0,
+        rotor_inertia=inertia,
+        rotor_inertia_side="joint",
+    )
+
+
+def _largest_gravity(chain: SerialChain, limits: Sequence[JointLimits]) -> dict[str, float]:
+    """N m by joint, the largest torque of gravity in random postures; at least 1 N m."""
+    lower = np.array([max(joint.lower, -np.pi) for joint in limits])
+    upper = np.array([min(joint.upper, np.pi) for joint in limits])
+    q = np.random.default_rng(0).uniform(lower, upper, (_GRAVITY_POSTURES, len(limits)))
+    largest = np.maximum(np.abs(chain.gravity_torque(q)).max(axis=0), 1.0)
+    return dict(zip(chain.joint_names, largest.tolist(), strict=True))
