@@ -25,6 +25,8 @@ from wrenchsight.models.robot.robot_config import DriveConfig
 
 USUAL_PAYLOAD_SHARE = 0.2
 """Rated payload over moving mass, where none is stated: ur5e 0.27, ur10e 0.35, Panda 0.18."""
+SIMULATED_RESIDUAL_SHARE = 1e-3
+"""Torque error over effort limit of a simulated arm, whose model the plant itself is."""
 _GRAVITY_POSTURES = 200  # random ones, in which the torque of gravity is looked at
 
 
@@ -41,9 +43,9 @@ class ArmInPlant(Arm):
     Args:
         plant: finalized.
         model_instance: the arm's; None: the only one with an actuator.
-        frame_E: frame of the tool centre point; None: that of the last link, if there is only one.
-        drives: of the joints. None: of a simulated arm, whose "current" is its motor torque: 1 N m/A,
-            with rotor inertia, gear ratio and effort limit of the plant's actuators.
+        frame_E: frame of the tool centre point; None: that of the last link, if there is but one.
+        drives: of the joints. None: of a simulated arm, whose "current" is its motor torque, at
+            1 N m/A, with rotor inertia and effort limit of the plant's actuators.
         base: body that carries the first joint; None: the parent of the first joint of the
             instance.
         context: of the plant; None: its default.
@@ -92,6 +94,7 @@ class ArmInPlant(Arm):
         )
         self._actuators = _actuators(plant)
         limits = [_limits(joint, self._actuators.get(int(joint.index()))) for joint in self.joints]
+        self._is_simulated = drives is None
         if drives is None:
             drives = [_simulated_drive(joint, self._actuators) for joint in self.joints]
         mass = float(self._chain_in_W.inertial_parameters[:, 0].sum())
@@ -130,13 +133,15 @@ class ArmInPlant(Arm):
     def nominal_model(self) -> IdentifiedModel:
         """The model that the plant states: inertias, and the joints' damping as viscous friction.
 
-        Its residual standard deviation is 2 % of each joint's effort limit, or of ten times the
-        largest torque of gravity where there is no limit: nothing has been measured.
+        Its residual standard deviation is a share of each joint's effort limit, or of ten times the
+        largest torque of gravity where there is no limit: SIMULATED_RESIDUAL_SHARE of a simulated
+        arm, and 2 % where the drives are those of a real one, of which nothing has been measured.
         """
         zero = np.zeros(self.num_joints)
         damping = np.array([float(joint.default_damping_vector()[0]) for joint in self.joints])
         model = IdentifiedModel.nominal(self)
-        sd = NOMINAL_RESIDUAL_SHARE * self.effort_limit
+        share = SIMULATED_RESIDUAL_SHARE if self._is_simulated else NOMINAL_RESIDUAL_SHARE
+        sd = share * self.effort_limit
         return replace(
             model,
             friction=SemiParametricFriction(CoulombViscous(zero, damping, zero)),
@@ -161,6 +166,11 @@ class ArmInPlant(Arm):
             q_rows[i, positions.tolist().index(joint.position_start())] = 1.0
             v_rows[i, num_q + velocities.tolist().index(joint.velocity_start())] = 1.0
         return q_rows, v_rows
+
+    def actuator_limits(self) -> Array:
+        """(n_u,) N m, the effort limits of the instance's actuators."""
+        indices = self.plant.GetJointActuatorIndices(self.model_instance)
+        return np.array([self.plant.get_joint_actuator(k).effort_limit() for k in indices])
 
     def current_selector(self) -> Array:
         """Rows (n, n_u) that turn the instance's actuation, N m, into the motors' current, A.

@@ -19,7 +19,7 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from wrenchsight.diagrams.distances.links_apart import links_apart
-from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.diagrams.machining import make_machining_path, with_planned_force
 from wrenchsight.diagrams.pages.run_page import add_wrench_arrows
 from wrenchsight.diagrams.robot_cell import RobotCell, make_robot_cell
@@ -328,7 +328,7 @@ def _logged_signals(control: _Control, cell: RobotCell, log: LogRequest) -> dict
 def _add_loop_estimator(parts: _LoopParts, estimator: LoopEstimator) -> Diagram:
     """Adds the estimator of a loop, which reads the cell's encoders and currents."""
     cell = parts.cell.diagram
-    return add_estimator(
+    return add_estimator_to_ports(
         parts.builder,
         parts.robot,
         estimator.model or parts.model,

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     Diagram,
     DiagramBuilder,
@@ -9,9 +11,7 @@ from pydrake.systems.framework import (
     OutputPort,
     PortDataType,
 )
-from pydrake.systems.primitives import (
-    Demultiplexer,
-)
+from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, Demultiplexer
 
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -21,7 +21,7 @@ from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserver
 from wrenchsight.models.observers.observer import TAU_F, TORQUE_SD, Observer, V
-from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.arm import Arm
 from wrenchsight.systems.contact_detection import DETECTION, ContactDetection
 from wrenchsight.systems.external_torque_observer import ExternalTorqueObserver
 from wrenchsight.systems.friction_law import FrictionLawSystem
@@ -37,12 +37,13 @@ from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 
 def make_estimator(
-    robot: Robot,
+    robot: Arm,
     model: IdentifiedModel,
     config: WrenchEstimatorConfig | None = None,
     name: str = "estimator",
     fused: bool = False,
     detection: ContactDetectionConfig | None = None,
+    stages: Mapping[str, LeafSystem] | None = None,
 ) -> Diagram:
     """Builds the estimator: from a controller's measurements to the wrench at the tool.
 
@@ -89,63 +90,113 @@ def make_estimator(
     (`systems.contact_detection.ContactDetection`), and outputs (1,) each: contact_statistic,
     contact, misfit, link, rest, out_of_range.
 
+    A block of yours takes the place of a stage: `stages={"friction": MyFriction()}`. Its input
+    ports are connected by their names (q, v, current, terms, tau_J, tau_f, tau_ext, tau_ext_valid,
+    pole, law, torque_error, fault; others stay open). It must have the stage's outputs:
+
+        terms           terms (abstract)
+        motor           tau_J (n,)
+        friction        tau_f (n,)
+        observer        tau_ext (n,), valid (1,); it should feed through neither tau_J nor current
+        torque_error    torque_error (ERROR_ROWS n,)
+        reconstruction  wrench (6,), covariance (36,), condition_number, valid, invalid (1,)
+
+    A friction of yours without a port `law` leaves the stiction band that of the model's law. An
+    observer of yours without a port `pole` (n,) 1/s is taken for one without lag.
+
     Args:
+        robot: `Robot`, or `diagrams.arm_in_plant.ArmInPlant`, whose wrench is in the plant's World.
         fused: whether it is one block instead of its stages.
         detection: configuration of the contact detector; None: there is none.
+        stages: blocks of yours by the name of the stage; of a staged estimator only.
 
     Raises:
         InputError: the model belongs to another robot.
-        ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`.
+        ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`; a stage
+            that there is none, or without a port that it needs.
     """
     estimator = WrenchEstimator(robot, model, config)
-    return _fused(estimator, name, detection) if fused else _staged(estimator, name, detection)
+    if fused:
+        if stages:
+            raise ValueError(f"{name}: a fused estimator has no stages to replace")
+        return _fused(estimator, name, detection)
+    return _staged(estimator, name, detection, dict(stages or {}))
+
+
+_STAGE_OUTPUTS = {
+    "terms": ("terms",),
+    "motor": ("tau_J",),
+    "friction": ("tau_f",),
+    "observer": ("tau_ext", "valid"),
+    "torque_error": ("torque_error",),
+    "reconstruction": ("wrench", "covariance", "condition_number", "valid", "invalid"),
+}
+"""What a block that takes the place of a stage must put out."""
+
+
+def _check_stages(name: str, stages: Mapping[str, LeafSystem]) -> None:
+    for stage, block in stages.items():
+        if stage not in _STAGE_OUTPUTS:
+            raise ValueError(f"{name}: no stage {stage!r}; there are {', '.join(_STAGE_OUTPUTS)}")
+        for port in _STAGE_OUTPUTS[stage]:
+            if not block.HasOutputPort(port):
+                kind = type(block).__name__
+                raise ValueError(f"{name}: stage {stage!r} needs an output {port!r}: {kind}")
 
 
 def _staged(
-    estimator: WrenchEstimator, name: str, detection: ContactDetectionConfig | None
+    estimator: WrenchEstimator,
+    name: str,
+    detection: ContactDetectionConfig | None,
+    stages: dict[str, LeafSystem],
 ) -> Diagram:
     """The estimator as a block a stage."""
+    _check_stages(name, stages)
     builder = DiagramBuilder()
     period = estimator.observer.time_step
-    terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
-    motor = builder.AddNamedSystem("motor", MotorCurrentTorqueSource.of(estimator.robot))
-    friction = builder.AddNamedSystem("friction", _friction_system(estimator.friction, period))
-    observer = builder.AddNamedSystem("observer", _observer_system(estimator.observer))
-    reconstruction = builder.AddNamedSystem(
+
+    def add(stage: str, block: LeafSystem) -> LeafSystem:
+        return builder.AddNamedSystem(stage, stages.get(stage, block))
+
+    terms = add("terms", RigidBodyTermsSystem(estimator.chain))
+    motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
+    friction = add("friction", _friction_system(estimator.friction, period))
+    observer = add("observer", _observer_system(estimator.observer))
+    reconstruction = add(
         "reconstruction",
         JacobianWrenchReconstruction(estimator.reading, period if estimator.learnt else 0.0),
     )
-    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    observed = builder.AddNamedSystem("observed", Demultiplexer(observer.reading_sizes))
-    reading = builder.AddNamedSystem("reading", Demultiplexer(reconstruction.reading_sizes))
-    builder.Connect(observer.GetOutputPort("reading"), observed.get_input_port())
-    builder.Connect(reconstruction.GetOutputPort("reading"), reading.get_input_port())
+    tau_ext, tau_ext_valid = _signals(builder, "observed", observer, ("tau_ext", "valid"))
+    wrench_signals = ("wrench", "covariance", "condition_number", "valid", "invalid")
+    wrench_ports = _signals(builder, "reading", reconstruction, wrench_signals)
     blocks: list[LeafSystem] = [terms, motor, friction, observer]
     sources = _checked_inputs(builder, estimator) | {
         "terms": terms.GetOutputPort("terms"),
         "tau_J": motor.GetOutputPort("tau_J"),
         "tau_f": friction.GetOutputPort("tau_f"),
-        "law": friction.GetOutputPort("law"),
-        "pole": observer.GetOutputPort("pole"),
-        "tau_ext": observed.get_output_port(0),
-        "tau_ext_valid": observed.get_output_port(1),
+        "law": _law_port(builder, friction, estimator.friction),
+        "pole": _pole_port(builder, observer, estimator.num_joints),
+        "tau_ext": tau_ext,
+        "tau_ext_valid": tau_ext_valid,
     }
-    if estimator.observed_size:
+    if estimator.observed_size and "observer" not in stages:
         sources["observed"] = observer.GetOutputPort("wrench")
     wrench_sources = dict(sources)
-    if estimator.learnt or observer.uses_sd or detection is not None:  # else no block reads it
-        error = builder.AddNamedSystem("torque_error", TorqueErrorSystem(estimator.error, period))
-        sources["torque_error"] = error.get_output_port()
+    uses_sd = isinstance(observer, ExternalTorqueObserver) and observer.uses_sd
+    has_error = estimator.learnt or "torque_error" in stages
+    if has_error or uses_sd or detection is not None:  # else no block reads it
+        error = add("torque_error", TorqueErrorSystem(estimator.error, period))
+        sources["torque_error"] = error.GetOutputPort("torque_error")
         blocks.append(error)
     _connect(builder, blocks, sources)
-    if estimator.learnt:
+    if has_error:
         wrench_sources["torque_error"] = sources["torque_error"]
     else:  # of one covariance, and without a lag
         del wrench_sources["pole"]
     _connect(builder, [reconstruction], wrench_sources)
     builder.ExportOutput(sources["tau_ext"], "tau_ext")
-    for i, signal in enumerate(("wrench", "covariance", "condition_number", "valid", "invalid")):
-        builder.ExportOutput(reading.get_output_port(i), signal)
+    for signal, port in zip(wrench_signals, wrench_ports, strict=True):
+        builder.ExportOutput(port, signal)
     builder.ExportOutput(sources["terms"], "terms")
     builder.ExportOutput(sources["fault"], "fault")
     if detection is not None:
@@ -153,6 +204,37 @@ def _staged(
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
+
+
+def _signals(
+    builder: DiagramBuilder, name: str, block: LeafSystem, signals: Sequence[str]
+) -> list[OutputPort]:
+    """The output ports of a block by their names.
+
+    Those of our blocks are joined in one port and split up by Drake: a port of its own for each
+    signal is as many calls into Python at a tick.
+    """
+    if not isinstance(block, ExternalTorqueObserver | JacobianWrenchReconstruction):
+        return [block.GetOutputPort(signal) for signal in signals]
+    parts = builder.AddNamedSystem(name, Demultiplexer(block.reading_sizes))
+    builder.Connect(block.GetOutputPort("reading"), parts.get_input_port())
+    return [parts.get_output_port(k) for k in range(len(signals))]
+
+
+def _law_port(builder: DiagramBuilder, friction: LeafSystem, law: FrictionLaw) -> OutputPort:
+    """The friction law as it is now; of a block that has none, the model's."""
+    if friction.HasOutputPort("law"):
+        return friction.GetOutputPort("law")
+    constant = builder.AddNamedSystem("model_law", ConstantValueSource(AbstractValue.Make(law)))
+    return constant.get_output_port()
+
+
+def _pole_port(builder: DiagramBuilder, observer: LeafSystem, num_joints: int) -> OutputPort:
+    """The observer's pole; of a block that has none, -1: no lag."""
+    if observer.HasOutputPort("pole"):
+        return observer.GetOutputPort("pole")
+    no_pole = ConstantVectorSource(np.full(num_joints, -1.0))
+    return builder.AddNamedSystem("no_pole", no_pole).get_output_port()
 
 
 def _connect(
@@ -262,9 +344,9 @@ def _fused(
     return diagram
 
 
-def add_estimator(
+def add_estimator_to_ports(
     builder: DiagramBuilder,
-    robot: Robot,
+    robot: Arm,
     model: IdentifiedModel,
     config: WrenchEstimatorConfig | None = None,
     *,
@@ -274,12 +356,15 @@ def add_estimator(
     name: str = "estimator",
     fused: bool = False,
     detection: ContactDetectionConfig | None = None,
+    stages: Mapping[str, LeafSystem] | None = None,
 ) -> Diagram:
     """Adds `make_estimator` to `builder` and wires its inputs to the ports that are given.
 
+    `diagrams.estimator_in_plant.add_estimator` wires them to an arm in a MultibodyPlant.
+
     Args:
         q, v, current: output ports of systems in `builder`, (n,) each; None is left unconnected.
-        fused, detection: as `make_estimator`.
+        fused, detection, stages: as `make_estimator`.
 
     Returns:
         the estimator, a subsystem of `builder`.
@@ -300,7 +385,9 @@ def add_estimator(
                 f"{name}: {signal} must have {robot.num_joints} entries, one a joint of "
                 f"{robot.name}, and {label} has {port.size()}"
             )
-    estimator = builder.AddSystem(make_estimator(robot, model, config, name, fused, detection))
+    estimator = builder.AddSystem(
+        make_estimator(robot, model, config, name, fused, detection, stages)
+    )
     for signal, port in sources.items():
         if port is not None:
             builder.Connect(port, estimator.GetInputPort(signal))

@@ -16,7 +16,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -110,7 +110,7 @@ def make_held_arm(
     sensor = builder.AddSystem(_current_sensor(robot, time_step, current_noise, seed))
     current = sensor.GetOutputPort("current")
     estimator_diagrams = {
-        name: add_estimator(
+        name: add_estimator_to_ports(
             builder, robot, model, config, q=arm.q, v=arm.v, current=current, name=name
         )
         for name, config in estimators.items()

@@ -38,12 +38,14 @@ from wrenchsight.analyses.methods.simulate.simulation_result import (
 from wrenchsight.analyses.methods.watch.session import live as live
 from wrenchsight.analyses.methods.watch.sources import open_source as open_source
 from wrenchsight.analyses.methods.watch.watch_config import WatchConfig as WatchConfig
+from wrenchsight.diagrams.arm_in_plant import ArmInPlant as ArmInPlant
 from wrenchsight.diagrams.closed_loop import ClosedLoop as ClosedLoop
 from wrenchsight.diagrams.closed_loop import LogRequest as LogRequest
 from wrenchsight.diagrams.closed_loop import LoopEstimator as LoopEstimator
 from wrenchsight.diagrams.closed_loop import make_closed_loop as make_closed_loop
-from wrenchsight.diagrams.estimator import add_estimator as add_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports as add_estimator_to_ports
 from wrenchsight.diagrams.estimator import make_estimator as make_estimator
+from wrenchsight.diagrams.estimator_in_plant import add_estimator as add_estimator
 from wrenchsight.diagrams.robot_cell import RobotCell as RobotCell
 from wrenchsight.diagrams.robot_cell import make_robot_cell as make_robot_cell
 from wrenchsight.diagrams.scenario import FourierMotion as FourierMotion

@@ -19,7 +19,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from sample_models import sample_torque_error
 
-from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports, make_estimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -136,7 +136,7 @@ def simulation(
     logged = ports["q"]
     if fused is not None:
         config = WrenchEstimatorConfig(check_samples=check)
-        estimator = add_estimator(builder, robot, model, config, **ports, fused=fused)
+        estimator = add_estimator_to_ports(builder, robot, model, config, **ports, fused=fused)
         logged = estimator.GetOutputPort("wrench")
     LogVectorOutput(logged, builder, T)
     simulator = Simulator(builder.Build())

@@ -8,7 +8,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Gain, LogVectorOutput
 from sample_models import knowing_model
 
-from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -57,7 +57,7 @@ def closed_loop(robot, kind, model, fused, control):
     )
     to_current = builder.AddSystem(Gain(robot.current_sign / robot.torque_per_ampere))
     builder.Connect(to_current.get_output_port(), sensor.GetInputPort("current_true"))
-    estimator = add_estimator(
+    estimator = add_estimator_to_ports(
         builder,
         robot,
         model,

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from wrenchsight.diagrams.estimator import add_estimator, make_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports, make_estimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.files.input_error import InputError
@@ -83,7 +83,7 @@ def test_a_resting_push_is_read(sts, model):
             ("current", holding_current(sts, q, wrench)),
         )
     }
-    estimator = add_estimator(builder, sts, model, config(method="inverse"), **ports)
+    estimator = add_estimator_to_ports(builder, sts, model, config(method="inverse"), **ports)
     log = LogVectorOutput(estimator.GetOutputPort("wrench"), builder, T)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.3)
@@ -185,10 +185,10 @@ def test_wrong_widths_name_the_ports(sts, model):
     builder = DiagramBuilder()
     five = builder.AddNamedSystem("encoder", ConstantVectorSource(np.zeros(5)))
     with pytest.raises(ValueError, match=r"q must have 6 entries.*encoder\.y0 has 5"):
-        add_estimator(builder, sts, model, q=five.get_output_port())
+        add_estimator_to_ports(builder, sts, model, q=five.get_output_port())
     terms = builder.AddNamedSystem("other", make_estimator(sts, model))
     with pytest.raises(ValueError, match=r"current must be a vector.*other\.terms is abstract"):
-        add_estimator(builder, sts, model, current=terms.GetOutputPort("terms"))
+        add_estimator_to_ports(builder, sts, model, current=terms.GetOutputPort("terms"))
 
 
 def test_a_model_of_another_robot_is_refused(ur10e, sts):

@@ -30,8 +30,9 @@ def test_there_is_no_example_without_a_test():
 
 def test_the_diagram_reads_the_force_that_was_applied():
     read = load("in_your_diagram").main((5.0, -7.0, 11.0))
-    # Statics with the exact model, 20 time constants of the observer after its start: e^-20.
-    np.testing.assert_allclose(read, [0, 0, 0, 5, -7, 11], atol=1e-6)
+    # The arm moves at up to 0.05 rad/s, and the observer is 50 ms late; the prior of the payload
+    # draws the reading towards zero by some per cent.
+    np.testing.assert_allclose(read, [0, 0, 0, 5, -7, 11], atol=0.7)
 
 
 def test_a_log_of_ones_own_becomes_wrenches(tmp_path, capsys):

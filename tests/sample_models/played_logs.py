@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -60,7 +60,7 @@ def played(
     T = config.observer.time_step
     builder = DiagramBuilder()
     ports = add_log(builder, log, T)
-    estimator = add_estimator(
+    estimator = add_estimator_to_ports(
         builder,
         robot,
         model,

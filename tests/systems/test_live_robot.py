@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 from sample_models import knowing_model
 
-from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -53,7 +53,7 @@ def simulated(robot, model, items, ticks):
     builder = DiagramBuilder()
     live = builder.AddSystem(LiveRobot(Played(items), robot, H, timeout=0.01))
     ports = {name: live.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, robot, model, CONFIG, **ports)
+    estimator = add_estimator_to_ports(builder, robot, model, CONFIG, **ports)
     names = ("wrench", "valid", "covariance")
     sinks = [LogVectorOutput(estimator.GetOutputPort(name), builder, H) for name in names]
     simulator = Simulator(builder.Build())

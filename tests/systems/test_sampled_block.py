@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 from sample_models import knowing_model
 
-from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
@@ -51,7 +51,7 @@ def simulator_of(robot, model, config, log, fused):
     builder = DiagramBuilder()
     ports = add_log(builder, log, T)
     detection = ContactDetectionConfig() if model.torque_error is not None else None
-    estimator = add_estimator(
+    estimator = add_estimator_to_ports(
         builder, robot, model, config, **ports, fused=fused, detection=detection
     )
     names = ["tau_ext", "wrench", "covariance", "condition_number", "valid", "fault"]

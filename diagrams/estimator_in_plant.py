@@ -1,0 +1,176 @@
+"""The wrench estimator of an arm in anyone's MultibodyPlant."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+)
+from pydrake.systems.primitives import MatrixGain, Saturation
+
+from wrenchsight.diagrams.arm_in_plant import ArmInPlant
+from wrenchsight.diagrams.estimator import add_estimator_to_ports
+from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot_config import DriveConfig
+
+DEFAULT_TIME_STEP = 1e-3
+"""s, period of the estimator of an arm in a continuous plant."""
+
+
+def add_estimator(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    model_instance: ModelInstanceIndex | None = None,
+    *,
+    frame_E: Frame | None = None,
+    arm: ArmInPlant | None = None,
+    drives: Sequence[DriveConfig] | None = None,
+    base: RigidBody | None = None,
+    payload: float | None = None,
+    in_base_axes: bool = False,
+    model: IdentifiedModel | None = None,
+    config: WrenchEstimatorConfig | None = None,
+    actuation: OutputPort | None = None,
+    current: OutputPort | None = None,
+    name: str = "estimator",
+    fused: bool = False,
+    detection: ContactDetectionConfig | None = None,
+    stages: Mapping[str, LeafSystem] | None = None,
+) -> Diagram:
+    """Adds the estimator of an arm in `plant`, wired to the plant's state and to what drives it.
+
+        plant.state --------> q, v ----> +-----------+
+                                         | estimator | --> wrench, covariance, valid, ...
+        what drives it -----> current -> +-----------+
+
+    The plant may have Drake's defaults (sampled output ports), sample nothing, or be continuous.
+    The wrench F_E_W is what the environment exerts on the arm at E, [mx my mz fx fy fz], in axes of
+    the plant's World.
+
+    A simulated arm has no current: its motor torque, which drives the plant, takes the place, at
+    1 N m/A. It is the port that is connected to the plant's actuation when this function is called,
+    or `actuation`. If neither exists, because the controller needs the estimator, connect the
+    controller's torque afterwards to `builder.GetSubsystemByName(name + "_current")`.
+
+    Args:
+        plant: finalized, in `builder`.
+        model_instance, frame_E, drives, base, payload: as `ArmInPlant`.
+        arm: of this plant, in the place of those.
+        in_base_axes: the wrench is in axes of the arm's base, F_E_B, as for a log.
+        model: None: what the plant states, `ArmInPlant.nominal_model`.
+        config: None: its defaults at the plant's time step (DEFAULT_TIME_STEP of a continuous one).
+        actuation: (n_u,) N m of the instance's actuators, in the place of what drives the plant.
+        current: (n,) A of the motors, such as of a MotorCurrentSensor, in the place of torque.
+        name, fused, detection, stages: as `make_estimator`.
+
+    Returns:
+        the estimator, a subsystem of `builder`.
+
+    Raises:
+        InputError: as `ArmInPlant`; the model belongs to another arm.
+        ValueError: as `make_estimator`; the plant is not in `builder`; the period is no multiple of
+            the plant's time step.
+    """
+    if plant not in builder.GetSystems():
+        raise ValueError(
+            f"{name}: {plant.get_name() or 'the plant'} is not in this builder; give "
+            "make_estimator(ArmInPlant(plant, ...), model) the ports that its diagram exports"
+        )
+    if arm is None:
+        arm = ArmInPlant(plant, model_instance, frame_E, drives, base=base, payload=payload)
+    if in_base_axes:
+        arm = arm.in_base_axes()
+    state = plant.get_state_output_port(arm.model_instance)
+    q_rows, v_rows = arm.state_selector()
+    selected = {}
+    for signal, rows in (("q", q_rows), ("v", v_rows)):
+        selector = builder.AddNamedSystem(f"{name}_{signal}", MatrixGain(rows))
+        builder.Connect(state, selector.get_input_port())
+        selected[signal] = selector.get_output_port()
+    return add_estimator_to_ports(
+        builder,
+        arm,
+        arm.nominal_model() if model is None else model,
+        _config(plant, config, name),
+        q=selected["q"],
+        v=selected["v"],
+        current=_motor_current(builder, arm, actuation, name) if current is None else current,
+        name=name,
+        fused=fused,
+        detection=detection,
+        stages=stages,
+    )
+
+
+def _config(
+    plant: MultibodyPlant, config: WrenchEstimatorConfig | None, name: str
+) -> WrenchEstimatorConfig:
+    """The configuration, at a period that the plant can be sampled with."""
+    time_step = plant.time_step()
+    if config is None:
+        config = WrenchEstimatorConfig()
+        period = time_step if time_step > 0.0 else DEFAULT_TIME_STEP
+        return replace(config, observer=replace(config.observer, time_step=period))
+    ticks = config.observer.time_step / time_step if time_step > 0.0 else 1.0
+    if abs(ticks - max(round(ticks), 1)) > 1e-6:
+        raise ValueError(
+            f"{name}: the observer's time_step is {config.observer.time_step:g} s, and the plant "
+            f"steps every {time_step:g} s: take a multiple of it"
+        )
+    return config
+
+
+def _motor_current(
+    builder: DiagramBuilder, arm: ArmInPlant, actuation: OutputPort | None, name: str
+) -> OutputPort:
+    """The motors' current, from the torque that drives the plant."""
+    to_current = builder.AddNamedSystem(f"{name}_current", MatrixGain(arm.current_selector()))
+    source = _actuation_source(builder, arm) if actuation is None else actuation
+    if source is not None:
+        limit = arm.actuator_limits()
+        if np.isfinite(limit).any():  # the plant applies no more
+            clipped = builder.AddNamedSystem(f"{name}_effort", Saturation(-limit, limit))
+            builder.Connect(source, clipped.get_input_port())
+            source = clipped.get_output_port()
+        builder.Connect(source, to_current.get_input_port())
+    return to_current.get_output_port()
+
+
+def _actuation_source(builder: DiagramBuilder, arm: ArmInPlant) -> OutputPort | None:
+    """The port that drives the arm's actuators; None: none is connected yet."""
+    plant, instance = arm.plant, arm.model_instance
+    if plant.get_desired_state_input_port(instance).size() > 0 and _source_of(
+        builder, plant.get_desired_state_input_port(instance)
+    ):
+        # The plant's own controllers act, too.
+        return plant.get_net_actuation_output_port(instance)
+    of_instance = _source_of(builder, plant.get_actuation_input_port(instance))
+    if of_instance is not None:
+        return of_instance
+    of_all = _source_of(builder, plant.get_actuation_input_port())
+    if of_all is None:
+        return None
+    rows = np.zeros((plant.num_actuated_dofs(instance), plant.num_actuators()))
+    for k, index in enumerate(plant.GetJointActuatorIndices(instance)):
+        rows[k, plant.get_joint_actuator(index).input_start()] = 1.0
+    selector = builder.AddSystem(MatrixGain(rows))
+    builder.Connect(of_all, selector.get_input_port())
+    return selector.get_output_port()
+
+
+def _source_of(builder: DiagramBuilder, port: InputPort) -> OutputPort | None:
+    """What an input port of a system in `builder` is connected to."""
+    source = builder.connection_map().get((port.get_system(), port.get_index()))
+    if source is None:
+        return None
+    system, index = source
+    return system.get_output_port(index)

@@ -1,0 +1,252 @@
+"""Arms in plants of anyone: turned and standing bases, prismatic joints, two arms, grippers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import JacobianWrtVariable, PrismaticJoint
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, LogVectorOutput
+from sample_models import torque_error
+
+from wrenchsight.diagrams.arm_in_plant import ArmInPlant
+from wrenchsight.diagrams.estimator import make_estimator
+from wrenchsight.diagrams.estimator_in_plant import add_estimator
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
+
+X_WB = RigidTransform(RollPitchYaw(0.4, -0.3, 1.2), [0.2, -0.5, 0.8])
+LINK = """
+  <link name="{name}"><inertial><origin xyz="0.05 0.02 {z}"/><mass value="{mass}"/>
+    <inertia ixx="0.02" iyy="0.03" izz="0.01" ixy="0.001" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """
+  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+    <origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>
+    <limit lower="-2" upper="2" effort="100" velocity="3"/></joint>"""
+
+
+def scara_with_gripper():
+    """Two turning joints, a lift, and two fingers that are no part of the arm."""
+    names = ("base", "upper", "fore", "lift", "left", "right")
+    links = "".join(LINK.format(name=n, z=0.1, mass=1.0 + k) for k, n in enumerate(names))
+    joints = [
+        ("turn_1", "revolute", "base", "upper", "0 0 0.3", "0 0 0", "0 0 1"),
+        ("turn_2", "revolute", "upper", "fore", "0.3 0 0", "0 0.2 0", "0 0 1"),
+        ("slide", "prismatic", "fore", "lift", "0.25 0 0", "0.1 0 0", "0 0 1"),
+        ("finger_1", "prismatic", "lift", "left", "0 0.05 0.1", "0 0 0", "0 1 0"),
+        ("finger_2", "prismatic", "lift", "right", "0 -0.05 0.1", "0 0 0", "0 1 0"),
+    ]
+    keys = ("name", "kind", "parent", "child", "xyz", "rpy", "axis")
+    text = "".join(JOINT.format(**dict(zip(keys, row, strict=True))) for row in joints)
+    return f'<robot name="scara">{links}{text}</robot>'
+
+
+def on_a_rail(time_step=1e-3):
+    """The SCARA on a carriage that can move, with its fingers open; not finalized."""
+    plant = MultibodyPlant(time_step)
+    carriage = plant.AddRigidBody("carriage")
+    rail = plant.AddJoint(
+        PrismaticJoint("rail", plant.world_frame(), carriage.body_frame(), [1, 0, 0])
+    )
+    (arm,) = Parser(plant).AddModelsFromString(scara_with_gripper(), "urdf")
+    plant.WeldFrames(carriage.body_frame(), plant.GetFrameByName("base"), X_WB)
+    for name in ("turn_1", "turn_2", "slide"):
+        plant.AddJointActuator(name, plant.GetJointByName(name))
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    rail.set_translation(context, 0.7)
+    plant.GetJointByName("finger_1").set_translation(context, 0.3)
+    return plant, arm, context
+
+
+def test_joints_that_stand_still_are_part_of_what_carries_them():
+    plant, instance, context = on_a_rail()
+    frame_E = plant.GetFrameByName("lift")
+    arm = ArmInPlant(plant, instance, frame_E, context=context)
+    assert arm.joint_names == ("turn_1", "turn_2", "slide")
+    q, v = np.array([0.4, -0.7, 0.2]), np.array([0.5, 0.3, -0.2])
+    for joint, position in zip(arm.joints, q, strict=True):
+        turns = joint.type_name() == "revolute"
+        (joint.set_angle if turns else joint.set_translation)(context, position)
+    J = plant.CalcJacobianSpatialVelocity(
+        context,
+        JacobianWrtVariable.kV,
+        frame_E,
+        np.zeros(3),
+        plant.world_frame(),
+        plant.world_frame(),
+    )
+    columns = [joint.velocity_start() for joint in arm.joints]
+    # Sums of a few products of numbers of order 1.
+    np.testing.assert_allclose(arm.chain.jacobian(q), J[:, columns], atol=1e-13)
+    gravity = -plant.CalcGravityGeneralizedForces(context)[columns]
+    np.testing.assert_allclose(arm.chain.gravity_torque(q), gravity, atol=1e-11)
+    _, p_WE = arm.chain.pose(q)
+    np.testing.assert_allclose(p_WE, frame_E.CalcPoseInWorld(context).translation(), atol=1e-13)
+    mass_matrix = plant.CalcMassMatrix(context)[np.ix_(columns, columns)]
+    np.testing.assert_allclose(arm.chain.terms(q, v).M, mass_matrix, atol=1e-11)
+
+
+@pytest.mark.parametrize("robot", ["ur5e", "panda"])
+def test_base_axes_are_those_of_the_robot_file(robot):
+    robot = Robot.load(robot)
+    plant = MultibodyPlant(0.0)
+    parts = robot.add_to_plant(plant, X_WB=X_WB)
+    plant.Finalize()
+    arm = ArmInPlant(plant, parts.model_instance, parts.frame_E)
+    assert arm.kinematics_digest == robot.kinematics_digest
+    assert IdentifiedModel.nominal(robot).chain(arm).num_joints == arm.num_joints
+    np.testing.assert_array_equal(arm.gravity, [0.0, 0.0, -9.81])
+    based = arm.in_base_axes()
+    np.testing.assert_allclose(
+        based.chain.jacobian(robot.home), robot.chain.jacobian(robot.home), atol=1e-14
+    )
+    R_WB = X_WB.rotation().matrix()
+    np.testing.assert_allclose(R_WB @ based.gravity, [0.0, 0.0, -9.81], atol=1e-14)
+    rotated = np.kron(np.eye(2), R_WB) @ based.chain.jacobian(robot.home)
+    np.testing.assert_allclose(arm.chain.jacobian(robot.home), rotated, atol=1e-14)
+
+
+def pushed(plant, bodies_and_forces):
+    """What `applied_spatial_force` takes: forces (3,) N in World at points of bodies."""
+    forces = []
+    for frame, force in bodies_and_forces:
+        push = ExternallyAppliedSpatialForce()
+        push.body_index = frame.body().index()
+        push.p_BoBq_B = frame.GetFixedPoseInBodyFrame().translation()
+        push.F_Bq_W = SpatialForce(np.zeros(3), np.array(force, float))
+        forces.append(push)
+    return ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]](forces))
+
+
+EXACT = WrenchEstimatorConfig()
+EXACT.reconstruction.method = "inverse"  # eq. 22: no prior draws the reading to zero
+
+
+@pytest.mark.parametrize("in_base_axes", [False, True])
+def test_two_arms_in_one_default_plant_read_their_own_forces(sts, in_base_axes):
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    poses = {"left": RigidTransform(), "right": X_WB}
+    arms = {name: sts.add_to_plant(plant, name, X_WB=X_WB) for name, X_WB in poses.items()}
+    plant.Finalize()
+    forces = {"left": [5.0, -8.0, 12.0], "right": [-20.0, 3.0, 1.0]}
+    source = builder.AddSystem(
+        pushed(plant, [(arms[name].frame_E, force) for name, force in forces.items()])
+    )
+    builder.Connect(source.get_output_port(), plant.get_applied_spatial_force_input_port())
+    logs = {}
+    for name, parts in arms.items():
+        # Held by its weight's torque and what the force takes: the joints stand.
+        arm = ArmInPlant(plant, parts.model_instance, parts.frame_E)
+        J = arm.chain.jacobian(sts.home)
+        tau = arm.chain.gravity_torque(sts.home) - J.T @ np.r_[np.zeros(3), forces[name]]
+        hold = builder.AddSystem(ConstantVectorSource(tau))
+        builder.Connect(
+            hold.get_output_port(), plant.get_actuation_input_port(parts.model_instance)
+        )
+        estimator = add_estimator(
+            builder,
+            plant,
+            parts.model_instance,
+            frame_E=parts.frame_E,
+            config=EXACT,
+            in_base_axes=in_base_axes,
+            name=f"estimator_{name}",
+        )
+        logs[name] = LogVectorOutput(estimator.GetOutputPort("wrench"), builder, 0.1)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(1.0)
+    for name, log in logs.items():
+        wrench = log.FindLog(simulator.get_context()).data()[:, -1]
+        R = poses[name].rotation().matrix().T if in_base_axes else np.eye(3)
+        # e^-20 of the force is still to come; the arms drift by what the plant rounds.
+        np.testing.assert_allclose(wrench[3:], R @ forces[name], atol=1e-4)
+        np.testing.assert_allclose(wrench[:3], 0.0, atol=1e-4)
+
+
+class DoubledFriction(LeafSystem):
+    """A friction of one's own: twice the model's viscous friction; it has only what it needs."""
+
+    def __init__(self, viscous):
+        LeafSystem.__init__(self)
+        self.viscous = np.asarray(viscous)
+        self._v = self.DeclareVectorInputPort("v", len(viscous))
+        self.DeclareVectorOutputPort("tau_f", len(viscous), self._calc, {self._v.ticket()})
+
+    def _calc(self, context, output: BasicVector):
+        output.SetFromVector(2.0 * self.viscous * self._v.Eval(context))
+
+
+@pytest.mark.parametrize("learnt", [False, True], ids=["plain", "learnt torque error"])
+def test_a_friction_of_ones_own_takes_the_place_of_the_stage(sts, learnt):
+    model = IdentifiedModel.nominal(sts)
+    if learnt:
+        model = replace(model, torque_error=torque_error())
+    friction = DoubledFriction(np.full(6, 3.0))
+    estimator = make_estimator(sts, model, stages={"friction": friction})
+    assert estimator.GetSubsystemByName("friction") is friction
+    context = estimator.CreateDefaultContext()
+    v = np.full(6, 0.1)
+    simulator = Simulator(estimator, context)
+    gravity = sts.motor_current(sts.chain.gravity_torque(sts.home))
+    for name, value in (("q", sts.home), ("v", 0.0 * v), ("current", gravity)):
+        estimator.GetInputPort(name).FixValue(context, value)
+    simulator.AdvanceTo(0.5)
+    np.testing.assert_allclose(estimator.GetOutputPort("tau_ext").Eval(context), 0.0, atol=1e-9)
+    port = friction.GetOutputPort("tau_f")
+    inner = estimator.GetMutableSubsystemContext(friction, context)
+    np.testing.assert_allclose(port.Eval(inner), 0.0)
+    estimator.GetInputPort("v").FixValue(context, v)
+    context.SetTime(0.6)
+    np.testing.assert_allclose(port.Eval(inner), 2.0 * 3.0 * v)
+
+
+def test_stages_that_there_are_not_are_named(sts):
+    model = IdentifiedModel.nominal(sts)
+    with pytest.raises(ValueError, match="no stage 'frction'; there are terms, motor, friction"):
+        make_estimator(sts, model, stages={"frction": DoubledFriction(np.ones(6))})
+    with pytest.raises(ValueError, match="stage 'observer' needs an output 'tau_ext'"):
+        make_estimator(sts, model, stages={"observer": DoubledFriction(np.ones(6))})
+    with pytest.raises(ValueError, match="no stages to replace"):
+        make_estimator(sts, model, fused=True, stages={"friction": DoubledFriction(np.ones(6))})
+
+
+def test_what_cannot_be_told_is_asked_for():
+    plant, instance, context = on_a_rail()
+    with pytest.raises(InputError, match=r"links that carry no other: left, right.*frame_E"):
+        ArmInPlant(plant, instance, context=context)
+    unfinished = MultibodyPlant(0.0)
+    with pytest.raises(InputError, match=r"not finalized"):
+        ArmInPlant(unfinished)
+    builder = DiagramBuilder()
+    with pytest.raises(ValueError, match="is not in this builder"):
+        add_estimator(builder, plant, instance, frame_E=plant.GetFrameByName("lift"))
+
+
+def test_a_controller_that_needs_the_estimator_is_wired_afterwards(sts):
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    parts = sts.add_to_plant(plant)
+    plant.Finalize()
+    estimator = add_estimator(builder, plant, parts.model_instance, frame_E=parts.frame_E)
+    hold = builder.AddSystem(ConstantVectorSource(sts.chain.gravity_torque(sts.home)))
+    builder.Connect(hold.get_output_port(), plant.get_actuation_input_port(parts.model_instance))
+    to_current = builder.GetSubsystemByName("estimator_current")
+    builder.Connect(hold.get_output_port(), to_current.get_input_port())
+    log = LogVectorOutput(estimator.GetOutputPort("valid"), builder, 0.1)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(1.0)
+    assert log.FindLog(simulator.get_context()).data()[0, -1] == 1.0
