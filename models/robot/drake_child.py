@@ -86,20 +86,43 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     Raises:
         RuntimeError, ValueError: Drake cannot read it, or it holds no model or several.
     """
-    plant = MultibodyPlant(0.0)
-    parser = Parser(plant)
-    if path.suffix == ".xml":
-        instances = parser.AddModels(str(path))
-    else:
-        instances = parser.AddModelsFromString(ET.tostring(root, encoding="unicode"), "xml")
+    has_shapes = root.find("worldbody//geom") is not None
+    is_whole = path.suffix == ".xml"
+    if is_whole:
+        try:
+            plant = MultibodyPlant(0.0)
+            instances = Parser(plant).AddModels(str(path))
+        except RuntimeError as error:
+            if "mesh" not in str(error).lower():
+                raise
+            is_whole = False  # a mesh that is missing or of another kind: only shapes need it
+    if not is_whole:
+        _drop_meshes(root)
+        plant = MultibodyPlant(0.0)
+        text = ET.tostring(root, encoding="unicode")
+        instances = Parser(plant).AddModelsFromString(text, "xml")
     if len(instances) != 1:
         raise ValueError(f"holds {len(instances)} models, expected one; split the file")
     robot, _ = _urdf_of_plant(plant, instances[0], root.get("model") or path.stem)
-    if any(True for _ in root.iter("geom")):
+    if has_shapes:
         for link in robot.findall("link"):
+            if link.get("name") == "world":
+                continue
             shape = ET.SubElement(link, "collision", name=f"{link.get('name')}_geoms")
             ET.SubElement(ET.SubElement(shape, "geometry"), "geom")  # of no kind that is known
     return robot
+
+
+def _drop_meshes(root: ET.Element) -> None:
+    """Takes the meshes out of a <mujoco>; a body that states its inertia needs no shape at all."""
+    for asset in root.findall("asset"):
+        for mesh in asset.findall("mesh"):
+            asset.remove(mesh)
+    for body in root.iter("body"):
+        has_inertia = body.find("inertial") is not None
+        for geom in body.findall("geom"):
+            if has_inertia or geom.get("mesh") is not None:
+                body.remove(geom)
 
 
 def _urdf_of_plant(

@@ -224,11 +224,13 @@ class _Reader:
             link = self.links.pop(name)
             self.root.remove(link)
             if shapes := link.findall("collision"):
-                obstacle = ET.Element("link", name=name)
+                # "world" is Drake's own link.
+                standing_name = "shapes of world" if name == "world" else name
+                obstacle = ET.Element("link", name=standing_name)
                 obstacle.extend(shapes)
                 X_BL = poses[base].inverse() @ poses[name]
-                joint = fixed_joint(f"{name} stands", base, name, X_BL)
-                self.standing[name] = (obstacle, joint)
+                joint = fixed_joint(f"{standing_name} stands", base, standing_name, X_BL)
+                self.standing[standing_name] = (obstacle, joint)
         for name, element in list(self.joints.items()):
             if self._child(element) not in arm_links or self._parent(element) not in arm_links:
                 self.root.remove(self.joints.pop(name))
@@ -238,8 +240,8 @@ class _Reader:
                 f'links not carried by "{base}" count as obstacles at rest in clearance checks: '
                 f"{', '.join(self.standing)}"
             )
-        dropped = [name for name in dropped if name not in self.standing]
-        if dropped and dropped != ["world"]:
+        dropped = [name for name in dropped if name not in self.standing and name != "world"]
+        if dropped:
             self.notices.append(f'links not carried by "{base}" dropped: {", ".join(dropped)}')
         for element in list(self.root):
             if element.tag not in _KEPT_TAGS:

@@ -1,5 +1,7 @@
 """SDF and MJCF against the plant that Drake makes of them: frames, limits, inertias, shapes."""
 
+import xml.etree.ElementTree as ET
+
 import numpy as np
 import pytest
 from pydrake.multibody.parsing import Parser
@@ -187,3 +189,15 @@ def test_an_mjcf_is_the_plant_that_drake_reads(tmp_path):
     np.testing.assert_allclose(terms.p_WE, expected.translation(), atol=1e-12)
     np.testing.assert_array_equal(robot.position_lower, [-2.0, -0.1])
     assert any("<geom>" in notice for notice in robot.notices)  # its shapes are not taken
+
+
+def test_an_mjcf_without_its_meshes_keeps_its_inertias(tmp_path):
+    text = MJCF.replace("<worldbody>", "<asset><mesh name='m' file='none.obj'/></asset><worldbody>")
+    text = text.replace('<body name="lower"', "<geom type='mesh' mesh='m'/><body name=\"lower\"")
+    (tmp_path / "bare.xml").write_text(MJCF, encoding="utf-8")
+    (tmp_path / "arm.xml").write_text(text, encoding="utf-8")
+    expected, _ = read_document(tmp_path / "bare.xml")
+    root, _ = read_document(tmp_path / "arm.xml")
+    for kind in ("inertial", "joint"):
+        pairs = zip(root.iter(kind), expected.iter(kind), strict=True)
+        assert all(ET.tostring(a) == ET.tostring(b) for a, b in pairs)

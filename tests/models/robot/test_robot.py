@@ -318,6 +318,20 @@ def test_world_link_and_links_beside_the_base_are_dropped(tmp_path: Path) -> Non
     assert any("robot.yaml states gravity" in notice for notice in robot.notices)  # it is tilted
 
 
+def test_shapes_of_the_world_are_obstacles(tmp_path: Path) -> None:
+    urdf = SMALL_URDF.replace(
+        "</robot>",
+        '<link name="world"><collision><geometry><box size="9 9 1"/></geometry></collision></link>'
+        '<joint name="a" type="fixed"><parent link="world"/><child link="base"/>'
+        '<origin xyz="0 0 2"/></joint></robot>',
+    )
+    robot = load_small(tmp_path, urdf)
+    assert any("obstacles at rest" in notice for notice in robot.notices)
+    plant = MultibodyPlant(0.0)
+    robot.add_to_plant(plant, hulls=True)
+    assert plant.HasBodyNamed("shapes of world")
+
+
 def test_a_locked_joint_stands_at_its_position(tmp_path: Path) -> None:
     both = load_small(tmp_path)
     plant, parts = plant_of(both)
