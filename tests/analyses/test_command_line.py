@@ -98,6 +98,8 @@ def test_version_and_list():
         (("estimate", "nowhere.csv", "--robot", "ur10e"), ("nowhere.csv",)),
         (("estimate", "a.csv", "--robot", "ur10e", "--k0", "5,x"), ("--k0", "'5,x'")),
         (("estimate", "a.csv", "--robot", "ur10e", "--method", "best"), ("best", "bayesian")),
+        (("robot", "export", "--to", "mjcf"), ("--model", "is missing")),
+        (("robot", "arm.urdf", "--model", "model.yaml"), ("--model", "robot export")),
         (("simulate", "--scenario", "Defalt"), ("Defalt", "Default")),
         (("simulate", "--scenario", "nowhere.yaml"), ("nowhere.yaml",)),
         (("simulate", "--duration", "-1"), ("duration",)),

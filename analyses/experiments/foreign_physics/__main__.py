@@ -31,7 +31,7 @@ def main(
     plain: Annotated[bool, typer.Option(help="Figures of plain tools beside.")] = False,
 ) -> None:
     """Simulate a drawn arm in MuJoCo and read its logs as the documentation says."""
-    drawn = DrawnArm.kept(arm, draw, out / f"{arm}_{draw}")
+    drawn = DrawnArm.identify(arm, draw, out / f"{arm}_{draw}", keeps=True)
     for case in CASES if cases == ["all"] else cases:
         folder = drawn.folder / case
         log = drawn.simulate(case)

@@ -11,11 +11,13 @@ from pydrake.math import RollPitchYaw
 from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm, draw_arm, robot_file
 from wrenchsight.analyses.experiments.foreign_physics.cases import CASES, TURNING
 from wrenchsight.analyses.experiments.foreign_physics.identified_arms import (
+    EXCITATION_SEEDS,
     PERIODS,
     excitation_motions,
     identification_logs,
     identified,
 )
+from wrenchsight.analyses.experiments.foreign_physics.motions import Motion
 from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import WorldLog, simulate
 from wrenchsight.analyses.experiments.foreign_physics.plain_tools import PlainModel
 from wrenchsight.analyses.experiments.foreign_physics.readings import Reading, figures, read_log
@@ -35,21 +37,25 @@ class DrawnArm:
     """A drawn arm and what its user knows of it.
 
     Attributes:
-        arm: upright.
-        tilted: the same one on a tilted base, which its robot.yaml states.
+        arm: the true one.
         logs: of the identification.
         model: identified from them.
+        motions: along which the logs were recorded.
         folder: for the files of its logs.
+        keeps: whether logs and model are kept there.
     """
 
     arm: TrueArm
-    tilted: TrueArm
     logs: tuple[Recording, ...]
     model: IdentifiedModel
+    motions: tuple[Motion, ...]
     folder: Path
+    keeps: bool
 
     @classmethod
-    def identify(cls, name: str, draw: int, folder: Path, periods: int = PERIODS) -> Self:
+    def identify(
+        cls, name: str, draw: int, folder: Path, periods: int = PERIODS, keeps: bool = False
+    ) -> Self:
         """Draws an arm, records two motions of `excite` and identifies it.
 
         Args:
@@ -57,27 +63,43 @@ class DrawnArm:
             draw: its seed.
             folder: for its files; made.
             periods: of each motion of the identification.
+            keeps: whether logs and model are kept in the folder, and read where they are there.
         """
-        arm, tilted = _drawn(name, draw, folder)
-        motions = excitation_motions(arm.robot, arm.robot_file, periods)
-        worlds = identification_logs(arm, motions)
-        logs = tuple(world.recording for world in worlds)
-        return cls(arm, tilted, logs, identified(arm.robot, logs), folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        arm = draw_arm(robot_file(name, folder), draw)
+        motions: tuple[Motion, ...] = ()
+        if not (keeps and all(path.exists() for path in _log_paths(folder))):
+            motions = excitation_motions(arm.robot, arm.robot_file, periods)
+        return cls._identified(arm, motions, folder, keeps)
 
     @classmethod
-    def kept(cls, name: str, draw: int, folder: Path) -> Self:
-        """As `identify`, with logs and model read from the folder where they are there."""
-        arm, tilted = _drawn(name, draw, folder)
-        paths = [folder / f"identification_{k}.parquet" for k in range(2)]
-        if not all(path.exists() for path in paths):
-            worlds = identification_logs(arm, excitation_motions(arm.robot, arm.robot_file))
-            for path, world in zip(paths, worlds, strict=True):
-                write_recording(world.recording, path)
-        logs = tuple(read_recording(path, robot=arm.robot) for path in paths)
-        model_path = folder / "model.yaml"
-        if not model_path.exists():
-            identified(arm.robot, logs).save(model_path)
-        return cls(arm, tilted, logs, IdentifiedModel.load(model_path, arm.robot), folder)
+    def _identified(
+        cls, arm: TrueArm, motions: tuple[Motion, ...], folder: Path, keeps: bool
+    ) -> Self:
+        paths, model_path = _log_paths(folder), folder / "model.yaml"
+        if keeps and all(path.exists() for path in paths):
+            logs = tuple(read_recording(path, robot=arm.robot) for path in paths)
+        else:
+            logs = tuple(world.recording for world in identification_logs(arm, motions))
+        if keeps and model_path.exists():
+            model = IdentifiedModel.load(model_path, arm.robot)
+        else:
+            model = identified(arm.robot, logs)
+        if keeps:
+            for path, log in zip(paths, logs, strict=True):
+                write_recording(log, path)
+            model.save(model_path)
+        return cls(arm, logs, model, motions, folder, keeps)
+
+    @cached_property
+    def tilted(self) -> "DrawnArm":
+        """The same arm on a tilted base, which its robot.yaml states; identified there."""
+        folder = self.folder / "tilted_base"
+        folder.mkdir(exist_ok=True)
+        arm = draw_arm(_tilted_file(self.arm.robot, folder), self.arm.seed)
+        robot, file = self.arm.robot, self.arm.robot_file
+        motions = self.motions or excitation_motions(robot, file)
+        return self._identified(arm, motions, folder, self.keeps)
 
     @cached_property
     def plain(self) -> PlainModel:
@@ -86,27 +108,27 @@ class DrawnArm:
 
     def simulate(self, case: str) -> WorldLog:
         """The log of a case; the draw's seed is its own."""
-        arm = self._of(case)
+        arm = self._of(case).arm
         return simulate(arm, CASES[case](arm.robot, arm.coulomb, arm.seed), arm.seed, case)
 
     def read(self, case: str, log: WorldLog, draws: bool = True) -> Reading:
         """Reads the log of a case with the defaults of `estimate`."""
-        folder, is_tilted = self._folder(case), case == TILTED
-        return read_log(self._of(case), self.model, log, folder, is_tilted, draws)
+        one = self._of(case)
+        return read_log(one.arm, one.model, log, self._folder(case), draws)
 
     def figures(
         self, case: str, log: WorldLog, reading: Reading, with_plain: bool = True
     ) -> dict[str, Any]:
         """The figures of a case's log, with those of plain tools beside."""
-        plain, gravity = self.plain if with_plain else None, self._of(case).robot.gravity
-        return figures(log, reading, plain, gravity, case not in TURNING)
+        plain = self._of(case).plain if with_plain else None
+        return figures(log, reading, plain, case not in TURNING)
 
     def write(self, case: str, log: WorldLog) -> None:
         """Writes the log of a case."""
         write_recording(log.recording, self._folder(case) / "log.parquet")
 
-    def _of(self, case: str) -> TrueArm:
-        return self.tilted if case == TILTED else self.arm
+    def _of(self, case: str) -> "DrawnArm":
+        return self.tilted if case == TILTED else self
 
     def _folder(self, case: str) -> Path:
         folder = self.folder / case
@@ -114,16 +136,12 @@ class DrawnArm:
         return folder
 
 
-def _drawn(name: str, draw: int, folder: Path) -> tuple[TrueArm, TrueArm]:
-    """The arm of a draw, upright and on the tilted base."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = robot_file(name, folder)
-    return draw_arm(file, draw), draw_arm(_tilted_file(file, folder), draw)
+def _log_paths(folder: Path) -> list[Path]:
+    return [folder / f"identification_{k}.parquet" for k in range(len(EXCITATION_SEEDS))]
 
 
-def _tilted_file(file: str, folder: Path) -> str:
-    robot = Robot.load(file)
-    path = folder / "tilted.yaml"
+def _tilted_file(robot: Robot, folder: Path) -> str:
+    path = folder / "robot.yaml"
     R_AW = RollPitchYaw(TILT).ToRotationMatrix().matrix().T
     urdf = robot.config.urdf
     urdf = urdf if urdf.is_absolute() else (robot.source.parent / urdf).resolve()

@@ -5,7 +5,7 @@ the identification logs, low-passed at CUTOFF both ways; the momentum observer o
 that of `estimate`; eq. 22 of the article. Only the chain's regressor and its kinematics are ours.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -19,6 +19,7 @@ from wrenchsight.models.robot.robot import Robot
 CUTOFF = 7.5  # Hz
 DECIMATION = 4
 K_0 = 20.0  # 1/s, the default of `estimate`
+NOTHING = 1e-9  # of the largest column of the regressor
 SLOW = 0.02  # rad/s, below which the sign of the velocity is not used for the fit
 
 
@@ -57,15 +58,15 @@ class PlainModel:
             torques.append(tau[part].reshape(-1)[moves])
         system, y = np.concatenate(rows), np.concatenate(torques)
         size = np.linalg.norm(system, axis=0)
-        size[size == 0.0] = 1.0
+        size[size < NOTHING * size.max()] = np.inf  # no torque depends on these
         x = np.linalg.lstsq(system / size, y, rcond=1e-8)[0] / size
         inertial, rest = x[: 10 * n].reshape(n, 10), x[10 * n :].reshape(3, n)
         chain = robot.chain.with_inertial_parameters(inertial, rest[0])
         return cls(robot, chain, rest[1], rest[2])
 
-    def read(self, log: Recording, gravity: Array | None = None) -> Array:
-        """(N, 3) N, force on E of each sample; gravity (3,) of the log, None: of the fit."""
-        chain = self.chain if gravity is None else replace(self.chain, gravity=gravity)
+    def read(self, log: Recording) -> Array:
+        """(N, 3) N, force on E of each sample."""
+        chain = self.chain
         momentum, CTv, G = chain.momentum_terms(log.q, log.v)
         tau_f = self.coulomb * np.sign(log.v) + self.viscous * log.v
         drive = _torque(self.robot, log) - tau_f + CTv - G

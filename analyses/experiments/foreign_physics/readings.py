@@ -16,7 +16,6 @@ import pyarrow.csv
 from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm
 from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import WorldLog
 from wrenchsight.analyses.experiments.foreign_physics.plain_tools import PlainModel
-from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.estimate.estimation import estimate_log
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -59,7 +58,6 @@ def read_log(
     model: IdentifiedModel,
     log: WorldLog,
     folder: Path,
-    model_is_of_other_mount: bool = False,
     draws: bool = True,
 ) -> Reading:
     """Reads a log as the command does, and leaves its files in the folder.
@@ -69,20 +67,14 @@ def read_log(
         model: of the arm.
         log: to read.
         folder: for log.parquet, model.yaml and estimate/.
-        model_is_of_other_mount: whether gravity was another one at the identification, which the
-            user states with --other-robot.
         draws: whether figures are wanted.
     """
     path, model_path = folder / "log.parquet", folder / "model.yaml"
     write_recording(log.recording, path)
-    if not model_path.exists():
-        model.save(model_path)
+    model.save(model_path)
     N = log.recording.num_samples
     try:
-        config = EstimateConfig(other_robot=model_is_of_other_mount)
-        result = estimate_log(
-            path, arm.robot_file, model_path, folder / "estimate", config=config, draws=draws
-        )
+        result = estimate_log(path, arm.robot_file, model_path, folder / "estimate", draws=draws)
     except InputError as error:
         nothing = np.full((N, 6), np.nan)
         return Reading(str(error), nothing, nothing, np.zeros(N, bool), (), ())
@@ -105,7 +97,6 @@ def figures(
     log: WorldLog,
     reading: Reading,
     plain: PlainModel | None = None,
-    gravity: Array | None = None,
     steps: bool = True,
 ) -> dict[str, Any]:
     """The figures of a log; lists are of fx fy fz mx my mz, those in newtons of fx fy fz.
@@ -116,7 +107,6 @@ def figures(
         log: with its truth.
         reading: of it.
         plain: whose figures stand beside.
-        gravity: (3,) m/s^2 in W, for `plain`; None: as at the identification.
         steps: whether the force may step; else no sample is left out.
     """
     t = log.recording.t
@@ -146,7 +136,7 @@ def figures(
         "ours": {"rmse_n": np.sqrt(np.mean(error[judged, :3] ** 2, axis=0))},
     }
     if plain is not None:
-        plain_error = plain.read(log.recording, gravity) - truth[:, :3]
+        plain_error = plain.read(log.recording) - truth[:, :3]
         result["plain"] = {"rmse_n": np.sqrt(np.mean(plain_error[judged] ** 2, axis=0))}
     return result
 

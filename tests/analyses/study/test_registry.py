@@ -50,6 +50,15 @@ def test_a_module_outside_runs_as_any_other_and_is_taken_out_again(toy, tmp_path
     assert toy not in sys.modules  # read here, imported in its own process alone
 
 
+def test_without_a_module_that_it_needs_it_is_skipped(toy, tmp_path):
+    file = tmp_path / "toy_experiment.py"
+    file.write_text(_MODULE.replace("order=75", 'order=75, modules=("no_such_module",)'))
+    with REGISTRY.registered(toy):
+        (outcome,) = run_study(["toy"], tmp_path / "out", tmp_path).outcomes
+    assert outcome.state == "skipped"
+    assert outcome.reason == "needs no_such_module; python -m pip install 'wrenchsight[study]'"
+
+
 def test_recordings_that_are_no_literals_are_read_from_the_module(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     text = _MODULE.replace("order=75", "order=75, needs=(SET,), uses=('other',)")
