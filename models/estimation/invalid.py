@@ -36,6 +36,7 @@ HAS_MOMENT = 1 << 11
 FRICTION_DRIFT = 1 << 12
 STREAM_LATE = 1 << 13
 ZEROING = 1 << 14
+LAGGING = 1 << 15
 
 
 class Reason(NamedTuple):
@@ -122,6 +123,11 @@ REASONS: Mapping[int, Reason] = {
         "identify from logs with these postures and speeds, find a better posture with "
         "`wrenchsight place`, or raise the limit with --max-force-sd",
     ),
+    LAGGING: Reason(
+        "lagging",
+        "force that changes faster than the observer",
+        "raise K_0 with --k0, or read with --smooth; force_bandwidth_hz states how fast it changes",
+    ),
     FRICTION_DRIFT: Reason(
         "friction_drift",
         "friction that has drifted",
@@ -146,6 +152,7 @@ class Findings(NamedTuple):
         max_force_sd, max_stiction_force: N, of a valid reading.
         is_explained: of `models.observers.explained_torque`.
         is_believed: of `models.observers.fault_signature`.
+        keeps_pace: of `models.observers.lag`.
     """
 
     is_fresh: bool
@@ -160,6 +167,7 @@ class Findings(NamedTuple):
     max_stiction_force: float
     is_explained: bool
     is_believed: bool
+    keeps_pace: bool
 
 
 @kernel(forceinline=True)
@@ -186,6 +194,8 @@ def invalid_reasons(found: Findings) -> int:
         invalid |= UNEXPLAINED
     if not found.is_believed:
         invalid |= WRONG_SIGNAL
+    if not found.keeps_pace:
+        invalid |= LAGGING
     return invalid
 
 

@@ -173,6 +173,7 @@ def reconstruction_reasons(table: Array, quality: Array) -> int:
             max_stiction_force=max_stiction_force,
             is_explained=True,
             is_believed=True,
+            keeps_pace=True,
         )
     )
 

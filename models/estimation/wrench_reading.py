@@ -16,7 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.estimation.invalid import Findings, InvalidCodes, invalid_reasons
+from wrenchsight.models.estimation.invalid import (
+    LAGGING,
+    Findings,
+    InvalidCodes,
+    invalid_reasons,
+)
 from wrenchsight.models.estimation.torque_error_stage import TorqueError, torque_error_views
 from wrenchsight.models.estimation.wrench import (
     WrenchEstimate,
@@ -58,7 +63,13 @@ from wrenchsight.models.observers.fault_signature import (
     initial_fault_state,
     is_believed,
 )
-from wrenchsight.models.observers.lag import lag_settings, lag_tick, lag_update
+from wrenchsight.models.observers.lag import (
+    LAG_ROWS,
+    initial_lag_state,
+    lag_settings,
+    lag_tick,
+    lag_update,
+)
 from wrenchsight.models.observers.sample_check import BEYOND as BEYOND_LIMITS
 
 READING = 45  # entries of a reading: wrench, covariance, condition number, valid, invalid
@@ -68,8 +79,10 @@ READING_WORK_ROWS = WORK_ROWS + 3  # rows of max(n, 6), scratch of a sample
 _SD, _LATENESS, _QUALITY = range(WORK_ROWS, READING_WORK_ROWS)
 _CONDITION_AT, _VALID_AT, _INVALID_AT = range(42, READING)
 
-# The state: a slow wrench (6), the time s without an explanation, the state of `fault_signature`.
-_UNEXPLAINED_TIME, _SIGNALS = 6, 7
+# The state: that of the lag (LAG_ROWS, 6), the time s without an explanation, the state of
+# `fault_signature`.
+_UNEXPLAINED_TIME = 6 * LAG_ROWS
+_SIGNALS = _UNEXPLAINED_TIME + 1
 # Its size: so many numbers, then so many rows of n.
 READING_NUMBERS, READING_ROWS = _SIGNALS + FAULT_NUMBERS, FAULT_ROWS
 
@@ -247,7 +260,8 @@ class WrenchReading:
 
     def initial_state(self) -> Array:
         """Returns the state before the first sample."""
-        return np.concatenate([np.full(_SIGNALS, np.nan), initial_fault_state(self.num_joints)])
+        lag, faults = initial_lag_state().ravel(), initial_fault_state(self.num_joints)
+        return np.concatenate([lag, [np.nan], faults])
 
     def run(
         self,
@@ -309,8 +323,9 @@ def _judge_reading(
         lateness: (6,), overwritten.
     """
     torque, quality = validity.torque, validity.quality
-    # Of the first sample there is no torque before it, and the slow wrench is NaN.
-    lacks_torque = np.isfinite(state[0]) and not np.isfinite(validity.tau_J.sum())
+    # Of the first sample there is no torque before it, and no wrench has been low-passed.
+    lag_state = view_2d(state, 0, LAG_ROWS, 6)
+    lacks_torque = np.isfinite(lag_state[0, 0]) and not np.isfinite(validity.tau_J.sum())
     is_at_E, state[_UNEXPLAINED_TIME] = is_explained(
         tables.explained, state[_UNEXPLAINED_TIME], validity.D
     )
@@ -323,6 +338,7 @@ def _judge_reading(
         validity.is_fresh and validity.is_corrected,
         validity.fault & BEYOND_LIMITS != 0,
     )
+    keeps_pace = lag_tick(tables.lag, lag_state, wrench, covariance, lateness)
     max_force_sd, max_stiction_force = quality_limits(tables.wrench)
     invalid = invalid_reasons(
         Findings(
@@ -338,10 +354,11 @@ def _judge_reading(
             max_stiction_force=max_stiction_force,
             is_explained=is_at_E,
             is_believed=is_sound,
+            keeps_pace=keeps_pace,
         )
     )
-    lag_tick(tables.lag, state[:6], wrench, covariance, lateness)
-    lag_update(tables.lag, state[:6], wrench, invalid == 0)
+    is_force = invalid in (0, LAGGING)
+    lag_update(tables.lag, lag_state, wrench, is_force)
     return invalid
 
 

@@ -55,7 +55,8 @@ _FAR = 10.0  # times the time of zeroing, after which a clock has jumped
 
 
 def _estimator_of_streams() -> WrenchEstimatorConfig:
-    return WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=0.0))
+    observer = MomentumObserverConfig(time_step=0.0, torque_samples="trapezoidal")
+    return WrenchEstimatorConfig(observer=observer)
 
 
 def _contact_of_streams() -> ContactConfig:

@@ -11,21 +11,39 @@ that of all friction. With
 LP(J^T F) = J_seen^T F holds exactly for a force that is constant in the axes of W.
 
 **The force changes meanwhile.** No reading can undo this without adding noise; the band covers it.
-For a force that changes at a steady rate, LP lags by that rate over K_0. The reading F minus its
-own low-pass at a corner omega is that rate over omega. Therefore
+Behind a first-order low-pass the lag is the reading's own rate, exactly: F - LP F = (d/dt LP F) /
+K_0. The rate is seen through a further low-pass, of the corner w = RATE_CORNERS omega, with omega /
+(2 pi) the stated `force_bandwidth_hz`:
 
-    Sigma_F <- Sigma_F + f f^T,    f = (omega / K_0) (F - LP_omega(F))
+    f = (w / K_0) (F - LP_w(F))
 
-covers the lag of every force whose rate is steady over 1 / omega; `force_bandwidth_hz` is omega /
-(2 pi). A force that jumps is outside the band until the reading shows about half of it, since it
-cannot be foreseen. The noise of F minus LP_omega(F) is in Sigma_F already. f_i therefore counts as
-f_i max(0, 1 - Sigma_F,ii / f_i^2): in full far above the noise, not at all within it. Where a
-reading is not valid, LP_omega follows a tenth as fast, since a reading near a singular posture is
-not the force.
+f is late itself. It passes through zero where the lag does not. So the band takes the power of f
+over the last 1 / omega, and that of this instant where it is larger, as right after a jump:
+
+    Sigma_F <- Sigma_F + L / SHARE + h h^T,   L = LP_omega(g g^T),
+    g_i = f_i sqrt(max(0, 1 - noise_i / f_i^2)),   h_i = sgn(g_i) sqrt(max(0, g_i^2 - L_ii / SHARE))
+
+LP_w takes part of the rate's power. For a force whose spectrum is flat up to omega it leaves SHARE
+= int_0^1 x^2 / (1 + x^2 / r^2) dx / int_0^1 x^2 dx, r = RATE_CORNERS. f shows the noise of the
+reading, too, which is in Sigma_F already: noise_i = NOISE_FACTOR Sigma_F,ii. Of an error with a
+correlation time of .05 s (white torque behind K_0 = 20/s) to .3 s, f shows 1.2 to .3 of the
+variance, and scatters about that.
+
+A force that jumps is outside the band until the reading shows some of it, since it cannot be
+foreseen. Where a reading is not valid, the low-passes follow a tenth as fast, since a reading near
+a singular posture is not the force.
+
+**Faster than stated.** Of a force beyond `force_bandwidth_hz` LP_w takes more than SHARE leaves.
+The corner w shows it beside omega: for a sine of the frequency x omega the powers of the rates seen
+through both are as (1 + x^2) / (1 + x^2 / r^2), 1.6 at x = 1. Above MAX_POWER_RATIO, x = 1.5, the
+reading lags by an unknown amount. It does not keep pace, and is not valid, if the lag's variance is
+more than MAX_LAG_RATIO of all else that the force's holds.
 
 **The scale** of all readings (torque per ampere, friction under a load that no log had) has a
 stated relative sd: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
 """
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,15 +52,28 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
 JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
-_DOUBTED = 0.1  # pace of LP_omega where the reading is not valid
+RATE_CORNERS = 2.0  # corner of the rate's low-pass, in units of the stated bandwidth
+NOISE_FACTOR = 2.0  # on the variance of all else, above which the rate's power is a lag
+PACE_TIME = 4.0  # 1 / omega, over which powers are compared: a period of the slowest such force
+SHARE = 3.0 * RATE_CORNERS**2 * (1.0 - RATE_CORNERS * math.atan(1.0 / RATE_CORNERS))
+MAX_POWER_RATIO = 2.1  # of the rates seen through both corners
+MAX_LAG_RATIO = 4.0  # variance of the lag of a force faster than stated, over that of all else
+_DOUBTED = 0.1  # pace of the low-passes where the reading is not valid
 
-_POLE, _DOUBTED_POLE, _FACTOR, _SCALE = range(4)  # entries of the settings
+# Entries of the settings: poles per tick of the low-passes at w and at omega, where the reading is
+# valid and where it is not; the pole over PACE_TIME; the factors w / K_0 and omega / K_0 of a tick;
+# the scale.
+_POLE, _SLOW_POLE, _DOUBTED_POLE, _DOUBTED_SLOW_POLE, _PACE_POLE, _FACTOR = range(6)
+_SLOW_FACTOR, _SCALE = 6, 7
+# Rows of the state, (LAG_ROWS, 6): the wrench through both low-passes, NaN before the first; L; and
+# in the last row the powers of the force's rate seen through both.
+_FAST, _SLOW, _POWER, _RATES, LAG_ROWS = 0, 1, 2, 8, 9
 
 
 def lag_settings(
     K_0: ArrayLike | None, time_step: float, force_bandwidth_hz: float, scale: float
 ) -> Array:
-    """Returns the (4,) constants of `lag_tick`.
+    """Returns the constants of `lag_tick`.
 
     Args:
         K_0: (n,) or () 1/s of the observer; None: it has no such lag.
@@ -57,12 +88,24 @@ def lag_settings(
         if not (np.isfinite(value) and value >= 0.0):
             raise ValueError(f"{name} must be zero or more, not {value}")
     omega = 2.0 * np.pi * force_bandwidth_hz
-    settings = np.array([0.0, 0.0, 0.0, scale])
+    settings = np.zeros(_SCALE + 1)
+    settings[_SCALE] = scale
     if K_0 is not None:
-        settings[_POLE] = np.exp(-omega * time_step)
-        settings[_DOUBTED_POLE] = np.exp(-_DOUBTED * omega * time_step)
-        settings[_FACTOR] = omega / float(np.min(K_0))
+        rates = np.array([RATE_CORNERS, 1.0]) * omega
+        settings[[_POLE, _SLOW_POLE]] = np.exp(-rates * time_step)
+        settings[[_DOUBTED_POLE, _DOUBTED_SLOW_POLE]] = np.exp(-_DOUBTED * rates * time_step)
+        settings[_PACE_POLE] = np.exp(-omega * time_step / PACE_TIME)
+        # Such that a ramp, low-passed up to the sample before, shows its rate exactly.
+        ramp_rates = (1.0 - np.exp(-rates * time_step)) / time_step
+        settings[[_FACTOR, _SLOW_FACTOR]] = ramp_rates / float(np.min(K_0))
     return settings
+
+
+def initial_lag_state() -> Array:
+    """Returns the (LAG_ROWS, 6) state before the first sample."""
+    state = np.zeros((LAG_ROWS, 6))
+    state[[_FAST, _SLOW]] = np.nan
+    return state
 
 
 def observer_poles(K_0: ArrayLike | None, num_joints: int, time_step: float) -> Array:
@@ -104,44 +147,68 @@ def take_jacobian(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
 @kernel
 def lag_tick(
     settings: Array, state: Array, wrench: Array, covariance: Array, lateness: Array
-) -> None:
-    """Single-sample kernel: adds lag and scale to the covariance (6, 6); `state` stays as it is.
+) -> bool:
+    """Single-sample kernel: adds lag and scale to the covariance (6, 6).
 
     Args:
         settings: of `lag_settings`.
-        state: (6,) LP_omega of the wrench, NaN before the first.
+        state: (LAG_ROWS, 6), its powers updated; `lag_update` takes the sample.
         wrench: (6,).
         covariance: (6, 6), changed.
-        lateness: (6,) N m and N, overwritten with f.
+        lateness: (6,) N m and N, overwritten with h.
+
+    Returns:
+        Whether the reading keeps pace with the force.
     """
-    scale = settings[_SCALE]
+    fast_power, slow_power, force_variance = 0.0, 0.0, 0.0
     for i in range(6):
-        # The diagonal from i on has not been changed yet.
-        late_i = _late(settings, state[i], wrench[i], covariance[i, i])
-        for j in range(i):
-            covariance[i, j] += late_i * lateness[j] + scale * scale * wrench[i] * wrench[j]
+        rate, slow_rate = 0.0, 0.0
+        if np.isfinite(state[_FAST, i]) and np.isfinite(wrench[i]):
+            rate = settings[_FACTOR] * (wrench[i] - state[_FAST, i])
+            slow_rate = settings[_SLOW_FACTOR] * (wrench[i] - state[_SLOW, i])
+        power = rate * rate - NOISE_FACTOR * covariance[i, i]
+        lateness[i] = np.copysign(np.sqrt(power), rate) if power > 0.0 else 0.0
+        if i >= 3:
+            fast_power += rate * rate
+            slow_power += slow_rate * slow_rate
+            force_variance += covariance[i, i]
+    decay = settings[_SLOW_POLE]
+    for i in range(6):
+        for j in range(6):
+            product = lateness[i] * lateness[j]
+            state[_POWER + i, j] = decay * state[_POWER + i, j] + (1.0 - decay) * product
+    decay = settings[_PACE_POLE]
+    state[_RATES, 0] = decay * state[_RATES, 0] + (1.0 - decay) * fast_power
+    state[_RATES, 1] = decay * state[_RATES, 1] + (1.0 - decay) * slow_power
+    for i in range(6):
+        missing = lateness[i] * lateness[i] - state[_POWER + i, i] / SHARE
+        lateness[i] = np.copysign(np.sqrt(missing), lateness[i]) if missing > 0.0 else 0.0
+    lag_variance, scale = 0.0, settings[_SCALE]
+    for i in range(6):
+        for j in range(i + 1):
+            lag = state[_POWER + i, j] / SHARE + lateness[i] * lateness[j]
+            covariance[i, j] += lag + scale * scale * wrench[i] * wrench[j]
             covariance[j, i] = covariance[i, j]
-        covariance[i, i] += late_i * late_i + scale * scale * wrench[i] * wrench[i]
-        lateness[i] = late_i
+            if i == j and i >= 3:
+                lag_variance += lag
+    is_fast = state[_RATES, 0] > MAX_POWER_RATIO * state[_RATES, 1]
+    return not (is_fast and lag_variance > MAX_LAG_RATIO * force_variance)
 
 
 @kernel
-def _late(settings: Array, low_passed: float, value: float, variance: float) -> float:
-    """The lag f_i of one component."""
-    if not np.isfinite(low_passed):
-        return 0.0
-    lateness = settings[_FACTOR] * (value - low_passed)
-    square = lateness * lateness
-    return lateness * (1.0 - variance / square) if square > variance else 0.0
+def lag_update(settings: Array, state: Array, wrench: Array, is_force: bool) -> None:
+    """Single-sample kernel: updates `state` with the reading of a sample, in place.
 
-
-@kernel
-def lag_update(settings: Array, state: Array, wrench: Array, valid: bool) -> None:
-    """Single-sample kernel: updates `state` with the reading of a sample, in place."""
-    pole = settings[_POLE] if valid else settings[_DOUBTED_POLE]
+    Args:
+        settings, state, wrench: as `lag_tick`.
+        is_force: whether the reading is valid, apart from its lag.
+    """
+    pole = settings[_POLE] if is_force else settings[_DOUBTED_POLE]
+    slow_pole = settings[_SLOW_POLE] if is_force else settings[_DOUBTED_SLOW_POLE]
     for i in range(6):
         if np.isfinite(wrench[i]):
-            if np.isfinite(state[i]):
-                state[i] = pole * state[i] + (1.0 - pole) * wrench[i]
+            if np.isfinite(state[_FAST, i]):
+                state[_FAST, i] = pole * state[_FAST, i] + (1.0 - pole) * wrench[i]
+                state[_SLOW, i] = slow_pole * state[_SLOW, i] + (1.0 - slow_pole) * wrench[i]
             else:
-                state[i] = wrench[i]
+                state[_FAST, i] = state[_SLOW, i] = wrench[i]

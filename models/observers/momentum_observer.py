@@ -68,8 +68,9 @@ class MomentumObserverConfig:
     K_0: list[float] = field(default_factory=lambda: [20.0])  # 1/s, gain: one, or one a joint
     time_step: float = 0.001  # s between samples
     torque_samples: str = "held"
-    # motor torque between samples: held (currents on the drive's own clock) or trapezoidal (samples
-    # of a continuous signal)
+    # motor torque between samples: held (of a simulated drive: the present torque is not read, may
+    # depend on the reading) or trapezoidal (samples of a continuous signal, as logs and streams
+    # have them; held, they would be read half a time step late)
 
 
 @kernel

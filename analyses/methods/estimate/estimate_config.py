@@ -36,7 +36,8 @@ _POSITIVE = ("force_rate", "across_sd", "standing_across_sd", "moment_sd", "erro
 
 
 def _estimator_of_logs() -> WrenchEstimatorConfig:
-    return WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=0.0))
+    observer = MomentumObserverConfig(time_step=0.0, torque_samples="trapezoidal")
+    return WrenchEstimatorConfig(observer=observer)
 
 
 @dataclass

@@ -10,6 +10,7 @@ from wrenchsight.models.estimation import invalid
 from wrenchsight.models.estimation.invalid import (
     FRICTION_DRIFT,
     HIDDEN_BY_STICTION,
+    LAGGING,
     NO_CORRECTION,
     OTHER_LINK,
     REASONS,
@@ -40,6 +41,7 @@ SOUND = Findings(
     max_stiction_force=5.0,
     is_explained=True,
     is_believed=True,
+    keeps_pace=True,
 )
 
 
@@ -58,6 +60,7 @@ SOUND = Findings(
         ({"stiction_force": 5.1}, HIDDEN_BY_STICTION),
         ({"is_explained": False}, UNEXPLAINED),
         ({"is_believed": False}, WRONG_SIGNAL),
+        ({"keeps_pace": False}, LAGGING),
         ({"force_sd": 10.1, "is_believed": False}, UNCERTAIN_FORCE + WRONG_SIGNAL),
         # A fault of the sample before leaves the torque fresh: it is reported, not held against it.
         ({"fault": 4}, 0),
