@@ -63,7 +63,7 @@ def robot_file(arm: str, folder: Path) -> str:
         folder: for the draft.
 
     Raises:
-        ImportError: the package that has the URDF is not installed.
+        importlib.metadata.PackageNotFoundError: the package that has the URDF is not installed.
     """
     if arm in BUNDLED:
         return arm
@@ -73,11 +73,19 @@ def robot_file(arm: str, folder: Path) -> str:
     return str(path)
 
 
+def has_stranger() -> bool:
+    """Whether the package that has the URDF of STRANGER is installed."""
+    try:
+        return stranger_urdf().is_file()
+    except metadata.PackageNotFoundError:
+        return False
+
+
 def stranger_urdf() -> Path:
     """The URDF of STRANGER.
 
     Raises:
-        ImportError: the package that has it is not installed.
+        importlib.metadata.PackageNotFoundError: the package that has it is not installed.
     """
     return Path(str(metadata.distribution("example-robot-data").locate_file(_STRANGER_URDF)))
 

@@ -69,7 +69,7 @@ class _Plan:
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Reads all logs, draw by draw, and sums them up."""
-    plans = _plans(context.quick)
+    plans, lacking = _plans(context.quick)
     count, done = sum(len(plan.cases) for plan in plans), 0
     read: dict[str, dict[str, list[dict[str, Any]]]] = {}
     with TemporaryDirectory() as scratch:
@@ -94,24 +94,30 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=[_figure(read)] if context.draws else [],
         comparison=_comparison(metrics),
-        notes=NOTES,
+        notes=(*NOTES, *lacking),
         tables=[_table(arm, cases) for arm, cases in metrics.items()],
     )
 
 
-def _plans(quick: bool) -> list[_Plan]:
+def _plans(quick: bool) -> tuple[list[_Plan], list[str]]:
+    """What is read, and a sentence on what is left out."""
+    from wrenchsight.analyses.experiments.foreign_physics.arms import STRANGER, has_stranger
     from wrenchsight.analyses.experiments.foreign_physics.cases import CASES
 
     if quick:
-        return [
+        plans = [
             _Plan(arm, k, QUICK_CASES) for arm, draws in QUICK_DRAWS.items() for k in range(draws)
         ]
+        return plans, []
     further = tuple(case for case in CASES if case not in CORE)
-    return [
+    arms = [arm for arm in DRAWS if arm != STRANGER or has_stranger()]
+    plans = [
         _Plan(arm, k, CORE + further * (arm == FIRST_ARM and k < FURTHER_DRAWS))
-        for arm, draws in DRAWS.items()
-        for k in range(draws)
+        for arm in arms
+        for k in range(DRAWS[arm])
     ]
+    without = f"{STRANGER} is left out: python -m pip install 'wrenchsight[study]' brings its URDF."
+    return plans, [] if STRANGER in arms else [without]
 
 
 def _drawn(plan: _Plan, scratch: Path, context: ExperimentContext) -> "DrawnArm":
