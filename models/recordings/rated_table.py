@@ -16,11 +16,14 @@ class RatedTable:
     Args:
         table: a log without a time.
         rate_hz: rows a second.
+
+    Attributes:
+        table, rate_hz: these.
     """
 
     def __init__(self, table: LogTable, rate_hz: float) -> None:
-        self._table = table
-        self._rate_hz = rate_hz
+        self.table = table
+        self.rate_hz = rate_hz
         self.row_word = table.row_word
         self.names = None if table.names is None else (*table.names, TIME_NAME)
         self.num_columns = table.num_columns + 1
@@ -30,7 +33,7 @@ class RatedTable:
 
     def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
         """As the protocol."""
-        return self._table.row_words(columns, in_all_rows)
+        return self.table.row_words(columns, in_all_rows)
 
     def blocks(
         self,
@@ -39,14 +42,14 @@ class RatedTable:
         may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, RowNumbers]]:
         """As the protocol."""
-        time = self._table.num_columns
+        time = self.table.num_columns
         signals = [column for column in columns if column != time]
         first_row: int | None = None
-        for values, numbers in self._table.blocks(signals, rows, may_be_empty):
+        for values, numbers in self.table.blocks(signals, rows, may_be_empty):
             if first_row is None and len(numbers):
                 first_row = int(numbers[0])
             if time in columns:
-                t = (numbers - (first_row or 0)) / self._rate_hz
+                t = (numbers - (first_row or 0)) / self.rate_hz
                 values = np.insert(values, columns.index(time), t, axis=1)
-            self.progress = self._table.progress
+            self.progress = self.table.progress
             yield values, numbers

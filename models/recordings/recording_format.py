@@ -25,7 +25,7 @@ ROBOT, ENVIRONMENT = "robot", "environment"  # the body on which an external tor
 FORMATS = "recordings/formats"  # folder of the bundled descriptions
 
 PER_CENT, PER_MILLE = "per cent", "per mille"  # of the rated value of each drive: the gain
-_UNITS: dict[str, dict[str, float]] = {
+UNITS: dict[str, dict[str, float]] = {  # in SI, by key of a description
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "position": {"rad": 1.0, "deg": np.pi / 180, "rev": 2 * np.pi, "m": 1.0, "mm": 1e-3},
     "velocity": {
@@ -46,7 +46,7 @@ _UNITS: dict[str, dict[str, float]] = {
         PER_MILLE: 1e-3,
     },
 }
-_ANY_UNIT = {unit: factor for table in _UNITS.values() for unit, factor in table.items()} | {
+_ANY_UNIT = {unit: factor for table in UNITS.values() for unit, factor in table.items()} | {
     "1": 1.0,
     "": 1.0,
 }
@@ -251,7 +251,7 @@ def resolve_layout(
             if entry.shape:
                 problem = "only an extra signal has a shape"
                 raise InputError(description_source, key, problem, "remove it")
-            signals.append(log_columns.signal(entry, key, name, _UNITS[key]))
+            signals.append(log_columns.signal(entry, key, name, UNITS[key]))
     for name, entry in description.extra.items():
         signals.append(log_columns.signal(entry, f"extra, {name}", name))
     num_time_columns = max((len(s.columns) for s in signals if s.name == "t"), default=1)

@@ -54,6 +54,7 @@ from wrenchsight.models.recordings.plausibility.idle_signals import (
     idle_velocities,
     time_unit,
 )
+from wrenchsight.models.recordings.plausibility.raw_words import raw_words
 from wrenchsight.models.recordings.rated_table import RatedTable
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.recording_checks import RecordingChecks
@@ -140,6 +141,7 @@ class RecordingReader:
         path: of the log.
         format: the description of its columns.
         layout: its signals and their columns.
+        table: the log as a table of numbers.
         effort_holds_gravity: False where the log's effort is too small beside gravity's torque.
         sign_evidence: what the log says of the signs of its currents; None before all chunks are
             read, or where currents are not checked.
@@ -183,7 +185,7 @@ class RecordingReader:
         self._unpacked: UnpackedFile | None = None
         log = self._open(None if words is not None else description)
         self.format = log.form
-        self._table = log.table
+        self.table = log.table
         self.layout: ColumnLayout = self._resolved_layout(log)
         self._rows = rows_for(log.form, path)
         if log.form.rows and path.name not in log.form.rows:
@@ -276,8 +278,8 @@ class RecordingReader:
             )
         else:
             parts: Iterable[Recording] = islice(self._read_motion(), _EFFORT_CHUNKS)
-            if isinstance(self._table, EpisodeTable):  # all episodes are of one unit
-                parts = _sample_episodes(self._table.data_set, robot, self._words)
+            if isinstance(self.table, EpisodeTable):  # all episodes are of one unit
+                parts = _sample_episodes(self.table.data_set, robot, self._words)
             decision = effort_unit(parts, robot)
             unit = decision.unit
             self.effort_holds_gravity = not decision.without_gravity
@@ -305,7 +307,7 @@ class RecordingReader:
                 f"{self._first_missing}); short gaps are bridged",
             )
         cleaned = (*missing, *self._stamps.notices(), *self._angles.notice())
-        return (*self._notices, *self._table.notices, *cleaned, *self._sign_notes())
+        return (*self._notices, *self.table.notices, *cleaned, *self._sign_notes())
 
     def _sign_notes(self) -> tuple[str, ...]:
         """A notice where the signs of the currents are doubtful, or accepted although wrong."""
@@ -326,7 +328,7 @@ class RecordingReader:
     @property
     def progress(self) -> float:
         """Share of the file that the current pass has read."""
-        return self._table.progress
+        return self.table.progress
 
     def require_joint_signals(self) -> None:
         """Makes sure that the log holds what an estimator or an identification needs.
@@ -355,6 +357,8 @@ class RecordingReader:
                 increase, the rows end too early, or what `RecordingChecks` finds.
         """
         checks = self._checks()
+        if checks is not None and not self._is_described:
+            self._refuse_raw_words()
         num_samples = 0
         last: Recording | None = None
         for chunk in self._read_motion():
@@ -379,6 +383,21 @@ class RecordingReader:
             problem += f", expected {MIN_SAMPLES} or more"
             raise InputError(self.path, "", problem, "record a longer log")
 
+    def _refuse_raw_words(self) -> None:
+        """Refuses currents or torques that were logged as words without a sign."""
+        for name, key in (("current", "current"), ("tau_J", "motor_torque")):
+            signal = self.layout.signal(name)
+            if signal is None:
+                continue
+            columns = sorted(signal.columns)
+            values, _ = next(self.table.blocks(columns, self._rows, columns), (np.empty(0), None))
+            words = raw_words(values[np.isfinite(values).all(axis=1)]) if values.size else None
+            if words is not None:
+                problem = f"holds words of {words.bits} bits without a sign, not numbers"
+                remedy = f"set {key}: {{encoding: {words.encoding}, bits: {words.bits}, gain: [...]"
+                remedy += "} in a description (--log-format), which `wrenchsight log` drafts"
+                raise InputError(self.path, self.layout.column_of(name), problem, remedy)
+
     def _read_motion(self) -> Iterator[Recording]:
         """The parts of the log, with the velocities that it lacks."""
         return with_velocities(self._read()) if self._is_differentiated else self._read()
@@ -397,7 +416,7 @@ class RecordingReader:
         self._stamps = StampFilter()
         is_wrapped = position is not None and position.wrap != ""
         self._angles = Unwrapper(self._robot, is_wrapped)
-        for values, rows in self._table.blocks(used, self._rows, {*used} - {*time_columns}):
+        for values, rows in self.table.blocks(used, self._rows, {*used} - {*time_columns}):
             is_missing = np.isnan(values) & is_mandatory
             if is_missing.any():
                 values, rows = self._without_missing(values, rows, is_missing, used)
@@ -420,7 +439,7 @@ class RecordingReader:
         if not self._num_missing:
             k = int(np.argmax(is_incomplete))
             name = self.layout.column_names[used[int(np.argmax(is_missing[k]))]]
-            self._first_missing = f"{self._table.row_word} {rows[k]}, {name}"
+            self._first_missing = f"{self.table.row_word} {rows[k]}, {name}"
         self._num_missing += int(is_incomplete.sum())
         return values[~is_incomplete], rows[~is_incomplete]
 
@@ -479,7 +498,7 @@ class RecordingReader:
             dropout=dropout,
             extra=signals,
             row=rows,
-            row_word=self._table.row_word,
+            row_word=self.table.row_word,
         )
 
     def _check_num_joints(self) -> None:

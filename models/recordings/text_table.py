@@ -132,6 +132,11 @@ class TextTable:
             remedy = "set header: false in the description, or add a first line t,q1,..."
             raise InputError(path, f"line {self._num_head_lines}", problem, remedy)
 
+    @property
+    def skip_lines(self) -> int:
+        """Lines before the header or the first row."""
+        return self._num_head_lines - (self.names is not None)
+
     def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
         """As the protocol."""
         first: list[str] = []

@@ -1,0 +1,244 @@
+"""Drafts the description of a log's columns, as `--log-format` takes it.
+
+Of a log that is read, the description says how. Of another one it names the columns that look like
+positions, velocities, currents or torques by their names. What only the owner of the log can know
+has a question mark: in a comment where the draft states a usual value, instead of the value where
+there is none.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.layouts.time_names import time_columns
+from wrenchsight.models.recordings.log_container import LogTable
+from wrenchsight.models.recordings.plausibility.raw_words import RawWords
+from wrenchsight.models.recordings.rated_table import RatedTable
+from wrenchsight.models.recordings.recording_format import (
+    ENVIRONMENT,
+    UNITS,
+    Signal,
+    column_items,
+)
+from wrenchsight.models.recordings.recording_reader import RecordingReader
+from wrenchsight.models.recordings.text_table import TextTable
+
+_KEYS = {
+    "t": "time",
+    "q": "position",
+    "v": "velocity",
+    "current": "current",
+    "tau_J": "motor_torque",
+}
+_UNIT_QUESTIONS = {
+    "position": "? rad or deg",
+    "velocity": "? rad/s or deg/s",
+    "current": "? A or mA; or motor_torque, in per mille of each drive's rated torque (gain)",
+    "motor_torque": "? N m on the joint side; if these are currents in A, call the key current",
+}
+_WORDS = {  # in names of columns, by key; the first that fits counts
+    "velocity": r"vel|speed|rate|(^|[^a-z])(d|)q?d(ot)?([^a-z]|$)|qd|dq|omega",
+    "motor_torque": r"tau|torq|moment|eff|load",
+    "current": r"cur|amp|(^|[^a-z])i([^a-z]|$)",
+    "position": r"pos|angle|theta|joint|axis|(^|[^a-z])q([^a-z]|$)",
+}
+_FIRST_LINE = (
+    "# Draft of `wrenchsight log`: check it, and read the log with --log-format.\n"
+    "# What only the owner of the log can know has a question mark.\n"
+)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One line of a description."""
+
+    key: str
+    values: dict[str, str]  # by key, as YAML
+    question: str = ""
+
+    def line(self, indent: str = "") -> str:
+        """The line, with its question as a comment."""
+        inner = ", ".join(f"{key}: {value}" for key, value in self.values.items())
+        comment = f"  # {self.question}" if self.question else ""
+        return f"{indent}{self.key}: {{{inner}}}{comment}\n"
+
+
+def draft_of_log(
+    reader: RecordingReader, words: dict[str, RawWords], knows_robot: bool, of_rated: bool = False
+) -> str:
+    """The description of a log that is read.
+
+    Args:
+        reader: of the log.
+        words: encodings that its signals seem to have, by name.
+        knows_robot: whether it was held against a robot, so that units are no question.
+        of_rated: whether the currents look like parts of the drives' rated torque.
+    """
+    table = reader.table
+    lines = [_FIRST_LINE, *_text_keys(table)]
+    extra = []
+    for signal in reader.layout.signals:
+        if signal.name == "dropout":
+            continue
+        key = _KEYS.get(signal.name, "")
+        if key == "time" and isinstance(table, RatedTable):
+            lines.append(f"rate_hz: {table.rate_hz:g}\n")
+            continue
+        entry = _entry(signal, key, table, words.get(signal.name))
+        if key == "current" and of_rated:
+            unknown = ", ".join(['"?"'] * len(signal.columns))
+            values = {"columns": entry.values["columns"], "unit": "per mille"}
+            values["gain"] = f"[{unknown}]"
+            question = "? rated torque of each drive at its joint, N m; or unit: per cent"
+            entry = _Entry("motor_torque", values, question)
+        elif key in ("current", "motor_torque") and not knows_robot:
+            entry = _Entry(entry.key, entry.values, entry.question or _UNIT_QUESTIONS[key])
+        if key:
+            lines.append(entry.line())
+        else:
+            extra.append(entry.line("  "))
+    if extra:
+        lines += ["extra:\n", *extra]
+    return "".join(lines)
+
+
+def draft_of_columns(table: LogTable, num_joints: int) -> str:
+    """The description of a log that is not read, as far as the names of its columns show it.
+
+    Args:
+        num_joints: of the robot; 0: not known.
+    """
+    lines = [_FIRST_LINE, *_text_keys(table)]
+    found = _series(table, num_joints)
+    time = None if table.names is None else time_columns(table.names)
+    if time is not None and table.names is not None:
+        numbers = [int(column) - 1 for column in str(time.columns).split(",")]
+        lines.append(_Entry("time", {"columns": _columns_text(numbers, table)}).line())
+    elif table.names is None:
+        lines.append(_Entry("time", {"columns": "1", "unit": "s"}, "? its column and unit").line())
+    else:
+        lines.append('rate_hz: "?"  # samples a second; or time: {columns: NAME, unit: s}\n')
+    for key in ("position", "velocity", "current", "motor_torque"):
+        if key in found:
+            values = {"columns": _columns_text(found[key], table)}
+            question = _UNIT_QUESTIONS[key] + "; joints from base to tool"
+            lines.append(_Entry(key, values, question).line())
+        elif key == "position":
+            lines.append(_Entry(key, {"columns": '"?"'}, "one column for each joint").line())
+    return "".join(lines)
+
+
+def _text_keys(table: LogTable) -> list[str]:
+    """How a text is written, where that is not the usual way."""
+    if isinstance(table, RatedTable):
+        table = table.table
+    if not isinstance(table, TextTable):
+        return []
+    separator = "\\t" if table.separator == "\t" else table.separator
+    lines = [] if separator == "," else [f'separator: "{separator}"\n']
+    if table.decimal_mark != ".":
+        lines.append(f'decimal_mark: "{table.decimal_mark}"\n')
+    if table.skip_lines:
+        lines.append(f"skip_lines: {table.skip_lines}\n")
+    if table.names is None:
+        lines.append("header: false\n")
+    return lines
+
+
+def _entry(signal: Signal, key: str, table: LogTable, words: RawWords | None) -> _Entry:
+    """The line of a signal that is read."""
+    values = {"columns": _columns_text(signal.columns, table)}
+    scale = -signal.scale if signal.exerted_on == ENVIRONMENT else signal.scale
+    if not (signal.name == "t" and len(signal.columns) > 1):
+        units = UNITS.get(key, {"1": 1.0})
+        size = float(np.abs(scale[0]))
+        unit = next((u for u, f in units.items() if abs(f / size - 1.0) < 1e-9), "")
+        if not unit or not np.allclose(np.abs(scale), size, rtol=1e-9):
+            unit = next(iter(units))
+        gain = scale / units[unit]
+        if key:
+            values["unit"] = unit
+        if not np.allclose(gain, 1.0, rtol=1e-12):
+            values["gain"] = _numbers_text(gain)
+        if signal.offset.any():
+            values["offset"] = _numbers_text(signal.offset)
+    if not key and signal.shape != (len(signal.columns),):
+        values["shape"] = str(list(signal.shape))
+    encoding = words or (RawWords(signal.encoding, signal.bits) if signal.encoding else None)
+    question = ""
+    if encoding is not None:
+        values |= {"encoding": encoding.encoding, "bits": str(encoding.bits)}
+        if words is not None:
+            question = "? gain: the unit of one count"
+    for name in ("wrap", "exerted_on"):
+        value = getattr(signal, name)
+        if value and value != "robot":
+            values[name] = value
+    if signal.may_be_empty:
+        values["may_be_empty"] = "true"
+    return _Entry(key or signal.name, values, question)
+
+
+def _numbers_text(values: Array) -> str:
+    shown = [values[0]] if np.all(values == values[0]) else values
+    return "[" + ", ".join(f"{value:.12g}" for value in shown) + "]"
+
+
+def _columns_text(columns: Sequence[int], table: LogTable) -> str:
+    """Columns by their names, as a series where they are one; by number where names fail."""
+    names = table.names
+    if names is not None:
+        listed = [names[column] for column in columns]
+        text = _series_text(listed)
+        try:
+            is_same = column_items(text, "", "") == listed
+        except ValueError:
+            is_same = False
+        is_unique = all(names.count(name) == 1 for name in listed)
+        if is_same and is_unique and not any(re.search(r'["\\\n]', name) for name in listed):
+            return f'"{text}"'
+    first, last = columns[0] + 1, columns[-1] + 1
+    if len(columns) > 1 and list(columns) == list(range(first - 1, last)):
+        return f'"{first}-{last}"'
+    return '"' + ", ".join(str(column + 1) for column in columns) + '"'
+
+
+def _series_text(names: Sequence[str]) -> str:
+    """Names that count through one number as "q{1..6}"; others with commas between them."""
+    if len(names) > 1:
+        for match in re.finditer(r"\d+", names[0]):
+            before, behind = names[0][: match.start()], names[0][match.end() :]
+            first = int(match[0])
+            if list(names) == [f"{before}{first + k}{behind}" for k in range(len(names))]:
+                return f"{before}{{{first}..{first + len(names) - 1}}}{behind}"
+    return ", ".join(names)
+
+
+def _series(table: LogTable, num_joints: int) -> dict[str, list[int]]:
+    """The columns that look like a signal of all joints, by the key of the description."""
+    if table.names is None:
+        count = table.num_columns - 1
+        sizes = [num_joints] if num_joints else range(4, 9)
+        n = next((size for size in sizes if count >= size and count % size == 0), 0)
+        keys = ("position", "velocity", "current")
+        return {
+            key: list(range(1 + k * n, 1 + (k + 1) * n))
+            for k, key in enumerate(keys)
+            if n and 1 + (k + 1) * n <= table.num_columns
+        }
+    groups: dict[str, list[int]] = {}
+    for column, name in enumerate(table.names):
+        stem = re.sub(r"\d+", "#", name)
+        if stem != name:
+            groups.setdefault(stem, []).append(column)
+    found: dict[str, list[int]] = {}
+    for stem, columns in groups.items():
+        if len(columns) < 2 or (num_joints and len(columns) != num_joints):
+            continue
+        key = next((k for k, words in _WORDS.items() if re.search(words, stem.lower())), "")
+        if key and key not in found:
+            found[key] = columns
+    return found

@@ -1,0 +1,233 @@
+"""Looks at logs: what each file is, whether it is read and how, and what contradicts the robot."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wrenchsight.analyses.methods.log.column_draft import draft_of_columns, draft_of_log
+from wrenchsight.analyses.methods.log.log_figure import log_figure
+from wrenchsight.analyses.methods.log.log_settings import LogSettings
+from wrenchsight.analyses.methods.log.log_summary import LogSummary, summarised
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.lerobot.data_set import episode_paths, root_of
+from wrenchsight.models.recordings.log_container import LogTable
+from wrenchsight.models.recordings.log_containers import TEXT, container_of
+from wrenchsight.models.recordings.mat_table import MatTable
+from wrenchsight.models.recordings.npz_table import NpzTable
+from wrenchsight.models.recordings.packed_file import UnpackedFile, is_packed
+from wrenchsight.models.recordings.parquet_table import ParquetTable
+from wrenchsight.models.recordings.plausibility.raw_words import RawWords, raw_words
+from wrenchsight.models.recordings.rated_table import RatedTable
+from wrenchsight.models.recordings.recording_reader import RecordingReader
+from wrenchsight.models.recordings.rosbag.table import RosbagTable
+from wrenchsight.models.recordings.text_table import TextTable
+from wrenchsight.models.robot.robot import Robot
+
+_ROWS = 50_000  # in which encodings of words are looked for
+_PRINTED_COLUMNS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class InspectedLog:
+    """What one file is.
+
+    Attributes:
+        path: of the log.
+        container: kind of the file, in words.
+        columns: names of its columns; their numbers where it names none.
+        unread: columns that are no signal; empty where the log is not read.
+        summary: of the log; None where it is not read.
+        joint_names: of the robot, or "joint 1" to "joint n".
+        problem: why it is not read, or what contradicts the robot; empty where nothing does.
+        notices: what reading involved, one sentence each.
+        draft: description of its columns.
+        draft_name: file name of the draft.
+    """
+
+    path: Path
+    container: str
+    columns: tuple[str, ...]
+    unread: tuple[str, ...]
+    summary: LogSummary | None
+    joint_names: tuple[str, ...]
+    problem: str
+    notices: tuple[str, ...]
+    draft: str
+    draft_name: str
+
+    @property
+    def name(self) -> str:
+        """The log's own name, without the endings."""
+        return self.path.name.partition(".")[0] or self.path.name
+
+    def metrics(self) -> dict[str, Any]:
+        """All figures, as written to metrics.json."""
+        return {
+            "container": self.container,
+            "columns": list(self.columns),
+            "columns_not_read": list(self.unread),
+            "problem": self.problem or None,
+            "joints": list(self.joint_names) if self.summary is not None else None,
+            "log": None if self.summary is None else self.summary.metrics(),
+            "notices": list(self.notices),
+        }
+
+
+def inspect_logs(
+    settings: LogSettings,
+    out: Path,
+    progress: ProgressCallback = lambda fraction, message: None,
+) -> list[InspectedLog]:
+    """The command `log`: looks at the logs, and writes drafts and figures into `out`.
+
+    Raises:
+        InputError: a file cannot be opened, or is no table; as `Robot.load` and `result_folder`.
+    """
+    with result_folder(out, "log") as folder:
+        robot = Robot.load(settings.robot) if settings.robot else None
+        logs = []
+        for k, text in enumerate(settings.logs):
+            progress(k / len(settings.logs), Path(text).name)
+            logs.append(_inspected(Path(text), settings, robot, len(settings.logs) > 1))
+        _write(logs, folder, settings)
+    return logs
+
+
+def _write(logs: Sequence[InspectedLog], folder: OutputFolder, settings: LogSettings) -> None:
+    for log in logs:
+        folder.write_text(log.draft_name, log.draft)
+        if log.summary is not None and log.joint_names:
+            title = f"{log.path.name}: {log.summary.duration:.4g} s at {log.summary.rate_hz:.4g} Hz"
+            figure = log_figure(log.summary, list(log.joint_names), title)
+            folder.write_figure(f"log_{log.name}", figure)
+    folder.write_json("metrics.json", {log.path.name: log.metrics() for log in logs})
+    folder.write_settings("config.yaml", settings)
+
+
+def _inspected(
+    path: Path, settings: LogSettings, robot: Robot | None, is_one_of_several: bool
+) -> InspectedLog:
+    notices: list[str] = []
+    if root_of(path) is not None:
+        episodes = episode_paths(path)
+        if len(episodes) > 1:
+            notices.append(f"a data set of {len(episodes)} episodes, of which the first is shown")
+        path = episodes[0]
+    name = path.name.partition(".")[0]
+    draft_name = f"columns_{name}.yaml" if is_one_of_several else "columns.yaml"
+    try:
+        reader = RecordingReader(path, settings.log_format, robot, check=False)
+        summary = summarised(reader.chunks())
+    except InputError as error:
+        return _unread(path, str(error), settings, robot, draft_name, tuple(notices))
+    words = _encodings(reader)
+    used = {column for signal in reader.layout.signals for column in signal.columns}
+    names = reader.layout.column_names
+    n = summary.drawn.num_joints
+    joints = robot.joint_names if robot is not None else tuple(f"joint {j + 1}" for j in range(n))
+    for signal, encoding in words.items():
+        notices.append(
+            f"{signal} looks like words of {encoding.bits} bits without a sign: encoding: "
+            f"{encoding.encoding} in the draft"
+        )
+    problem = _contradiction(path, settings, robot)
+    of_rated = "rated torque" in problem
+    return InspectedLog(
+        path=path,
+        container=_container_word(reader.table),
+        columns=names,
+        unread=tuple(name for k, name in enumerate(names) if k not in used),
+        summary=summary,
+        joint_names=joints,
+        problem=problem,
+        notices=(*notices, *reader.notices),
+        draft=draft_of_log(reader, words, robot is not None, of_rated),
+        draft_name=draft_name,
+    )
+
+
+def _unread(
+    path: Path,
+    problem: str,
+    settings: LogSettings,
+    robot: Robot | None,
+    draft_name: str,
+    notices: tuple[str, ...],
+) -> InspectedLog:
+    """A log whose columns are not recognised, or whose content is damaged.
+
+    Raises:
+        InputError: the file is no table at all.
+    """
+    packed = UnpackedFile(path) if is_packed(path) else None
+    inner = path if packed is None else packed.path
+    table = (container_of(inner) or TEXT).open(inner, None)
+    names = table.names or tuple(f"column {k + 1}" for k in range(table.num_columns))
+    return InspectedLog(
+        path=path,
+        container=_container_word(table),
+        columns=names,
+        unread=(),
+        summary=None,
+        joint_names=(),
+        problem=problem,
+        notices=notices,
+        draft=draft_of_columns(table, 0 if robot is None else robot.num_joints),
+        draft_name=draft_name,
+    )
+
+
+def _contradiction(path: Path, settings: LogSettings, robot: Robot | None) -> str:
+    """What in a log contradicts the robot; empty where nothing does."""
+    if robot is None:
+        return ""
+    try:
+        for _ in RecordingReader(path, settings.log_format, robot).chunks():
+            pass
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _encodings(reader: RecordingReader) -> dict[str, RawWords]:
+    """Encodings that signals of the drives seem to have, by the signal's name."""
+    found: dict[str, RawWords] = {}
+    for signal in reader.layout.signals:
+        if signal.name in ("current", "tau_J", "v") and not signal.encoding:
+            columns = sorted(signal.columns)
+            for values, _ in reader.table.blocks(columns, None, columns):
+                complete = values[np.isfinite(values).all(axis=1)][:_ROWS]
+                encoding = raw_words(complete)
+                if encoding is not None:
+                    found[signal.name] = encoding
+                break
+    return found
+
+
+def _container_word(table: LogTable) -> str:
+    if isinstance(table, RatedTable):
+        return _container_word(table.table)
+    if isinstance(table, TextTable):
+        names = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
+        separator = names.get(table.separator, repr(table.separator))
+        head = "" if table.names is not None else ", no header"
+        return f"text, cells separated by {separator}{head}"
+    kinds: list[tuple[type, str]] = [
+        (ParquetTable, "Parquet"),
+        (MatTable, "MATLAB"),
+        (NpzTable, "npz"),
+        (RosbagTable, "bag of ROS"),
+    ]
+    return next((word for kind, word in kinds if isinstance(table, kind)), "table")
+
+
+def listed(names: Sequence[str]) -> str:
+    """The names of columns, the first ones of many."""
+    more = f" and {len(names) - _PRINTED_COLUMNS} more" if len(names) > _PRINTED_COLUMNS else ""
+    return ", ".join(names[:_PRINTED_COLUMNS]) + more

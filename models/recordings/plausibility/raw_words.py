@@ -1,0 +1,46 @@
+"""Whole numbers with a sign that were logged as words without one."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.recording_format import SIGN_BIT, TWOS_COMPLEMENT, Signal
+
+_LEAST_BITS, _MOST_BITS = 8, 32
+_LEAST_CHANGES = 2  # of the sign, in a column
+_SMOOTHER = 4.0  # times, by which the decoded numbers change less
+
+
+class RawWords(NamedTuple):
+    """How words are to be read: `SignalColumns.encoding` and `bits`."""
+
+    encoding: str
+    bits: int
+
+
+def raw_words(columns: Array) -> RawWords | None:
+    """How the words (N, k) of a signal were encoded; None where they are numbers as they are.
+
+    Numbers near zero that change their sign jump by a whole range of words. Decoded, they change
+    by far less.
+    """
+    if not columns.size or not np.isfinite(columns).all():
+        return None
+    if columns.min() < 0.0 or (columns != np.rint(columns)).any():
+        return None
+    bits = int(columns.max()).bit_length()
+    if not _LEAST_BITS <= bits <= _MOST_BITS:
+        return None
+    half = 2.0 ** (bits - 1)
+    changes = np.abs(np.diff(columns >= half, axis=0)).sum()
+    if changes < _LEAST_CHANGES:
+        return None
+    path = np.abs(np.diff(columns, axis=0)).sum()
+    lengths = {}
+    for encoding in (TWOS_COMPLEMENT, SIGN_BIT):
+        scale = np.ones(columns.shape[1])
+        signal = Signal("", (), scale, 0.0 * scale, (), encoding=encoding, bits=bits)
+        lengths[encoding] = np.abs(np.diff(signal.numbers(columns), axis=0)).sum()
+    best = min(lengths, key=lambda encoding: lengths[encoding])
+    return RawWords(best, bits) if _SMOOTHER * lengths[best] < path else None
