@@ -40,12 +40,14 @@ class EffectiveUrdf:
         meshes: CollisionMeshes,
         inertia_fault: InputError | None = None,
         standing: tuple[tuple[ET.Element, ET.Element], ...] = (),
+        base_link: str = "",
     ) -> None:
         self._root = root
         self.meshes = meshes
         self.joints = joints  # moving ones, base to tool
         self.notices = notices
         self.source = source
+        self.base_link = base_link  # its name in the document
         self._standing = standing  # links around the arm and their joints, where distances count
         self.inertia_fault = inertia_fault  # the first, where dynamics cannot be computed
 
@@ -76,6 +78,7 @@ class EffectiveUrdf:
             self.meshes,
             self.inertia_fault,
             self._standing,
+            self.base_link,
         )
 
     def text(self, name: str, hulls: bool = False) -> str:

@@ -261,7 +261,7 @@ class Robot(Arm):
             instance = add_model(plant, text, "urdf")
         except (RuntimeError, ValueError) as error:
             raise InputError(self._urdf.source, "", f"Drake cannot take it: {error}") from error
-        base = plant.GetFrameByName(self.config.base_link, instance)
+        base = plant.GetFrameByName(self._urdf.base_link, instance)
         plant.WeldFrames(plant.world_frame(), base, X_WB or RigidTransform())
         if X_WB is None:
             plant.mutable_gravity_field().set_gravity_vector(self.gravity)

@@ -57,6 +57,7 @@ class _Reader:
     def __init__(self, path: Path, config: RobotConfig, config_source: Path) -> None:
         self.path = path
         self.config = config
+        self.base = config.base_link
         self.config_source = config_source
         self.notices: list[str] = []
         self.inertia_faults: list[InputError] = []
@@ -97,11 +98,14 @@ class _Reader:
             meshes=self.meshes,
             inertia_fault=fault,
             standing=standing,
+            base_link=self.base,
         )
 
     # Reading ----------------------------------------------------------------------------------
 
     def _collect(self) -> None:
+        if self.base == "world":
+            self.base = self._renamed_world()
         for link in self.root.findall("link"):
             self._register(link, self.links)
         parents = {self._parent(joint) for joint in self.root.findall("joint")}
@@ -125,6 +129,26 @@ class _Reader:
             self._snap_angles(joint)
             if kind in _MOVING and np.linalg.norm(self._axis(joint)) < 1e-9:
                 self._fail(joint, f'joint "{name}" has an axis of length zero')
+
+    def _renamed_world(self) -> str:
+        """Gives the link "world" a name of the robot's own: an arm may stand on it by a rail, and
+        Drake has a link of that name in every URDF. Returns the name; "world" where there is none.
+        """
+        ends = [end for joint in self.root.findall("joint") for end in joint.findall("parent")]
+        joined = [end for end in ends if end.get("link") == "world"]
+        links = [link for link in self.root.findall("link") if link.get("name") == "world"]
+        if not joined:
+            return "world"
+        if not links:
+            links = [ET.SubElement(self.root, "link")]
+        name = "world_link"
+        while any(link.get("name") == name for link in self.root.findall("link")):
+            name += "_"
+        for link in links:
+            link.set("name", name)
+        for end in joined:
+            end.set("link", name)
+        return name
 
     def _snap_angles(self, joint: ET.Element) -> None:
         """Writes rounded right angles of a joint's origin out."""
@@ -205,13 +229,7 @@ class _Reader:
 
     def _keep_below_base(self) -> None:
         """Drops all links that the base link does not carry: W is the base link's frame."""
-        base = self.config.base_link
-        if base == "world":
-            problem = '"world" is no link of the robot, but what it stands on'
-            carried = [self._child(joint) for joint in self.child_joints.get(base, ())]
-            raise InputError(
-                self.config_source, "base_link", problem, f"name one of {', '.join(carried)}"
-            )
+        base = self.base
         if base not in self.links:
             problem = f'"{base}" is no link of the robot in {self.path.name}'
             raise InputError(self.config_source, "base_link", problem, self._near_link(base))
@@ -259,7 +277,7 @@ class _Reader:
                 for g in (gravity, length * down_B)
             )
             self.notices.append(
-                f'robot.yaml states gravity {stated}; as the URDF mounts "{self.config.base_link}" '
+                f'robot.yaml states gravity {stated}; as the URDF mounts "{self.base}" '
                 f"it is {mounted} in W: robot.yaml's counts"
             )
 
@@ -267,7 +285,7 @@ class _Reader:
         """The moving joints from base to flange; any other moving joint is a branch."""
         flange = self.config.flange
         if flange not in self.links:
-            problem = f'"{flange}" is no link below "{self.config.base_link}"'
+            problem = f'"{flange}" is no link below "{self.base}"'
             raise InputError(self.config_source, "flange", problem, self._near_link(flange))
         chain: list[ET.Element] = []
         joint = self.parent_joint.get(flange)

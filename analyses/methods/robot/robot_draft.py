@@ -126,8 +126,8 @@ def _draft(
     for link in (base, flange):
         if link is not None:
             structure.require_link(link)
+    flange = flange or structure.flange(base or structure.base(None))
     base = base or structure.base(flange)
-    flange = flange or structure.flange(base)
     arm = structure.joints_between(base, flange)
     locked = structure.at_rest(arm)
     gravity, floors, mounting_note = _mounting(structure, base)

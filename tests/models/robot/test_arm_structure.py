@@ -103,6 +103,12 @@ def test_world_carries_an_arm_and_a_table():
     assert found(two, "r6")[:3] == ("other", "r6", 6)
 
 
+def test_world_carries_an_arm_and_a_conveyor_that_moves():
+    structure = robot("w fixed world base", "c prismatic world belt", *line(6), frames=("world",))
+    flange = structure.flange(structure.base(None))
+    assert (structure.base(flange), flange) == ("base", "l6")
+
+
 def test_the_mounting_is_that_of_the_joints_at_rest():
     origins = {
         "w": "<origin xyz='0 0 1' rpy='3.1416 0 0'/>",

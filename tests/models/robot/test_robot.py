@@ -318,6 +318,31 @@ def test_world_link_and_links_beside_the_base_are_dropped(tmp_path: Path) -> Non
     assert any("robot.yaml states gravity" in notice for notice in robot.notices)  # it is tilted
 
 
+@pytest.mark.parametrize("declared", ["", '<link name="world"/>'])
+def test_an_arm_on_a_rail_of_the_world_has_it_for_its_base(tmp_path: Path, declared: str) -> None:
+    """Drake has a link "world" of its own; W is it, and the rail is the first joint."""
+    rail = (
+        f'{declared}<joint name="rail" type="prismatic"><parent link="world"/>'
+        '<child link="base"/><origin xyz="0 0 .5"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="900"/></joint></robot>'
+    )
+    (tmp_path / "plain").mkdir()
+    plain = load_small(tmp_path / "plain")
+    drives = [{"joint": "rail", "torque_per_ampere": 1.0, "rotor_inertia": 0.0}]
+    robot = load_small(
+        tmp_path,
+        SMALL_URDF.replace("</robot>", rail),
+        base_link="world",
+        home=[0.0, *plain.config.home],
+        drives=[*drives, *small_config()["drives"]],
+    )
+    assert robot.joint_names == ("rail", *plain.joint_names)
+    q = np.array([0.3, -0.7])
+    _, p_plain = plain.chain.pose(q)
+    _, p_WE = robot.chain.pose(np.array([0.25, *q]))
+    np.testing.assert_allclose(p_WE - p_plain, [0.0, 0.25, 0.5], atol=1e-14)
+
+
 def test_shapes_of_the_world_are_obstacles(tmp_path: Path) -> None:
     urdf = SMALL_URDF.replace(
         "</robot>",
