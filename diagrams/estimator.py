@@ -160,7 +160,7 @@ def _staged(
 
     terms = add("terms", RigidBodyTermsSystem(estimator.chain))
     motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
-    friction = add("friction", _friction_system(estimator.friction, period))
+    friction = add("friction", _friction_system(estimator.friction, period, estimator.learnt))
     observer = add("observer", _observer_system(estimator.observer))
     reconstruction = add(
         "reconstruction",
@@ -248,13 +248,13 @@ def _connect(
                 builder.Connect(sources[port.get_name()], port)
 
 
-def _friction_system(law: FrictionLaw, time_step: float) -> FrictionLawSystem:
-    """The block of a law, by its kind."""
+def _friction_system(law: FrictionLaw, time_step: float, knows_rest: bool) -> FrictionLawSystem:
+    """The block of a law, by its kind; `knows_rest` as FrictionLawSystem."""
     if isinstance(law, SemiParametricFriction):
-        return SemiParametricFrictionSystem(law)
+        return SemiParametricFrictionSystem(law, knows_rest)
     if law.state_rows > 0:
-        return PreslidingFrictionSystem(law, time_step)
-    return FrictionLawSystem(law)
+        return PreslidingFrictionSystem(law, time_step, knows_rest)
+    return FrictionLawSystem(law, knows_rest=knows_rest)
 
 
 def _observer_system(observer: Observer) -> ExternalTorqueObserver:

@@ -16,5 +16,5 @@ class SemiParametricFrictionSystem(FrictionLawSystem):
     parameters are those of FrictionLawSystem.
     """
 
-    def __init__(self, friction: SemiParametricFriction) -> None:
-        FrictionLawSystem.__init__(self, friction)
+    def __init__(self, friction: SemiParametricFriction, knows_rest: bool = False) -> None:
+        FrictionLawSystem.__init__(self, friction, knows_rest=knows_rest)

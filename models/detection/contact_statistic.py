@@ -2,11 +2,11 @@
 
 **Whitened torque.** The torque of joint j over its standard deviation without contact:
 
-    z = sign(tau) (|tau| - w b)+ / (g s),    s^2 = sd^2 - w stiction^2 + jump^2
+    z = sign(tau) (|tau| - hidden)+ / (g s),    s^2 = sd^2 - w stiction^2 + jump^2
 
-with sd and stiction of `models.identification.torque_error_model`, w its share of a joint at rest
-and b = sqrt(3) stiction the breakaway torque: friction at rest carries any torque up to b. Two
-effects are not in the torque error:
+with sd, stiction and `hidden` of `models.identification.torque_error_model`, the torque that
+friction at rest can hide, and w the larger of its shares of a joint at rest. Two effects are not in
+the torque error:
 
     jump    Inertial torque may jump within a sample, as in an abrupt stop. Speed and current of
             different instants then read as K_0 times the jump of momentum: the root of the sum of
@@ -29,7 +29,7 @@ stated rate per hour (`models.signals.exceedance_tail`, on held-out logs of the 
     power   sqrt(LP(|y|^2))              decides whether the contact is at E
 
 **Change** is the excess of a sample over the recent mean, c_j = (x - LP(x))_j / (g' s')_j with
-x = sign(tau) (|tau| - w b)+. Friction errors are slow: half of the error in sliding lasts longer
+x = sign(tau) (|tau| - hidden)+. Friction errors are slow: half of the error in sliding lasts longer
 than WINDOW, and so does nearly all drift from day to day. A push comes within the observer's lag.
 The variance s'^2 has the parts of sd^2, with other shares, and the square of the jump; g' is the
 local scale of the change. A joint that comes to rest releases its friction within some samples,
@@ -79,9 +79,11 @@ import numpy as np
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
+    REST_ROW,
     TRANSMITTED_ROW,
     UNKNOWN_SHARE_ROW,
     breakaway,
+    hidden_torque,
     variance_parts,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -385,14 +387,16 @@ def _whiten(detector: _Detector, error: TorqueError, tau_ext: Array, work: Array
     early = 1.0 - np.exp(-T / min(max(single[_SEEN], FIRST), LOCAL_TIME))
     base_gain = 1.0 - np.exp(-T / min(single[_SEEN], WINDOW))
     for j in range(n):
-        sd, stiction, w = error.sd[j], error.stiction[j], error.rows[UNKNOWN_SHARE_ROW, j]
+        sd, stiction = error.sd[j], error.stiction[j]
+        w = max(error.rows[UNKNOWN_SHARE_ROW, j], error.rows[REST_ROW, j])
         jump = max(np.sqrt(state[_JUMP2, j]) - joints[USUAL_JUMP, j], 0.0)
         square = max(sd * sd - w * stiction * stiction, 1e-6 * sd * sd)
         change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JUMP2, j] + jump * jump
         change_sd = np.sqrt(change_sd)
         s[j] = np.sqrt(square + jump * jump)
         # The part that friction at rest cannot carry.
-        beyond_stiction = max(abs(tau_ext[j]) - w * np.sqrt(3.0) * stiction, 0.0)
+        hidden = hidden_torque(detector.tables.error, error.rows, j)
+        beyond_stiction = max(abs(tau_ext[j]) - hidden, 0.0)
         beyond_stiction = beyond_stiction if tau_ext[j] > 0.0 else -beyond_stiction
         z[j] = beyond_stiction / s[j]
         if not np.isfinite(state[_BASE, j]):

@@ -43,6 +43,10 @@ from wrenchsight.models.estimation.wrench_reading import (
 )
 from wrenchsight.models.friction.velocity_friction import friction_torque
 from wrenchsight.models.identification.torque_error_model import (
+    OFFSET,
+    REST_ROW,
+    VISCOUS,
+    friction_at_rest,
     posture_variance_of_links,
     take_transmitted,
 )
@@ -177,15 +181,21 @@ class _Memory(NamedTuple):
 
 
 @kernel(inline="always")
-def _observed(memory: _Memory, overrides: Array, signals: Array, J: Array, wrench: Array) -> bool:
-    """Adds friction with memory, then runs the observer; returns whether tau_ext is fresh.
+def _observed(
+    memory: _Memory, overrides: Array, rest: Array, signals: Array, J: Array, wrench: Array
+) -> bool:
+    """Completes the friction, then runs the observer; returns whether tau_ext is fresh.
 
-    On entry signals[TAU_F] holds the velocity law's torque. An observer that estimates the wrench
-    itself writes `wrench` (OBSERVED,); for any other it is (0,).
+    On entry signals[TAU_F] holds the velocity law's torque. `rest` (n,) is the share by which each
+    joint rests. An observer that estimates the wrench itself writes `wrench` (OBSERVED,); for any
+    other it is (0,).
     """
     choice, p, observer, s = memory
-    if overrides.shape[0] <= OVERRIDE_TAU_F and s.friction.shape[0] > 0:
-        _add_friction(choice)(p.slip, s.friction, signals[Q], signals[V], signals[TAU_F])
+    if overrides.shape[0] <= OVERRIDE_TAU_F:
+        if s.friction.shape[0] > 0:
+            _add_friction(choice)(p.slip, s.friction, signals[Q], signals[V], signals[TAU_F])
+        offset, viscous = p.error[:, OFFSET], p.error[:, VISCOUS]
+        friction_at_rest(offset, viscous, rest, signals[V], signals[TAU_F])
     fresh: bool = _observe(choice)(observer, s.observer, signals, J)
     if wrench.shape[0] > 0:
         covariance = view_2d(wrench, 6, 6, 6)
@@ -290,7 +300,8 @@ def tick_output(
     torque_error_tick(p.error, p.poles[0], tick.error_state, signals[Q], signals[V], J, tick.error)
     _add_correction_sd(overrides, tick.error.sd)
     observed = tick.observed if _reads_wrench(choice) else tick.observed[:0]
-    fresh = _observed(_Memory(choice, p, observer, s), overrides, signals, J, observed)
+    memory, rest = _Memory(choice, p, observer, s), tick.error.rows[REST_ROW]
+    fresh = _observed(memory, overrides, rest, signals, J, observed)
     is_corrected = _corrected(overrides, signals, tick.tau_ext)
     tick.flags[COUNTS] = 1.0 if fresh and is_corrected else 0.0
     copy_whole(tick.reading_state, s.reading)
@@ -430,7 +441,8 @@ def memory_log(
         copy_to(sd[k], sample_error.sd)
         copy_to(stiction[k], sample_error.stiction)
         copy_to(drift[k], sample_error.drift)
-        fresh = _observed(memory, overrides[k], signals, J[k], observed[k])
+        rest = sample_error.rows[REST_ROW]
+        fresh = _observed(memory, overrides[k], rest, signals, J[k], observed[k])
         _take_sample(memory, overrides[k], signals, J[k])
         log.fresh[k] = fresh
         log.corrected[k] = _corrected(overrides[k], signals, tau_ext[k])

@@ -25,7 +25,7 @@ from wrenchsight.models.friction.slip_elements import (
     held_stribeck,
 )
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 TERMS = ("coulomb", "viscous", "offset")
 UNITS = ("N m", "N m s/rad", "N m")
@@ -85,6 +85,18 @@ def sliding_table(law: FrictionLaw) -> Array:
     columns[:, COULOMB] = law.coulomb_viscous.coulomb
     columns[:, SPEED_LIMIT] = np.inf
     return columns
+
+
+def remembers(law: FrictionLaw) -> Flags:
+    """(n,) whether a joint keeps its slip where it stops: some element of it is elastic."""
+    if isinstance(law, CoupledFriction):
+        turned = np.abs(law.motor_rates[remembers(law.law)]) > 0.0
+        return np.asarray(turned.any(axis=0))
+    if isinstance(law, LayeredFriction):
+        return remembers(law.law)
+    if isinstance(law, PreslidingFriction):
+        return np.asarray((law.weight * law.displacement > 0.0).any(axis=1))
+    return np.zeros(law.num_joints, bool)
 
 
 def dry_and_viscous(law: FrictionLaw, q: Array, v: Array, load: Array) -> tuple[Array, Array]:

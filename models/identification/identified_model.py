@@ -136,7 +136,8 @@ def _in_file(attribute: Field[Any]) -> tuple[str, Any, Any]:
     return attribute.name, float, field(default=attribute.default)
 
 
-_OF_JOINTS = ("drift_shown", "spread", "fitted_spread")  # absent: of no log, or an earlier version
+_OF_JOINTS = ("drift_shown", "spread", "fitted_spread", "rests", "held")
+# absent: of no log, or an earlier version
 if TYPE_CHECKING:
     _TorqueErrorBlock = Any
 else:

@@ -98,7 +98,7 @@ def fit_torque_error(
     count = sum(int(rows.sum()) for rows in used)
     if count < FEWEST_SAMPLES:
         raise ValueError(f"torque error: {count} samples, expected {FEWEST_SAMPLES} or more")
-    unit = _plain(n, K_0, rest)
+    unit = unit_torque_error(n, K_0, rest)
     features = [features_along(unit, reading) for reading in readings]
     errors = [reading.tau_ext[rows] for reading, rows in zip(readings, used, strict=True)]
     F = np.concatenate([f[rows] for f, rows in zip(features, used, strict=True)])
@@ -153,8 +153,8 @@ def _largest(signals: Sequence[Array], used: Sequence[Flags]) -> Array:
     return np.asarray(np.max(largest, axis=0))
 
 
-def _plain(n: int, K_0: Array, rest: Rest) -> TorqueErrorModel:
-    """A model of which only the constants that turn motion into features are used."""
+def unit_torque_error(n: int, K_0: Array, rest: Rest = REST) -> TorqueErrorModel:
+    """A model of which only the constants that turn motion into features and rest are used."""
     return TorqueErrorModel(
         **PLAIN | {"K_0": K_0},
         constant=np.ones(n),

@@ -11,16 +11,19 @@ within its stiction band, whatever the environment does. Per joint
 
     level   = C + S exp(-(v / v_s)^2) + l |L|       of the friction law: half the stiction band,
                                                     with S >= -C / 2, as logs hardly show a crawl
-    unknown = LP(level sqrt(w / 3))                 uniform over the band, for a share w
-    turning = LP(level (1 - z^2) (1 - w))           between two directions
+    unknown = LP(level sqrt(max(w, r) / 3 + m r (1 - r)))    uniform over the band, for a share w
+    turning = LP(level (1 - z^2) (1 - max(w, r)))   between two directions
 
 L is the torque that the gear transmitted at the tick before, and a = K_0 (v - LP v). tau_v is the
 law's viscous torque. e_v and e_L are speed and load beyond the fitted range. LP is the observer's
 low-pass K_0 / (s + K_0): a short error fades from the reading as slowly as a force does. The state
 of the slip follows displacement, not speed:
 
-    w <- (1 - (1 - w) (1 - g + g exp(-2 dt / rest_time))) exp(-|dp| / reach)
-    z <- clip(z + dp / reach, -1, 1)
+    p_a <- clip(p_a, p - play, p + play)            moves by dp_a
+    w   <- (1 - (1 - w) (1 - g + g exp(-2 dt / rest_time))) exp(-|dp_a| / reach)
+    still = exp(-(dp_a / (CREEP dt))^2)
+    r   <- r' + still (1 - exp(-dt / forgetting)) (1 - r'),    r' = r exp(-|dp_a| / reach)
+    z   <- clip(z + dp / reach, -1, 1)
 
 so that w grows to 1 at rest and falls to 0 where the joint slides. With g = 1 a joint that creeps
 keeps a share of about 2 reach / (rest_time |v|). With `resting_only` w grows only at rest, g =
@@ -28,12 +31,32 @@ exp(-(v rest_time / reach)^2), for joints that slide slowly all the time, as in 
 displacement within the encoder's rounding (`models.friction.presliding_friction`). An encoder step
 at rest therefore moves nothing, and everything is continuous in q and v.
 
+**At rest** friction is any torque within +-level, whatever the law says for a velocity of zero: a
+law without memory takes its sign from the noise of the velocity there. So the estimator subtracts
+
+    tau_f = (1 - r) tau_law + r (offset + viscous v)
+
+(`friction_at_rest`), r being the share by which the joint is known to rest. Its error has the mean
+square level^2 (r / 3 + r (1 - r)), for a joint whose friction has changed since it moved with the
+probability r. A law with memory knows for about a second what the joint held when it stopped: there
+m = 0 and `forgetting` is RELAXATION, elsewhere m = 1 and it is RECOGNITION. (With RECOGNITION for
+both the reading of the UR10e's ptp_10_points errs by 3.7 N for 2.3 N after a stop.) The position
+p_a follows p with the play of a bearing, so that an encoder that flickers and a noisy velocity move
+nothing. What friction can hide altogether is
+
+    hidden = held level(0) LP((2 - r) max(still, r))
+
+from the first sample without motion on: any torque of the band, less the law's that is still
+subtracted. `held` allows for what stiction has above the sliding level, and for the level's drift:
+it is the largest share that a rest in the logs showed, and HELD at least; UNSEEN_HELD for a joint
+that never rested in them. A contact counts beyond it (`models.detection.contact_statistic`).
+
 rest_time and reach are constants: the most likely ones of a grid (.1 to 2 s, .1 to .8 mrad) over
 the UR10e's three runs. Each run was read causally by a model of the others. `unknown` has no fitted
 factor: such a factor would be between .8 and 1.25 on all six joints. Those runs contain reversals
-only, but the model also holds for longer rests. An encoder whose noise at rest adds up to `reach`
-within `rest_time` would hide that the joint rests: its resolution must cover that noise. The errors
-of two joints correlate by less than .1, except for joints 2 and 3 (.18).
+only, but the model also holds for longer rests. An encoder whose noise at rest exceeds the play,
+PLAY or its resolution, would hide that the joint rests: its resolution must cover that noise. The
+errors of two joints correlate by less than .1, except for joints 2 and 3 (.18).
 
 The sds belong to one K_0. The smooth part of the error has the correlation time T, and passes a
 low-pass with the share K_0 T / (1 + K_0 T) of its variance. This converts the sds to another K_0.
@@ -53,7 +76,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.friction.sliding_friction import sliding_table
+from wrenchsight.models.friction.presliding_friction import RELAXATION
+from wrenchsight.models.friction.sliding_friction import remembers, sliding_table
 from wrenchsight.models.friction.slip_elements import (
     SLIDING_COLUMNS,
     bounded_cubic,
@@ -76,11 +100,16 @@ BEYOND_LOAD = 0.05  # N m per N m
 SCALE = 0.05  # of what is read
 REST_TIME = 0.5  # s
 REACH = 3e-4  # rad (m)
+PLAY = 1e-4  # rad (m), least play of the position that decides whether a joint rests
+HELD = 1.1  # level at rest over that of sliding, at least, where logs show rests
+UNSEEN_HELD = 2.0  # the same where they show none
+CREEP = 1e-3  # rad/s (m/s), of a motion that a rest cannot be told from
+RECOGNITION = 0.1  # s without motion, in which a joint is known to rest
 
 # Columns of the table after the sliding law's.
 _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COLUMNS)
 (
-    _VISCOUS,
+    VISCOUS,
     _HALF_STEP,
     _PERIOD,
     _POLE,
@@ -98,12 +127,19 @@ _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COL
     _BEYOND_LOAD2,
     _FITTED_LOAD,
     _INVERSE_REST_SPEED,
+    OFFSET,
+    _PLAY,
+    _RECOGNISED,
+    _SUDDEN,
+    _INVERSE_CREEP,
+    _HELD,
     _COLUMNS,
-) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 19)
+) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 25)
 
 # Rows of the state.
 _POSITION, _UNKNOWN_SHARE, _TURN, _UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED, _TAU_J = range(8)
-TORQUE_ERROR_ROWS = 8
+_PLAY_POSITION, REST_ROW, HIDDEN_ROW = range(8, 11)  # p_a, r, and hidden over level(0)
+TORQUE_ERROR_ROWS = 11
 UNKNOWN_SHARE_ROW, TRANSMITTED_ROW, TAU_J_ROW = _UNKNOWN_SHARE, _TRANSMITTED, _TAU_J
 # w, and L and tau_J of the last sample
 NUM_FEATURES = 6  # of `torque_error_features`
@@ -147,6 +183,8 @@ class TorqueErrorModel:
         drift_shown: (n,) share of the viscous torque, as `drift`, measured on a log for each joint.
         spread: (K, n, 5) directions in which gravity and offsets may be off; None: K = 0.
         fitted_spread: (n,) N m, the largest s(q) of the fitted logs.
+        rests: (n,) how often each joint rested in the logs (`models.identification.rests`).
+        held: (n,) level at rest over that of sliding, beyond which a torque is no friction.
 
     Raises:
         ValueError: shapes that disagree, a number that is negative or not finite, a correlation
@@ -176,6 +214,8 @@ class TorqueErrorModel:
     drift_shown: Array | float = field(default=0.0)
     spread: Array | None = field(default=None)
     fitted_spread: Array | float = field(default=0.0)
+    rests: Array | float = field(default=0.0)
+    held: Array | float = field(default=UNSEEN_HELD)
 
     def __post_init__(self) -> None:
         n = np.size(self.constant)
@@ -219,6 +259,11 @@ class TorqueErrorModel:
         """(n, 20 + 5 K), or (n, 0), columns that `table` has for a robot with this chain."""
         return spread_table(chain, self._directions, self.fitted_spread)
 
+    def with_rests(self, count: Array, held: Array) -> Self:
+        """Returns the model with what logs show of rests, (n,) each (`identification.rests`)."""
+        level = np.where(count > 0.0, np.maximum(held, HELD), UNSEEN_HELD)
+        return replace(self, rests=count, held=level)
+
     def with_drift(self, drift: float) -> Self:
         """Returns the model with another `drift`, such as that of friction fitted today."""
         return replace(self, drift=drift, drift_shown=0.0)
@@ -236,7 +281,7 @@ class TorqueErrorModel:
         resolution: ArrayLike | None = None,
         chain: SerialChain | None = None,
     ) -> Array:
-        """(n, 25 + k) contiguous, constants of `torque_sd_tick`; k columns are `spread_table`'s.
+        """(n, 32 + k) contiguous, constants of `torque_sd_tick`; k columns are `spread_table`'s.
 
         Args:
             friction: the model's; its level is the stiction band.
@@ -251,10 +296,11 @@ class TorqueErrorModel:
         table = np.zeros((n, _COLUMNS))
         table[:, :SLIDING_COLUMNS] = sliding_table(friction)
         table[:, _S] = held_stribeck(table[:, _C], table[:, _S])
-        viscous = np.abs(friction.feedforward.coulomb_viscous.viscous)
+        sliding = friction.feedforward.coulomb_viscous
+        viscous = np.abs(sliding.viscous)
         smooth = K_0 / (1.0 + K_0 * self.correlation_time)
         smooth /= self.K_0 / (1.0 + self.K_0 * self.correlation_time)
-        table[:, _VISCOUS] = friction.feedforward.coulomb_viscous.viscous
+        table[:, VISCOUS], table[:, OFFSET] = sliding.viscous, sliding.offset
         table[:, _HALF_STEP] = 0.5 * np.broadcast_to(step, (n,))
         table[:, _PERIOD] = time_step
         table[:, _POLE] = np.exp(-K_0 * time_step)
@@ -274,6 +320,13 @@ class TorqueErrorModel:
         table[:, _FITTED_LOAD] = np.where(is_fitted, self.fitted_load, np.inf)
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
         table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
+        table[:, _PLAY] = np.maximum(2.0 * table[:, _HALF_STEP], PLAY)
+        table[:, _HELD] = self.held
+        is_elastic = remembers(friction)
+        times = np.where(is_elastic, RELAXATION, RECOGNITION)
+        table[:, _SUDDEN] = ~is_elastic
+        table[:, _INVERSE_CREEP] = 1.0 / (CREEP * time_step)
+        table[:, _RECOGNISED] = -np.expm1(-time_step / times)
         return table if chain is None else np.hstack([table, self.spread_table(chain)])
 
     def initial_state(self) -> Array:
@@ -353,6 +406,7 @@ class ConstantTorqueError(TorqueErrorModel):
         table = super().table(friction, time_step, K_0, resolution, chain)
         table[:, :SLIDING_COLUMNS] = 0.0
         table[:, _CONSTANT2] = self.constant**2
+        table[:, _RECOGNISED] = 0.0  # the law holds at rest, too
         return table
 
 
@@ -367,8 +421,8 @@ def averaged_share(x: ArrayLike) -> Array:
 def initial_torque_error_state(num_joints: int) -> Array:
     """Returns the (TORQUE_ERROR_ROWS, n) state before the first sample: nothing is known."""
     state = np.zeros((TORQUE_ERROR_ROWS, num_joints))
-    state[_POSITION] = np.nan
-    state[_UNKNOWN_SHARE] = 1.0
+    state[[_POSITION, _PLAY_POSITION]] = np.nan
+    state[[_UNKNOWN_SHARE, REST_ROW, HIDDEN_ROW]] = 1.0
     state[_TURN] = 1.0  # where nothing is known, nothing turns
     state[_TAU_J] = np.nan
     return state
@@ -384,6 +438,11 @@ def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
     started = np.isfinite(previous)
     now = within_rounding(previous, q, v, row[_HALF_STEP], row[_PERIOD])
     moved = (now - previous) * row[_INVERSE_REACH] if started else 0.0
+    held = state[_PLAY_POSITION, i] if started else now
+    followed = min(max(held, now - row[_PLAY]), now + row[_PLAY])
+    slid = np.exp(-abs(followed - held) * row[_INVERSE_REACH])
+    creep = (followed - held) * row[_INVERSE_CREEP]
+    still = np.exp(-creep * creep) if started else 0.0
     x = v * row[_INVERSE_SPEED]
     level = row[_C] + row[_S] * np.exp(-x * x) + row[_LOAD] * abs(state[_TRANSMITTED, i])
     level = max(level, 0.0)
@@ -391,14 +450,19 @@ def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
     decay = row[_DECAY]
     if creeps != 0.0:
         decay += (1.0 - decay) * (1.0 - np.exp(-creeps * creeps))
-    w = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * decay) * np.exp(-abs(moved))
+    w = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * decay) * slid
+    r = state[REST_ROW, i] * slid if row[_RECOGNISED] > 0.0 else 0.0
+    r += still * row[_RECOGNISED] * (1.0 - r)
     z = min(max(state[_TURN, i] + moved, -1.0), 1.0)
-    unknown = level * np.sqrt(w / 3.0)
-    turning = level * (1.0 - z * z) * (1.0 - w)
+    share = max(w, r)
+    unknown = level * np.sqrt(share / 3.0 + row[_SUDDEN] * r * (1.0 - r))
+    turning = level * (1.0 - z * z) * (1.0 - share)
+    hidden = (2.0 - r) * max(still, r)
     pole = row[_POLE] if started else 0.0
-    state[_POSITION, i] = now
-    state[_UNKNOWN_SHARE, i] = w
+    state[_POSITION, i], state[_PLAY_POSITION, i] = now, followed
+    state[_UNKNOWN_SHARE, i], state[REST_ROW, i] = w, r
     state[_TURN, i] = z
+    state[HIDDEN_ROW, i] = pole * state[HIDDEN_ROW, i] + (1.0 - pole) * hidden
     state[_UNKNOWN, i] = pole * state[_UNKNOWN, i] + (1.0 - pole) * unknown
     state[_TURNING, i] = pole * state[_TURNING, i] + (1.0 - pole) * turning
     state[_SLOW_SPEED, i] = pole * state[_SLOW_SPEED, i] + (1.0 - pole) * v
@@ -409,6 +473,27 @@ def breakaway(table: Array, state: Array, i: int) -> float:
     """N m, level of joint i at rest, of the table and state of `torque_sd_tick`."""
     level: float = table[i, _C] + table[i, _S] + table[i, _LOAD] * abs(state[_TRANSMITTED, i])
     return max(level, 0.0)
+
+
+@kernel
+def friction_at_rest(offset: Array, viscous: Array, rest: Array, v: Array, tau_f: Array) -> None:
+    """Single-sample kernel: takes the dry friction of resting joints off a law's torque.
+
+    Args:
+        offset, viscous: (n,) N m and N m s/rad of the law.
+        rest: (n,) r, row REST_ROW of the state after this sample.
+        v: (n,) rad/s.
+        tau_f: (n,) N m of the law, changed.
+    """
+    for i in range(tau_f.shape[0]):
+        if rest[i] > 0.0:
+            tau_f[i] += rest[i] * (offset[i] + viscous[i] * v[i] - tau_f[i])
+
+
+@kernel
+def hidden_torque(table: Array, state: Array, i: int) -> float:
+    """N m, what friction of joint i may hide of tau_ext after this sample."""
+    return float(table[i, _HELD] * breakaway(table, state, i) * state[HIDDEN_ROW, i])
 
 
 @kernel
@@ -466,7 +551,7 @@ def torque_sd_tick(
         fast = abs(speed)
         load = abs(state[_TRANSMITTED, i])
         gain = row[_GAIN] * (speed - state[_SLOW_SPEED, i])
-        viscous = row[_VISCOUS] * speed + bounded_cubic(
+        viscous = row[VISCOUS] * speed + bounded_cubic(
             speed, row[_CUBIC], row[_SPEED_LIMIT], row[_BEYOND]
         )
         held = state[_UNKNOWN, i] ** 2 + row[_REVERSAL2] * state[_TURNING, i] ** 2

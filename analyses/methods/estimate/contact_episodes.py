@@ -206,6 +206,11 @@ class ContactEpisodes:
             self.contacts.append(self._open.finish())
         self._open = None
 
+    @property
+    def rested(self) -> bool:
+        """Whether the arm rested at some sample."""
+        return self._counts["rest"] > 0
+
     def metrics(self, false_alarms_per_hour: float | None = None) -> dict[str, Any]:
         """All figures, as metrics.json holds them under `contact`.
 

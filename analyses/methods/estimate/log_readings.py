@@ -43,6 +43,7 @@ from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.rests import unseen_rests
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.observer_kinds import kind_of, make_observer
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
@@ -228,6 +229,9 @@ class LogReadings:
                 estimator, self._J.values(), self._torque_sd.values()
             )
             sentences.append(uncertain_force.sentence(self.summary.valid_share))
+        error = self._model.torque_error
+        if error is not None and self.episodes.rested:
+            sentences += unseen_rests(error, self._model.joint_names)
         tilt = self._gravity_watch.disagreement()
         if tilt is None:
             return ReadingWarnings(sentences, None)

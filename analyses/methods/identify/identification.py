@@ -68,6 +68,7 @@ from wrenchsight.analyses.methods.identify.torque_error_learning import (
     gravity_spread,
     held_out_readings,
     learn_torque_error,
+    rests_of,
 )
 from wrenchsight.analyses.methods.identify.torque_fit import SIMILARITY, TorqueFit, pooled_rmse
 from wrenchsight.analyses.output.outputs import OutputFolder
@@ -91,6 +92,7 @@ from wrenchsight.models.identification.identified_model import (
 )
 from wrenchsight.models.identification.identified_urdf import identified_urdf
 from wrenchsight.models.identification.physical_consistency import unphysical_links
+from wrenchsight.models.identification.rests import unseen_rests
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading
 from wrenchsight.models.identification.torque_regression import TorqueEstimate
 from wrenchsight.models.numerics.arrays import Array
@@ -309,7 +311,7 @@ def _identify(
             robot,
             model,
         )
-        model = _with_observer_error(model, robot, readings, law_fits, choice.law)
+        model = _with_observer_error(model, robot, recordings, readings, law_fits, choice.law)
         if contact_noise:
             noise = fit_contact_noise(readings, model, choice.chain)
             model = replace(model, contact_noise=noise)
@@ -396,14 +398,17 @@ def _best_fit(candidates: Sequence[LawFit]) -> LawFit:
 def _with_observer_error(
     model: IdentifiedModel,
     robot: Robot,
+    recordings: Sequence[Recording],
     readings: Sequence[HeldOutReading],
     law_fits: LawFits,
     law: str,
 ) -> IdentifiedModel:
-    """The model with the observer's error, which held-out readings show."""
+    """The model with the observer's error, which held-out readings and rests show."""
     error = learn_torque_error(readings, robot)
     if error is not None:
         error = gravity_spread(law_fits.gravity_without_a_fold(law), robot, error, readings)
+        rests = rests_of(recordings, robot, model)
+        error = error.with_rests(rests.count, rests.held)
     return replace(model, torque_error=error)
 
 
@@ -417,11 +422,13 @@ def _all_warnings(
     logs = problem.runs
     holds_torque = all(recording.tau_J is not None for recording in recordings)
     weighted = replace(problem, weights=choice.weights, groups=None)
+    error = model.torque_error
     return (
         *repeated_logs(recordings, validation),
         *repeated_motion_notes([log.name for log in logs], motion_groups(logs)),
         *contradictions(weighted, choice.solution, logs, problem.robot, holds_torque),
         *warnings_of(choice.fit, choice.solution.base, model, holds_torque),
+        *(() if error is None else unseen_rests(error, model.joint_names)),
     )
 
 

@@ -13,9 +13,15 @@ import numpy as np
 from wrenchsight.analyses.methods.identify.law_fits import HeldOutModel
 from wrenchsight.analyses.methods.identify.low_passed_logs import LowPassedLog
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.friction.sliding_friction import stiction
 from wrenchsight.models.identification.gravity_spread import jackknife, largest_spread, strongest
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.identification.rests import Rests, rests_along
+from wrenchsight.models.identification.torque_error_fit import (
+    HeldOutReading,
+    fit_torque_error,
+    unit_torque_error,
+)
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.identification.torque_regression import RegressionRows
 from wrenchsight.models.numerics.arrays import Array
@@ -48,7 +54,8 @@ def held_out_readings(
         robot: whose logs they are.
         model: fitted on all; its residual covariance is not used.
     """
-    time_step = model.provenance.time_step
+    time_step, n = model.provenance.time_step, robot.num_joints
+    gain = np.full(n, MomentumObserverConfig().K_0[0])
     readings = []
     for held_out_model in held_out:
         fold_model = replace(
@@ -56,6 +63,7 @@ def held_out_readings(
             inertial_parameters=held_out_model.chain.inertial_parameters,
             reflected_inertia=held_out_model.chain.reflected_inertia,
             friction=held_out_model.friction,
+            torque_error=unit_torque_error(n, gain),
         )
         for part in held_out_model.fold:
             step = position_resolution(recordings[part.log].q)
@@ -68,7 +76,6 @@ def held_out_readings(
                 position_resolution=step.tolist(),
             )
             observed = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
-            K_0 = np.full(robot.num_joints, config.observer.K_0[0])
             t = log.t - log.t[0]
             selected = runs[part.log].t[regressions[part.log].rows[part.rows]]
             inside = (log.t >= selected[0]) & (log.t <= selected[-1])
@@ -80,14 +87,28 @@ def held_out_readings(
                     q=log.q,
                     v=log.v,
                     transmitted=observed.tau_J - observed.tau_f,
-                    used=inside & observed.fresh & ~log.dropout & (t > SETTLING / K_0[0]),
+                    used=inside & observed.fresh & ~log.dropout & (t > SETTLING / gain[0]),
                     friction=held_out_model.friction,
                     time_step=time_step,
-                    K_0=K_0,
+                    K_0=gain,
                     resolution=step,
                 )
             )
     return readings
+
+
+def rests_of(recordings: Sequence[Recording], robot: Robot, model: IdentifiedModel) -> Rests:
+    """The rests of each joint in logs, and what its friction held there."""
+    chain, n = model.chain(robot), robot.num_joints
+    rests = Rests(np.zeros(n), np.zeros(n))
+    for recording in recordings:
+        log = resampled(recording, model.provenance.time_step)
+        torque = robot.joint_torque(log.current) if log.tau_J is None else log.tau_J
+        gravity = np.asarray(chain.gravity_torque(log.q))
+        friction = torque - gravity - model.friction.feedforward.coulomb_viscous.offset
+        level, step = stiction(model.friction, gravity), position_resolution(recording.q)
+        rests = rests.joined(rests_along(log.q, friction, level, log.time_step, step))
+    return rests
 
 
 def resolution_floor(readings: Sequence[HeldOutReading], robot: Robot) -> Array:

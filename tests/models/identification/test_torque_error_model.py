@@ -11,9 +11,12 @@ from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.torque_error_model import (
+    REST_ROW,
     TORQUE_ERROR_ROWS,
     TorqueErrorModel,
     averaged_share,
+    friction_at_rest,
+    hidden_torque,
     posture_variance,
     take_transmitted,
     torque_sd_tick,
@@ -72,18 +75,25 @@ def test_the_formula_written_out() -> None:
     error_model, friction, (q, v, load) = model(), law(), motion()
     computed, stiction = torque_sds(error_model, friction, q, v, load, STEP)
     pole = np.exp(-20.0 * STEP)
-    p, w, z = q[0].copy(), np.ones(N), np.ones(N)
+    p, w, r, z = q[0].copy(), np.ones(N), np.ones(N), np.ones(N)
+    followed = q[0].copy()
     unknown = turning = slow = last_load = np.zeros(N)
     for k in range(len(q)):
         at = np.clip(p + v[k] * STEP, q[k] - 5e-5, q[k] + 5e-5) if k else q[0]
         moved, p = (at - p) / error_model.reach, at
         fading = np.exp(-((v[k] / friction.stribeck_velocity) ** 2))
         level = friction.coulomb + friction.stribeck * fading + friction.load * np.abs(last_load)
-        w = (1.0 - (1.0 - w) * np.exp(-2.0 * STEP / error_model.rest_time)) * np.exp(-np.abs(moved))
+        slid, followed = followed, np.clip(followed, p - 1e-4, p + 1e-4)
+        slid = np.abs(followed - slid) / error_model.reach
+        w = (1.0 - (1.0 - w) * np.exp(-2.0 * STEP / error_model.rest_time)) * np.exp(-slid)
+        still = np.exp(-((slid * error_model.reach / (1e-3 * STEP)) ** 2)) if k else np.zeros(N)
+        r = r * np.exp(-slid)
+        r = r + still * (1.0 - np.exp(-STEP / 1.0)) * (1.0 - r)
+        share = np.maximum(w, r)
         z = np.clip(z + moved, -1.0, 1.0)
         a = pole if k else 0.0
-        unknown = a * unknown + (1.0 - a) * level * np.sqrt(w / 3.0)
-        turning = a * turning + (1.0 - a) * level * (1.0 - z**2) * (1.0 - w)
+        unknown = a * unknown + (1.0 - a) * level * np.sqrt(share / 3.0)
+        turning = a * turning + (1.0 - a) * level * (1.0 - z**2) * (1.0 - share)
         slow = a * slow + (1.0 - a) * v[k]
         held = unknown**2 + (error_model.reversal * turning) ** 2
         viscous = VISCOUS * v[k] + friction.cubic * v[k] ** 3
@@ -202,8 +212,73 @@ def test_an_encoder_that_flickers_does_not_move_a_joint_at_rest() -> None:
     sd, _ = torque_sds(model(), law(), q, v, load, STEP)
     quiet, _ = torque_sds(model(), law(), *still(), STEP)
     np.testing.assert_allclose(sd[100:], quiet[100:], rtol=2e-2)
+    q = 0.3 + 6.0 * (q - 0.3)  # beyond the play: it moves
     sharp, _ = torque_sds(model(), law(), q, v, load, STEP, resolution=0.0)
     assert (sharp[100:, 0] < 0.8 * quiet[100:, 0]).all()
+
+
+def resting_rows(
+    noise: float, friction: Any, error_model: TorqueErrorModel | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """REST_ROW and hidden torque along a slide of 1 s at .1 rad/s and a rest of 2 s."""
+    error_model = error_model or model()
+    t = STEP * np.arange(300)
+    rng = np.random.default_rng(3)
+    q = np.round(0.1 * np.minimum(t, 1.0)[:, None] * np.ones(N), 4)
+    v = np.where(t < 1.0, 0.1, 0.0)[:, None] + rng.normal(0.0, noise, q.shape)
+    table, state = error_model.table(friction, STEP, 20.0), error_model.initial_state()
+    rest, hidden = np.empty((300, N)), np.empty((300, N))
+    sd, held, drift = np.empty((3, N))
+    for k in range(300):
+        posture_variance(table, q[k], sd)
+        torque_sd_tick(table, state, q[k], v[k], sd, held, drift)
+        rest[k] = state[REST_ROW]
+        hidden[k] = [hidden_torque(table, state, j) for j in range(N)]
+    return rest, hidden
+
+
+def coulomb() -> SemiParametricFriction:
+    return SemiParametricFriction(CoulombViscous(np.array([14.0, 3.0]), VISCOUS, np.zeros(N)))
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-3])
+def test_noise_of_the_velocity_does_not_hide_a_rest(noise: float) -> None:
+    """2 mrad/s at 100 Hz adds up to .16 mrad in half a second: less than what play leaves out."""
+    rest, hidden = resting_rows(noise, coulomb(), model(held=1.1))
+    assert (rest[50:100] < 1e-6).all()  # it slides 50 mrad, reach is .3 mrad
+    assert (hidden[60:100] < 0.01).all()
+    # From a tenth of a second after the stop on, all that friction can hold, 1.1 times the level.
+    level = 1.1 * np.array([14.0, 3.0])
+    assert (hidden[112:] >= 0.99 * level).all()
+    assert (hidden < 2.0 * level).all()
+    assert (rest[160:] > 0.97).all()  # six times RECOGNITION, less what creeps
+
+
+def test_a_law_with_memory_keeps_what_the_joint_held_for_a_second() -> None:
+    rest, _ = resting_rows(0.0, law())
+    np.testing.assert_allclose(rest[200], 1.0 - np.exp(-1.0), atol=0.02)
+    rigid, _ = resting_rows(0.0, law(displacement=np.zeros((N, 1))))
+    assert (rigid[160:] > 0.99).all()
+
+
+def test_at_rest_the_law_keeps_its_offset_and_its_viscous_part_alone() -> None:
+    tau_f = np.array([14.0 + 1.0 + 0.02, -3.0])
+    offset, viscous, v = np.array([1.0, 0.0]), np.array([10.0, 3.0]), np.array([2e-3, 0.0])
+    moving, halfway, resting = tau_f.copy(), tau_f.copy(), tau_f.copy()
+    friction_at_rest(offset, viscous, np.zeros(N), v, moving)
+    friction_at_rest(offset, viscous, np.full(N, 0.5), v, halfway)
+    friction_at_rest(offset, viscous, np.ones(N), v, resting)
+    np.testing.assert_array_equal(moving, tau_f)
+    np.testing.assert_allclose(halfway, [8.02, -1.5])
+    np.testing.assert_allclose(resting, [1.02, 0.0])
+
+
+def test_joints_that_rested_in_no_log_hide_twice_their_friction() -> None:
+    seen = model().with_rests(np.array([2.0, 0.0]), np.array([1.3, 0.0]))
+    np.testing.assert_array_equal(seen.held, [1.3, 2.0])
+    np.testing.assert_array_equal(model().with_rests(np.ones(N), np.full(N, 0.4)).held, [1.1, 1.1])
+    _, hidden = resting_rows(0.0, coulomb(), seen)
+    np.testing.assert_allclose(hidden[-1], [1.3 * 14.0, 2.0 * 3.0], rtol=1e-3)
 
 
 def test_a_change_in_the_last_digit_of_a_position_stays_one() -> None:
