@@ -186,7 +186,7 @@ class Scenario:
     """All settings of a simulation, besides the files of the robot and of the model."""
 
     description: str = ""  # one sentence, for people
-    robot: str = "sts_sre4_600"  # bundled name, or path of a robot.yaml
+    robot: str = "sts_sre4_600"  # bundled name, or path of a robot.yaml, from the scenario's file
     duration: float = 5.0  # s; machining ends earlier, when the pass is done
     time_step: float = 1e-3  # s, of the plant, the drives and every block
     seed: int = 0  # of all noise and pushes
@@ -201,7 +201,7 @@ class Scenario:
     machining: MachiningConfig | None = None  # of the workpiece; in the place of the motion
     floor: bool = False  # a solid floor at z = 0
     force_torque_sensor: ForceTorqueSensorConfig | None = None
-    # Its observer's time_step is the scenario's, whatever is written here.
+    # Its observer's time_step is the scenario's.
     estimator: WrenchEstimatorConfig = field(default_factory=WrenchEstimatorConfig)
     recording: PageConfig = field(default_factory=PageConfig)
 
@@ -230,6 +230,8 @@ def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenar
         hint = nearest(scenario_name, scenarios) or f"there are {', '.join(scenarios)}"
         raise InputError(path, "", f'there is no scenario "{scenario_name}"', hint)
     scenario = scenarios[scenario_name]
+    if Path(scenario.robot).suffix or Path(scenario.robot).parent != Path():
+        scenario = replace(scenario, robot=str(path.parent / scenario.robot))
     check_scenario(scenario, f"{path}: {scenario_name}")
     return scenario
 
@@ -291,7 +293,18 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
 
 
 def _check_observer(scenario: Scenario, source: str) -> None:
-    """Raises InputError where the observer reads the wrench itself and an option does not fit."""
+    """Raises InputError where the observer has another period than the scenario, or reads the
+    wrench itself and an option does not fit.
+    """
+    observer = scenario.estimator.observer
+    if observer.time_step not in (scenario.time_step, type(observer)().time_step):
+        raise InputError(
+            source,
+            "estimator.observer.time_step",
+            f"{observer.time_step:g} s, but all blocks of a scenario have its time_step, "
+            f"{scenario.time_step:g} s",
+            "leave it out",
+        )
     kind = kind_of(scenario.estimator.observer)
     if kind is None or kind.kernels.wrench is None:
         return

@@ -272,3 +272,21 @@ def test_an_observer_that_reads_the_wrench_itself_takes_no_air_pass():
     with pytest.raises(InputError, match="air_pass: corrects joint torques, but the kalman"):
         check_scenario(scenario)
     check_scenario(replace(scenario, machining=replace(scenario.machining, air_pass=0.0)))
+
+
+def test_paths_in_a_scenario_are_relative_to_its_file(tmp_path, monkeypatch):
+    folder = tmp_path / "cell"
+    folder.mkdir()
+    (folder / "scenarios.yaml").write_text("Mine: {robot: arms/robot.yaml}\n")
+    monkeypatch.chdir(tmp_path)  # which has no arms
+    scenario = load_scenario("cell/scenarios.yaml", "Mine")
+    assert Path(scenario.robot) == Path("cell/arms/robot.yaml")
+    assert load_scenario("Default").robot == "sts_sre4_600"  # a bundled name stays one
+
+
+def test_an_observer_of_another_period_is_refused():
+    estimator = WrenchEstimatorConfig()
+    estimator.observer.time_step = 0.004
+    with pytest.raises(InputError, match=r"time_step.*0\.004 s.*0\.001 s; leave it out"):
+        check_scenario(Scenario(estimator=estimator))
+    check_scenario(replace(Scenario(), time_step=0.002))  # not written: the scenario's

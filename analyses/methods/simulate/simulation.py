@@ -279,7 +279,7 @@ def simulate(
     else:
         require_controllable(robot, model, work.trajectory, model_source)
     learnt = _learnt_correction(work, robot, model, progress)
-    estimator = LoopEstimator(fused=graph is None)  # a drawing shows the stages
+    estimator = LoopEstimator()
     if learnt is not None:
         estimator = replace(estimator, model=learnt.model, air_pass=learnt.correction)
     meshcat = None if page is None else _make_meshcat(work, robot)
