@@ -78,6 +78,8 @@ def make_estimator(
     "held" no output but feeds through from `current`, so that a controller may use the wrench. The
     estimator starts by itself at its first update.
 
+    `terms` are those of q and v as they come, an impossible sample as well.
+
     Inside are `samples`, `terms`, `motor`, `friction`, `observer`, `reconstruction`, and if another
     block reads it `torque_error` (and demultiplexers). Their numeric parameters
     (torque_per_ampere; coulomb, viscous, offset, v_crit, or the slip elements of a law with memory;
@@ -197,13 +199,23 @@ def _staged(
     builder.ExportOutput(sources["tau_ext"], "tau_ext")
     for signal, port in zip(wrench_signals, wrench_ports, strict=True):
         builder.ExportOutput(port, signal)
-    builder.ExportOutput(sources["terms"], "terms")
+    builder.ExportOutput(_terms_as_read(builder, estimator), "terms")
     builder.ExportOutput(sources["fault"], "fault")
     if detection is not None:
         _detect(builder, ContactDetector.of(estimator, detection), sources)
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
+
+
+def _terms_as_read(builder: DiagramBuilder, estimator: WrenchEstimator) -> OutputPort:
+    """The terms of q and v as they come, for a controller: an impossible sample that the estimator
+    leaves out must not leave the arm without its weight.
+    """
+    block = builder.AddNamedSystem("terms_as_read", RigidBodyTermsSystem(estimator.chain))
+    for signal in ("q", "v"):
+        builder.ConnectInput(signal, block.GetInputPort(signal))
+    return block.GetOutputPort("terms")
 
 
 def _signals(

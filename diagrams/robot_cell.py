@@ -1,5 +1,6 @@
 """The robot cell: the true robot with drives and sensors, and its surroundings."""
 
+import copy
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -18,15 +19,16 @@ from pydrake.geometry import (
     Sphere,
 )
 from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import ModelDirectives, Parser, ProcessModelDirectives
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     ApplyMultibodyPlantConfig,
+    ExternallyAppliedSpatialForceMultiplexer,
     MultibodyPlant,
-    MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Saturation
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, MatrixGain, Saturation
 
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig, Scenario
 from wrenchsight.diagrams.workpiece import (
@@ -101,7 +103,7 @@ class _CellParts:
 
 
 def _has_contact(scenario: Scenario) -> bool:
-    return scenario.workpiece is not None or scenario.floor
+    return scenario.workpiece is not None or scenario.floor or bool(scenario.directives)
 
 
 def make_robot_cell(
@@ -117,16 +119,21 @@ def make_robot_cell(
                          |            | --> current          (n,) A, as the drives report it
                          |            | --> ft_wrench        (6,) sensor, where there is one
       current_command -->| robot_cell | --> state            (2n,) q and v
-        (n,) A           |            | --> tau_J_true       (n,) N m
+        (n,) A           |            | --> plant_state      of all bodies of the plant
+                         |            | --> tau_J_true       (n,) N m
                          |            | --> tau_f_true       (n,) N m
                          |            | --> tau_ext_true     (n,) N m
                          |            | --> wrench_true      (6,) F_E_W, N m, N
                          +------------+ --> wrench_unbalance (6,) of a spindle, when machining
 
     The ports `*_true` are for measuring errors: no estimator may see them. Every 6-vector is
-    rotation first. The plant is discrete at the scenario's time step and does not sample its
-    outputs: all blocks see the state before the step, and a force at time t acts from t to
-    t + time_step. The drives saturate at the robot's effort limits.
+    rotation first. The plant is discrete at the scenario's time step. All blocks see the state
+    before the step, and a force at time t acts from t to t + time_step. The drives saturate at the
+    robot's effort limits.
+
+    With something to touch there is an output contact_results of the plant. With the scenario's
+    `applied_spatial_force` there is an input of that name, list[ExternallyAppliedSpatialForce] in
+    World, for forces on any body besides those of the scenario.
 
     Args:
         scenario: what stands in the cell, and what acts on the tool.
@@ -136,7 +143,8 @@ def make_robot_cell(
         clear_links: names of links that never touch anything: they are left out of contact.
 
     Raises:
-        InputError: a sensor without a tool to sit on, or true friction out of range.
+        InputError: a sensor without a tool to sit on, true friction out of range, or directives
+            that Drake cannot follow.
     """
     robot = with_friction(robot, scenario.friction)
     true_model = true_robot(robot)
@@ -191,6 +199,7 @@ def _add_surroundings_and_arm(
         add_workpiece(plant, scenario.workpiece)
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
+    _follow_directives(plant, scenario)
     plant.Finalize()
     return _CellParts(builder, scenario, robot, plant, scene_graph, arm)
 
@@ -204,15 +213,19 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
     motion = _split_up(builder, true_arm, "motion", true_arm.motion_sizes)
     drives = _split_up(builder, true_arm, "drives", true_arm.drive_sizes)
     builder.Connect(drives["tau_J"], plant.get_actuation_input_port(instance))
-    generalized_force = drives["generalized_force"]
-    builder.Connect(generalized_force, plant.get_applied_generalized_force_input_port())
-    if true_arm.pushed:
-        spatial_forces = true_arm.GetOutputPort("spatial_forces")
-        builder.Connect(spatial_forces, plant.get_applied_spatial_force_input_port())
+    # The plant's port is of all bodies: those that the arm does not carry get none of it.
+    to_plant = np.zeros((plant.num_velocities(), cell.robot.num_joints))
+    for i, joint in enumerate(cell.arm.joints):
+        to_plant[joint.velocity_start(), i] = 1.0
+    spread = builder.AddNamedSystem("generalized_force", MatrixGain(to_plant))
+    builder.Connect(drives["generalized_force"], spread.get_input_port())
+    builder.Connect(spread.get_output_port(), plant.get_applied_generalized_force_input_port())
+    _connect_spatial_forces(cell, true_arm)
     outputs = _external_forces(cell, true_arm, motion) | {
         "q": motion["q_read"],
         "v": motion["v_read"],
         "state": plant.get_state_output_port(instance),
+        "plant_state": plant.get_state_output_port(),
         "current": drives["current"],
         "tau_J_true": drives["tau_J"],
         "tau_f_true": drives["tau_f"],
@@ -221,8 +234,38 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
         outputs["wrench_unbalance"] = true_arm.GetOutputPort("wrench_unbalance")
     if cell.has_sensor:
         outputs["ft_wrench"] = motion["sensed"]
+    if cell.has_contact:
+        outputs["contact_results"] = plant.get_contact_results_output_port()
     for name, port in outputs.items():
         builder.ExportOutput(port, name)
+
+
+def _connect_spatial_forces(cell: _CellParts, true_arm: TrueArm) -> None:
+    """Connects what acts on the tool, and the cell's own input where the scenario has one."""
+    builder = cell.builder
+    sources = [true_arm.GetOutputPort("spatial_forces")] if true_arm.pushed else []
+    target = cell.plant.get_applied_spatial_force_input_port()
+    if not cell.scenario.applied_spatial_force:
+        for source in sources:
+            builder.Connect(source, target)
+        return
+    joined = builder.AddNamedSystem(
+        "spatial_forces", ExternallyAppliedSpatialForceMultiplexer(len(sources) + 1)
+    )
+    builder.ExportInput(joined.get_input_port(0), "applied_spatial_force")
+    for k, source in enumerate(sources):
+        builder.Connect(source, joined.get_input_port(k + 1))
+    builder.Connect(joined.get_output_port(), target)
+
+
+def _follow_directives(plant: MultibodyPlant, scenario: Scenario) -> None:
+    """Adds what the scenario's model directives name."""
+    if not scenario.directives:
+        return
+    try:
+        ProcessModelDirectives(ModelDirectives(directives=scenario.directives), Parser(plant))
+    except RuntimeError as error:
+        raise InputError("scenario", "directives", f"Drake cannot follow them: {error}") from error
 
 
 def _arm_inputs(cell: _CellParts) -> dict[str, OutputPort]:
@@ -302,12 +345,8 @@ def _add_plant(
     builder: DiagramBuilder, scenario: Scenario, with_scene: bool
 ) -> tuple[MultibodyPlant, SceneGraph | None]:
     """Adds the plant, and a SceneGraph, which costs time, where something touches or is drawn."""
-    config = MultibodyPlantConfig(
-        time_step=scenario.time_step,
-        discrete_contact_approximation="lagged",
-        contact_model="hydroelastic_with_fallback",  # patches with a blade, else points
-        use_sampled_output_ports=False,
-    )
+    config = copy.copy(scenario.plant_config)
+    config.time_step = scenario.time_step
     if with_scene:
         plant, scene_graph = AddMultibodyPlant(config, builder)
         scene_graph.set_name("scene_graph")

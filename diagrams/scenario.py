@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Union
 
 import numpy as np
+from pydrake.multibody.parsing import ModelDirective
+from pydrake.multibody.plant import MultibodyPlantConfig
 
 from wrenchsight.models.control.wrench_script import WrenchSegment
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
@@ -181,6 +183,15 @@ class PageConfig:
     metres_per_newton: float = 0.01  # length of the force arrows
 
 
+def _plant_config() -> MultibodyPlantConfig:
+    """Patches with a blade, else points; all blocks see the state before the step."""
+    return MultibodyPlantConfig(
+        discrete_contact_approximation="lagged",
+        contact_model="hydroelastic_with_fallback",
+        use_sampled_output_ports=False,
+    )
+
+
 @dataclass
 class Scenario:
     """All settings of a simulation, besides the files of the robot and of the model."""
@@ -200,6 +211,12 @@ class Scenario:
     workpiece: WorkpieceConfig = None
     machining: MachiningConfig | None = None  # of the workpiece; in the place of the motion
     floor: bool = False  # a solid floor at z = 0
+    directives: list[ModelDirective] = field(default_factory=list)
+    # Drake's model directives: what else stands in the cell, fixed, jointed or free. The arm is the
+    # model instance of its robot's name. Files without a scheme are relative to the scenario's.
+    plant_config: MultibodyPlantConfig = field(default_factory=_plant_config)
+    # Drake's, but for time_step, which is the scenario's
+    applied_spatial_force: bool = False  # whether the cell takes forces on any body as an input
     force_torque_sensor: ForceTorqueSensorConfig | None = None
     # Its observer's time_step is the scenario's.
     estimator: WrenchEstimatorConfig = field(default_factory=WrenchEstimatorConfig)
@@ -232,6 +249,10 @@ def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenar
     scenario = scenarios[scenario_name]
     if Path(scenario.robot).suffix or Path(scenario.robot).parent != Path():
         scenario = replace(scenario, robot=str(path.parent / scenario.robot))
+    for directive in scenario.directives:
+        model = directive.add_model
+        if model is not None and ":" not in model.file:
+            model.file = f"file://{(path.parent / model.file).resolve()}"
     check_scenario(scenario, f"{path}: {scenario_name}")
     return scenario
 
@@ -287,6 +308,14 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
             "add force_torque_sensor, or feed back the estimate",
         )
     _check_observer(scenario, source)
+    if scenario.plant_config.time_step not in (
+        scenario.time_step,
+        MultibodyPlantConfig().time_step,
+    ):
+        problem = f"{scenario.plant_config.time_step:g} s, but the scenario's time_step is "
+        raise InputError(
+            source, "plant_config.time_step", f"{problem}{scenario.time_step:g} s", "leave it out"
+        )
     _check_workpiece(scenario.workpiece, source)
     if scenario.machining is not None:
         _check_machining(scenario, source)

@@ -250,3 +250,15 @@ def test_a_controller_that_needs_the_estimator_is_wired_afterwards(sts):
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(1.0)
     assert log.FindLog(simulator.get_context()).data()[0, -1] == 1.0
+
+
+def test_a_controller_gets_terms_of_an_impossible_sample_too(sts):
+    """What is left out of the estimate must not leave the arm without its weight."""
+    estimator = make_estimator(sts, IdentifiedModel.nominal(sts))
+    context = estimator.CreateDefaultContext()
+    q = sts.position_upper + 1.0
+    for name, value in (("q", q), ("v", np.zeros(6)), ("current", np.zeros(6))):
+        estimator.GetInputPort(name).FixValue(context, value)
+    assert estimator.GetOutputPort("fault").Eval(context)[0] != 0.0
+    terms = estimator.GetOutputPort("terms").Eval(context)
+    np.testing.assert_array_equal(terms.G, sts.chain.terms(q, np.zeros(6)).G)
