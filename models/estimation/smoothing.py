@@ -1,4 +1,4 @@
-"""The wrench along a log, smoothed: each sample estimated from the whole log, without lag.
+"""The wrench along a log, smoothed: each sample estimated from the whole log.
 
 The model is that of `models.observers.kalman_observer`, with the slow part of the torque error as a
 further state: z = [p, F, x, beta]. A Kalman filter runs forward and its adjoint backward (modified
@@ -24,7 +24,9 @@ torque tau = J^T F,
     Sigma_F += scale^2 F F^T                  common to all joints
 
 A force that begins or ends is no random walk: where the log makes it likely, F jumps
-(`wrenchsight.models.observers.force_changes`).
+(`wrenchsight.models.observers.force_changes`). A force that changes fast and often is neither. The
+covariance holds what smoothing leaves out of it (`wrenchsight.models.estimation.smoothing_error`),
+up to the stated bandwidth; beyond it no reading is valid.
 
 A forward-backward first-order filter has no lag either, but states no sd: its error depends on the
 spectrum of the torque's error, which the model above describes.
@@ -39,6 +41,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
+from wrenchsight.models.estimation.invalid import LAGGING
+from wrenchsight.models.estimation.smoothing_error import MissingForce
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.force_changes import IntervalSmoother, ProportionalError
 from wrenchsight.models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
@@ -70,7 +74,7 @@ class WrenchSmoother:
         last_estimates = smoother.finish()
 
     Together these are the estimates of all samples, in order. In a batch wrench, covariance and
-    tau_ext = J^T F are smoothed. `valid` is the estimator's: it depends on the arm, not on the log.
+    tau_ext = J^T F are smoothed. `invalid` is the estimator's.
 
     Args:
         estimator: its model, prior and samples are smoothed. The observer may be any; its
@@ -96,6 +100,11 @@ class WrenchSmoother:
         drift_pole = float(np.exp(-step / DRIFT_TIME))
         self._smoother = IntervalSmoother(table, n, drift_pole, proportional)
         self._pending: list[_PendingSamples] = []
+        pole = estimator.observer.pole
+        self._missing_force: MissingForce | None = None
+        if pole is not None and error is not None:
+            bandwidth = estimator.config.force_bandwidth_hz
+            self._missing_force = MissingForce(float(np.min(pole)), step, bandwidth)
 
     def take(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> EstimateBatch:
         """Takes (N, n) samples, as `WrenchEstimator.run`; returns the smoothed estimates."""
@@ -128,6 +137,14 @@ class WrenchSmoother:
         wrench, covariance = self._smoother.read(signals, batch.J, num_smoothed)
         if self._scale:
             covariance += self._scale**2 * wrench[:, :, None] * wrench[:, None, :]
+        if self._missing_force is not None:
+            reading = batch.rows(slice(0, num_smoothed))
+            covariance += self._missing_force.covariance(
+                reading.wrench,
+                wrench,
+                np.diagonal(covariance, axis1=1, axis2=2),
+                np.asarray((reading.invalid & ~LAGGING) == 0),
+            )
         later = slice(num_smoothed, None)
         self._pending = []
         if num_pending:

@@ -63,7 +63,7 @@ class EstimateConfig:
     """N m, sd of an external torque's error, one for all joints or one each"""
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
     smooth: bool = False
-    # estimate each sample from those before and after it (no lag, less error), or from those before
+    # estimate each sample from those before and after it (less error and lag), or from those before
     # it, as a controller would
     drift: float | None = None
     """share of the viscous torque by which friction may have drifted, for the stated band; left
