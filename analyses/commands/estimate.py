@@ -56,7 +56,6 @@ OPTIONS = (
     *hidden(READING, "prior_force_sd", "prior_moment_sd", "max_force_sd", "damping", "truncation"),
     *hidden("estimate", "max_gap", "check"),
     Option("estimate.estimator.check_samples", shown=False),
-    Option("estimate.accept_signs", shown=False),
     *hidden(REFERENCE, "frame", "turn", "sign", "tare", "delay", prefix="reference_"),
     Option(f"{REFERENCE}.contact_force", "reference_contact", shown=False),
     Option("estimate.detection.false_alarms_per_hour", shown=False),

@@ -35,7 +35,6 @@ OPTIONS = (
     Option("identification.friction", metavar="LAW"),
     Option("identification.consistent"),
     Option("check", shown=False),
-    Option("accept_signs"),
 )
 
 

@@ -18,7 +18,6 @@ OPTIONS = (
     Option("empty", metavar="LOG"),
     Option("log_format"),
     Option("check"),
-    Option("accept_signs"),
     Option("payload.gain_sd"),
     Option("payload.name"),
 )

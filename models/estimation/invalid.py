@@ -37,6 +37,7 @@ FRICTION_DRIFT = 1 << 12
 STREAM_LATE = 1 << 13
 ZEROING = 1 << 14
 LAGGING = 1 << 15
+WRONG_LOG = 1 << 16
 
 
 class Reason(NamedTuple):
@@ -58,6 +59,11 @@ REASONS: Mapping[int, Reason] = {
         "no_model",
         "without a model identified on this arm",
         "identify one and pass it with --model",
+    ),
+    WRONG_LOG: Reason(
+        "wrong_log",
+        "of a log with which something is wrong",
+        "see the note that says what, at which odds and what mends it",
     ),
     ZEROING: Reason(
         "zeroing", "while a payload is weighed", "wait until it is; hold the arm untouched"

@@ -10,7 +10,6 @@ from typing import Protocol
 
 import numpy as np
 
-from wrenchsight.models.recordings.plausibility.drive_evidence import SignEvidence
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import plausible_step
@@ -21,8 +20,6 @@ BREAK_S, _BREAK_STEPS = 0.5, 6
 
 class LogReader(Protocol):
     """A reader of a log; each call of `chunks` reads it from its first to its last sample."""
-
-    sign_evidence: SignEvidence | None
 
     @property
     def notices(self) -> tuple[str, ...]:
@@ -48,7 +45,6 @@ class EpisodesReader:
 
     def __init__(self, readers: list[Callable[[], RecordingReader]]) -> None:
         self._readers = readers
-        self.sign_evidence: SignEvidence | None = None
         self.progress = 0.0
         self.begins: list[float] = []
         self._notices: dict[str, int] = {}
@@ -65,7 +61,6 @@ class EpisodesReader:
     def chunks(self) -> Iterator[Recording]:
         """As `RecordingReader.chunks`, of all logs in their order."""
         self.begins, self._notices = [], {}
-        evidence: list[SignEvidence] = []
         last: Recording | None = None
         rows = 0
         for k, open_reader in enumerate(self._readers):
@@ -87,9 +82,6 @@ class EpisodesReader:
             rows += last_row
             for text in reader.notices:
                 self._notices[text] = self._notices.get(text, 0) + 1
-            if reader.sign_evidence is not None:
-                evidence.append(reader.sign_evidence)
-        self.sign_evidence = _combined(evidence)
 
     def _begin(self, chunk: Recording, last: Recording | None) -> float:
         """s to add to the time of a log, so that it follows the last sample after a break."""
@@ -117,18 +109,4 @@ def _break(last: Recording, following: Recording) -> Recording:
         extra={name: np.full((count, *x.shape[1:]), np.nan) for name, x in last.extra.items()},
         row=None if last.row is None else np.zeros(count, np.int64),
         row_word=last.row_word,
-    )
-
-
-def _combined(logs: list[SignEvidence]) -> SignEvidence | None:
-    """The evidence of several logs together, each weighted by its number of samples."""
-    if not logs:
-        return None
-    samples = np.sum([log.samples for log in logs], axis=0)
-    weights = [log.samples / np.maximum(samples, 1e-300) for log in logs]
-    return SignEvidence(
-        right=np.sum([w * log.right for w, log in zip(weights, logs, strict=True)], axis=0),
-        wrong=np.sum([w * log.wrong for w, log in zip(weights, logs, strict=True)], axis=0),
-        log_odds=np.sum([log.log_odds for log in logs], axis=0),
-        samples=samples,
     )

@@ -2,17 +2,36 @@
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.recording_format import LARGEST_RATE
+from wrenchsight.models.recordings.recording_format import (
+    LARGEST_RATE,
+    SignalCorrection,
+)
 
 IN_AMPERES, IN_NEWTON_METRES = "effort-in-amperes", "effort-in-newton-metres"
 IN_DEGREES, IN_RADIANS = "positions-in-degrees", "positions-in-radians"
 IN_ROBOT_ORDER = "joints-in-robot-order"
-WORDS = (IN_AMPERES, IN_NEWTON_METRES, IN_DEGREES, IN_RADIANS, IN_ROBOT_ORDER)
+WITHOUT_GRAVITY = "effort-without-gravity"
+WORDS = (
+    IN_AMPERES,
+    IN_NEWTON_METRES,
+    IN_DEGREES,
+    IN_RADIANS,
+    IN_ROBOT_ORDER,
+    WITHOUT_GRAVITY,
+)
 PREFIX, RATE = "joint-prefix=", "rate_hz="  # each followed by its value
+JOINTS, DRIVES = "joints", "drives"
+"""Signals that a correction is of: positions and velocities, or currents and torques."""
+ORDER, TURNED, DELAY = "order", "turned", "delay"
+_CORRECTIONS = tuple(
+    f"{signals}-{what}=" for signals in (JOINTS, DRIVES) for what in (ORDER, TURNED, DELAY)
+)
+_VALUES = (PREFIX, RATE, *_CORRECTIONS)
 _EFFORT_UNITS = {IN_AMPERES: "A", IN_NEWTON_METRES: "N m"}
 _ANGLE_UNITS = {IN_DEGREES: "deg", IN_RADIANS: "rad"}
 
@@ -26,6 +45,8 @@ class LogWords:
     joint_prefix: str = ""  # of the joints' names in the log
     in_robot_order: bool = False  # joints without names are in the robot's order
     rate_hz: float = 0.0  # at which a log without a time was recorded
+    corrections: tuple[tuple[str, SignalCorrection], ...] = ()
+    """of the signals JOINTS and DRIVES"""
 
     def angle_words(self) -> tuple[str, ...]:
         """The word that states `angle`; none where it is empty."""
@@ -42,10 +63,10 @@ def log_words(description: str | Path | None) -> LogWords | None:
         InputError: a word's value cannot be read.
     """
     words = [word.strip() for word in str(description or "").split(",")]
-    if not all(word in WORDS or word.startswith((PREFIX, RATE)) for word in words):
+    if not all(word in WORDS or word.startswith(_VALUES) for word in words):
         return None
     values = {
-        key: word.removeprefix(key) for word in words for key in (PREFIX, RATE) if key in word
+        key: word.removeprefix(key) for word in words for key in _VALUES if word.startswith(key)
     }
     return LogWords(
         _first_unit(_EFFORT_UNITS, words),
@@ -53,7 +74,47 @@ def log_words(description: str | Path | None) -> LogWords | None:
         values.get(PREFIX, ""),
         IN_ROBOT_ORDER in words,
         _rate(values[RATE]) if RATE in values else 0.0,
+        tuple((signals, _correction(signals, values, words)) for signals in (JOINTS, DRIVES)),
     )
+
+
+def correction_word(signals: str, what: str, value: Sequence[int] | float) -> str:
+    """The word that states a correction.
+
+    Args:
+        signals: JOINTS or DRIVES.
+        what: ORDER, TURNED or DELAY.
+        value: joints counted from 1, or s.
+    """
+    text = f"{value:.3f}" if isinstance(value, float) else "-".join(str(k) for k in value)
+    return f"{signals}-{what}={text}"
+
+
+def _correction(signals: str, values: dict[str, str], words: list[str]) -> SignalCorrection:
+    return SignalCorrection(
+        order=_joints(f"{signals}-{ORDER}=", values),
+        turned=_joints(f"{signals}-{TURNED}=", values),
+        delay=_delay(f"{signals}-{DELAY}=", values),
+        without_gravity=signals == DRIVES and WITHOUT_GRAVITY in words,
+    )
+
+
+def _joints(key: str, values: dict[str, str]) -> list[int]:
+    if key not in values:
+        return []
+    if re.fullmatch(r"[1-9]\d{0,3}(-[1-9]\d{0,3}){0,199}", values[key]) is None:
+        problem = f'"{values[key]}" names no joints, expected numbers from 1 on'
+        raise InputError("--log-format", key.rstrip("="), problem, f"write e.g. {key}3-2-1-4-5-6")
+    return [int(number) for number in values[key].split("-")]
+
+
+def _delay(key: str, values: dict[str, str]) -> float:
+    if key not in values:
+        return 0.0
+    if re.fullmatch(r"-?\d{1,3}(\.\d{1,9})?", values[key]) is None:
+        problem = f'"{values[key]}" is no delay, expected seconds'
+        raise InputError("--log-format", key.rstrip("="), problem, f"write e.g. {key}-0.3")
+    return float(values[key])
 
 
 def _rate(text: str) -> float:

@@ -11,14 +11,10 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.log_words import IN_DEGREES
-from wrenchsight.models.recordings.plausibility.drive_evidence import DriveEvidence, SignEvidence
 from wrenchsight.models.recordings.plausibility.product_sums import (
-    FACTOR,
-    FOLLOWS,
     LEAST_GRAVITY,
     GravitySums,
     ProductSums,
-    telling_joints,
 )
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.recording_format import ColumnLayout
@@ -65,15 +61,10 @@ class RecordingChecks:
     Args:
         robot: limits, drives, gravity torque.
         layout: of the log, for the names of columns in error lines; None for signals in memory.
-        accept_signs: whether drives whose torque has the wrong sign are accepted.
     """
 
-    def __init__(
-        self, robot: Robot, layout: ColumnLayout | None = None, accept_signs: bool = False
-    ) -> None:
+    def __init__(self, robot: Robot, layout: ColumnLayout | None = None) -> None:
         self._robot = robot
-        self._accept_signs = accept_signs
-        self._drives = DriveEvidence(robot)
         self._layout = layout
         self._last: Recording | None = None  # one sample
         self._is_first = True  # of the chunks
@@ -96,13 +87,9 @@ class RecordingChecks:
         self._check_jumps(part)
         self._add_motion(part)
         self._judge_motion(chunk)
-        if self._has_drives():
-            if self._robot.has_inertias:
-                torque = self._robot.joint_torque(chunk.current)
-                self._gravity.add_slow(chunk.q, chunk.v, torque)
-            self._check_currents(chunk)
-            self._drives.add(chunk)
-            self._judge_signs(chunk)
+        if self._has_drives() and self._robot.has_inertias:
+            torque = self._robot.joint_torque(chunk.current)
+            self._gravity.add_slow(chunk.q, chunk.v, torque)
             self._judge_gravity(chunk)
 
     def _has_drives(self) -> bool:
@@ -166,56 +153,6 @@ class RecordingChecks:
         problem = f"q jumps by {jump[k, j]:.4g} in {part.t[k + 1] - part.t[k]:.4g} s"
         raise self._error(part, k + 1, "q", j, problem, remedy)
 
-    def _check_currents(self, chunk: Recording) -> None:
-        if not chunk.num_samples:
-            return
-        torque = np.median(np.abs(chunk.current), axis=0) * self._robot.torque_per_ampere
-        limit = self._robot.effort_limit
-        excessive = np.flatnonzero(torque > _TORQUE_MARGIN * limit)
-        if not len(excessive):
-            return
-        j = int(excessive[0])
-        remedy = "check the column, its unit and the robot's torque_per_ampere"
-        if torque[j] / 1000 < limit[j]:
-            remedy = self._small_unit(chunk)
-        if self._has_torque_only(chunk):
-            remedy = (
-                "check the column and its unit: motor_torque: {unit: mN m} in a description "
-                "(--log-format)"
-            )
-        elif (np.median(np.abs(chunk.current), axis=0) < limit).all():
-            remedy += "; if these are torques in N m, name the columns tau1.."
-        problem = (
-            f"the median torque would be {torque[j]:.4g} N m, but the joint has {limit[j]:.4g} N m"
-        )
-        raise self._error(chunk, None, "current", j, problem, remedy)
-
-    def _small_unit(self, chunk: Recording) -> str:
-        """What to do about currents that are too large: their unit, as far as gravity shows it."""
-        milliamperes = (
-            "if these are milliamperes, set current: {unit: mA} in a description (--log-format)"
-        )
-        of_rated = (
-            "set motor_torque: {columns: ..., unit: per mille, gain: [rated torque of each drive "
-            "at its joint, N m]} (or unit: per cent) in a description (--log-format), which "
-            "`wrenchsight log` drafts"
-        )
-        sums = self._gravity
-        loaded = sums.gravity() > LEAST_GRAVITY
-        telling = loaded & (np.abs(sums.cosine()) > FOLLOWS)
-        largest = float(np.max(np.abs(chunk.current)))
-        if not telling.any() or sums.count[0] < _LEAST_GRAVITY_SAMPLES:
-            return f"{milliamperes}; if they are per mille of the drives' rated torque, {of_rated}"
-        ratio = np.abs(sums.ratio())[telling] / 1000.0
-        if np.median(np.abs(np.log(ratio))) < np.log(FACTOR):
-            return milliamperes
-        shown = ", ".join(f"{value:.2g}" for value in ratio)
-        unit = "per mille" if largest > _MOST_PER_CENT else "per cent or per mille"
-        return (
-            f"as milliamperes they would be {shown} times the gravity torque, so they may be "
-            f"{unit} of the drives' rated torque: {of_rated}"
-        )
-
     def _add_motion(self, part: Recording) -> None:
         steps = np.diff(part.t)
         if len(steps) < 2:
@@ -271,29 +208,8 @@ class RecordingChecks:
                 remedy += ", and that q and v name the joints in one order"
         raise self._error(chunk, None, "v", j, problem, remedy)
 
-    @property
-    def sign_evidence(self) -> SignEvidence:
-        """The evidence of the log so far for the signs of its drives."""
-        return self._drives.evidence()
-
-    def _judge_signs(self, chunk: Recording) -> None:
-        """Refuses currents or torques whose sign the robot contradicts, unless accepted."""
-        evidence = self.sign_evidence
-        wrong = evidence.contradicted()
-        if self._accept_signs or not len(wrong):
-            return
-        problem = evidence.sentence(self._quantity(chunk), self._robot.joint_names)
-        remedy = "set gain: -1 in a description"
-        if not self._has_torque_only(chunk):  # current_sign does not apply to torques
-            remedy = f"correct current_sign in the robot's file, or {remedy}"
-        remedy += "; check how the robot is mounted; or accept the signs with --accept-signs"
-        raise self._error(chunk, None, "current", int(wrong[0]), problem, remedy)
-
-    def _quantity(self, chunk: Recording) -> str:
-        return "torque" if self._has_torque_only(chunk) else "current"
-
     def _judge_gravity(self, chunk: Recording) -> None:
-        """Refuses motor torques that are zero, or no plausible multiple of the gravity torque."""
+        """Refuses motor torques that are zero where gravity loads the joint."""
         sums = self._gravity
         if sums.count[0] < _LEAST_GRAVITY_SAMPLES:
             return
@@ -303,67 +219,11 @@ class RecordingChecks:
         zero = np.flatnonzero(loaded & (sums.yy < 1e-12 * sums.xx))
         if len(zero):
             j = int(zero[0])
-            quantity = self._quantity(chunk)
+            quantity = "torque" if self._has_torque_only(chunk) else "current"
             gravity = sums.gravity()[j]
             problem = f"the {quantity} is zero, but the gravity torque is {gravity:.3g} N m"
             remedy = f"log the motor {quantity}, or give its column"
             raise self._error(chunk, None, "current", j, problem, remedy)
-        self._judge_unit(chunk, loaded & (np.abs(sums.cosine()) > FOLLOWS))
-        # Friction changes the shape of the torque; its size must still hold the arm up.
-        multiple = np.sqrt(sums.yy / np.where(sums.xx > 0.0, sums.xx, np.inf))
-        smallest, largest = 1.0 / _ONE_MULTIPLE, _ONE_MULTIPLE
-        if loaded.sum() > 1 and (multiple[loaded] < 1.0 / _COMMON_MULTIPLE).all():
-            smallest = 1.0 / _COMMON_MULTIPLE
-        if loaded.sum() > 1 and (multiple[loaded] > _COMMON_MULTIPLE).all():
-            largest = _COMMON_MULTIPLE
-        implausible = np.flatnonzero(loaded & ((multiple < smallest) | (multiple > largest)))
-        if len(implausible):
-            j = int(implausible[0])
-            unit = "amperes, not mA" if multiple[j] < 1 else "mA, not amperes"
-            remedy = (
-                f"if the currents are in {unit}, set current: {{unit: ...}}; else check "
-                "torque_per_ampere"
-            )
-            if self._has_torque_only(chunk):
-                remedy = "check the column and its unit: motor_torque: {unit: ...}"
-            problem = (
-                f"the motor torque is {multiple[j]:.3g} times the gravity torque, expected about 1"
-            )
-            raise self._error(chunk, None, "current", j, problem, remedy)
-
-    def _judge_unit(self, chunk: Recording, telling: NDArray[np.bool_]) -> None:
-        """Refuses torque that was given as current, and current that was given as torque.
-
-        The ratio of motor to gravity torque is about 1 in the right unit. It is the torque per
-        ampere K where torque was read as current, and 1 / K where current was read as torque. Every
-        telling joint must agree: a single one may carry a load, or have a poor model.
-
-        Args:
-            telling: (n,) joints that gravity loads and whose torque follows it.
-        """
-        gain = self._robot.torque_per_ampere
-        ratio = np.abs(self._gravity.ratio())  # whatever its sign
-        telling = telling & telling_joints(self._robot) & (ratio > 0.0)
-        if not telling.any():
-            return
-        is_torque = self._has_torque_only(chunk)
-        wrong_unit_ratio = 1.0 / gain if is_torque else gain  # expected in the wrong unit
-        distance = np.abs(np.log(ratio[telling] / wrong_unit_ratio[telling]))
-        if np.max(distance) > np.log(_ALIKE):
-            return
-        if np.min(np.abs(np.log(ratio[telling]))) < np.log(FACTOR / _ALIKE):
-            return
-        j = int(np.flatnonzero(telling)[0])
-        names = ", ".join(self._robot.joint_names[k] for k in np.flatnonzero(telling))
-        ratios = ", ".join(f"{value:.3g}" for value in ratio[telling])
-        if is_torque:
-            problem = f"the torques look like currents in A: {ratios} times the gravity torque"
-            remedy = "describe the columns as current (--log-format)"
-        else:
-            problem = f"the currents look like torques in N m: {ratios} times the gravity torque"
-            remedy = "name the columns tau1.. (motor torque), or check torque_per_ampere"
-        signal = "tau_J" if is_torque else "current"
-        raise self._error(chunk, None, signal, j, f"{problem} (joints {names})", remedy)
 
     def _has_torque_only(self, chunk: Recording) -> bool:
         """Whether the currents of a chunk were made of its torques."""

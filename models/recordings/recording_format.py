@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +62,19 @@ _SIGNAL_NAMES = {
 _JOINT_SIGNALS = ("q", "v", "current", "tau_J")
 
 
+LARGEST_DELAY = 5.0  # s
+
+
+@dataclass(frozen=True)
+class SignalCorrection:
+    """What is wrong with a signal as it was logged; see the keys of `SignalColumns`."""
+
+    order: list[int] = field(default_factory=list)
+    turned: list[int] = field(default_factory=list)
+    delay: float = 0.0
+    without_gravity: bool = False
+
+
 @dataclass
 class SignalColumns:
     """The columns of one signal: value = gain * (number in the log, in its unit) + offset."""
@@ -81,6 +94,12 @@ class SignalColumns:
     bits: int = 16  # of such a word, with its sign
     wrap: str = ""  # pi: angles that jump by a turn; empty: only where the jump is no motion
     may_be_empty: bool = False  # an empty cell is NaN, and its sample a drop-out; else an error
+    order: list[int] = field(default_factory=list)
+    """place among the columns, counted from 1, of what belongs to each joint; empty: [1, 2, ..]"""
+    turned: list[int] = field(default_factory=list)  # joints from 1 on that have the other sign
+    delay: float = 0.0  # s by which the signal is late against the others; negative: it leads
+    without_gravity: bool = False
+    # motor torque or current without what holds the arm against gravity: that is added
     exerted_on: str = ROBOT
     """sign of an external torque or force: robot (what acts on the robot from outside, positive
     along the motion that it causes) or environment (what the robot exerts on the environment, such
@@ -144,6 +163,8 @@ class Signal:
     encoding: str = ""  # as `SignalColumns`
     bits: int = 16
     wrap: str = ""
+    delay: float = 0.0
+    without_gravity: bool = False
 
     def numbers(self, words: Array) -> Array:
         """Numbers with their sign, of logged words (N, k)."""
@@ -153,6 +174,47 @@ class Signal:
         if self.encoding == TWOS_COMPLEMENT:
             return np.where(words >= half, words - 2.0 * half, words)
         return np.where(words >= half, half - words, words)
+
+
+def corrected(signal: Signal, correction: SignalCorrection, source: str, place: str) -> Signal:
+    """A signal whose columns are in another order, turned, late or without gravity.
+
+    Args:
+        source, place: of the correction, for error lines.
+
+    Raises:
+        InputError: the correction names joints that the signal has not, or is none for it.
+    """
+    size = len(signal.columns)
+    known = list(range(1, size + 1))
+    if correction.order and sorted(correction.order) != known:
+        problem = f"is {correction.order}, expected each of 1 to {size} once"
+        raise InputError(source, f"{place}, order", problem, "name each joint's place once")
+    if not set(correction.turned) <= set(known):
+        problem = f"is {correction.turned}, expected joints from 1 to {size}"
+        raise InputError(source, f"{place}, turned", problem, "correct it")
+    if not abs(correction.delay) <= LARGEST_DELAY:
+        problem = f"is {correction.delay:g} s, expected {LARGEST_DELAY:g} s at most"
+        raise InputError(source, f"{place}, delay", problem, "correct it")
+    if (correction.order or correction.turned or correction.delay) and (
+        signal.name not in _JOINT_SIGNALS
+    ):
+        problem = "has an order, a delay or turned joints"
+        raise InputError(source, place, problem, "these are for signals of the joints: remove them")
+    if correction.without_gravity and signal.name not in ("current", "tau_J"):
+        problem = "is no torque or current, which may be without gravity"
+        raise InputError(source, f"{place}, without_gravity", problem, "remove it")
+    places = [k - 1 for k in correction.order] or list(range(size))
+    sign = np.ones(size)
+    sign[[k - 1 for k in correction.turned]] = -1.0
+    return replace(
+        signal,
+        columns=tuple(signal.columns[k] for k in places),
+        scale=sign * signal.scale[places],
+        offset=sign * signal.offset[places],
+        delay=signal.delay + correction.delay,
+        without_gravity=signal.without_gravity or correction.without_gravity,
+    )
 
 
 @dataclass(frozen=True)
@@ -358,7 +420,7 @@ class _LogColumns:
                     )
                     raise InputError(source, place, problem, "remove these")
                 scale[1] = 1e-9
-        return Signal(
+        signal = Signal(
             name,
             tuple(columns),
             scale,
@@ -370,6 +432,8 @@ class _LogColumns:
             bits=entry.bits,
             wrap=entry.wrap,
         )
+        correction = SignalCorrection(entry.order, entry.turned, entry.delay, entry.without_gravity)
+        return corrected(signal, correction, source, place)
 
     def _per_column(self, values: list[float], default: float, size: int, place: str) -> Array:
         if len(values) not in (0, 1, size):

@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -36,18 +36,15 @@ from wrenchsight.models.recordings.log_containers import (
     usual_suffixes,
 )
 from wrenchsight.models.recordings.log_words import (
+    DRIVES,
     IN_AMPERES,
     IN_NEWTON_METRES,
+    JOINTS,
     RATE,
     LogWords,
     log_words,
 )
 from wrenchsight.models.recordings.packed_file import UnpackedFile, is_packed
-from wrenchsight.models.recordings.plausibility.drive_evidence import (
-    DOUBTFUL,
-    SignEvidence,
-    odds_text,
-)
 from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
 from wrenchsight.models.recordings.plausibility.idle_signals import (
     TIME_UNITS,
@@ -67,6 +64,7 @@ from wrenchsight.models.recordings.recording_format import (
     Signal,
     SignalColumns,
     by_number,
+    corrected,
     further_signals,
     load_format,
     resolve_layout,
@@ -75,6 +73,7 @@ from wrenchsight.models.recordings.recording_format import (
 from wrenchsight.models.recordings.resampling import plausible_step
 from wrenchsight.models.recordings.rosbag.table import is_bag
 from wrenchsight.models.recordings.sample_stamps import StampFilter
+from wrenchsight.models.recordings.signal_corrections import corrected_chunks
 from wrenchsight.models.recordings.wrapped_angles import Unwrapper
 from wrenchsight.models.robot.robot import Robot
 
@@ -84,6 +83,7 @@ _EFFORT_EPISODES = 8  # of a data set, from which the unit of its effort is deci
 _SETTLED_CHUNKS = 8  # of a log, in which a joint moves or none does
 _EFFORT_CHUNKS = 4  # of a log, from which the unit of its effort is decided
 MIN_SAMPLES = 10  # fewer show no motion
+_CORRECTED = {"q": JOINTS, "v": JOINTS, "current": DRIVES, "tau_J": DRIVES}
 _DESCRIBE = "or describe the columns with --log-format"
 
 
@@ -92,7 +92,6 @@ def read_recording(
     description: str | Path | None = None,
     robot: Robot | None = None,
     check: bool = True,
-    accept_signs: bool = False,
     joint_signals: bool = False,
     further: dict[str, SignalColumns] | None = None,
 ) -> Recording:
@@ -107,7 +106,6 @@ def read_recording(
         description: of other columns: a bundled name, the path of a *.yaml, or `log_words`.
         robot: that the log must fit: number of joints, and where `check` is set also limits,
             velocity against position, current against gravity.
-        accept_signs: whether drives whose current has the wrong sign are accepted, with a notice.
         joint_signals: whether the log must hold what an identification needs, see
             `RecordingReader.require_joint_signals`.
         further: as in `RecordingReader`.
@@ -115,7 +113,7 @@ def read_recording(
     Raises:
         InputError: the log is missing, damaged or implausible.
     """
-    reader = RecordingReader(path, description, robot, check, further, accept_signs=accept_signs)
+    reader = RecordingReader(path, description, robot, check, further)
     if joint_signals:
         reader.require_joint_signals()
     return replace(concatenated(list(reader.chunks())), notices=reader.notices)
@@ -133,7 +131,7 @@ class RecordingReader:
     """A log on disk; `chunks()` reads it with constant memory.
 
     Args:
-        path, description, robot, check, accept_signs: as in `read_recording`.
+        path, description, robot, check: as in `read_recording`.
         further: signals besides those of the description, by name; `Recording.extra` holds them.
         requested_by: the command that needs these signals, for error lines.
 
@@ -143,8 +141,8 @@ class RecordingReader:
         layout: its signals and their columns.
         table: the log as a table of numbers.
         effort_holds_gravity: False where the log's effort is too small beside gravity's torque.
-        sign_evidence: what the log says of the signs of its currents; None before all chunks are
-            read, or where currents are not checked.
+        gravity_torque: of postures, added to an effort that is without gravity; None: that of the
+            robot's own files.
 
     Raises:
         InputError: the log cannot be opened, or its columns do not fit.
@@ -158,7 +156,6 @@ class RecordingReader:
         check: bool = True,
         further: dict[str, SignalColumns] | None = None,
         requested_by: str = "",
-        accept_signs: bool = False,
     ) -> None:
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
@@ -172,8 +169,7 @@ class RecordingReader:
         self._notices: list[str] = []
         self._robot = robot
         self._check = check
-        self._accept_signs = accept_signs
-        self.sign_evidence: SignEvidence | None = None
+        self.gravity_torque: Callable[[Array], Array] | None = None
         self._further = further or {}
         self._requested_by = requested_by
         words = log_words(description)
@@ -214,7 +210,14 @@ class RecordingReader:
             names = _in_lower_case(names)
         header = LogHeader(self.path, names, num_columns)
         layout = resolve_layout(log.form, log.form_source, header)
-        return replace(layout, signals=layout.signals + self._further_signals(log.table))
+        corrections = dict(self._words.corrections)
+        signals = [
+            corrected(signal, corrections[_CORRECTED[signal.name]], "--log-format", signal.name)
+            if corrections and signal.name in _CORRECTED
+            else signal
+            for signal in layout.signals
+        ]
+        return replace(layout, signals=(*signals, *self._further_signals(log.table)))
 
     def _first_chunks(self) -> Iterator[Recording]:
         """Chunks as written, up to a fault, which a later pass reports."""
@@ -307,23 +310,7 @@ class RecordingReader:
                 f"{self._first_missing}); short gaps are bridged",
             )
         cleaned = (*missing, *self._stamps.notices(), *self._angles.notice())
-        return (*self._notices, *self.table.notices, *cleaned, *self._sign_notes())
-
-    def _sign_notes(self) -> tuple[str, ...]:
-        """A notice where the signs of the currents are doubtful, or accepted although wrong."""
-        evidence, robot = self.sign_evidence, self._robot
-        if evidence is None or robot is None:
-            return ()
-        if len(evidence.contradicted()):
-            sentence = evidence.sentence("current", robot.joint_names)
-            return (f"{sentence}; accepted because of --accept-signs",)
-        if evidence.total > -np.log(DOUBTFUL):
-            return ()
-        return (
-            "the signs of the currents are doubtful: gravity, inertia and friction contradict them "
-            f"at odds of {odds_text(-evidence.total)}, too low to refuse the log; record a longer "
-            "log with larger motion",
-        )
+        return (*self._notices, *self.table.notices, *cleaned)
 
     @property
     def progress(self) -> float:
@@ -371,8 +358,6 @@ class RecordingReader:
             last = chunk[-1:]
             num_samples += chunk.num_samples
             yield chunk
-        if checks is not None:
-            self.sign_evidence = checks.sign_evidence
         if num_samples < MIN_SAMPLES:
             problem = f"holds {num_samples} samples" if num_samples else "holds no samples"
             if self._num_missing:
@@ -400,7 +385,8 @@ class RecordingReader:
 
     def _read_motion(self) -> Iterator[Recording]:
         """The parts of the log, with the velocities that it lacks."""
-        return with_velocities(self._read()) if self._is_differentiated else self._read()
+        chunks = with_velocities(self._read()) if self._is_differentiated else self._read()
+        return corrected_chunks(chunks, self.layout, self._robot, self.gravity_torque)
 
     def _read(self) -> Iterator[Recording]:
         """The parts of the log as written, without the samples that lack a number."""
@@ -465,7 +451,7 @@ class RecordingReader:
         """New checks for one pass; None where none are wanted or possible."""
         if self._robot is None or not self._check or not self.num_joints:
             return None
-        return RecordingChecks(self._robot, self.layout, self._accept_signs)
+        return RecordingChecks(self._robot, self.layout)
 
     def _recording(self, values: Array, rows: NDArray[np.int64], used: list[int]) -> Recording:
         """The recording in SI units of (N, k) values of the used columns."""

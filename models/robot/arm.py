@@ -42,7 +42,7 @@ class Arm(ABC):
         reflected_inertia: kg m^2, of the rotors behind their gears.
         effort_limit, velocity_limit, position_lower, position_upper: of the joints.
         position_resolution: rad (m), step of the encoders; NaN: not known.
-        rest_friction_share, rest_torque_per_ampere: see `DriveConfig`.
+        q_offset, rest_friction_share, rest_torque_per_ampere: see `DriveConfig`.
         gravity: (3,) m/s^2, in the frame W of the arm's wrenches.
 
     Raises:
@@ -72,6 +72,7 @@ class Arm(ABC):
         self.coupling.setflags(write=False)
         self.current_resolution = frozen([d.current_resolution for d in drives])
         self.current_noise_sd = frozen([d.current_noise_sd for d in drives])
+        self.q_offset = frozen([d.q_offset for d in drives])
         self.rest_friction_share = frozen([d.rest_friction_share for d in drives])
         at_rest = [d.rest_torque_per_ampere for d in drives]
         moving = self.torque_per_ampere.tolist()

@@ -42,6 +42,7 @@ _SIZE = (1e-9, 1e3)  # m
 _HEAVY = 1e5  # kg, kg m^2
 _WEAK, _STRONG = 1e-5, 1e6  # N m, N m/A
 _LIMITS = {
+    "q_offset": (-7.0, 7.0),
     **dict.fromkeys(("xyz", "rpy", "gravity", "floor", "locked_joints", "com"), _FAR),
     **dict.fromkeys(("home", "mass", "inertia"), (-_HEAVY, _HEAVY)),
     **dict.fromkeys(("sphere", "cylinder", "box"), _SIZE),

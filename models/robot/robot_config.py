@@ -56,6 +56,8 @@ class DriveConfig:
     current_sign: int = 1  # +1 or -1: sign of the torque that a positive current gives
     current_resolution: float = 0.0  # A, step of the measured current
     current_noise_sd: float = 0.0  # A, of one sample
+    q_offset: float = 0.0
+    # rad (m), added to the joint's logged positions: its zero, where it is off
     position_resolution: float | None = None
     # rad (m), step of the measured position, seen from the joint; without it: the log's
     current_bandwidth: float | None = None  # Hz, of the measurement; without it: not limited

@@ -72,10 +72,8 @@ class EstimateConfig:
     # follow friction's drift while the log runs, from what came before each sample, as a live
     # reading does
     max_gap: float = 0.0  # s, longest gap that is bridged; 0: the longer of 0.1 s and three steps
-    check: bool = True  # hold the log against the robot's limits and gravity
-    accept_signs: bool = False
-    # take the drives' signs as robot.yaml has them, also where gravity, inertia and friction
-    # contradict them; the result states so
+    check: bool = True
+    # hold the log against the robot's limits, and try what may be wrong with it
     mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)

@@ -29,7 +29,7 @@ from wrenchsight.analyses.methods.estimate.estimate_data_set import (
     write_data_set,
 )
 from wrenchsight.analyses.methods.estimate.first_pass import FirstPassResult, first_pass
-from wrenchsight.analyses.methods.estimate.log_readings import LogReadings, ReadingWarnings
+from wrenchsight.analyses.methods.estimate.log_readings import LogReadings
 from wrenchsight.analyses.methods.estimate.model_checks import (
     is_fitted_on,
     model_warnings,
@@ -55,6 +55,7 @@ from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
+from wrenchsight.models.hypotheses.judgement import Judgement, judge_log
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.episodes_reader import EpisodesReader, LogReader
 from wrenchsight.models.recordings.recording_reader import RecordingReader
@@ -139,8 +140,8 @@ def estimate_log(
                 config.check,
                 reference_columns(config.reference),
                 "estimate",
-                accept_signs=config.accept_signs,
             )
+            reader.gravity_torque = model.chain(robot).gravity_torque
             reader.require_joint_signals()
             return reader
 
@@ -178,13 +179,18 @@ def estimate(
     """
     config = settings.estimate
     warnings = model_warnings(robot, model, settings)
+    progress(0.0, "looking for what is wrong with the log")
+    judgement = _judgement(read, robot, model, config)
+    if judgement is not None and judgement.sentence():
+        warnings.insert(0, judgement.sentence())
     model = with_requested_drift(model, config)
     first_pass_result = first_pass(read, robot, model, config, progress)
     second_pass = _write_wrenches(
-        read(), robot, model, first_pass_result, settings, _Destination(out, progress)
+        read(), robot, model, first_pass_result, settings, _Destination(out, progress), judgement
     )
     outcome = _Outcome(
         model=model,
+        judgement=judgement,
         first_pass_result=first_pass_result,
         second_pass=second_pass,
         comparison=second_pass.readings.comparison(),
@@ -217,6 +223,18 @@ def estimate(
         _metrics=metrics,
         comparison=outcome.comparison,
     )
+
+
+def _judgement(
+    read: Callable[[], LogReader], robot: Robot, model: IdentifiedModel, config: EstimateConfig
+) -> Judgement | None:
+    """What the hypotheses say of the log; None where they are not tried, or it is too short."""
+    if not config.check or not robot.has_inertias:
+        return None
+    progress = PassProgress(lambda fraction, action: None, 0.0, 0.0, "")
+    # Samples beyond the limits stay: a wrong unit puts all of them there.
+    chunks = uniform_chunks(read(), None, config.estimator, config.max_gap, progress)
+    return judge_log(chunks, robot, model)
 
 
 class _Destination(NamedTuple):
@@ -254,6 +272,7 @@ def _write_wrenches(
     first_pass_result: FirstPassResult,
     settings: EstimateSettings,
     destination: _Destination,
+    judgement: Judgement | None,
 ) -> _SecondPass:
     """Second pass: reads every sample of the log and writes its wrench."""
     config = settings.estimate
@@ -275,7 +294,8 @@ def _write_wrenches(
     models = ReadingModels(model, first_pass_result.model_with_drift)
     all_chunks = chain([first_chunk], chunks)
     parts = estimates(config, robot, models, estimator_config, all_chunks, tracked)
-    readings = LogReadings(robot, model, settings, estimator_config, first_chunk.t[0])
+    is_wrong = judgement is not None and judgement.fault is not None
+    readings = LogReadings(robot, model, settings, estimator_config, first_chunk.t[0], is_wrong)
     path = destination.out / f"wrench.{config.table}"
     with ExitStack() as stack:
         table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, config.covariance))
@@ -295,16 +315,18 @@ class _Outcome:
 
     Attributes:
         model: that read the log.
+        judgement: of the hypotheses on what is wrong with the log; None: they were not tried.
         comparison: with the log's force sensor; None: none is named.
         reading_warnings: about the readings.
         load: weighed against friction drift; None: not looked for, or too few samples.
     """
 
     model: IdentifiedModel
+    judgement: Judgement | None
     first_pass_result: FirstPassResult
     second_pass: _SecondPass
     comparison: SensorComparison | None
-    reading_warnings: ReadingWarnings
+    reading_warnings: list[str]
     load: LoadOrDrift | None
 
     @property
@@ -319,7 +341,9 @@ class _Outcome:
 
     @property
     def contact_sentences(self) -> tuple[str, ...]:
-        """The load and the contacts, one sentence each."""
+        """The load and the contacts, one sentence each; none of a log that is wrong."""
+        if self.judgement is not None and self.judgement.fault is not None:
+            return ()
         sentences: tuple[str, ...] = ()
         if self.load is not None and self.load.is_shown:
             sentences = (self.load.sentence(),)
@@ -329,7 +353,9 @@ class _Outcome:
 
     def warnings(self, settings: EstimateSettings) -> list[str]:
         """What makes the readings doubtful, one sentence each."""
-        warnings = [*self.first_pass_result.warnings, *self.reading_warnings.sentences]
+        if self.judgement is not None and self.judgement.fault is not None:
+            return []  # what else is to be said of a log that is wrong would mislead
+        warnings = [*self.first_pass_result.warnings, *self.reading_warnings]
         if self.second_pass.tracked is not None:
             warnings += self.second_pass.tracked.tracker.advice(self.model.joint_names)
         monitor = self.first_pass_result.friction_monitor
@@ -347,7 +373,7 @@ class _Outcome:
 def _metrics(outcome: _Outcome, robot: Robot, config: EstimateConfig) -> dict[str, Any]:
     """All figures, as written to metrics.json."""
     first_pass_result, second_pass = outcome.first_pass_result, outcome.second_pass
-    readings, signs = second_pass.readings, second_pass.reader.sign_evidence
+    readings = second_pass.readings
     load, comparison, tracked = outcome.load, outcome.comparison, second_pass.tracked
     metrics = readings.summary.metrics(second_pass.estimator_config, first_pass_result.prior_rule)
     metrics["smoothed"] = config.smooth
@@ -355,12 +381,11 @@ def _metrics(outcome: _Outcome, robot: Robot, config: EstimateConfig) -> dict[st
     metrics["other_robot"] = [
         f"{key}: {change}" for key, change in outcome.model.fitted_robot.differences(robot)
     ]
-    metrics["drive_signs"] = None if signs is None else signs.metrics()
+    judgement = outcome.judgement
+    metrics["hypotheses"] = None if judgement is None else judgement.metrics()
     metrics["contact"] = readings.episodes.metrics(config.detection.false_alarms_per_hour)
     if comparison is not None:
         metrics["reference"] = comparison.metrics()
-    if outcome.reading_warnings.gravity is not None:
-        metrics["gravity"] = outcome.reading_warnings.gravity
     metrics["drift_shown"] = first_pass_result.drift_shown
     metrics["load"] = None if load is None else load.metrics()
     if tracked is not None:

@@ -1,8 +1,5 @@
 """Readings of a log, chunk by chunk: judged, written to the table and summed up."""
 
-import math
-from typing import Any, NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +12,7 @@ from wrenchsight.analyses.methods.estimate.contact_places import (
 from wrenchsight.analyses.methods.estimate.engines import LogPart
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateSettings
 from wrenchsight.analyses.methods.estimate.estimate_summary import EstimateSummary
-from wrenchsight.analyses.methods.estimate.uniform_log import fault_of, is_usable
+from wrenchsight.analyses.methods.estimate.uniform_log import fault_of
 from wrenchsight.analyses.methods.reference_sensor.comparison import (
     SensorComparison,
     compare_with_sensor,
@@ -27,7 +24,6 @@ from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
     SensorSamples,
 )
 from wrenchsight.analyses.output.stream_summary import EvenSample
-from wrenchsight.models.calibration.gravity_disagreement import GravityWatch
 from wrenchsight.models.detection.pure_force import force_alone_explains
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.invalid import (
@@ -36,6 +32,7 @@ from wrenchsight.models.estimation.invalid import (
     OTHER_LINK,
     SAMPLE_MISSING,
     UNCERTAIN_FORCE,
+    WRONG_LOG,
 )
 from wrenchsight.models.estimation.uncertain_force import UncertainForce
 from wrenchsight.models.estimation.wrench import ValidityLimits, live_prior
@@ -52,24 +49,13 @@ from wrenchsight.models.robot.robot import Robot
 _UNCERTAIN_SAMPLES = 1 << 9  # readings from which the warning finds the joint that counts most
 
 
-class ReadingWarnings(NamedTuple):
-    """What makes the readings of a log doubtful.
-
-    Attributes:
-        sentences: one each.
-        gravity: figures of gravity that disagrees with the robot's; None: it agrees.
-    """
-
-    sentences: list[str]
-    gravity: dict[str, Any] | None
-
-
 class LogReadings:
     """Judges the parts of a log one after the other, writes them and sums them up.
 
     Args:
         config: as used, with the time step.
         begin: s, time of the first sample.
+        is_wrong: whether something is wrong with the log itself, so that no reading is valid.
 
     Attributes:
         summary, episodes: of the readings, and of contact.
@@ -82,6 +68,7 @@ class LogReadings:
         settings: EstimateSettings,
         config: WrenchEstimatorConfig,
         begin: float,
+        is_wrong: bool = False,
     ) -> None:
         self._robot, self._model, self._settings, self._config = robot, model, settings, config
         observer = make_observer(config.observer, robot.num_joints)
@@ -95,8 +82,7 @@ class LogReadings:
         leaves_torque = kind is None or kind.kernels.wrench is None
         self._judges_places = leaves_torque and not settings.estimate.contact.axis
         self._J, self._torque_sd = EvenSample(_UNCERTAIN_SAMPLES), EvenSample(_UNCERTAIN_SAMPLES)
-        sd_joints = np.sqrt(np.diag(model.residual_covariance))
-        self._gravity_watch = GravityWatch(model.chain(robot), sd_joints, step)
+        self._is_wrong = is_wrong
 
     def take(self, part: LogPart, table: WrenchTableWriter, bag: WrenchBagWriter | None) -> None:
         """Judges the next part, writes it and adds it to the summaries."""
@@ -104,6 +90,8 @@ class LogReadings:
         part = part._replace(detection=part.detection.without(part.chunk.dropout | (fault != 0)))
         if self._settings.model is None:  # no model holds the stated band to the arm
             part = _marked(part, NO_MODEL, True)
+        if self._is_wrong:
+            part = _marked(part, WRONG_LOG, True)
         odds: Array | None = None
         if self._judges_places:
             part, odds = self._with_places(part)
@@ -162,14 +150,13 @@ class LogReadings:
 
     def _sum_up(self, part: LogPart, fault: NDArray[np.int64], odds: Array | None) -> None:
         """Adds a part to the summaries."""
-        chunk, batch, detection, tau_ext = part
+        chunk, batch, detection, _ = part
         valid = batch.valid
         is_uncertain = np.asarray(batch.invalid & UNCERTAIN_FORCE != 0)
         self._J.add(batch.J[is_uncertain])
         self._torque_sd.add(batch.torque_sd[is_uncertain])
         self.episodes.add(chunk.t, detection, batch.wrench[:, 3:], valid, odds)
         settled = int(np.searchsorted(chunk.t, self._settled_from))
-        self._gravity_watch.add(chunk.q, tau_ext, is_usable(chunk, fault, tau_ext, settled))
         torque = np.asarray(self._robot.joint_torque(chunk.current))
         self.summary.add(chunk, batch, torque, detection.contact)
         self.summary.add_faults(fault)
@@ -214,8 +201,8 @@ class LogReadings:
             raise InputError("estimate", "--reference", problem, "record a longer log")
         return compare_with_sensor(log, self._settings.estimate.reference)
 
-    def warnings(self, model_with_drift: IdentifiedModel) -> ReadingWarnings:
-        """Doubts about the readings.
+    def warnings(self, model_with_drift: IdentifiedModel) -> list[str]:
+        """Doubts about the readings, one sentence each.
 
         Args:
             model_with_drift: the model whose band is stated.
@@ -232,11 +219,7 @@ class LogReadings:
         error = self._model.torque_error
         if error is not None and self.episodes.rested:
             sentences += unseen_rests(error, self._model.joint_names)
-        tilt = self._gravity_watch.disagreement()
-        if tilt is None:
-            return ReadingWarnings(sentences, None)
-        gravity = {"tilt_deg": math.degrees(tilt.tilt), "m_per_s2": list(tilt.gravity)}
-        return ReadingWarnings([*sentences, tilt.sentence()], gravity)
+        return sentences
 
 
 def _marked(part: LogPart, reason: int, rows: Flags | bool) -> LogPart:

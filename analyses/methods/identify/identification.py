@@ -82,6 +82,7 @@ from wrenchsight.models.friction.extended_friction import ExtendedFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_structure import structures
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.hypotheses.judgement import refuse_faulty
 from wrenchsight.models.identification.base_parameters import BaseParameters
 from wrenchsight.models.identification.fitted_robot import FittedRobot
 from wrenchsight.models.identification.identified_model import (
@@ -97,10 +98,6 @@ from wrenchsight.models.identification.torque_error_fit import HeldOutReading
 from wrenchsight.models.identification.torque_regression import TorqueEstimate
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import beyond_rounding
-from wrenchsight.models.recordings.plausibility.drive_evidence import (
-    SignEvidence,
-    recordings_sign_evidence,
-)
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
@@ -124,7 +121,6 @@ class IdentificationResult:
             by a fit without them, of each candidate.
         solution: all parameters, before they became a model.
         robot: whose model it is.
-        drive_signs: what the fitted logs say of the signs of the drives.
         notices: what reading the logs involved, one sentence each.
     """
 
@@ -140,7 +136,6 @@ class IdentificationResult:
     extrapolated: dict[str, tuple[Array, ...]]
     solution: Solution
     robot: Robot
-    drive_signs: SignEvidence
     notices: tuple[str, ...] = ()
 
     def metrics(self) -> dict[str, Any]:
@@ -182,7 +177,6 @@ class IdentificationResult:
             "parameters": _parameter_metrics(self),
             "inconsistent_links": unphysical_links(model.inertial_parameters, model.joint_names),
             "residual_sd_nm": np.sqrt(np.diag(model.residual_covariance)),
-            "drive_signs": self.drive_signs.metrics(),
         }
 
     def urdf(self) -> str:
@@ -328,7 +322,6 @@ def _identify(
         extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
         solution=choice.solution,
         robot=robot,
-        drive_signs=recordings_sign_evidence(recordings, robot),
     )
     progress(1.0, "done")
     return result
@@ -487,6 +480,9 @@ def identify_logs(
         recordings = read_episodes([Path(log) for log in settings.logs], settings, robot)
         validation = read_episodes([Path(log) for log in settings.validate], settings, robot)
         recordings, notes_on_short = long_enough(recordings, config)
+        if settings.check:
+            progress(0.0, "looking for what is wrong with the logs")
+            refuse_faulty(recordings, robot)
         result = identify(recordings, robot, validation, config, progress)
         result.write(folder, settings)
     notices = [line for recording in (*recordings, *validation) for line in recording.notices]

@@ -57,10 +57,8 @@ class IdentifySettings:
 
     command: str = "identify"  # which wrote it
     robot: str = ""  # a bundled robot's name, or the path of a robot.yaml
-    accept_signs: bool = False
-    # take the drives' signs as robot.yaml has them, also where gravity, inertia and friction
-    # contradict them; the result states so
-    check: bool = True  # hold the logs against the robot's limits and gravity
+    check: bool = True
+    # hold the logs against the robot's limits, and try what may be wrong with them
     logs: list[str] = field(default_factory=list)  # logs of free motion, to be fitted
     validate: list[str] = field(default_factory=list)  # logs to validate on: predicted, not fitted
     load: list[str] = field(default_factory=list)

@@ -183,7 +183,6 @@ def read_log(path: Path, settings: IdentifySettings, robot: Robot) -> Recording:
         settings.log_format,
         robot,
         settings.check,
-        accept_signs=settings.accept_signs,
         joint_signals=True,
         further=reference_columns(settings.refreshing.reference),
     )

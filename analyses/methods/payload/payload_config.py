@@ -24,8 +24,6 @@ class PayloadSettings:
     empty: list[str] = field(default_factory=list)
     # logs of the same day without the load; the model's error on them is subtracted
     log_format: str | None = None  # columns of the logs: a bundled description's name or a YAML
-    check: bool = True  # hold the log against the robot's limits and gravity
-    accept_signs: bool = False
-    # take the drives' signs as robot.yaml has them, also where gravity, inertia and friction
-    # contradict them; the result states so
+    check: bool = True
+    # hold the log against the robot's limits, and try what may be wrong with it
     payload: PayloadConfig = field(default_factory=PayloadConfig)  # how

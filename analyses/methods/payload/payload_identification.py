@@ -36,6 +36,7 @@ from wrenchsight.models.calibration.load_parameters import (
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
+from wrenchsight.models.hypotheses.judgement import refuse_faulty
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
@@ -255,10 +256,13 @@ def payload_log(
     with result_folder(out, "payload") as folder:
         robot = Robot.load(settings.robot)
         model = IdentifiedModel.load(Path(settings.model), robot)
-        form, signs = settings.log_format, settings.accept_signs
+        form = settings.log_format
 
         def read(path: Path, check: bool = True) -> Recording:
-            return read_recording(path, form, robot, check, signs, joint_signals=True)
+            recording = read_recording(path, form, robot, check, joint_signals=True)
+            if check:
+                refuse_faulty([recording], robot, model)
+            return recording
 
         loaded_logs = logs_of(
             settings.logs, "payload", "LOG", lambda path: read(path, settings.check)

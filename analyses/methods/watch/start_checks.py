@@ -68,7 +68,7 @@ class StartChecks:
     ) -> None:
         self._robot, self._model = robot, model
         self._chain = model.chain(robot)
-        self._checks = RecordingChecks(robot, None, config.accept_signs)
+        self._checks = RecordingChecks(robot)
         self._accept_signs = config.accept_signs
         self._samples: list[Sample] = []
         self._read_q: list[Array] = []

@@ -192,24 +192,6 @@ def test_jumps_of_a_position_are_refused() -> None:
     _refused(replace(log, q=q), "line 702, q1", "correct or remove")
 
 
-@pytest.mark.parametrize("num_chunks", [1, 20])
-def test_currents_of_the_wrong_sign_are_refused(num_chunks: int) -> None:
-    log = _log()
-    _refused(
-        replace(log, current=-log.current),
-        "i1, joint 1 (shoulder)",
-        "contradict the sign of the current",
-        # Chunk by chunk the shoulder's sign is sure before the elbow has said anything.
-        "joints shoulder, elbow" if num_chunks == 1 else "joints shoulder",
-        "all joints together",
-        "current_sign",
-        "gain: -1",
-        "--accept-signs",
-        num_chunks=num_chunks,
-    )
-    _refused(replace(log, current=log.current * [1, -1]), "i2, joint 2", "(joints elbow)")
-
-
 def test_currents_that_are_zero_are_refused() -> None:
     log = _log()
     dead = log.current * [1, 0]
@@ -218,78 +200,6 @@ def test_currents_that_are_zero_are_refused() -> None:
         "i2, joint 2 (elbow)",
         "the current is zero, but the gravity torque is",
     )
-
-
-def test_currents_in_another_unit_are_refused() -> None:
-    log = _log()
-    _refused(replace(log, current=1000 * log.current), "median torque", "unit: mA")
-    _refused(replace(log, current=0.001 * log.current), "0.001", "amperes, not mA")
-
-
-def test_currents_in_another_unit_are_refused_also_with_large_friction() -> None:
-    """Friction as large as gravity: the cosine is .66, as it was on a real log."""
-    log = _log()
-    friction = np.array([40.0, 8.0]) * np.sign(log.v) / (_GAIN * _SIGN)
-    _check_plausible(replace(log, current=log.current + friction), _robot())
-    small = 0.001 * (log.current + friction)
-    _refused(replace(log, current=small), "times the gravity torque", "amperes, not mA")
-
-
-def test_torque_that_is_given_as_current_is_refused() -> None:
-    log = _log()
-    torque = log.current * _GAIN * _SIGN
-    robot = _robot()
-    robot.effort_limit = np.array([300.0, 100.0])  # so that the size alone does not refuse it
-    robot.current_sign = np.ones(2)
-    with pytest.raises(InputError, match=r"i1.*look like torques in N m.*joints shoulder, elbow"):
-        RecordingChecks(robot, _LAYOUT).feed(replace(log, current=torque))
-    # The same numbers as torque, and amperes in their place.
-    layout = ColumnLayout(
-        (*_LAYOUT.signals[:2], replace(_LAYOUT.signals[2], name="tau_J")), _LAYOUT.column_names
-    )
-    RecordingChecks(robot, layout).feed(replace(log, current=torque / _GAIN, tau_J=torque))
-    small = replace(log, tau_J=torque / _GAIN, current=torque / _GAIN**2)
-    with pytest.raises(InputError, match=r"i1, joint 1.*torques look like currents in A"):
-        RecordingChecks(robot, layout).feed(small)
-
-
-def test_a_heavy_load_is_not_taken_for_torque_in_place_of_current() -> None:
-    """Three times gravity on both joints, and ten times on one of them alone."""
-    log = _log()
-    gravity = _gravity(log.q) / (_GAIN * _SIGN)
-    robot = _robot()
-    robot.effort_limit = np.array([300.0, 100.0])
-    for factor in ([2.0, 2.0], [9.0, 1.0]):
-        RecordingChecks(robot, _LAYOUT).feed(replace(log, current=log.current + factor * gravity))
-
-
-def test_errors_of_a_log_of_torques_speak_of_torques() -> None:
-    log = _log()
-    friction = np.array([40.0, 8.0]) * np.sign(log.v) / (_GAIN * _SIGN)  # larger than gravity
-    cases = (
-        (-log.current, ("contradict the sign of the torque", "set gain: -1")),
-        (1000 * log.current, ("motor_torque: {unit: mN m}",)),
-        (0.001 * (log.current + friction), ("motor_torque: {unit: ...}",)),
-    )
-    for signal, words in cases:
-        wrong = replace(log, current=signal, tau_J=signal * _GAIN * _SIGN)
-        with pytest.raises(InputError) as caught:
-            RecordingChecks(_robot()).feed(wrong)
-        line = str(caught.value)
-        assert "current" not in line
-        assert "torque_per_ampere" not in line
-        for word in words:
-            assert word in line
-
-
-def test_a_load_is_no_wrong_sign() -> None:
-    """A payload of the arm's own weight upwards or downwards stays within what is accepted."""
-    log = _log()
-    load = np.stack([0.8 * _gravity(log.q)[:, 0], np.zeros(log.num_samples)], axis=1)
-    for factor in (-1.0, 1.0):
-        _check_plausible(
-            replace(log, current=log.current + factor * load / (_GAIN * _SIGN)), _robot()
-        )
 
 
 # --- with the bundled UR10e and its real logs --------------------------------------------------
@@ -321,15 +231,3 @@ def test_real_logs_pass_and_distorted_ones_are_refused(
         _check_plausible(degrees, ur10e)
     with pytest.raises(InputError, match=r"dq/dt|but the joint reaches"):
         _check_plausible(replace(recording, v=np.rad2deg(recording.v)), ur10e)
-    turned = replace(recording, current=-recording.current)
-    torque = recording.current * ur10e.current_sign * ur10e.torque_per_ampere
-    load = np.sqrt(np.mean(ur10e.chain.gravity_torque(recording.q) ** 2))
-    if load > 20:
-        with pytest.raises(InputError, match=r"look like torques in N m|median torque"):
-            _check_plausible(replace(recording, current=torque), ur10e)
-    if np.sqrt(np.mean(ur10e.chain.gravity_torque(recording.q) ** 2)) < 5:
-        return  # an upright arm carries no gravity: nothing tells the sign
-    with pytest.raises(InputError, match="contradict the sign of the current"):
-        _check_plausible(turned, ur10e)
-    with pytest.raises(InputError, match="mA"):
-        _check_plausible(replace(recording, current=1000 * recording.current), ur10e)

@@ -203,6 +203,7 @@ def test_torque_instead_of_current_needs_the_robot(tmp_path: Path) -> None:
         torque_per_ampere=np.array([10.0, 4.0]),
         current_sign=np.array([1.0, -1.0]),
         motor_current=lambda tau_J: tau_J / [10.0, -4.0],
+        q_offset=np.zeros(2),
     )
     recording = read_recording(path, robot=robot, check=False)
     np.testing.assert_array_equal(recording.tau_J, _table()[:, 5:])

@@ -59,13 +59,15 @@ def test_the_estimate_says_so_with_the_vector_to_write(sts, tmp_path):
     model = ("--robot", sts.name, "--model", tmp_path / "model" / "model.yaml")
     assert "gravity" not in command("estimate", before, *model, "--out", tmp_path / "upright")
     output = command("estimate", after, *model, "--out", tmp_path / "tilted")
-    tilt, _, remedy = output.partition("the log shows gravity ")[2].partition(" deg away")
+    tilt, _, remedy = output.partition("fit the robot: gravity ")[2].partition(" +- ")
     assert float(tilt) == pytest.approx(degrees, abs=0.5)
     gravity = [float(x) for x in remedy.partition("gravity: [")[2].partition("]")[0].split(",")]
     # Friction of each joint hides a little of it: to the least tilt that is told, 1.5 deg.
     np.testing.assert_allclose(gravity, tilted, atol=9.81 * np.radians(1.5))
-    figures = json.loads((tmp_path / "tilted" / "metrics.json").read_text())["gravity"]
-    assert figures["tilt_deg"] == pytest.approx(float(tilt), abs=0.05)
+    metrics = json.loads((tmp_path / "tilted" / "metrics.json").read_text())
+    assert metrics["hypotheses"]["fault"] == "direction of gravity"
+    assert metrics["hypotheses"]["values"]["tilt_deg"] == pytest.approx(float(tilt), abs=0.05)
+    assert metrics["valid_pct"] == 0.0
     # What is said is done: the vector in robot.yaml, and a model identified anew.
     text = sts.source.read_text().replace("urdf: ", f"urdf: {sts.source.parent}/")
     assert "gravity:" not in text
@@ -73,5 +75,5 @@ def test_the_estimate_says_so_with_the_vector_to_write(sts, tmp_path):
     robot_option = ("--robot", tmp_path / "robot.yaml")
     command("identify", after, *robot_option, "--out", tmp_path / "anew")
     again = ("--model", tmp_path / "anew" / "model.yaml", "--out", tmp_path / "right")
-    assert "the log shows gravity" not in command("estimate", after, *robot_option, *again)
+    assert "do not fit the robot" not in command("estimate", after, *robot_option, *again)
     assert rms_force(tmp_path / "right") < 0.2 * rms_force(tmp_path / "tilted")

@@ -501,14 +501,6 @@ def test_implausible_logs(estimated, recording, tmp_path, change, words):
     assert not any((tmp_path / "out").rglob("*.csv*"))
 
 
-def test_a_short_log_of_the_wrong_sign_is_doubted(estimated, recording):
-    """A second and a half of slow motion cannot refuse it, at odds of 3 to 1; a note says so."""
-    for sign, doubted in ((1.0, False), (-1.0, True)):
-        result = estimated(of=replace(recording, current=sign * recording.current))
-        notes = (*result.notices, *result.warnings)
-        assert doubted == any("signs of the currents are doubtful" in note for note in notes)
-
-
 def test_the_checks_can_be_left_out(estimated, recording):
     config = _config(**_PRIOR, check=False)
     result = estimated(config, of=replace(recording, current=-recording.current))

@@ -19,6 +19,7 @@ _ROBOT = SimpleNamespace(
     torque_per_ampere=np.array([10.0, 4.0]),
     current_sign=np.ones(2),
     motor_current=lambda tau_J: tau_J / [10.0, 4.0],
+    q_offset=np.zeros(2),
 )
 
 

@@ -34,6 +34,7 @@ _ROBOT: Any = SimpleNamespace(
     torque_per_ampere=np.array([10.0, 4.0]),
     current_sign=np.ones(2),
     motor_current=lambda tau_J: tau_J / [10.0, 4.0],
+    q_offset=np.zeros(2),
 )
 _START = 1_700_000_000 * 10**9
 _ROWS = 200

@@ -1,0 +1,257 @@
+"""A log beside the torque that its robot should need: what hypotheses are tried on.
+
+The expected torque is the model's. What the model leaves open has columns of its own with priors:
+masses and friction within their tolerance, and a load at the tool of up to the rated payload. A
+hypothesis changes the log (`Case.view`), and the evidence judges it with all of these open.
+
+With a model of `identify` the tolerances are small. Without one they are those of a robot file:
+masses within MASS_SHARE, friction from nothing to FRICTION_SHARE of the effort limit.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from wrenchsight.models.estimation.wrench import live_prior
+from wrenchsight.models.hypotheses.evidence import ODD_SHARE, Fit, RowKinds, row_weights
+from wrenchsight.models.hypotheses.log_rows import CUTOFF, LARGEST_CUTOFF, LogRows
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
+
+MASS_SHARE, COM_ERROR = 0.2, 0.03  # of a link's mass; m, of a robot's file
+FITTED_MASS_SHARE, FITTED_COM_ERROR = 0.01, 0.001  # of an identified model
+FRICTION_SHARE = 0.06  # of the effort limit, Coulomb, and viscous at half the speed limit
+DRIFTED_COULOMB, DRIFTED_VISCOUS = 0.2, 0.3  # of an identified model's friction
+OFFSET_SHARE = 0.005  # of the effort limit
+FILE_ERROR_SHARE = 0.015  # of the effort limit: what a law of Coulomb and viscous friction misses
+ERROR_FACTOR = 1.5  # on an identified model's residual: other motion than the fitted one
+UNKNOWN_EFFORT = 100.0  # N m, where the robot states no limit
+LOAD_LEVER = 0.15  # m, of a load's centre of mass from the last joint
+MARGIN = 0.6  # s at both ends of a log, which a shift in time takes away
+GOOD_SHARE = 0.9  # of rows that are free of contact and fault
+MOST_ROWS = 300  # at which the evidence is taken
+_LINK_PARAMETERS = 4  # m and m c: what gravity shows
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A log as a hypothesis sees it, at all rows.
+
+    Attributes:
+        rows: the log, as the hypothesis has changed it.
+        measured: (T, n) N m.
+        expected: (T, n) N m.
+        friction: (T, n) N m, its part of friction.
+        columns: (T, n, k) N m per unit, of what is open.
+        prior_sd: (k,) of it.
+        sliding_columns: those of Coulomb friction; those of viscous friction follow.
+        kinds: covariances of the residual at the rows `Case.at`.
+    """
+
+    rows: LogRows
+    measured: Array
+    expected: Array
+    friction: Array
+    columns: Array
+    prior_sd: Array
+    sliding_columns: slice
+    kinds: RowKinds
+
+    def with_columns(self, columns: Array, prior_sd: Array) -> "View":
+        """The view with further numbers open, first in `Fit.theta`."""
+        return replace(
+            self,
+            columns=np.concatenate([columns, self.columns], axis=2),
+            prior_sd=np.concatenate([prior_sd, self.prior_sd]),
+            sliding_columns=slice(
+                self.sliding_columns.start + len(prior_sd),
+                self.sliding_columns.stop + len(prior_sd),
+            ),
+        )
+
+
+class Case:
+    """A log and its robot.
+
+    Args:
+        rows: of the log.
+        robot: that it is of.
+        model: of `identify`; None: the robot's own files stand for it.
+    """
+
+    def __init__(self, rows: LogRows, robot: Robot, model: IdentifiedModel | None) -> None:
+        self.rows, self.robot = rows, robot
+        self.model = model if model is not None and model.provenance.logs else None
+        self._chain = robot.chain if self.model is None else self.model.chain(robot)
+        limit = robot.effort_limit
+        self.effort_limit = np.where(np.isfinite(limit), limit, UNKNOWN_EFFORT)
+        is_inner = (rows.t > rows.t[0] + MARGIN) & (rows.t < rows.t[-1] - MARGIN)
+        if rows.t[-1] - rows.t[0] < 8.0 * MARGIN:
+            is_inner[:] = True
+        used = np.flatnonzero(rows.is_used & is_inner)
+        self.at = used[:: max(1, -(-len(used) // MOST_ROWS))]
+        is_moving = np.asarray((np.abs(rows.sliding[self.at]) > 0.3).any(axis=1))
+        spacing = len(used) * rows.step / max(1, len(self.at))
+        self._weight = row_weights(spacing, is_moving)
+
+    @property
+    def num_joints(self) -> int:
+        return self.robot.num_joints
+
+    @property
+    def word(self) -> str:
+        """What the drives report: current, or torque."""
+        return "torque" if self.rows.is_torque else "current"
+
+    @property
+    def key(self) -> str:
+        """The key of the drives' signal in a description of the log."""
+        return "motor_torque" if self.rows.is_torque else "current"
+
+    @property
+    def num_independent(self) -> float:
+        """Independent samples of the model's error in the log."""
+        return float(self._weight.sum())
+
+    @cached_property
+    def base(self) -> View:
+        """The log as it is."""
+        return self.view(self.rows)
+
+    @cached_property
+    def base_fit(self) -> Fit:
+        """The log as it is, with contacts and a load."""
+        return self.fit(self.base)
+
+    @cached_property
+    def quick_base_evidence(self) -> float:
+        """Logarithm of the evidence for the log as it is, by the quick fit."""
+        return self.fit(self.base, quick=True).log_evidence
+
+    @cached_property
+    def base_is_good(self) -> bool:
+        """Whether nearly all rows are as the model and its errors have them."""
+        return float(self.base_fit.kind_share[0]) > GOOD_SHARE
+
+    def joint_torque(self, effort: Array) -> Array:
+        """(T, n) N m on the joints, of what the drives report."""
+        return np.asarray(effort if self.rows.is_torque else self.robot.joint_torque(effort))
+
+    def view(self, rows: LogRows, gravity: Array | None = None) -> View:
+        """The log with other signals, and with another gravity (3,) in m/s^2 where it is given."""
+        measured = self.joint_torque(rows.effort)
+        chain = self._chain
+        if gravity is not None:
+            chain = replace(chain, gravity=np.asarray(gravity, float))
+        rigid, friction, columns, prior_sd = self._expected(rows, chain)
+        force_sd, moment_sd = live_prior(self.robot.payload)
+        kinds = RowKinds(
+            sd=self._error_sd(rows)[self.at],
+            J=np.asarray(self._chain.jacobian(rows.q[self.at])),
+            wrench_sd=np.repeat([moment_sd, force_sd], 3),
+            odd_sd=ODD_SHARE * self.effort_limit,
+            weight=self._weight,
+        )
+        first = _LINK_PARAMETERS * self.num_joints
+        return View(
+            rows=rows,
+            measured=measured,
+            expected=rigid + friction,
+            friction=friction,
+            columns=columns,
+            prior_sd=prior_sd,
+            sliding_columns=slice(first, first + self.num_joints),
+            kinds=kinds,
+        )
+
+    def changed_effort(self, effort: Array) -> View:
+        """The log as it is, with other currents or torques."""
+        rows = replace(self.rows, effort=effort)
+        return replace(self.base, rows=rows, measured=self.joint_torque(effort))
+
+    def gravity(self, rows: LogRows) -> Array:
+        """(T, n) N m, torque that holds the arm."""
+        return np.asarray(self._chain.gravity_torque(rows.q))
+
+    def gravity_columns(self, rows: LogRows) -> Array:
+        """(T, n, 3) torque that holds the arm, for each m/s^2 along the axes of W."""
+        chains = [replace(self._chain, gravity=axis) for axis in np.eye(3)]
+        return np.stack([chain.gravity_torque(rows.q) for chain in chains], axis=2)
+
+    def fit(self, view: View, quick: bool = False) -> Fit:
+        """The evidence for a view; `quick` ranks views that are fitted again."""
+        at = self.at
+        residual = view.measured[at] - view.expected[at]
+        return view.kinds.fit(residual, view.columns[at], view.prior_sd, quick)
+
+    def explained(self, view: View, fit: Fit) -> float:
+        """Share of the measured torque's mean square that a fit explains, in units of the error."""
+        measured = view.measured[self.at] / view.kinds.sd
+        left = fit.residual / view.kinds.sd
+        left_square, square = (float(self._weight @ (x**2).sum(axis=1)) for x in (left, measured))
+        return max(0.0, 1.0 - left_square / max(square, 1e-12))
+
+    def _expected(self, rows: LogRows, chain: SerialChain) -> tuple[Array, Array, Array, Array]:
+        """Torque of links and of friction (T, n), columns (T, n, k) of what is open, prior sds."""
+        n = self.num_joints
+        rigid = np.asarray(chain.inverse_dynamics(rows.q, rows.v, rows.vdot))
+        Y = chain.regressor(rows.q, rows.v, rows.vdot).reshape(len(rows.t), n, n, 10)
+        links = Y[..., :_LINK_PARAMETERS].reshape(len(rows.t), n, -1)
+        mass = np.maximum(self.robot.chain.inertial_parameters[:, 0], 0.1)
+        is_fitted = self.model is not None
+        share, com = (FITTED_MASS_SHARE, FITTED_COM_ERROR) if is_fitted else (MASS_SHARE, COM_ERROR)
+        link_sd = np.stack([share * mass, *[com * mass] * 3], axis=1)
+        load = 0.5 * self.robot.payload
+        link_sd[-1] += load * np.array([1.0, *[LOAD_LEVER] * 3])
+        friction, coulomb_sd, viscous_sd = self._friction(rows, rigid)
+        one_each = np.eye(n)
+        drives = [one_each * x[:, :, None] for x in (rows.sliding, rows.v)]
+        drives.append(np.broadcast_to(one_each, (len(rows.t), n, n)))
+        # A joint that rests carries one torque of its stiction band, not a new one each moment.
+        resting = 1.0 - np.minimum(np.abs(rows.sliding[self.at]), 1.0).mean(axis=0)
+        offset_sd = np.hypot(OFFSET_SHARE * self.effort_limit, resting * self._coulomb)
+        sds = [link_sd.ravel(), coulomb_sd, viscous_sd, offset_sd]
+        if not is_fitted:
+            drives.append(one_each * rows.vdot[:, :, None])
+            speed = np.where(np.isfinite(self.robot.velocity_limit), self.robot.velocity_limit, 1.0)
+            sds.append(np.maximum(self.robot.reflected_inertia, 0.02 * self.effort_limit / speed))
+        return rigid, friction, np.concatenate([links, *drives], axis=2), np.concatenate(sds)
+
+    def _friction(self, rows: LogRows, rigid: Array) -> tuple[Array, Array, Array]:
+        """Expected friction (T, n), and sds of what it leaves open, Coulomb and viscous (n,)."""
+        limit, speed = self.effort_limit, self.robot.velocity_limit
+        if self.model is None:
+            half_speed = 0.5 * np.where(np.isfinite(speed), speed, 1.0)
+            coulomb = 0.5 * FRICTION_SHARE * limit
+            viscous = 0.5 * FRICTION_SHARE * limit / half_speed
+            return coulomb * rows.sliding + viscous * rows.v, coulomb, 2.0 * viscous
+        law = self.model.friction
+        low_pass = ZeroPhaseLowPass(min(CUTOFF, LARGEST_CUTOFF / rows.step), rows.step, 4)
+        # At rest the law's sign is that of noise: what a resting joint carries is in the error.
+        moves = np.minimum(2.0 * np.abs(rows.sliding), 1.0)
+        friction = moves * low_pass(np.asarray(law.torque_along(rows.q, rows.v, rigid)))
+        coefficients = law.coulomb_viscous
+        return (
+            friction,
+            DRIFTED_COULOMB * np.abs(coefficients.coulomb) + 0.002 * limit,
+            DRIFTED_VISCOUS * np.abs(coefficients.viscous) + 0.002 * limit,
+        )
+
+    def _error_sd(self, rows: LogRows) -> Array:
+        """(T, n) N m of the model's error: of its residual, and of stiction where it rests."""
+        moving = FILE_ERROR_SHARE * self.effort_limit
+        if self.model is not None:
+            moving = ERROR_FACTOR * np.sqrt(np.diag(self.model.residual_covariance))
+        resting = 1.0 - np.minimum(np.abs(rows.sliding), 1.0)
+        return np.asarray(np.sqrt(moving**2 + resting * self._coulomb**2))
+
+    @property
+    def _coulomb(self) -> Array:
+        """(n,) N m of Coulomb friction."""
+        if self.model is None:
+            return np.asarray(0.5 * FRICTION_SHARE * self.effort_limit)
+        return np.abs(self.model.friction.coulomb_viscous.coulomb)

@@ -1,0 +1,44 @@
+"""Hypothesis: currents or torques of some joints, or of all, have the opposite sign."""
+
+import math
+
+import numpy as np
+
+from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.hypotheses.sign_search import best_signs
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.log_words import DRIVES, TURNED, correction_word
+
+NAME = "signs of the drives"
+
+
+def explain(case: Case) -> Explanation | None:
+    """The signs of the drives that explain the log best."""
+
+    def score(signs: Array) -> float:
+        return case.fit(_view(case, signs), quick=True).log_evidence
+
+    signs = best_signs(case.num_joints, score, case.quick_base_evidence)
+    if signs is None:
+        return None
+    view = _view(case, signs)
+    fit = case.fit(view)
+    turned = [int(j) + 1 for j in np.flatnonzero(signs < 0.0)]
+    wrong = ", ".join(case.robot.joint_names[j - 1] for j in turned)
+    word = case.word
+    remedy = f"set {case.key}: {{turned: {turned}}} in a description"
+    if not case.rows.is_torque:
+        remedy += ", or turn current_sign of these joints in robot.yaml"
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - case.num_joints * math.log(2.0),
+        explained=case.explained(view, fit),
+        cause=f"{word}s of the opposite sign at {wrong}",
+        remedy=f"{remedy}, or try --log-format {correction_word(DRIVES, TURNED, turned)}",
+        values={"sign": signs.tolist()},
+    )
+
+
+def _view(case: Case, signs: Array) -> View:
+    return case.changed_effort(case.rows.effort * signs)

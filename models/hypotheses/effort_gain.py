@@ -1,0 +1,166 @@
+"""Hypothesis: another unit or gain: milliampere, torque as current, per mille of rated torque."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.explanation import Explanation, numbers_text
+from wrenchsight.models.numerics.arrays import Array
+
+NAME = "unit or gain of the drives"
+SMALLEST = 0.3  # of the logarithm of a gain: less is a load, a model's masses, a torque constant
+ALL_SMALLEST = 0.9  # the same, of all joints together
+ALIKE = 0.3  # of the logarithm, within which a gain is that of a known unit
+ALL_SMALL = 0.2  # gains of another unit; a single drive of less has the error of the others
+_PASSES = 3
+
+
+def explain(case: Case) -> Explanation | None:
+    """The gains that explain the log best: one of all joints, of each, or of a single one."""
+    n = case.num_joints
+    each = _gains(case)
+    forms: list[tuple[Array, float]] = []
+    known = each > 0.0
+    if known.any():
+        common = float(np.exp(np.median(np.log(each[known]))))
+        if abs(math.log(common)) > ALL_SMALLEST:  # of the whole arm: a unit, not a tolerance
+            forms.append((np.full(n, common), 1.0))
+            forms.append((np.where(known, each, common), float(known.sum())))
+        forms += [(np.full(n, value), 1.0) for value in (1e3, 1e-3)]
+    K = case.robot.torque_per_ampere
+    forms.append((1.0 / K if case.rows.is_torque else K.copy(), 1.0))
+    forms += [
+        (np.where(np.arange(n) == j, each, 1.0), 1.0 + math.log(n))
+        for j in np.flatnonzero(known & (np.abs(np.log(np.where(known, each, 1.0))) > SMALLEST))
+    ]
+    best: Explanation | None = None
+    for gains, num_free in forms:
+        if np.abs(np.log(gains)).max() < SMALLEST:
+            continue
+        explanation = _explanation(case, gains, num_free)
+        if best is None or explanation.log_evidence > best.log_evidence:
+            best = explanation
+    return best
+
+
+def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
+    view = _view(case, gains)
+    fit = case.fit(view)
+    N = case.num_independent
+    # The density of what was measured, not of what is made of it; and half a log for each gain.
+    log_evidence = fit.log_evidence - N * float(np.log(_divisor(gains)).sum())
+    log_evidence -= 0.5 * num_free * math.log(max(N, 2.0)) + math.log(6.0)
+    word, key = case.word, case.key
+    factor = numbers_text(1.0 / gains)
+    cause, remedy = _named(case, gains)
+    if not cause:
+        off = np.flatnonzero(np.abs(np.log(gains)) > SMALLEST)
+        listed = ", ".join(f"{case.robot.joint_names[j]} {gains[j]:.3g}" for j in off)
+        cause = f"{word}s that are a multiple of what the arm needs ({listed} times)"
+        remedy = f"set {key}: {{gain: {factor}}} in a description"
+        if len(off) == case.num_joints and (gains > 3.0).all():
+            cause = (
+                f"{word}s in another unit, such as per cent or per mille of each drive's rated "
+                f"torque ({listed} of it a N m)"
+            )
+            remedy = (
+                f"describe the columns as {_rated(case, gains)} (rated torques on the joint side, "
+                "N m, from the drives' data sheets); `wrenchsight identify LOGS --scale` finds them"
+            )
+        elif not case.rows.is_torque:
+            remedy += ", or correct torque_per_ampere there in robot.yaml"
+    return Explanation(
+        name=NAME,
+        log_evidence=log_evidence,
+        explained=case.explained(view, fit),
+        cause=cause,
+        remedy=remedy,
+        values={"gain": gains.tolist()},
+    )
+
+
+def _rated(case: Case, gains: Array) -> str:
+    """The entry of a description: per mille of rated torques, or per cent if that fits better."""
+    torque = np.ones(case.num_joints)
+    if not case.rows.is_torque:
+        torque = np.abs(np.diag(case.joint_torque(np.eye(case.num_joints))))
+    of_one = torque / gains  # N m
+    distance = {
+        unit: float(np.abs(np.log(parts * of_one / case.effort_limit)).sum())
+        for unit, parts in (("per mille", 1e3), ("per cent", 1e2))
+    }
+    unit = min(distance, key=lambda name: distance[name])
+    rated = (1e3 if unit == "per mille" else 1e2) * of_one
+    return f"motor_torque: {{unit: {unit}, gain: {numbers_text(rated)}}}"
+
+
+def _named(case: Case, gains: Array) -> tuple[str, str]:
+    """Cause and remedy of the gains of a known unit; empty for others."""
+    logs, key = np.log(gains), case.key
+    K = np.log(case.robot.torque_per_ampere)
+
+    def alike(expected: Array | float) -> bool:
+        return bool(np.abs(logs - expected).max() < ALIKE)
+
+    unit = "mN m" if case.rows.is_torque else "mA"
+    if alike(math.log(1e3)):
+        return f"{case.word}s in {unit}", f"set {key}: {{unit: {unit}}} in a description"
+    if alike(math.log(1e-3)):
+        return (
+            f"{case.word}s a thousand times too small",
+            f"set {key}: {{gain: [1000]}} in a description",
+        )
+    if np.abs(K).max() > 0.7:
+        if not case.rows.is_torque and alike(K):
+            return (
+                "torques in N m in place of currents",
+                "name the columns tau1.. or describe them as motor_torque",
+            )
+        if case.rows.is_torque and alike(-K):
+            return (
+                "currents in A in place of torques",
+                "describe the columns as current, or add --log-format effort-in-amperes",
+            )
+    return "", ""
+
+
+def _gains(case: Case) -> Array:
+    """(n,) measured over expected torque, by the slope; 0 where the log does not show it."""
+    at, base, rows = case.at, case.base, case.rows
+    gains = np.zeros(case.num_joints)
+    for j in range(case.num_joints):
+        expected, measured = base.expected[at, j], base.measured[at, j]
+        columns = [expected, np.ones(len(at)), rows.sliding[at, j], rows.v[at, j]]
+        if np.std(expected) < 2.0 * float(np.median(base.kinds.sd[:, j])):
+            columns = [expected, np.ones(len(at))]
+        A = np.stack(columns, axis=1)
+        scale = np.maximum(np.sqrt((A**2).mean(axis=0)), 1e-12)
+        weight = np.ones(len(at))
+        for _ in range(_PASSES):  # contacts count less
+            x = np.linalg.lstsq(A / scale * weight[:, None], measured * weight, rcond=1e-6)[0]
+            left = np.abs(measured - A / scale @ x)
+            weight = 1.0 / np.sqrt(1.0 + (left / max(float(np.median(left)), 1e-12)) ** 2)
+        correlation = float(np.corrcoef(expected, measured)[0, 1]) if np.std(measured) else 0.0
+        slope = float(x[0] / scale[0])
+        if slope > 0.0 and correlation > 0.5:
+            gains[j] = slope
+    return gains
+
+
+def _divisor(gains: Array) -> Array:
+    """(n,) by which the error of a joint is larger, with its gain, than the model's."""
+    return gains if (gains < ALL_SMALL).all() else np.maximum(gains, 1.0)
+
+
+def _view(case: Case, gains: Array) -> View:
+    """The log in units in which the error is the model's."""
+    base, divisor = case.base, _divisor(gains)
+    factor = gains / divisor
+    return replace(
+        base,
+        measured=base.measured / divisor,
+        expected=base.expected * factor,
+        columns=base.columns * factor[:, None],
+    )

@@ -1,0 +1,69 @@
+"""Hypothesis: currents or torques are in another order of joints than positions."""
+
+import math
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.hypotheses.joint_orders import Order, best_order, order_text, usual_orders
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.log_words import DRIVES, ORDER, correction_word
+
+NAME = "order of the drives"
+
+
+def explain(case: Case) -> Explanation | None:
+    """The order of the drives that explains the log best."""
+    n = case.num_joints
+    if n < 2:
+        return None
+    starts = [*usual_orders(case.robot), _assignment(case)]
+
+    def score(order: Order) -> float:
+        return case.fit(_view(case, order), quick=True).log_evidence
+
+    order = best_order(n, starts, score, case.quick_base_evidence, passes=2)
+    if order is None:
+        return None
+    view = _view(case, order)
+    fit = case.fit(view)
+    word = case.word
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - math.lgamma(n + 1),
+        explained=case.explained(view, fit),
+        cause=f"{word}s in the order {order_text(order)}",
+        remedy=(
+            f"set {case.key}: {{order: {order_text(order)}}} in a description, or try "
+            f"--log-format {correction_word(DRIVES, ORDER, [k + 1 for k in order])}"
+        ),
+        values={"order": [float(k + 1) for k in order]},
+    )
+
+
+def _view(case: Case, order: Order) -> View:
+    return case.changed_effort(case.rows.effort[:, list(order)])
+
+
+def _assignment(case: Case) -> Order:
+    """The order in which each drive fits its joint best, one by one, with friction open."""
+    n, at, rows = case.num_joints, case.at, case.rows
+    expected = case.base.expected[at]
+    sd = case.base.kinds.sd
+    cost = np.zeros((n, n))
+    for k in range(n):
+        effort = np.repeat(rows.effort[at, k][:, None], n, axis=1)
+        torque = case.joint_torque(effort)  # of drive k, at each joint in turn
+        for j in range(n):
+            columns = np.stack([rows.sliding[at, j], rows.v[at, j], np.ones(len(at))], axis=1)
+            cost[j, k] = _misfit((torque[:, j] - expected[:, j]) / sd[:, j], columns)
+    return tuple(int(k) for k in linear_sum_assignment(cost)[1])
+
+
+def _misfit(residual: Array, columns: Array) -> float:
+    """Logarithm of what columns leave of a residual; robust, as a contact may last for a while."""
+    solution = np.linalg.lstsq(columns, residual, rcond=1e-6)[0]
+    left = residual - columns @ solution
+    return float(np.log1p(left**2).mean())

@@ -1,0 +1,42 @@
+"""What a hypothesis says of a log."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wrenchsight.models.numerics.arrays import Array
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The best form of one hypothesis.
+
+    Attributes:
+        name: of the hypothesis, as the registry has it.
+        log_evidence: natural logarithm; what was chosen among several forms is paid for.
+        explained: share of the measured torque's mean square, 0 to 1.
+        cause: what would be wrong, as the subject of "... explain": "currents in the order ...".
+        remedy: what to do, with the key or option that mends it.
+        values: what was found, by name with its unit, for metrics.json.
+        is_fault: whether readings of the log as it is would be wrong; friction that has drifted is
+            none, as the band holds it.
+    """
+
+    name: str
+    log_evidence: float
+    explained: float
+    cause: str
+    remedy: str
+    values: dict[str, float | list[float]] = field(default_factory=dict)
+    is_fault: bool = True
+
+
+def odds_text(log_odds: float) -> str:
+    """Odds as "N to 1", from their natural logarithm."""
+    power = log_odds / np.log(10.0)
+    return f"{10.0**power:.0f} to 1" if power < 4.0 else f"1e{power:.0f} to 1"
+
+
+def numbers_text(values: Array | list[float], digits: int = 3) -> str:
+    """Numbers as a list in YAML."""
+    return "[" + ", ".join(f"{value + 0.0:.{digits}g}" for value in np.asarray(values)) + "]"

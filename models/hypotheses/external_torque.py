@@ -1,0 +1,32 @@
+"""Hypothesis: what is logged as the drives' torque is the external torque already."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.models.hypotheses.case import OFFSET_SHARE, Case
+from wrenchsight.models.hypotheses.explanation import Explanation
+
+NAME = "external torque as effort"
+
+
+def explain(case: Case) -> Explanation | None:
+    """The log as external torque: zero but for contacts and an offset of each joint."""
+    base, n = case.base, case.num_joints
+    columns = np.broadcast_to(np.eye(n), (len(base.rows.t), n, n))
+    view = replace(
+        base,
+        expected=np.zeros_like(base.expected),
+        friction=np.zeros_like(base.expected),
+        columns=columns,
+        prior_sd=OFFSET_SHARE * case.effort_limit,
+    )
+    fit = case.fit(view)
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - math.log(2.0),
+        explained=case.explained(view, fit),
+        cause="external torque, without gravity and friction, in place of the drives' torque",
+        remedy="read it as it is: add --torque external and leave --model out",
+    )

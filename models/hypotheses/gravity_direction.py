@@ -1,0 +1,89 @@
+"""Hypothesis: gravity has another direction than robot.yaml's: a wall, a ceiling, a tilted base."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.models.estimation.wrench import STANDARD_GRAVITY
+from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.numerics.arrays import Array
+
+NAME = "direction of gravity"
+SAME_LENGTH = 0.15  # relative; what changes gravity's length is no tilt
+NO_LOAD_LENGTH = 0.04  # the same, of an arm without a load
+SMALLEST_TILT = math.radians(2.0)
+
+
+def explain(case: Case) -> Explanation | None:
+    """The direction of gravity that explains the log best."""
+    g = np.array(case.robot.gravity)
+    size = float(np.linalg.norm(g))
+    base = case.base
+    columns = case.gravity_columns(base.rows)
+    size = size if size > 0.0 else STANDARD_GRAVITY
+    view = base.with_columns(columns, np.full(3, size))
+    change = case.fit(view).theta[:3]
+    length = float(np.linalg.norm(g + change))
+    if abs(length / size - 1.0) > SAME_LENGTH:
+        return None
+    # Of the right length; what is left open is a turn about two axes.
+    direction = (g + change) / length
+    for _ in range(2):
+        turned = case.view(base.rows, size * direction)
+        across = np.linalg.svd(direction[None])[2][1:]  # (2, 3)
+        view = turned.with_columns(columns @ (size * across.T), np.ones(2))
+        fit = case.fit(view)
+        direction = direction + across.T @ fit.theta[:2]
+        direction = direction / np.linalg.norm(direction)
+    bare = _without_load(case, columns, size)
+    if bare is not None:
+        direction = bare
+    error = math.degrees(float(np.max(fit.sd[:2])))
+    tilt = math.pi
+    if np.linalg.norm(g) > 0.0:
+        tilt = math.acos(min(1.0, max(-1.0, float(direction @ g / np.linalg.norm(g)))))
+    if tilt < SMALLEST_TILT:
+        return None
+    gravity = size * direction
+    listed = ", ".join(f"{value + 0.0:.2f}" for value in gravity)
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - math.log(4.0 * math.pi / (2.0 * math.pi)),
+        explained=case.explained(view, fit),
+        cause=(
+            f"gravity {math.degrees(tilt):.1f} +- {error:.1g} deg away from robot.yaml's "
+            f"({_mounting(tilt)})"
+        ),
+        remedy=(
+            f"set gravity: [{listed}] in robot.yaml; a model of logs that were recorded as "
+            "robot.yaml had it is used with --other-robot, any other is identified again"
+        ),
+        values={"gravity_m_per_s2": gravity.tolist(), "tilt_deg": math.degrees(tilt)},
+    )
+
+
+def _without_load(case: Case, columns: Array, size: float) -> Array | None:
+    """The direction (3,) that explains the log without a load or other masses, and with any offset.
+
+    A load takes a part of a tilt's torque. Where gravity of its own length explains the log alone,
+    there is no load.
+    """
+    base = case.base
+    start, n = base.sliding_columns.start, case.num_joints
+    prior_sd = base.prior_sd[start:].copy()
+    prior_sd[2 * n : 3 * n] = 0.1 * case.effort_limit
+    view = replace(base, columns=base.columns[:, :, start:], prior_sd=prior_sd)
+    view = view.with_columns(columns, np.full(3, size))
+    gravity = np.array(case.robot.gravity) + case.fit(view).theta[:3]
+    length = float(np.linalg.norm(gravity))
+    return gravity / length if abs(length / size - 1.0) < NO_LOAD_LENGTH else None
+
+
+def _mounting(tilt: float) -> str:
+    if abs(tilt - math.pi) < math.radians(15.0):
+        return "the arm hangs"
+    if abs(tilt - 0.5 * math.pi) < math.radians(15.0):
+        return "the arm is on a wall"
+    return "a tilted base"

@@ -1,0 +1,28 @@
+"""Hypothesis: the drives' torque is without gravity, as some controllers report it."""
+
+import math
+from dataclasses import replace
+
+from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.recordings.log_words import WITHOUT_GRAVITY
+
+NAME = "gravity missing from the effort"
+
+
+def explain(case: Case) -> Explanation | None:
+    """The log with the model's gravity added."""
+    base = case.base
+    gravity = case.gravity(base.rows)
+    view = replace(base, measured=base.measured + gravity)
+    fit = case.fit(view)
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - math.log(2.0),
+        explained=case.explained(view, fit),
+        cause=f"a {case.word} from which the controller has taken gravity",
+        remedy=(
+            f"set {case.key}: {{without_gravity: true}} in a description, or add --log-format "
+            f"{WITHOUT_GRAVITY}, which adds the model's gravity torque"
+        ),
+    )

@@ -1,0 +1,66 @@
+"""Hypothesis: a joint counts its positions the other way, with or without its current."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.hypotheses.sign_search import best_signs
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.log_words import DRIVES, JOINTS, TURNED, correction_word
+
+NAME = "signs of the joints"
+
+
+def explain(case: Case) -> Explanation | None:
+    """The signs of the joints that explain the log best."""
+    found = [_explain(case, with_effort) for with_effort in (False, True)]
+    return max(
+        (one for one in found if one is not None),
+        key=lambda one: one.log_evidence,
+        default=None,
+    )
+
+
+def _explain(case: Case, with_effort: bool) -> Explanation | None:
+    def score(signs: Array) -> float:
+        return case.fit(_view(case, signs, with_effort), quick=True).log_evidence
+
+    signs = best_signs(case.num_joints, score, case.quick_base_evidence)
+    if signs is None:
+        return None
+    view = _view(case, signs, with_effort)
+    fit = case.fit(view)
+    turned = [int(j) + 1 for j in np.flatnonzero(signs < 0.0)]
+    wrong = ", ".join(case.robot.joint_names[j - 1] for j in turned)
+    what = f"positions, velocities and {case.word}s" if with_effort else "positions and velocities"
+    keys = ["position", "velocity", *([case.key] if with_effort else [])]
+    description = ", ".join(f"{key}: {{turned: {turned}}}" for key in keys)
+    words = [correction_word(JOINTS, TURNED, turned)]
+    if with_effort:
+        words.append(correction_word(DRIVES, TURNED, turned))
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - (case.num_joints + 1) * math.log(2.0),
+        explained=case.explained(view, fit),
+        cause=f"{what} of the opposite sign at {wrong}",
+        remedy=f"set {description} in a description, or try --log-format {','.join(words)}",
+        values={"sign": signs.tolist()},
+    )
+
+
+def _view(case: Case, signs: Array, with_effort: bool) -> View:
+    rows = case.rows
+    effort = rows.effort * signs if with_effort else rows.effort
+    return case.view(
+        replace(
+            rows,
+            q=rows.q * signs,
+            v=rows.v * signs,
+            vdot=rows.vdot * signs,
+            sliding=rows.sliding * signs,
+            effort=effort,
+        )
+    )

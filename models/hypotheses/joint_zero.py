@@ -1,0 +1,88 @@
+"""Hypothesis: the zero of a joint is off, by a small angle or by a quarter turn."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.numerics.arrays import Array
+
+NAME = "zero of a joint"
+PRIOR_SD = 0.2  # rad (m) of an offset
+SMALLEST = 0.015  # rad (m); a smaller one is within what models of arms err by
+CLEAR = 4.0  # standard errors that an offset is away from zero
+_STEP = 1e-3  # rad (m), of the derivative
+_QUARTERS = (-0.5 * math.pi, 0.5 * math.pi, math.pi)
+
+
+def explain(case: Case) -> Explanation | None:
+    """The zero that explains the log best, with its standard error."""
+    n = case.num_joints
+    found: list[tuple[float, int, float]] = []
+    for j in range(n):
+        view = case.base.with_columns(_derivative(case, j, 0.0), np.array([PRIOR_SD]))
+        fit = case.fit(view, quick=True)
+        found.append((fit.log_evidence, j, float(fit.theta[0])))
+        if case.base_is_good or case.robot.chain.prismatic[j]:
+            continue
+        for offset in _QUARTERS:
+            score = case.fit(_view(case, j, offset), quick=True).log_evidence
+            found.append((score, j, offset))
+    best: Explanation | None = None
+    for _, j, offset in sorted(found, reverse=True)[:2]:
+        explanation = _refined(case, j, offset)
+        if explanation is not None and (
+            best is None or explanation.log_evidence > best.log_evidence
+        ):
+            best = explanation
+    return best
+
+
+def _refined(case: Case, j: int, offset: float) -> Explanation | None:
+    """The hypothesis at joint j, from a first guess of its offset."""
+    for _ in range(3):
+        shifted = _view(case, j, offset)
+        view = shifted.with_columns(_derivative(case, j, offset), np.array([PRIOR_SD]))
+        fit = case.fit(view)
+        change = float(fit.theta[0])
+        offset += change
+        if abs(change) < 0.3 * float(fit.sd[0]):
+            break
+    sd = float(fit.sd[0])
+    if abs(offset) < max(SMALLEST, CLEAR * sd):
+        return None
+    name = case.robot.joint_names[j]
+    unit = "m" if case.robot.chain.prismatic[j] else "rad"
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - math.log(2.0 * case.num_joints),
+        explained=case.explained(view, fit),
+        cause=f"a zero of {name} that is off by {-offset:.3f} +- {max(sd, 5e-4):.1g} {unit}",
+        remedy=(
+            f"set q_offset: {offset:.4f} at {name} in robot.yaml (drives), which is added to its "
+            "logged positions"
+        ),
+        values={"joint": float(j + 1), "q_offset": offset, "q_offset_sd": sd},
+    )
+
+
+def _view(case: Case, j: int, offset: float) -> View:
+    q = case.rows.q.copy()
+    q[:, j] += offset
+    return case.view(replace(case.rows, q=q))
+
+
+def _derivative(case: Case, j: int, offset: float) -> Array:
+    """(T, n, 1) expected torque per rad of an offset of joint j."""
+    q = case.rows.q.copy()
+    q[:, j] += offset
+    ahead, behind = q.copy(), q.copy()
+    ahead[:, j] += _STEP
+    behind[:, j] -= _STEP
+    rows = case.rows
+    slope = (case.gravity(replace(rows, q=ahead)) - case.gravity(replace(rows, q=behind))) / (
+        2.0 * _STEP
+    )
+    return np.asarray(slope)[:, :, None]

@@ -1,0 +1,187 @@
+"""The judgement of a log: what is wrong with it, at which odds; or that nothing is."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.evidence import KINDS
+from wrenchsight.models.hypotheses.explanation import Explanation, odds_text
+from wrenchsight.models.hypotheses.log_rows import log_rows
+from wrenchsight.models.hypotheses.registry import HYPOTHESES
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+
+SURE = 100.0  # odds at which a log counts as wrong
+RARE = 1.0 / 30.0  # share of logs that are wrong in one of the ways
+RIVAL = 10.0  # odds within which a second hypothesis is named beside the best one
+LEFT = 0.67  # of what the log as it is leaves unexplained, which a fault leaves at most
+MOST_LOGS = 3
+LASTING = 0.9  # share of a log from which on a contact lasts for all of it
+UNEXPLAINED = 0.5  # share of rows that are neither free nor touched by a plausible force
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What the hypotheses say of a log.
+
+    Attributes:
+        word: what the drives report: current, or torque.
+        explained: share of its mean square that the log as it is explains, contacts left out.
+        kind_share: share of the rows by `evidence.KINDS`, for the log as it is.
+        log_odds: natural logarithm of the odds of each hypothesis against the log as it is, by
+            name; for a fault prior odds included.
+        best: the fault of the highest odds; None where none says anything.
+        rival: a second one at nearly the same odds; None: there is none.
+    """
+
+    word: str
+    explained: float
+    kind_share: dict[str, float]
+    log_odds: dict[str, float]
+    best: Explanation | None
+    rival: Explanation | None
+
+    @property
+    def fault(self) -> Explanation | None:
+        """What is wrong with the log at odds of SURE or more; None: nothing."""
+        if self.best is None or self.log_odds[self.best.name] < math.log(SURE):
+            return None
+        return self.best
+
+    def sentence(self) -> str:
+        """Says what is wrong, at which odds and what to do; empty where nothing is.
+
+        A contact that lasts for the whole log, and torques that nothing explains, are said as that.
+        """
+        if self.fault is not None:
+            return f"{self.problem()}: {self.remedy()}; until then no reading is valid"
+        shares = self.kind_share
+        unexplained = shares["odd"] + shares["pressed"]
+        if unexplained > UNEXPLAINED:
+            return (
+                f"the {self.word}s of {100.0 * unexplained:.0f} % of the log fit neither the model "
+                "nor a force at the tool of a plausible size, and none of these explains them: "
+                f"{', '.join(HYPOTHESES)}; check that the log is of this robot and the model of "
+                "this arm, tool and mounting"
+            )
+        if shares["touched"] > LASTING:
+            return (
+                f"a force at the tool explains the {self.word}s of nearly the whole log; all else "
+                f"that was tried explains them less ({', '.join(HYPOTHESES)})"
+            )
+        return ""
+
+    def problem(self) -> str:
+        """What is wrong, and at which odds; empty where nothing is."""
+        fault = self.fault
+        if fault is None:
+            return ""
+        return (
+            f"the {self.word}s of the log do not fit the robot: {fault.cause} would explain "
+            f"{100.0 * fault.explained:.3g} % of them (as they are: {100.0 * self.explained:.3g} "
+            f"%; odds {odds_text(self.log_odds[fault.name])})"
+        )
+
+    def remedy(self) -> str:
+        """What to do; empty where nothing is wrong."""
+        fault = self.fault
+        if fault is None:
+            return ""
+        if self.rival is None:
+            return fault.remedy
+        return f"{fault.remedy}; or, if it is {self.rival.cause}: {self.rival.remedy}"
+
+    def metrics(self) -> dict[str, Any]:
+        """What metrics.json holds."""
+        fault = self.fault
+        return {
+            "fault": None if fault is None else fault.name,
+            "values": {} if fault is None else dict(fault.values),
+            "explained_pct": 100.0 * self.explained,
+            "explained_without_fault_pct": None if fault is None else 100.0 * fault.explained,
+            "log10_odds": {name: value / math.log(10.0) for name, value in self.log_odds.items()},
+            "share_pct": {kind: 100.0 * share for kind, share in self.kind_share.items()},
+        }
+
+
+def judge_log(
+    chunks: Iterable[Recording], robot: Robot, model: IdentifiedModel | None
+) -> Judgement | None:
+    """Tests all hypotheses on a log.
+
+    Args:
+        chunks: successive parts of the log, on a uniform grid.
+        robot: that it is of, with inertias.
+        model: of `identify`; None: the robot's own files, with any friction.
+
+    Returns:
+        None where the log is too short to tell.
+    """
+    rows = log_rows(chunks, robot)
+    return None if rows is None else judge(Case(rows, robot, model))
+
+
+def refuse_faulty(
+    recordings: Sequence[Recording], robot: Robot, model: IdentifiedModel | None = None
+) -> None:
+    """Refuses logs that something is wrong with.
+
+    Args:
+        recordings: of which at most MOST_LOGS, the longest ones, are looked at.
+        robot, model: as `judge_log`.
+
+    Raises:
+        InputError: what is wrong, and what to do.
+    """
+    if not robot.has_inertias:
+        return
+    for recording in sorted(recordings, key=lambda log: -log.num_samples)[:MOST_LOGS]:
+        judgement = judge_log([resampled(recording)], robot, model)
+        if judgement is not None and judgement.fault is not None:
+            remedy = f"{judgement.remedy()}; --no-check reads the log as it is"
+            raise InputError(recording.source, "", judgement.problem(), remedy)
+
+
+def judge(case: Case) -> Judgement:
+    """Tests all hypotheses on a case."""
+    found = {name: explain(case) for name, explain in HYPOTHESES.items()}
+    base = case.base_fit.log_evidence
+    explained = case.explained(case.base, case.base_fit)
+    explanations = [one for one in found.values() if one is not None]
+    # Of what is no fault the best one stands for the log as it is.
+    known = max(
+        (
+            one.log_evidence
+            for one in explanations
+            if not one.is_fault and one.explained > explained
+        ),
+        default=base,
+    )
+    known = max(known, base)
+    log_odds = {
+        one.name: one.log_evidence - (known - math.log(RARE) if one.is_fault else base)
+        for one in explanations
+    }
+    faults = [
+        one
+        for one in explanations
+        if one.is_fault and 1.0 - one.explained < LEFT * (1.0 - explained) + 1e-9
+    ]
+    faults.sort(key=lambda one: -log_odds[one.name])
+    best = faults[0] if faults else None
+    rival: Explanation | None = None
+    if len(faults) > 1 and log_odds[faults[1].name] > log_odds[faults[0].name] - math.log(RIVAL):
+        rival = faults[1]
+    return Judgement(
+        word=case.word,
+        explained=explained,
+        kind_share=dict(zip(KINDS, map(float, case.base_fit.kind_share), strict=True)),
+        log_odds=log_odds,
+        best=best,
+        rival=rival,
+    )

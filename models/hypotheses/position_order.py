@@ -1,0 +1,59 @@
+"""Hypothesis: positions and velocities, or all signals, are in another order of joints."""
+
+import math
+from dataclasses import replace
+
+from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.hypotheses.joint_orders import Order, best_order, order_text, usual_orders
+from wrenchsight.models.recordings.log_words import DRIVES, JOINTS, ORDER, correction_word
+
+NAME = "order of the joints"
+
+
+def explain(case: Case) -> Explanation | None:
+    """The order of the positions, or of all signals, that explains the log best."""
+    found = [_explain(case, with_effort) for with_effort in (False, True)]
+    return max(
+        (one for one in found if one is not None),
+        key=lambda one: one.log_evidence,
+        default=None,
+    )
+
+
+def _explain(case: Case, with_effort: bool) -> Explanation | None:
+    n = case.num_joints
+    if n < 2:
+        return None
+
+    def score(order: Order) -> float:
+        return case.fit(_view(case, order, with_effort), quick=True).log_evidence
+
+    passes = 1 if case.base_is_good else 3
+    order = best_order(n, usual_orders(case.robot), score, case.quick_base_evidence, passes)
+    if order is None:
+        return None
+    view = _view(case, order, with_effort)
+    fit = case.fit(view)
+    listed, places = order_text(order), [k + 1 for k in order]
+    what = "all signals" if with_effort else "positions and velocities"
+    keys = ["position", "velocity", *([case.key] if with_effort else [])]
+    description = ", ".join(f"{key}: {{order: {listed}}}" for key in keys)
+    words = [correction_word(JOINTS, ORDER, places)]
+    if with_effort:
+        words.append(correction_word(DRIVES, ORDER, places))
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - math.lgamma(n + 1) - math.log(2.0),
+        explained=case.explained(view, fit),
+        cause=f"{what} in the order {listed}",
+        remedy=f"set {description} in a description, or try --log-format {','.join(words)}",
+        values={"order": [float(k + 1) for k in order]},
+    )
+
+
+def _view(case: Case, order: Order, with_effort: bool) -> View:
+    rows, places = case.rows, list(order)
+    signals = ["q", "v", "vdot", "sliding", *(["effort"] if with_effort else [])]
+    changed = {name: getattr(rows, name)[:, places].copy() for name in signals}
+    return case.view(replace(rows, **changed))

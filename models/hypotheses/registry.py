@@ -1,0 +1,38 @@
+"""All hypotheses, one entry each: a function from a case to the best form of the hypothesis."""
+
+from collections.abc import Callable
+
+from wrenchsight.models.hypotheses import (
+    drive_signs,
+    effort_gain,
+    effort_order,
+    external_torque,
+    friction_drift,
+    gravity_direction,
+    gravity_missing,
+    joint_signs,
+    joint_zero,
+    position_order,
+    time_shift,
+    unsigned_effort,
+)
+from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.explanation import Explanation
+
+HYPOTHESES: dict[str, Callable[[Case], Explanation | None]] = {
+    module.NAME: module.explain
+    for module in (
+        effort_order,
+        position_order,
+        drive_signs,
+        joint_signs,
+        effort_gain,
+        gravity_direction,
+        gravity_missing,
+        external_torque,
+        joint_zero,
+        time_shift,
+        unsigned_effort,
+        friction_drift,
+    )
+}

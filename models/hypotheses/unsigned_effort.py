@@ -1,0 +1,39 @@
+"""Hypothesis: the drives report the size of their current, without its sign."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.explanation import Explanation
+
+NAME = "current without sign"
+NEGATIVE_SHARE = 0.03  # of a drive's largest value: what the low-pass turns negative
+CLEAR = 2.0  # sds of the model's error, from which the expected sign is known
+
+
+def explain(case: Case) -> Explanation | None:
+    """The log with the signs that the model expects; None where a value has the other sign."""
+    effort, base = case.rows.effort[case.at], case.base
+    largest = np.abs(effort).max(axis=0)
+    if (np.sign(np.median(effort, axis=0))[largest > 0.0] < 0.0).all():
+        effort = -effort
+    if (effort.min(axis=0) < -NEGATIVE_SHARE * largest).any():
+        return None
+    expected = base.expected
+    is_negative = expected[case.at] < -CLEAR * base.kinds.sd
+    if not is_negative.any():
+        return None
+    view = replace(base, measured=np.abs(base.measured) * np.where(expected < 0.0, -1.0, 1.0))
+    fit = case.fit(view)
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - math.log(2.0),
+        explained=case.explained(view, fit),
+        cause=f"{case.word}s without sign (no value is negative)",
+        remedy=(
+            f"log the signed {case.word}: a force cannot be told from a size alone "
+            "(Universal Robots: actual_current; CiA 402: 0x6077 or 0x6078 as int16)"
+        ),
+    )

@@ -1,0 +1,85 @@
+"""Corrections of signals that need more than one sample, or the robot: delays, missing gravity.
+
+A signal that is late by d holds at t + d what belongs to t. It is interpolated there. Samples at
+the begin or the end of the log for which there is none are left out.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.recordings.recording import Recording, concatenated
+from wrenchsight.models.recordings.recording_format import ColumnLayout
+from wrenchsight.models.robot.robot import Robot
+
+
+def corrected_chunks(
+    chunks: Iterator[Recording],
+    layout: ColumnLayout,
+    robot: Robot | None,
+    gravity_torque: Callable[[Array], Array] | None,
+) -> Iterator[Recording]:
+    """The parts of a log with the corrections of its layout, and the offsets of joints' zeros.
+
+    Args:
+        robot: whose zeros count; None: the log's own.
+        gravity_torque: (N, n) N m of postures (N, n); None: that of the robot's own files.
+
+    Raises:
+        InputError: the gravity torque of a robot without inertias is asked for.
+    """
+    delays = {signal.name: signal.delay for signal in layout.signals if signal.delay}
+    if "v" not in delays and layout.signal("v") is None and "q" in delays:
+        delays["v"] = delays["q"]  # differentiated
+    if "tau_J" in delays:
+        delays.setdefault("current", delays["tau_J"])  # made of the torque
+    is_without_gravity = any(signal.without_gravity for signal in layout.signals)
+    if is_without_gravity and robot is not None and gravity_torque is None:
+        robot.require_inertias("without_gravity")
+        gravity_torque = robot.chain.gravity_torque
+    for chunk in _without_delays(chunks, delays) if delays else chunks:
+        if robot is not None and chunk.num_joints and robot.q_offset.any():
+            chunk = replace(chunk, q=chunk.q + robot.q_offset)
+        if is_without_gravity and robot is not None and gravity_torque is not None:
+            gravity = gravity_torque(np.ascontiguousarray(chunk.q))
+            chunk = replace(
+                chunk,
+                current=chunk.current + robot.motor_current(gravity),
+                tau_J=None if chunk.tau_J is None else chunk.tau_J + gravity,
+            )
+        yield chunk
+
+
+def _without_delays(chunks: Iterator[Recording], delays: dict[str, float]) -> Iterator[Recording]:
+    """The parts of a log, each signal at its own time."""
+    latest = max(0.0, *delays.values())
+    earliest = min(0.0, *delays.values())
+    kept: Recording | None = None
+    begin = -np.inf  # of the samples that are still to come
+    for chunk in chunks:
+        kept = chunk if kept is None else concatenated([kept, chunk])
+        if begin == -np.inf:
+            begin = kept.t[0] - earliest
+        is_ready = (kept.t >= begin) & (kept.t <= kept.t[-1] - latest)
+        if is_ready.any():
+            yield _at_own_times(kept, is_ready, delays)
+            begin = np.nextafter(kept.t[is_ready][-1], np.inf)
+        kept = kept[kept.t >= begin + earliest - 2.0 * _step(kept)]
+
+
+def _step(chunk: Recording) -> float:
+    return float(np.median(np.diff(chunk.t))) if chunk.num_samples > 1 else 0.0
+
+
+def _at_own_times(kept: Recording, is_ready: Flags, delays: dict[str, float]) -> Recording:
+    part = kept[is_ready]
+    changed: dict[str, Any] = {}
+    for name, delay in delays.items():
+        signal = getattr(kept, name)
+        if signal is not None:
+            columns = [np.interp(part.t + delay, kept.t, x) for x in signal.T]
+            changed[name] = np.stack(columns, axis=1)
+    return replace(part, **changed)

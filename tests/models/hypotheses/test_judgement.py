@@ -1,0 +1,227 @@
+"""What is wrong with a log is named, at large odds; what is right with it is left alone.
+
+The oracle is pinocchio's torque of the bundled UR10e, with friction of the test's own. Each way in
+which a log can be wrong is done to that log; what the judgement then says is followed literally.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wrenchsight.models.hypotheses.judgement import Judgement, judge_log
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
+
+STEP, DURATION = 0.01, 24.0  # s
+COULOMB = np.array([8.0, 8.5, 6.0, 2.0, 2.2, 1.9])  # N m
+RATE = 2.0 * np.pi * np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29])  # rad/s
+CENTRE = np.array([0.0, -0.8, 1.0, -0.5, 1.0, 0.0])  # rad
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def motion(
+    robot: Robot, gravity: np.ndarray = GRAVITY, force: np.ndarray | None = None
+) -> Recording:
+    """An arm that swings about a posture out of which gravity pulls.
+
+    Args:
+        force: N, of the environment on E, in W, all the time.
+    """
+    t = np.arange(0.0, DURATION, STEP)
+    angle = t[:, None] * RATE
+    q, v, vdot = (
+        CENTRE + 0.7 * np.sin(angle),
+        0.7 * RATE * np.cos(angle),
+        -0.7 * RATE**2 * np.sin(angle),
+    )
+    model = pin.buildModelFromXML(robot.urdf_text)
+    model.gravity.linear = gravity
+    model.armature = robot.reflected_inertia
+    data = model.createData()
+    tau = np.array([pin.rnea(model, data, *row) for row in zip(q, v, vdot, strict=True)])
+    tau += COULOMB * np.tanh(v / 0.01)
+    if force is not None:
+        tau -= robot.chain.jacobian(q)[:, 3:].transpose(0, 2, 1) @ force
+    rng = np.random.default_rng(5)
+    tau += 0.02 * COULOMB * rng.normal(size=tau.shape)
+    return Recording(t, q, v, robot.motor_current(tau), "log.csv")
+
+
+def judged(log: Recording, robot: Robot) -> Judgement:
+    judgement = judge_log([log], robot, None)
+    assert judgement is not None
+    return judgement
+
+
+def later(log: Recording, delay: float) -> Recording:
+    """The log with currents that are late by `delay` s."""
+    current = np.stack([np.interp(log.t - delay, log.t, x) for x in log.current.T], axis=1)
+    return replace(log, current=current)
+
+
+def averaged(log: Recording, window: float) -> Recording:
+    """The log with currents averaged over the last `window` s."""
+    size = round(window / STEP)
+    total = np.cumsum(np.vstack([np.repeat(log.current[:1], size, axis=0), log.current]), axis=0)
+    return replace(log, current=(total[size:] - total[:-size]) / size)
+
+
+def turned(x: np.ndarray, *joints: int) -> np.ndarray:
+    sign = np.ones(6)
+    sign[list(joints)] = -1.0
+    return x * sign
+
+
+DAMAGES: dict[str, tuple[str, Callable[[Recording, Robot], Recording]]] = {
+    "currents by name": (
+        "order of the drives",
+        lambda log, robot: replace(log, current=log.current[:, [2, 1, 0, 3, 4, 5]]),
+    ),
+    "currents from tool to base": (
+        "order of the drives",
+        lambda log, robot: replace(log, current=log.current[:, ::-1]),
+    ),
+    "currents in a ring": (
+        "order of the drives",
+        lambda log, robot: replace(log, current=np.roll(log.current, 1, axis=1)),
+    ),
+    "positions exchanged": (
+        "order of the joints",
+        lambda log, robot: replace(
+            log, q=log.q[:, [0, 2, 1, 3, 4, 5]], v=log.v[:, [0, 2, 1, 3, 4, 5]]
+        ),
+    ),
+    "elbow's current turned": (
+        "signs of the drives",
+        lambda log, robot: replace(log, current=turned(log.current, 2)),
+    ),
+    "all currents turned": (
+        "signs of the drives",
+        lambda log, robot: replace(log, current=-log.current),
+    ),
+    "lift counts the other way": (
+        "signs of the joints",
+        lambda log, robot: replace(log, q=turned(log.q, 1), v=turned(log.v, 1)),
+    ),
+    "currents late": ("time of the drives", lambda log, robot: later(log, 0.2)),
+    "currents early": ("time of the drives", lambda log, robot: later(log, -0.3)),
+    "gravity missing": (
+        "gravity missing from the effort",
+        lambda log, robot: replace(
+            log, current=log.current - robot.motor_current(robot.chain.gravity_torque(log.q))
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", list(DAMAGES))
+def test_a_fault_is_named_and_its_remedy_mends_the_log(
+    ur10e: Robot, tmp_path: Path, kind: str
+) -> None:
+    name, damage = DAMAGES[kind]
+    path = tmp_path / "log.csv"
+    write_recording(damage(motion(ur10e), ur10e), path)
+    judgement = judged(read_recording(path, robot=ur10e), ur10e)
+    assert judgement.fault is not None, judgement.log_odds
+    assert judgement.fault.name == name, judgement.sentence()
+    word = judgement.sentence().partition("--log-format ")[2].split()[0].strip(";,")
+    mended = judged(read_recording(path, word, ur10e), ur10e)
+    assert mended.fault is None, mended.sentence()
+
+
+def test_delays_are_found_to_within_their_error(ur10e: Robot) -> None:
+    """A sample of 10 ms is the coarsest that interpolation of the rows may cost."""
+    for delay in (-0.5, 0.2):
+        fault = judged(later(motion(ur10e), delay), ur10e).fault
+        assert fault is not None
+        assert fault.values["delay_s"] == pytest.approx(delay, abs=0.01)
+
+
+def test_an_average_is_told_from_a_delay(ur10e: Robot) -> None:
+    fault = judged(averaged(motion(ur10e), 0.5), ur10e).fault
+    assert fault is not None
+    assert fault.values["average_s"] == pytest.approx(0.5, abs=0.3)  # the grid's next neighbours
+    assert fault.values["delay_s"] == pytest.approx(0.25, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("gravity", "word"),
+    [((9.81, 0.0, 0.0), "wall"), ((0.0, 0.0, 9.81), "hangs"), ((3.36, 0.0, -9.22), "tilted")],
+)
+def test_gravitys_direction_is_named(
+    ur10e: Robot, gravity: tuple[float, float, float], word: str
+) -> None:
+    fault = judged(motion(ur10e, np.array(gravity)), ur10e).fault
+    assert fault is not None
+    assert fault.name == "direction of gravity"
+    assert word in fault.cause
+    # Masses of a robot's file are taken as within 20 %: they share the error of 5 deg.
+    np.testing.assert_allclose(fault.values["gravity_m_per_s2"], gravity, atol=0.9)
+
+
+def test_a_zero_is_found_with_its_error(ur10e: Robot) -> None:
+    log = motion(ur10e)
+    q = log.q.copy()
+    q[:, 1] += 0.5 * np.pi
+    fault = judged(replace(log, q=q), ur10e).fault
+    assert fault is not None
+    assert fault.name == "zero of a joint"
+    assert fault.values["joint"] == 2.0
+    offset, sd = fault.values["q_offset"], fault.values["q_offset_sd"]
+    assert isinstance(offset, float)
+    assert isinstance(sd, float)
+    assert abs(offset + 0.5 * np.pi) < 4.0 * sd < 0.4
+
+
+@pytest.mark.parametrize(
+    ("gain", "word"), [(1000.0, "mA"), (0.0, "N m in place of currents"), (-1.0, "per mille")]
+)
+def test_units_are_named(ur10e: Robot, gain: float, word: str) -> None:
+    log = motion(ur10e)
+    gains = np.full(6, gain)
+    if gain == 0.0:
+        gains = ur10e.torque_per_ampere
+    if gain == -1.0:
+        gains = ur10e.torque_per_ampere / np.array([0.33, 0.33, 0.15, 0.056, 0.056, 0.056])
+    fault = judged(replace(log, current=log.current * gains), ur10e).fault
+    assert fault is not None
+    assert fault.name == "unit or gain of the drives"
+    assert word in fault.cause
+
+
+def test_a_current_without_sign_is_named(ur10e: Robot) -> None:
+    log = motion(ur10e)
+    fault = judged(replace(log, current=np.abs(log.current)), ur10e).fault
+    assert fault is not None
+    assert fault.name == "current without sign"
+
+
+@pytest.mark.parametrize("force", [(0.0, 0.0, 0.0), (0.0, 0.0, 150.0), (60.0, -90.0, 0.0)])
+def test_a_force_at_the_tool_is_no_fault(ur10e: Robot, force: tuple[float, float, float]) -> None:
+    judgement = judged(motion(ur10e, force=np.array(force)), ur10e)
+    assert judgement.fault is None, judgement.sentence()
+
+
+def test_a_log_that_nothing_explains_is_said_as_that(ur10e: Robot) -> None:
+    """Currents of another motion."""
+    log = motion(ur10e)
+    rng = np.random.default_rng(2)
+    angle = log.t[:, None] * rng.uniform(0.5, 3.0, 6) + np.arange(6)
+    current = 0.8 * np.sin(angle) * ur10e.current_limit
+    judgement = judged(replace(log, current=current), ur10e)
+    assert judgement.fault is not None or "none of these explains" in judgement.sentence()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["ur-20_01_17-ptp_10_points", "ur-20_02_19_14harm50secLoad", "ur-20_01_22-joint_2"],
+)
+def test_real_logs_are_not_wrong(ur10e: Robot, data: Callable[[str], Path], name: str) -> None:
+    judgement = judged(read_recording(data(f"ur10e/{name}.csv"), robot=ur10e), ur10e)
+    assert judgement.fault is None, judgement.sentence()
