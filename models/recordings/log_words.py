@@ -99,13 +99,13 @@ def _correction(signals: str, values: dict[str, str], words: list[str]) -> Signa
     )
 
 
-def _joints(key: str, values: dict[str, str]) -> list[int]:
+def _joints(key: str, values: dict[str, str]) -> tuple[int, ...]:
     if key not in values:
-        return []
+        return ()
     if re.fullmatch(r"[1-9]\d{0,3}(-[1-9]\d{0,3}){0,199}", values[key]) is None:
         problem = f'"{values[key]}" names no joints, expected numbers from 1 on'
         raise InputError("--log-format", key.rstrip("="), problem, f"write e.g. {key}3-2-1-4-5-6")
-    return [int(number) for number in values[key].split("-")]
+    return tuple(int(number) for number in values[key].split("-"))
 
 
 def _delay(key: str, values: dict[str, str]) -> float:

@@ -69,8 +69,8 @@ LARGEST_DELAY = 5.0  # s
 class SignalCorrection:
     """What is wrong with a signal as it was logged; see the keys of `SignalColumns`."""
 
-    order: list[int] = field(default_factory=list)
-    turned: list[int] = field(default_factory=list)
+    order: tuple[int, ...] = ()
+    turned: tuple[int, ...] = ()
     delay: float = 0.0
     without_gravity: bool = False
 
@@ -188,10 +188,10 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
     size = len(signal.columns)
     known = list(range(1, size + 1))
     if correction.order and sorted(correction.order) != known:
-        problem = f"is {correction.order}, expected each of 1 to {size} once"
+        problem = f"is {list(correction.order)}, expected each of 1 to {size} once"
         raise InputError(source, f"{place}, order", problem, "name each joint's place once")
     if not set(correction.turned) <= set(known):
-        problem = f"is {correction.turned}, expected joints from 1 to {size}"
+        problem = f"is {list(correction.turned)}, expected joints from 1 to {size}"
         raise InputError(source, f"{place}, turned", problem, "correct it")
     if not abs(correction.delay) <= LARGEST_DELAY:
         problem = f"is {correction.delay:g} s, expected {LARGEST_DELAY:g} s at most"
@@ -432,7 +432,9 @@ class _LogColumns:
             bits=entry.bits,
             wrap=entry.wrap,
         )
-        correction = SignalCorrection(entry.order, entry.turned, entry.delay, entry.without_gravity)
+        correction = SignalCorrection(
+            tuple(entry.order), tuple(entry.turned), entry.delay, entry.without_gravity
+        )
         return corrected(signal, correction, source, place)
 
     def _per_column(self, values: list[float], default: float, size: int, place: str) -> Array:
