@@ -20,6 +20,7 @@ _FULL_TURN = np.pi
 # Of the simulated arm, which no URDF describes; as on the UR10e, whose friction was identified: its
 # second joint carries 120 N m, and has 6 N m of Coulomb friction.
 _BRISK = 5.0  # rad/s^2 (m/s^2)
+_SLOW = 0.5  # rad/s^2 (m/s^2), a start that every drive must manage
 FRICTION_SHARE = 0.05  # of what a joint carries
 _LEAST_CARRIED = 0.1  # of the joint that carries most
 _PAYLOAD_SHARE = 0.3  # of the moving mass: UR5 .27, iiwa .31, UR10e .38
@@ -37,14 +38,15 @@ class Assumed:
         payload: kg.
         carried: (n,) N m (N) that a joint carries, of which friction and noise are parts; 0
             without inertias.
-        holding: (n,) N m (N), most that gravity asks of a joint; 0 without inertias.
+        needed: (n,) N m (N), most that gravity asks of a joint, or a start of _SLOW; 0 without
+            inertias.
         effort: (n,) N m (N), limits in the place of those that are not stated or cannot hold the
             arm; 0 where the stated one stands.
     """
 
     payload: float
     carried: Array
-    holding: Array
+    needed: Array
     effort: Array
 
     @classmethod
@@ -64,33 +66,36 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
         return Assumed(_rounded(max(payload, 0.01)), zero, zero, Assumed.nothing(arm).effort)
     still = np.zeros_like(q)
     gravity = robot.chain.inverse_dynamics(q, still, still)
-    holding = np.abs(gravity).max(axis=0)
-    carried = holding.copy()
+    needed = np.abs(gravity).max(axis=0)
+    carried = needed.copy()
     for j in range(n):
         starts = still.copy()
         starts[:, j] = _BRISK
         inertial = robot.chain.inverse_dynamics(q, still, starts)
-        carried[j] += np.abs(inertial - gravity)[:, j].max()
-    carried = np.maximum(carried, _LEAST_CARRIED * carried.max())  # seals turn with any load
+        brisk = float(np.abs(inertial - gravity)[:, j].max())
+        carried[j] += brisk
+        needed[j] = max(needed[j], _SLOW / _BRISK * brisk)
+    for kind in (robot.chain.prismatic, ~robot.chain.prismatic):  # seals turn with any load
+        carried[kind] = np.maximum(carried[kind], _LEAST_CARRIED * carried[kind].max(initial=0.0))
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
     payload = _rounded(max(_PAYLOAD_SHARE * mass, 0.01))
     weight = payload * robot.gravity
     loaded = np.abs(np.einsum("kij,i->kj", robot.chain.jacobian(q)[:, 3:], weight)).max(axis=0)
     stated = _stated(arm)
     # An exporter writes one number for several joints: where it is wrong for one, it is for all.
-    short = np.unique(stated[cannot_hold(stated, holding)])
+    short = np.unique(stated[is_placeholder(stated, needed)])
     unknown = ~(stated > 0.0) | np.isin(stated, short)
     likely = [_rounded(value) for value in _EFFORT_MARGIN * (carried + loaded)]
     effort = np.where(unknown, np.maximum(likely, stated), 0.0)
-    return Assumed(payload, carried, holding, effort)
+    return Assumed(payload, carried, needed, effort)
 
 
-def cannot_hold(stated: Array, holding: Array) -> Flags:
-    """Whether a stated effort limit (n,) is no drive's: gravity asks far more of the joint.
+def is_placeholder(stated: Array, needed: Array) -> Flags:
+    """Whether a stated effort limit (n,) is no drive's: weight and inertia ask far more of it.
 
     An arm that is built to hold itself in most postures alone is no such one.
     """
-    return (stated > 0.0) & (stated < _PLACEHOLDER_SHARE * holding)
+    return (stated > 0.0) & (stated < _PLACEHOLDER_SHARE * needed)
 
 
 def postures(robot: Robot) -> Array:

@@ -93,8 +93,8 @@ class DraftText:
             if effort > 0.0:
                 fields += f", effort_limit: {effort:g}"
                 comment += (
-                    ", also effort_limit: gravity alone needs "
-                    f"{assumed.holding[self.arm.index(joint)]:.3g}"
+                    ", also effort_limit: weight and inertia need "
+                    f"{assumed.needed[self.arm.index(joint)]:.3g}"
                     if joint.effort > 0.0
                     else ", also effort_limit, which the URDF lacks"
                 )

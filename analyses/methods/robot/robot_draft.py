@@ -12,8 +12,8 @@ from wrenchsight.analyses.methods.robot.draft_assumptions import (
     GRAVITY,
     Assumed,
     assume,
-    cannot_hold,
     good_posture,
+    is_placeholder,
     nearest_at_home,
     postures,
 )
@@ -176,16 +176,16 @@ def _mounting(
 def _effort_note(arm: list[DescribedJoint], assumed: Assumed) -> tuple[str, ...]:
     """A sentence on effort limits that cannot hold the arm."""
     stated = np.nan_to_num([joint.effort for joint in arm])
-    rows = zip(arm, assumed.holding, cannot_hold(stated, assumed.holding), strict=True)
+    rows = zip(arm, assumed.needed, is_placeholder(stated, assumed.needed), strict=True)
     short = [
-        f"{joint.name} states {joint.effort:g} {_force_unit(joint)}, gravity needs {holding:.3g}"
-        for joint, holding, is_short in rows
+        f"{joint.name} states {joint.effort:g} {_force_unit(joint)}, {needed:.3g} are needed"
+        for joint, needed, is_short in rows
         if is_short
     ]
     if not short:
         return ()
     return (
-        f"effort limits of the file cannot hold the arm up ({'; '.join(short)}): they are "
+        f"effort limits of the file cannot hold or move the arm ({'; '.join(short)}): they are "
         "placeholders, or springs carry it that the file does not state; write the data sheet's as "
         "effort_limit of the drives",
     )

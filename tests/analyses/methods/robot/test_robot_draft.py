@@ -225,7 +225,7 @@ def test_placeholder_efforts_are_filled_in_with_what_gravity_needs(tmp_path: Pat
     )
     robot, places, notes = draft_robot(urdf, tmp_path / "robot.yaml")
     assert "effort_limit" in places
-    (note,) = [note for note in notes if "cannot hold the arm up" in note]
+    (note,) = [note for note in notes if "cannot hold or move the arm" in note]
     assert "shoulder_lift states 1 N m" in note
     q = np.random.default_rng(2).uniform(-1.9, 1.9, (500, 5))
     holding = np.abs(robot.chain.gravity_torque(q)).max(axis=0)
@@ -261,3 +261,21 @@ def test_a_collision_mesh_that_is_missing_is_named_with_the_place_it_was_looked_
     [lost] = robot.unusable_collisions
     place = tmp_path / "arm" / "upper.stl"
     assert lost == f"upper (package://arm/upper.stl not found, searched for at {place} and above)"
+
+
+def test_a_rail_that_cannot_move_what_it_carries_has_a_placeholder(tmp_path: Path) -> None:
+    """Gravity asks nothing of it; 1 N for 2.1 kg does."""
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    rail = (
+        "<link name='floor'/><joint name='rail' type='prismatic'><parent link='floor'/>"
+        "<child link='base'/><axis xyz='0 1 0'/>"
+        "<limit lower='-1' upper='1' velocity='1' effort='0.5'/></joint></robot>"
+    )
+    urdf.write_text(urdf.read_text().replace("</robot>", rail))
+    robot, places, notes = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert "effort_limit" in places
+    assert any("rail states 0.5 N" in note for note in notes)
+    assert robot.effort_limit[0] > 5.0 * 2.1  # a brisk start
+    # The rail's newtons are no measure of a wrist's newton metres.
+    coulomb = robot.config.simulated_truth.friction.coulomb
+    assert coulomb[-1] < 0.1 * coulomb[0]
