@@ -6,9 +6,10 @@ or as FIELD where one structure holds the whole log.
 What a compressed variable unpacks to is measured before it is read.
 """
 
+import io
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,12 +22,13 @@ from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.npz_table import NpzTable
 from wrenchsight.models.recordings.packed_file import refuse_ratio
 from wrenchsight.models.recordings.recording_format import RecordingFormat
+from wrenchsight.models.robot.limited_child import run_limited
 
 _LARGEST_FILE: Final = 1 << 29  # bytes; a file is read whole
 _HEADER: Final = 128  # bytes before the first variable
 _COMPRESSED: Final = 15  # type of a variable that is compressed
 _MOST_VARIABLES: Final = 10_000
-_MOST_DEPTH: Final = 4  # of structures within structures
+_CHILD: Final = "wrenchsight.models.recordings.mat_child"
 
 
 class MatContainer:
@@ -62,11 +64,9 @@ class MatTable(NpzTable):
         content = read_limited(self.path, _LARGEST_FILE, "a MATLAB file", "save a part of it")
         try:
             _refuse_large(content)
-            variables = dict(_variables(self.path))
-        except MemoryError as error:
+        except (ValueError, struct.error, zlib.error) as error:
             raise self._damaged(error) from error
-        except Exception as error:  # scipy raises errors of any kind over damaged bytes
-            raise self._damaged(error) from error
+        variables = _variables(self.path)
         lengths = [max(x.shape) for x in variables.values() if x.size > 1]
         if not lengths:
             raise InputError(self.path, "", "holds no arrays of numbers", "save t, q, v and i")
@@ -107,23 +107,11 @@ def _refuse_large(content: bytes) -> None:
         count += 1
 
 
-def _variables(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
-    """The arrays of numbers of a file, by name."""
-    from scipy.io import loadmat
-
-    content: dict[str, Any] = loadmat(str(path), appendmat=False, squeeze_me=False)
-    for name, value in content.items():
-        if not name.startswith("__"):
-            yield from _numbers(name, value, 0)
-
-
-def _numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, NDArray[Any]]]:
-    array = np.asarray(value)
-    if array.dtype.names and array.size == 1 and depth < _MOST_DEPTH:
-        for field in array.dtype.names:
-            yield from _numbers(f"{name}.{field}", array.reshape(-1)[0][field], depth + 1)
-    elif array.dtype.kind in "iufb" and array.ndim == 2 and array.size:
-        yield name, array
+def _variables(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of numbers of a file, by name, read in a process of their own."""
+    output = run_limited(_CHILD, path, (), "is no MATLAB file, or a damaged one", "save it again")
+    with np.load(io.BytesIO(output), allow_pickle=False) as archive:
+        return {name: archive[f"x{k}"] for k, name in enumerate(archive["names"].tolist())}
 
 
 def _in_rows(x: NDArray[Any], count: int) -> NDArray[Any]:

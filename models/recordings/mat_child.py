@@ -1,0 +1,48 @@
+"""Reads a MATLAB file's arrays of numbers and writes them to the standard output as an npz file.
+
+A process of its own: a damaged file can break scipy's reader. See `robot.limited_child`.
+"""
+
+import io
+import sys
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.models.robot.limited_child import limit_process
+
+MEMORY: Final = 3 << 30  # bytes of addresses, of which the libraries take a third
+_MOST_DEPTH: Final = 4  # of structures within structures
+
+
+def variables(path: str) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The arrays of numbers of a file, by name."""
+    from scipy.io import loadmat
+
+    content: dict[str, Any] = loadmat(path, appendmat=False, squeeze_me=False)
+    for name, value in content.items():
+        if not name.startswith("__"):
+            yield from _numbers(name, value, 0)
+
+
+def _numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, NDArray[Any]]]:
+    array = np.asarray(value)
+    if array.dtype.names and array.size == 1 and depth < _MOST_DEPTH:
+        for field in array.dtype.names:
+            yield from _numbers(f"{name}.{field}", array.reshape(-1)[0][field], depth + 1)
+    elif array.dtype.kind in "iufb" and array.ndim == 2 and array.size:
+        yield name, array
+
+
+if __name__ == "__main__":
+    limit_process(MEMORY)
+    try:
+        arrays: dict[str, Any] = dict(variables(sys.argv[1]))
+        buffer = io.BytesIO()
+        np.savez(buffer, **{f"x{k}": x for k, x in enumerate(arrays.values())},
+                 names=np.array(list(arrays), dtype=np.str_))  # fmt: skip
+        sys.stdout.buffer.write(buffer.getvalue())
+    except Exception as error:
+        sys.exit(f"{error}"[:300] or type(error).__name__)
