@@ -124,15 +124,15 @@ def _rtde(names: Sequence[str]) -> KnownLayout | None:
         form.motor_torque = columns("actual_current_as_torque")
         if form.motor_torque is not None:
             notices.append(
-                "actual_current_as_torque is read as joint torque: check that it holds gravity's "
-                "torque (the controller leaves it out in some versions); actual_current is the "
-                "better quantity to record"
+                "actual_current_as_torque is read as joint torque; actual_current is the better "
+                "quantity to record"
             )
     for name in ("actual_TCP_force", "target_moment", "target_current"):
         extra = columns(name)
         if extra is not None:
             form.extra[name] = extra
-    return KnownLayout(form, tuple(notices))
+    is_effort = form.motor_torque is not None
+    return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
 
 
 def _echo(

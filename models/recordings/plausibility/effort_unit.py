@@ -29,8 +29,9 @@ from wrenchsight.models.robot.robot import Robot
 
 NEARER = 0.7  # by which the logarithm of one ratio must be nearer than the other, joints' mean
 _LEAST_SAMPLES = 20
-_LOADED = 0.03  # of the effort limit, from which gravity shows beside friction
-_WITHOUT_GRAVITY = 0.25  # of the gravity torque, below which an effort does not hold it
+_LOADED = 0.1  # of the effort limit, from which gravity shows beside friction
+_WITHOUT_GRAVITY = 0.25  # part of the gravity torque, below which an effort does not hold it
+_LARGEST_FRICTION = 0.4  # of the gravity torque of all loaded joints
 NAMES = {"N m": IN_NEWTON_METRES, "A": IN_AMPERES}
 """Words of --log-format that state the unit, by unit."""
 REMEDIES = {unit: f"--log-format {word}" for unit, word in NAMES.items()}
@@ -60,9 +61,9 @@ class EffortUnit:
         """
         if self.without_gravity:
             return (
-                f"effort holds no gravity torque ({self.without_gravity}): it is read as joint "
-                "torque in N m, but may be the external torque: add --torque external to "
-                "`estimate`; or torque from which the driver took gravity"
+                f"effort holds no gravity torque ({self.without_gravity}): it is torque from which "
+                "the driver took gravity, or the external torque, which `estimate --torque "
+                "external` reads as it is; here it is read as joint torque in N m"
             )
         if not self.unit:
             reason = "gravity does not show in this log whether it is in amperes"
@@ -126,17 +127,21 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
 def _without_gravity(sums: GravitySums, robot: Robot) -> str:
     """How small torques are beside gravity's, in words; empty where they may hold gravity.
 
-    A current has the ratio 1 / K to gravity's torque, at joints where K is far from one.
+    A current follows gravity's torque with the ratio 1 / K, at joints where K is far from one.
     """
     gravity = sums.gravity()
     effort = np.sqrt(sums.yy / np.maximum(sums.count, 1.0))
     limit = np.where(np.isfinite(robot.effort_limit), robot.effort_limit, 0.0)
     loaded = gravity > np.maximum(LEAST_GRAVITY, _LOADED * limit)
-    share = np.divide(effort, gravity, out=np.ones_like(effort), where=gravity > 0.0)
-    may_be_current = telling_joints(robot) & (
-        np.abs(np.log(np.maximum(share, 1e-9) * robot.torque_per_ampere)) < np.log(FACTOR)
+    ratio = np.abs(sums.ratio())
+    may_be_current = telling_joints(robot) & (np.abs(sums.cosine()) > FOLLOWS)
+    may_be_current &= np.abs(np.log(np.maximum(ratio, 1e-9) * robot.torque_per_ampere)) < np.log(
+        FACTOR
     )
-    if not loaded.any() or (loaded & (may_be_current | (share > _WITHOUT_GRAVITY))).any():
+    holds_gravity = may_be_current | (ratio > _WITHOUT_GRAVITY)
+    # Friction is there still: at a wrist it is as large as gravity, over all joints it is not.
+    size = np.linalg.norm(effort[loaded]) / max(float(np.linalg.norm(gravity[loaded])), 1e-9)
+    if not loaded.any() or (loaded & holds_gravity).any() or size > _LARGEST_FRICTION:
         return ""
     j = int(np.argmax(np.where(loaded, gravity, 0.0)))
     return f"{effort[j]:.2g} N m where gravity is {gravity[j]:.2g} N m, {robot.joint_names[j]}"
