@@ -1,6 +1,8 @@
-"""Fingerprints of software, libraries and recordings, on which an experiment's result depends."""
+"""What an experiment's result depends on: source, libraries and recordings, as SHA-256.
 
-import ast
+Any change of the source or of a data file of the four packages makes every earlier result old.
+"""
+
 import hashlib
 import platform
 from collections.abc import Iterator
@@ -15,10 +17,7 @@ from wrenchsight.analyses.study.registry import module_file
 PACKAGES: Final = ("models", "systems", "diagrams", "analyses")
 LIBRARIES: Final = ("drake", "EAIK", "matplotlib", "numba", "numpy", "pyarrow", "scipy", "torch")
 ROOT: Final = Path(__file__).resolve().parents[2]  # holds the four packages
-# The runner makes the context and stores the result: all experiments depend on it, none imports it.
-_RUNNER: Final = ("wrenchsight.analyses.study.study", "wrenchsight.analyses.study.stored_result")
-_NAME: Final = "wrenchsight"
-_NO_DATA: Final = ("__pycache__", "templates")  # templates are for the report alone
+_NO_SOURCE: Final = ("__pycache__", "templates")  # templates are for the report alone
 
 
 @cache
@@ -34,31 +33,12 @@ def libraries() -> dict[str, str]:
 
 
 def software_hash(module: str) -> str:
-    """Returns the SHA-256 of all source that `module` can reach, and of the packages' data files.
-
-    These are the source files that it imports, directly or not, within the four packages, and every
-    data file of them (robots, scenarios, ...). The module itself, which is not imported, may lie
-    outside.
-    """
-    runner = {file for name in _RUNNER for file in _files_of(name)}
-    files = {*runner, *source_files(module), *_data_files()}
-    return _hash_of({_label(file): file for file in files})
-
-
-def source_files(module: str) -> set[Path]:
-    """Returns the file of `module` and those it imports, directly or not, within the packages.
-
-    It follows imports inside functions, too, and adds the packages that hold a module.
-    """
-    files: set[Path] = set()
-    pending = _files_of(module)
-    while pending:
-        file = pending.pop()
-        if file not in files:
-            files.add(file)
-            for name in _imported(file, file.stat().st_mtime_ns):
-                pending += _files_of(name)
-    return files
+    """Returns the SHA-256 of the four packages, and of the file of a `module` outside of them."""
+    files = {path.relative_to(ROOT).as_posix(): path for path in _package_files()}
+    outside = module_file(module)
+    if outside is not None and not outside.resolve().is_relative_to(ROOT):
+        files[outside.name] = outside
+    return _hash_of(files)
 
 
 def recordings_hash(folder: Path) -> str | None:
@@ -74,49 +54,10 @@ def _hash_of(files: dict[str, Path]) -> str:
     return hashlib.sha256("".join(sums).encode()).hexdigest()
 
 
-def _data_files() -> Iterator[Path]:
+def _package_files() -> Iterator[Path]:
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*"):
             parts = path.relative_to(ROOT).parts
-            if path.suffix == ".py" or any(p in _NO_DATA or p.startswith(".") for p in parts):
-                continue
-            if path.is_file():
-                yield path
-
-
-def _files_of(module: str) -> list[Path]:
-    """Returns the file of a module of the four packages and its packages' own; or of any `module`
-    that is looked up by name and lies outside.
-    """
-    package, *parts = module.split(".")
-    if package != _NAME:
-        outside = module_file(module)
-        return [] if outside is None else [outside]
-    paths = (ROOT.joinpath(*parts[: depth + 1]) for depth in range(len(parts)))
-    candidates = (
-        file for path in paths for file in (path / "__init__.py", path.with_suffix(".py"))
-    )
-    return [candidate for candidate in candidates if candidate.is_file()]
-
-
-@cache
-def _imported(file: Path, changed: int) -> frozenset[str]:
-    """Returns the names of the packages' modules that a file imports.
-
-    Of `from a.b import c`, c may be a module or a name in a.b: `_files_of` takes it as either.
-    """
-    names = set()
-    try:
-        tree = ast.parse(file.read_bytes())
-    except (SyntaxError, ValueError):  # running it will say so; its content counts all the same
-        return frozenset()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module is not None and node.level == 0:
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return frozenset(name for name in names if name.startswith(f"{_NAME}."))
-
-
-def _label(file: Path) -> str:
-    return file.relative_to(ROOT).as_posix() if file.is_relative_to(ROOT) else file.name
+            if not any(part in _NO_SOURCE or part.startswith(".") for part in parts):
+                if path.is_file():
+                    yield path
