@@ -43,11 +43,11 @@ def _replacement(match: "re.Match[str]") -> str:
     return {"public": public, "robots": robots, "results": results}[kind]()
 
 
-def api_of(room: str) -> str:
+def api_of(package: str) -> str:
     """Directives of mkdocstrings for every public module below a package, at any depth."""
-    folder = ROOT / room.replace(".", "/")
+    folder = ROOT / package.replace(".", "/")
     files = [f.relative_to(folder) for f in sorted(folder.rglob("*.py")) if f.stem[0] != "_"]
-    names = [".".join((room, *file.with_suffix("").parts)) for file in files]
+    names = [".".join((package, *file.with_suffix("").parts)) for file in files]
     return "\n\n".join(f"::: {name}" for name in names)
 
 

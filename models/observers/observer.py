@@ -1,6 +1,6 @@
 """The protocol of an observer of external joint torque: constants, a state, and two kernels.
 
-An observer is one file of this room and one entry of `observer_kinds.OBSERVERS`. The estimator of a
+An observer is one file of this sub-package and one entry of `observer_kinds.OBSERVERS`. The estimator of a
 log (`estimator`), its diagram (`wrenchsight.systems.external_torque_observer`) and its fused block
 (`wrenchsight.systems.wrench_estimator`) run the same two kernels:
 

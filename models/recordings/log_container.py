@@ -1,6 +1,6 @@
 """Protocols of a kind of log file: a table of numbers, read block by block, and written.
 
-A container is one file of this room (`text_table`, `parquet_table`) and one entry of
+A container is one file of this sub-package (`text_table`, `parquet_table`) and one entry of
 `log_containers.CONTAINERS`. It does not know what the columns mean: `recording_format` does.
 """
 

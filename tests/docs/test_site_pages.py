@@ -121,8 +121,8 @@ def test_every_public_module_is_on_one_page(site_pages):
     shown = [
         name
         for page in PAGES
-        for room in re.findall(r"<!-- api: ([\w.]+) -->", page.read_text())
-        for name in re.findall(r"::: ([\w.]+)", site_pages.api_of(room))
+        for package in re.findall(r"<!-- api: ([\w.]+) -->", page.read_text())
+        for name in re.findall(r"::: ([\w.]+)", site_pages.api_of(package))
     ]
     assert sorted(shown) == sorted(
         ".".join(("wrenchsight", *file.relative_to(ROOT).with_suffix("").parts))

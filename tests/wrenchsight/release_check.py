@@ -150,9 +150,9 @@ def _version() -> str:
 
 def _take_kernels(environment: Path) -> None:
     (package,) = environment.glob("lib/python*/site-packages/wrenchsight")
-    for room in ("models", "systems", "diagrams", "analyses"):
-        for kernel in (ROOT / room).rglob("__pycache__/*.nb[ic]"):
-            to = package / room / kernel.relative_to(ROOT / room)
+    for folder in ("models", "systems", "diagrams", "analyses"):
+        for kernel in (ROOT / folder).rglob("__pycache__/*.nb[ic]"):
+            to = package / folder / kernel.relative_to(ROOT / folder)
             to.parent.mkdir(exist_ok=True)
             shutil.copy2(kernel, to)
 

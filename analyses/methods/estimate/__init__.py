@@ -1,4 +1,4 @@
-"""Room of the command `estimate`: a log and a model in, wrenches with their uncertainty out.
+"""Sub-package of the command `estimate`: a log and a model in, wrenches with their uncertainty out.
 
 Order of the files: estimate_config (settings), model_checks, uniform_log (the log on its grid),
 first_pass (load, drift, prior; friction_monitor weighs load against drift), engines (readings),

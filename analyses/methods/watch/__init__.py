@@ -1,4 +1,4 @@
-"""Room of the command `watch`: a live robot or a replayed log in, readings out.
+"""Sub-package of the command `watch`: a live robot or a replayed log in, readings out.
 
 Order: watch_config (settings); links and sources (the list), *_source, lcm_links, ros2_dds (one
 protocol each); reader_process and ring (the process that reads); start_checks and load_search

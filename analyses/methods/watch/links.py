@@ -10,7 +10,7 @@ from wrenchsight.models.files.input_error import needing_extra
 
 
 def link(place: str, extra: str = "", option: str = "") -> Callable[..., Any]:
-    """What stands at FILE:NAME of this room, to be called.
+    """What stands at FILE:NAME of this sub-package, to be called.
 
     Args:
         extra: of this package, to which belongs what the file imports.
