@@ -24,8 +24,11 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
   GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
   ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
 
-.PHONY: study test test-long test-all test-generic lint fuzz kills arms bench docs readme readme-worlds release-check clean
+.PHONY: demo study test test-long test-all test-generic lint fuzz kills arms bench docs readme readme-worlds release-check clean
 .DELETE_ON_ERROR:
+
+demo: .venv/.ready
+	$(BIN)/wrenchsight demo
 
 study: .venv/.ready
 	$(BIN)/wrenchsight study --out $(OUT) --jobs $(JOBS) $(STUDY_OPTIONS)

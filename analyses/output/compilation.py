@@ -1,9 +1,13 @@
-"""Announces that numba compiles kernels: a wait of seconds, once on a machine."""
+"""Compilation of numba's kernels, a wait once on a machine: announced, and done side by side."""
 
-from collections.abc import Callable
-from typing import Any
+import os
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from typing import Any, Final
 
-ANNOUNCEMENT = "compiling kernels, once on this machine"
+from wrenchsight.analyses.output.interruption import begin_worker, for_this_process_alone
+
+ANNOUNCEMENT: Final = "compiling kernels, once on this machine"
 
 
 def on_first_compilation(announce: Callable[[str], None]) -> None:
@@ -22,3 +26,40 @@ def on_first_compilation(announce: Callable[[str], None]) -> None:
             pass
 
     event.register("numba:compile", FirstCompilation())
+
+
+def are_compiled(kernels: Iterable[Any]) -> bool:
+    """Whether the disk holds compiled code of each of these kernels."""
+    return all(kernel._cache._cache_file._load_index() for kernel in kernels)
+
+
+def compile_side_by_side(
+    parts: Mapping[str, Callable[[], object]], announce: Callable[[float, str], None]
+) -> None:
+    """Runs calls in processes side by side; the kernels that they compile stay on disk.
+
+    Args:
+        parts: calls that can be pickled, by what they compile; the longest first.
+        announce: called with the share that is done and a sentence on what is left.
+    """
+    # joblib's processes do not import the main module again.
+    from joblib.externals.loky.process_executor import ProcessPoolExecutor
+
+    with for_this_process_alone():
+        executor = ProcessPoolExecutor(
+            min(len(parts), len(os.sched_getaffinity(0))),
+            initializer=begin_worker,
+            initargs=(os.getpid(), os.devnull),
+        )
+        left: dict[Future[object], str] = {
+            executor.submit(call): name for name, call in parts.items()
+        }
+    try:
+        while left:
+            share = 1.0 - len(left) / len(parts)
+            announce(share, f"{ANNOUNCEMENT}; left: {', '.join(left.values())}")
+            for future in wait(left, return_when=FIRST_COMPLETED).done:
+                future.result()
+                del left[future]
+    finally:
+        executor.shutdown(wait=True, kill_workers=True)

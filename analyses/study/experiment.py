@@ -139,7 +139,7 @@ class Experiment:
     modules: tuple[str, ...] = ()  # of the extra `study`, without which it is skipped
     takes_methods: bool = False  # whether it measures estimators of others, `study --method`
     order: float = 1000.0  # its place in the report: the smaller, the earlier
-    seconds: float = 30.0  # of a processor that it typically takes; the longest start first
+    seconds: float = 30.0  # of a processor that it typically takes; decides when it starts
     readme: tuple[str, ...] = ()  # keys of the comparison's rows that the README shows
 
     def missing(self, data: Path | None) -> list[str]:

@@ -58,6 +58,6 @@ def _package_files() -> Iterator[Path]:
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*"):
             parts = path.relative_to(ROOT).parts
-            if not any(part in _NO_SOURCE or part.startswith(".") for part in parts):
-                if path.is_file():
-                    yield path
+            hidden = any(part in _NO_SOURCE or part.startswith(".") for part in parts)
+            if path.is_file() and not hidden:
+                yield path

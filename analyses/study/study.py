@@ -126,7 +126,7 @@ def run_study(
         try:
             with writing_to(out):
                 _shared(folder).mkdir()
-            _run_all(_longest_first(runs.values(), out), jobs, watch)
+            _run_all(_shortest_first(runs.values(), out), jobs, watch)
         except BaseException:
             # The user should see the cause, not an error that follows from it.
             with suppress(InputError, OSError):
@@ -158,12 +158,12 @@ def _due_runs(
     return runs
 
 
-def _longest_first(runs: "Iterable[_Run]", out: Path) -> "list[_Run]":
+def _shortest_first(runs: "Iterable[_Run]", out: Path) -> "list[_Run]":
     """The runs by their processor seconds: those measured in `out` before, else typical ones."""
     seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
     for name, timing in _read_timings(out).items():
         seconds[name] = timing.get("processor_seconds", seconds.get(name, 0.0))
-    return sorted(runs, key=lambda run: -seconds[run.outcome.name])
+    return sorted(runs, key=lambda run: seconds[run.outcome.name])
 
 
 def _shared(folder: ResultFolder) -> Path:
@@ -276,12 +276,24 @@ class _Run:
 
 
 def _run_all(runs: list[_Run], jobs: int, watch: Callable[[Progress], None]) -> None:
+    """Runs them, `jobs` at a time.
+
+    One process takes the shortest first, so that a result soon shows; the others take the longest
+    first, so that none is left alone with a long one at the end.
+
+    Args:
+        runs: the shortest first.
+    """
     threads = max(1, available_cores() // jobs)
     waiting, running = list(runs), dict[Connection, _Run]()
+    short: _Run | None = None
     try:
         while waiting or running:
             while waiting and len(running) < jobs:
-                run = waiting.pop(0)
+                if short in running.values():
+                    run = waiting.pop()
+                else:
+                    run = short = waiting.pop(0)
                 run.start(threads)
                 assert run.connection is not None
                 running[run.connection] = run

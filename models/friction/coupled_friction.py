@@ -2,8 +2,8 @@
 
     q_motor = D q,   tau_f(q, v) = D^T f(D q, D v),   load of a motor = D^-T load of the joints
 
-with f any law of this sub-package and D = `motor_rates` of `models.robot.coupling`. Where a wrist's last
-motor turns along with the joint before it, that joint has the friction of both: TX40's joint 5
+with f any law of this sub-package and D = `motor_rates` of `models.robot.coupling`. Where a wrist's
+last motor turns along with the joint before it, that joint has the friction of both: TX40's joint 5
 moves against the friction of motors 5 and 6.
 """
 

@@ -1,7 +1,7 @@
 """The kernels of `presliding_friction`: slip elements with Stribeck, load and cubic terms.
 
-All laws of this sub-package use these kernels. A law without memory has no rows of state, so that the
-kernels return at once. One compiled estimator therefore serves all laws.
+All laws of this sub-package use these kernels. A law without memory has no rows of state, so that
+the kernels return at once. One compiled estimator therefore serves all laws.
 """
 
 from typing import Any, NamedTuple

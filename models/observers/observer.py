@@ -1,8 +1,8 @@
 """The protocol of an observer of external joint torque: constants, a state, and two kernels.
 
-An observer is one file of this sub-package and one entry of `observer_kinds.OBSERVERS`. The estimator of a
-log (`estimator`), its diagram (`wrenchsight.systems.external_torque_observer`) and its fused block
-(`wrenchsight.systems.wrench_estimator`) run the same two kernels:
+An observer is one file of this sub-package and one entry of `observer_kinds.OBSERVERS`. The
+estimator of a log (`estimator`), its diagram (`wrenchsight.systems.external_torque_observer`) and
+its fused block (`wrenchsight.systems.wrench_estimator`) run the same two kernels:
 
     output(table, state, signals, J) -> bool
         Writes the estimate right after a sample into signals[TAU_EXT]; returns whether it is

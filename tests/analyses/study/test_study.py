@@ -130,10 +130,25 @@ def test_progress_reports_each_step(experiments, run):
         experiments(name, seconds=seconds)
     seen: list[Progress] = []
     result = run(watch=seen.append)
-    assert list(dict.fromkeys(p.name for p in seen)) == ["two", "three", "one"]  # the longest first
+    assert list(dict.fromkeys(p.name for p in seen)) == ["one", "three", "two"]  # by `seconds`
     assert [p.state for p in seen[:1] + seen[-1:]] == ["running", "done"]
     assert Progress("one", "running", 0.5, "half way") in seen
     assert [o.name for o in result.outcomes] == ["one", "two", "three"]
+
+
+def test_of_two_processes_one_takes_the_shortest_and_one_the_longest(experiments, run, tmp_path):
+    (tmp_path / "data").mkdir()
+    waits = "while not (context.data / 'ended').exists(): time.sleep(0.01)"
+    for name, seconds, body in (
+        ("third", 30.0, ""),
+        ("second", 300.0, waits),
+        ("last", 40.0, "(context.data / 'ended').touch()"),
+        ("first", 1.0, ""),
+    ):
+        experiments(name, body, seconds=seconds)
+    seen: list[Progress] = []
+    run(watch=seen.append, jobs=2)
+    assert list(dict.fromkeys(p.name for p in seen)) == ["first", "second", "third", "last"]
 
 
 def test_jobs_run_side_by_side(experiments, tmp_path):

@@ -1,0 +1,203 @@
+"""A robot, a push at its tool, and the wrench that its currents show: a first look, in a minute.
+
+The simulated UR10e swings its joints under its tracking controller while a hand pushes. Encoders
+and currents are logged, and the log is read as `estimate` reads one. Controller and estimator know
+`known_model`.
+"""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+
+from wrenchsight.analyses.methods.simulate.advance import advance, even_stretches
+from wrenchsight.analyses.methods.simulate.simulation import known_model
+from wrenchsight.analyses.output.compilation import are_compiled, compile_side_by_side
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+from wrenchsight.analyses.output.progress import ProgressCallback
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
+from wrenchsight.diagrams.pages.arm_picture import ArmPicture
+from wrenchsight.diagrams.pages.run_page import (
+    FORCE_ARROWS,
+    make_meshcat,
+    start_animation,
+    write_page,
+)
+from wrenchsight.diagrams.scenario import Scenario, load_scenario
+from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
+from wrenchsight.models.estimation.tick import memory_log
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.truth.arm_tick import arm_drives
+from wrenchsight.systems.wrench_arrows import WrenchArrows
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SCENARIO: Final = "Push"
+FORCE_AXES: Final = ("fx", "fy", "fz")
+_TICKS_TO_COMPILE: Final = 3
+_STRETCH: Final = 0.25  # s between two reports of progress
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """A push as it was, and as it was read; T samples.
+
+    Attributes:
+        t: (T,) s.
+        force_true, force, sd: (T, 3) N, at E in axes of W; sd as stated for `force`.
+        valid: (T,) whether a reading may be used.
+        files: the figure and the page.
+    """
+
+    t: Array
+    force_true: Array
+    force: Array
+    sd: Array
+    valid: Array
+    files: tuple[Path, ...] = ()
+
+    def metrics(self) -> dict[str, Any]:
+        """Share of valid readings; of these the RMSE and the share in the 95 % band, by axis."""
+        error = (self.force - self.force_true)[self.valid]
+        inside = np.abs(error) <= SIGMA_95 * self.sd[self.valid]
+        return {
+            "valid_share_pct": 100.0 * float(self.valid.mean()),
+            "largest_push_n": float(np.linalg.norm(self.force_true, axis=1).max()),
+            "rmse_n": np.sqrt(np.mean(error**2, axis=0)).tolist(),
+            "inside_95_pct": (100.0 * inside.mean(axis=0)).tolist(),
+        }
+
+    def figure(self) -> "Figure":
+        """True and estimated force with the stated 95 % band."""
+        figure, axes = new_figure(3, 1, share_x=True)
+        colour, band = COLOUR["estimate"], SIGMA_95 * self.sd
+        for k, axis in enumerate(FORCE_AXES):
+            panel: Any = axes[k, 0]
+            low, high = self.force[:, k] - band[:, k], self.force[:, k] + band[:, k]
+            panel.fill_between(
+                self.t, low, high, color=colour, alpha=BAND_ALPHA, lw=0, label="95 % band"
+            )
+            panel.plot(self.t, self.force_true[:, k], color=COLOUR["truth"], label="true")
+            panel.plot(self.t, self.force[:, k], color=colour, lw=1.0, label="estimated")
+            panel.set_ylabel(f"{axis} [N]")
+        axes[2, 0].set_xlabel("time [s]")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        figure.suptitle("Force of the environment on the robot, at E in axes of W")
+        return figure
+
+
+def demonstrate(
+    out: Path, progress: ProgressCallback = lambda fraction, message: None
+) -> Demonstration:
+    """Simulates the push, reads it, and writes metrics.json, figures/force.png and push.html.
+
+    Raises:
+        InputError: `out` cannot be written, or holds what this command did not write.
+    """
+    with result_folder(out, "demo") as folder:
+        if not are_compiled((arm_drives, memory_log)):
+            parts = {"estimator": _compile_estimator, "simulated arm": _compile_arm}
+            compile_side_by_side(parts, lambda share, words: progress(0.6 * share, words))
+        scenario = load_scenario(SCENARIO)
+        robot = Robot.load(scenario.robot)
+        model = known_model(robot, scenario)
+        progress(0.6, "simulating")
+        t, signals = _logged(scenario, robot, model, partial(_part, progress))
+        progress(0.8, "reading the wrench")
+        batch = _read(scenario, robot, model, signals)
+        result = Demonstration(
+            t=t,
+            force_true=signals["wrench_true"][:, 3:],
+            force=batch.wrench[:, 3:],
+            sd=batch.standard_deviation[:, 3:],
+            valid=batch.valid,
+        )
+        progress(0.85, "drawing")
+        folder.write_json("metrics.json", result.metrics())
+        folder.write_figure("force", result.figure())
+        _write_page(folder / "push.html", scenario, robot, t, signals, batch)
+    return replace(result, files=(out / "figures" / "force.png", out / "push.html"))
+
+
+def _part(progress: ProgressCallback, share: float) -> None:
+    progress(0.6 + 0.2 * share, "simulating")
+
+
+def _logged(
+    scenario: Scenario, robot: Robot, model: IdentifiedModel, report: Any = lambda share: None
+) -> tuple[Array, dict[str, Array]]:
+    """Times (T,) in s and signals (T, size): q, v, current and wrench_true."""
+    request = LogRequest(only=("q", "v", "current", "wrench_true"))
+    loop = make_closed_loop(scenario, robot, model, estimator=None, log=request)
+    simulator = Simulator(loop.diagram)
+    simulator.Initialize()
+    advance(simulator, even_stretches(scenario.duration, _STRETCH), report)
+    return loop.logged(simulator.get_context())
+
+
+def _read(
+    scenario: Scenario, robot: Robot, model: IdentifiedModel, signals: dict[str, Array]
+) -> EstimateBatch:
+    observer = replace(scenario.estimator.observer, time_step=scenario.time_step)
+    config = replace(scenario.estimator, observer=observer)
+    estimator = WrenchEstimator(robot, model, config)
+    state = estimator.initial_state()
+    return estimator.run(state, signals["q"], signals["v"], signals["current"])
+
+
+def _compile_arm() -> None:
+    """Compiles what `_logged` calls."""
+    scenario = load_scenario(SCENARIO)
+    scenario.duration = _TICKS_TO_COMPILE * scenario.time_step
+    robot = Robot.load(scenario.robot)
+    _logged(scenario, robot, known_model(robot, scenario))
+
+
+def _compile_estimator() -> None:
+    """Compiles what `_read` calls."""
+    scenario = load_scenario(SCENARIO)
+    robot = Robot.load(scenario.robot)
+    rows = np.zeros((_TICKS_TO_COMPILE, robot.num_joints))
+    signals = {"q": rows + robot.home, "v": rows, "current": rows}
+    _read(scenario, robot, IdentifiedModel.nominal(robot), signals)
+
+
+def _write_page(
+    path: Path,
+    scenario: Scenario,
+    robot: Robot,
+    t: Array,
+    signals: dict[str, Array],
+    batch: EstimateBatch,
+) -> None:
+    """Writes the arm in motion, with the true and the estimated force as arrows at its tool."""
+    fps = scenario.recording.fps
+    rows = np.searchsorted(t, np.arange(0.0, t[-1], 1.0 / fps))
+    q = signals["q"][rows]
+    p_WE = robot.chain.pose(q)[1]
+    meshcat = make_meshcat(robot, p_WE[len(rows) // 2])
+    picture = ArmPicture(robot, meshcat, fps)
+    arrows = WrenchArrows(meshcat, FORCE_ARROWS, fps, scenario.recording.metres_per_newton)
+    context = arrows.CreateDefaultContext()
+    start_animation(meshcat, fps)
+    for k, row in enumerate(rows.tolist()):
+        picture.show(q[k], float(t[row]))
+        context.SetTime(t[row])
+        terms = AbstractValue.Make(object())
+        terms.set_value(SimpleNamespace(p_WE=p_WE[k]))
+        arrows.GetInputPort("terms").FixValue(context, terms)
+        arrows.GetInputPort("force true").FixValue(context, signals["wrench_true"][row])
+        arrows.GetInputPort("force estimated").FixValue(context, batch.wrench[row])
+        arrows.ForcedPublish(context)
+    write_page(meshcat, path, "A push at the tool of a UR10e")
