@@ -43,7 +43,7 @@ def compile_side_by_side(
         announce: called with the share that is done and a sentence on what is left.
     """
     # joblib's processes do not import the main module again.
-    from joblib.externals.loky.process_executor import ProcessPoolExecutor
+    from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
 
     with for_this_process_alone():
         executor = ProcessPoolExecutor(
@@ -61,5 +61,7 @@ def compile_side_by_side(
             for future in wait(left, return_when=FIRST_COMPLETED).done:
                 future.result()
                 del left[future]
+    except BrokenProcessPool:
+        pass  # one was killed: this process compiles what it needs
     finally:
         executor.shutdown(wait=True, kill_workers=True)

@@ -33,7 +33,7 @@ from wrenchsight.diagrams.scenario import Scenario, load_scenario
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
 from wrenchsight.models.estimation.tick import memory_log
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
 from wrenchsight.models.truth.arm_tick import arm_drives
@@ -63,7 +63,7 @@ class Demonstration:
     force_true: Array
     force: Array
     sd: Array
-    valid: Array
+    valid: Flags
     files: tuple[Path, ...] = ()
 
     def metrics(self) -> dict[str, Any]:
