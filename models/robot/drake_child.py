@@ -2,8 +2,8 @@
 
 Frames, joints and inertias are those of the plant that Drake makes of the file. A link's frame in
 the URDF is that of the joint that moves it, as a URDF has it; a base keeps its own. Shapes of an
-SDF are taken where their pose is relative to their link; others, and those of an MJCF, count as
-shapes that cannot be used.
+SDF are taken where their pose is relative to their link, those of an MJCF as Drake places them; all
+of them are lost where one of its meshes is.
 """
 
 import math
@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, WeldJoint
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, PrismaticJoint, RevoluteJoint, WeldJoint
+from pydrake.systems.framework import DiagramBuilder
 
 from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.limited_child import limit_process
@@ -87,30 +89,74 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
         RuntimeError, ValueError: Drake cannot read it, or it holds no model or several.
     """
     has_shapes = root.find("worldbody//geom") is not None
-    is_whole = path.suffix == ".xml"
-    if is_whole:
-        try:
-            plant = MultibodyPlant(0.0)
-            instances = Parser(plant).AddModels(str(path))
-        except RuntimeError as error:
-            if "mesh" not in str(error).lower():
-                raise
-            is_whole = False  # a mesh that is missing or of another kind: only shapes need it
-    if not is_whole:
+    name = root.get("model") or path.stem
+    builder = DiagramBuilder()
+    try:
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        instance = _instance_of(Parser(plant), root, path)
+    except RuntimeError as error:
+        if "mesh" not in str(error).lower():
+            raise
+        # A mesh is missing, or of a kind that Drake does not read: only shapes need it.
         _drop_meshes(root)
-        plant = MultibodyPlant(0.0)
-        text = ET.tostring(root, encoding="unicode")
-        instances = Parser(plant).AddModelsFromString(text, "xml")
-    if len(instances) != 1:
-        raise ValueError(f"holds {len(instances)} models, expected one; split the file")
-    robot, _ = _urdf_of_plant(plant, instances[0], root.get("model") or path.stem)
-    if has_shapes:
-        for link in robot.findall("link"):
-            if link.get("name") == "world":
-                continue
-            shape = ET.SubElement(link, "collision", name=f"{link.get('name')}_geoms")
+        plant, scene_graph = MultibodyPlant(0.0), None
+        instance = _instance_of(Parser(plant), root, None)
+    robot, frames = _urdf_of_plant(plant, instance, name)
+    for link in robot.findall("link"):
+        body_name = link.get("name", "")
+        if body_name not in frames:
+            continue  # "world"
+        if scene_graph is not None:
+            body = plant.GetBodyByName(body_name, instance)
+            _add_shapes(link, plant, body, scene_graph.model_inspector(), frames[body_name])
+        elif has_shapes:
+            shape = ET.SubElement(link, "collision", name=f"{body_name}_geoms")
             ET.SubElement(ET.SubElement(shape, "geometry"), "geom")  # of no kind that is known
     return robot
+
+
+def _instance_of(parser: Parser, root: ET.Element, path: Path | None) -> ModelInstanceIndex:
+    """The one model of a <mujoco>: of its file, or of `root` where that was changed."""
+    if path is not None and path.suffix == ".xml":
+        instances = parser.AddModels(str(path))
+    else:
+        instances = parser.AddModelsFromString(ET.tostring(root, encoding="unicode"), "xml")
+    if len(instances) != 1:
+        raise ValueError(f"holds {len(instances)} models, expected one; split the file")
+    return instances[0]
+
+
+def _add_shapes(
+    link: ET.Element, plant: MultibodyPlant, body: Any, inspector: Any, X_LB: RigidTransform
+) -> None:
+    """Adds the shapes that Drake has of a body."""
+    for kind, geometries in (
+        ("visual", plant.GetVisualGeometriesForBody(body)),
+        ("collision", plant.GetCollisionGeometriesForBody(body)),
+    ):
+        for number, geometry in enumerate(geometries):
+            element = ET.SubElement(link, kind, name=f"{body.name()}_{kind}_{number}")
+            set_pose(element, X_LB @ inspector.GetPoseInFrame(geometry))
+            _add_shape(ET.SubElement(element, "geometry"), inspector.GetShape(geometry))
+
+
+def _add_shape(geometry: ET.Element, shape: Any) -> None:
+    name = type(shape).__name__.lower()
+    if isinstance(shape, Box):
+        ET.SubElement(geometry, name, size=text_of(shape.size()))
+    elif isinstance(shape, Sphere):
+        ET.SubElement(geometry, name, radius=repr(shape.radius()))
+    elif isinstance(shape, (Capsule, Cylinder)):
+        size = {"radius": repr(shape.radius()), "length": repr(shape.length())}
+        ET.SubElement(geometry, name, size)
+    elif isinstance(shape, Ellipsoid):
+        sides = {"a": shape.a(), "b": shape.b(), "c": shape.c()}
+        ET.SubElement(geometry, name, {key: repr(value) for key, value in sides.items()})
+    elif isinstance(shape, (Convex, Mesh)) and shape.source().is_path():
+        file = Path(shape.source().path()).as_uri()
+        ET.SubElement(geometry, "mesh", filename=file, scale=text_of(shape.scale3()))
+    else:
+        ET.SubElement(geometry, name)  # of no kind that is known: it is dropped
 
 
 def _drop_meshes(root: ET.Element) -> None:

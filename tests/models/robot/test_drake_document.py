@@ -188,7 +188,8 @@ def test_an_mjcf_is_the_plant_that_drake_reads(tmp_path):
     expected = plant.GetJointByName("slide").frame_on_child().CalcPoseInWorld(context)
     np.testing.assert_allclose(terms.p_WE, expected.translation(), atol=1e-12)
     np.testing.assert_array_equal(robot.position_lower, [-2.0, -0.1])
-    assert any("<geom>" in notice for notice in robot.notices)  # its shapes are not taken
+    assert robot.urdf_text.count("<collision") == 1
+    assert 'cylinder radius="0.05" length="0.1"' in robot.urdf_text
 
 
 def test_an_mjcf_without_its_meshes_keeps_its_inertias(tmp_path):
@@ -201,3 +202,5 @@ def test_an_mjcf_without_its_meshes_keeps_its_inertias(tmp_path):
     for kind in ("inertial", "joint"):
         pairs = zip(root.iter(kind), expected.iter(kind), strict=True)
         assert all(ET.tostring(a) == ET.tostring(b) for a, b in pairs)
+    shapes = [shape.tag for shape in root.iterfind("link/collision/geometry/*")]
+    assert set(shapes) == {"geom"}  # which are lost, and said to be
