@@ -37,6 +37,7 @@ class PointOfAction(NamedTuple):
         force_sd: N of the deviations from it.
         moment_sd: N m about P.
         noise_scale: factor on the sds of Sigma_tau.
+        log_likelihood: mean over the samples, up to a constant of the log.
     """
 
     p_EP: Array
@@ -44,6 +45,7 @@ class PointOfAction(NamedTuple):
     force_sd: float
     moment_sd: float
     noise_scale: float
+    log_likelihood: float
 
 
 def jacobian_at(J: ArrayLike, R_WE: ArrayLike, p_EP: ArrayLike) -> Array:
@@ -68,6 +70,7 @@ def find_point_of_action(
     torque_covariance: ArrayLike,
     with_mean: bool = True,
     free_noise: bool = True,
+    at_E: bool = False,
 ) -> PointOfAction:
     """Finds the most evident point of action.
 
@@ -78,6 +81,7 @@ def find_point_of_action(
         torque_covariance: (n, n) Sigma_tau, N^2 m^2.
         with_mean: whether the force may have a mean; without, it is zero.
         free_noise: whether the noise may be larger than Sigma_tau says.
+        at_E: whether the force acts at E, so that the rest is to be found alone.
 
     Raises:
         ValueError: shapes disagree, or a value is not finite.
@@ -93,7 +97,7 @@ def find_point_of_action(
     likelihood = _Likelihood.of(J, R, tau, Sigma)
     noise = NOISE_RANGE if free_noise else (1.0, 1.0)
     bounds = [
-        *[(-LARGEST_OFFSET, LARGEST_OFFSET)] * 3,
+        *[(0.0, 0.0) if at_E else (-LARGEST_OFFSET, LARGEST_OFFSET)] * 3,
         *np.log([FORCE_SD_RANGE, MOMENT_SD_RANGE, noise]).tolist(),
         *[(-np.inf, np.inf) if with_mean else (0.0, 0.0)] * 3,
     ]
@@ -103,9 +107,11 @@ def find_point_of_action(
         np.r_[0.0, 0.0, 0.0, np.log([10.0, 1.0, 1.0]), mean],
         np.r_[0.0, 0.0, 0.0, np.log([30.0, 1.0, 1.0]), 0.0, 0.0, 0.0],
     ]
-    optimum, _ = bounded_minimum(likelihood.cost, starts, bounds)
+    optimum, cost = bounded_minimum(likelihood.cost, starts, bounds)
     force_sd, moment_sd, scale = (float(s) for s in np.exp(optimum[3:6]))
-    return PointOfAction(optimum[:3], _UNIT_FORCE * optimum[6:], force_sd, moment_sd, scale)
+    return PointOfAction(
+        optimum[:3], _UNIT_FORCE * optimum[6:], force_sd, moment_sd, scale, -float(cost)
+    )
 
 
 class _Likelihood(NamedTuple):

@@ -31,6 +31,7 @@ from wrenchsight.models.calibration.load_or_drift import LoadOrDrift
 from wrenchsight.models.detection.contact_detector import ContactEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
+from wrenchsight.models.estimation.lever_prior import find_lever
 from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
@@ -42,6 +43,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
 _PRIOR_SAMPLES = 1 << 12
+_LEVER_RATIO = 1.25  # of the moment of a lever to the evidence's, above which it is the prior
 _PASS_WORK = 0.3  # share of the whole work, of one pass over the log
 
 
@@ -237,6 +239,8 @@ def _monitor_friction(
 def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
     """The prior that explains best some thousand samples of a log (`evidence_prior`)."""
     J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
+    J_seen, q = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
+    duration = 0.0
     estimator: WrenchEstimator | None = None
     model, config = log_pass.model, log_pass.config.estimator
     for chunk in log_pass.chunks():
@@ -249,7 +253,10 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
         batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
         is_measured = ~chunk.dropout & (batch.fault == 0)
         sd = np.ones_like(batch.tau_ext) if model.torque_error is None else batch.torque_sd
+        duration += len(chunk.t) * estimator_config.observer.time_step
         J.add((batch.J / sd[:, None, :])[is_measured])
+        J_seen.add((batch.J_seen / sd[:, None, :])[is_measured])
+        q.add(chunk.q[is_measured])
         tau_ext.add((batch.tau_ext / sd)[is_measured])
     noise = model.residual_covariance
     if model.torque_error is not None:
@@ -265,12 +272,26 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
         )
     force_sd = max(force_sd, FLOOR_SHARE * live_force)
     moment_sd = max(moment_sd, FLOOR_SHARE * live_moment)
+    if stated.prior_moment_sd is None and config.reconstruction.method != "force_only":
+        R_WE, _ = log_pass.robot.chain.pose(q.values())
+        samples = _finite(J_seen.values(), R_WE, tau_ext.values())
+        lever = find_lever(*samples, noise, duration)
+        if lever is not None and lever.moment_sd > _LEVER_RATIO * moment_sd:
+            moment_sd = lever.moment_sd
+            warnings += (lever.sentence(),)
     rule = "evidence of the log"
     if stated.prior_force_sd is not None:
         rule += ", force given"
     elif stated.prior_moment_sd is not None:
         rule += ", moment given"
     return EvidencePrior((float(force_sd), float(moment_sd)), rule, warnings)
+
+
+def _finite(J: Array, R_WE: Array, tau_ext: Array) -> tuple[Array, Array, Array]:
+    """The samples all of whose numbers are finite."""
+    rows = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(tau_ext).all(axis=1)
+    rows &= np.isfinite(R_WE).all(axis=(1, 2))
+    return J[rows], R_WE[rows], tau_ext[rows]
 
 
 def _with_torque_observer(config: WrenchEstimatorConfig) -> WrenchEstimatorConfig:
