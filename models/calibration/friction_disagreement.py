@@ -12,6 +12,9 @@ holds:
 - they explain the reading: the remainder is not far above the model's residual. A load or a contact
   that happens to follow a joint's direction leaves more.
 
+Joints of one arm drift together: once one contradicts, TOGETHER standard errors and LITTLE of that
+torque suffice for the others.
+
 Only moving joints are judged: at rest stiction hides the coefficients of friction.
 """
 
@@ -20,12 +23,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrenchsight.models.calibration.friction_refresh import refresh_friction
+from wrenchsight.models.calibration.friction_refresh import FrictionRefresh, refresh_friction
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.sliding_friction import TERMS, UNITS
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 CLEAR = 4.0  # standard errors; 12 coefficients of six joints: a false alarm in 1300 logs
+TOGETHER, LITTLE = 3.0, 0.5  # standard errors and share of the stated torque, beside such a joint
 UNEXPLAINED = 3.0  # times the residual that the model states
 FEWEST = 20  # rows
 
@@ -50,6 +54,10 @@ class FrictionDisagreement:
     torque: float
     stated: float
 
+    def exceeds(self, standard_errors: float, share: float) -> bool:
+        """Whether the change is so clear, and adds more than this share of the stated torque."""
+        return abs(self.standard_errors) > standard_errors and self.torque > share * self.stated
+
     def sentence(self, joint_names: Sequence[str]) -> str:
         """The joint, its change with the error, and what to do, for the user."""
         unit = UNITS[TERMS.index(self.term)]
@@ -62,29 +70,37 @@ class FrictionDisagreement:
         )
 
 
-def friction_disagreements(rows: ResidualRows, law: CoulombViscous) -> list[FrictionDisagreement]:
+def friction_disagreements(
+    rows: ResidualRows, law: CoulombViscous, refresh: FrictionRefresh | None = None
+) -> list[FrictionDisagreement]:
     """Finds the joints whose friction contradicts the model.
 
     Args:
         rows: of stretches without contact, about ten a second. From an observer's reading: the
             residual is -tau_ext, and dry, viscous and sliding go through the observer's pole.
         law: the model's coefficients.
+        refresh: today's coefficients; None: those of the rows.
     """
     if len(rows.t) < FEWEST:
         return []
-    refresh = refresh_friction(rows, law)
+    refresh = refresh_friction(rows, law) if refresh is None else refresh
     sliding = rows.sliding
     unexplained = rows.moving_rms(rows.residual - (sliding * refresh.change).sum(axis=2))
     added = rows.moving_rms((sliding * refresh.change)[:, :, :2].sum(axis=2))
-    disagreements = []
+    found = []
     for j in range(rows.num_joints):
-        torque = float(added[j])
         worst = int(np.argmax(np.abs(refresh.standard_errors[j, :2])))
-        errors = float(refresh.standard_errors[j, worst])
-        stated = float(rows.sd[j])
-        if abs(errors) > CLEAR and torque > stated and unexplained[j] < UNEXPLAINED * stated:
-            change = float(refresh.change[j, worst])
-            disagreements.append(
-                FrictionDisagreement(j, TERMS[worst], change, errors, torque, stated)
+        found.append(
+            FrictionDisagreement(
+                joint=j,
+                term=TERMS[worst],
+                change=float(refresh.change[j, worst]),
+                standard_errors=float(refresh.standard_errors[j, worst]),
+                torque=float(added[j]),
+                stated=float(rows.sd[j]),
             )
-    return disagreements
+        )
+    found = [joint for joint in found if unexplained[joint.joint] < UNEXPLAINED * joint.stated]
+    if not any(joint.exceeds(CLEAR, 1.0) for joint in found):
+        return []
+    return [joint for joint in found if joint.exceeds(TOGETHER, LITTLE)]

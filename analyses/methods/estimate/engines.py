@@ -132,7 +132,7 @@ def _causal_parts(
         current = marked_current(chunk)
         runs = [engine.run(chunk.q, chunk.v, current) for engine in engines]
         batch = _with_last_band([run_batch for run_batch, _ in runs])
-        _, detection = runs[0]
+        _, detection = runs[-1]  # drift that the log shows is no contact
         yield LogPart(chunk, batch, detection, batch.tau_ext)
 
 

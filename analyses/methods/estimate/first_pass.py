@@ -33,6 +33,7 @@ from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstim
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.lever_prior import find_lever
 from wrenchsight.models.estimation.wrench import live_prior
+from wrenchsight.models.friction.sliding_friction import with_sliding
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -194,14 +195,22 @@ def _states_prior(config: WrenchEstimatorConfig) -> bool:
 def _model_with_drift(
     model: IdentifiedModel, monitor: FrictionMonitor | None, config: EstimateConfig
 ) -> tuple[Array | None, IdentifiedModel]:
-    """The drift (n,) that the log shows, or None, and the model with it in its torque error."""
+    """The drift (n,) that the log shows, or None, and the model with it in its torque error.
+
+    Of a log that is touched most of the time the model has today's friction, and the drift is its
+    sd: a drift that is told from a force is known in its sign, too.
+    """
     error = model.torque_error
     if monitor is None or config.drift is not None or error is None:
         return None, model
     drift_shown = monitor.drifts()
     if drift_shown is None:
         return None, model
-    return drift_shown, replace(model, torque_error=replace(error, drift_shown=drift_shown))
+    refresh, friction = monitor.refreshed(), model.friction
+    if refresh is not None:
+        friction = with_sliding(friction, refresh.after)
+    with_drift = replace(error, drift_shown=drift_shown)
+    return drift_shown, replace(model, friction=friction, torque_error=with_drift)
 
 
 def _monitor_friction(

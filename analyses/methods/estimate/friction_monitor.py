@@ -12,11 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from wrenchsight.analyses.methods.estimate.estimate_config import LARGEST_DRIFT
+from wrenchsight.models.calibration.friction_beside_contact import refresh_beside_contact
 from wrenchsight.models.calibration.friction_disagreement import (
     FrictionDisagreement,
     friction_disagreements,
 )
-from wrenchsight.models.calibration.friction_refresh import refresh_friction
+from wrenchsight.models.calibration.friction_refresh import FrictionRefresh, refresh_friction
 from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
 from wrenchsight.models.calibration.load_or_drift import (
     LoadOrDrift,
@@ -27,18 +28,21 @@ from wrenchsight.models.calibration.load_or_drift import (
 )
 from wrenchsight.models.calibration.observed_regressor import ObservedRegressor
 from wrenchsight.models.calibration.residual_noise import LogSignals, ResidualRows
+from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.first_order import low_pass
 
+LIVE_PAYLOAD = 10.0  # kg, of a wrench at an arm whose payload is not looked at
 ROW_TIME = 0.1  # s
 MOST_ROWS = 6000  # ten minutes
 MARGIN = 0.5  # s before and after a contact that are not contact-free
 SHORTEST = 4.0  # s of free motion that suffice for a refresh
 LITTLE = 0.5  # share of the model's unexplained torque, below which a joint's drift is not listed
-MOSTLY = 0.5  # share of contact beyond which the flag itself is doubtful, and all rows are judged
+MOSTLY = 0.5  # share of contact beyond which the flag itself is doubtful: all rows are judged, with
+# a wrench at E among the explanations
 _ROW_COLUMNS = ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
 
 
@@ -49,11 +53,13 @@ class _JudgedRows(NamedTuple):
         num_gathered: rows.
         load: None where none is looked for, or rows are too few.
         rows: without the torque of the load; None where there is none.
+        refresh: today's friction of a log that is touched most of the time; None: that of `rows`.
     """
 
     num_gathered: int
     load: LoadOrDrift | None
     rows: ResidualRows | None
+    refresh: FrictionRefresh | None = None
 
 
 class FrictionMonitor:
@@ -87,6 +93,7 @@ class FrictionMonitor:
             self._regressor = ObservedRegressor(robot, model, pole, time_step)
         self._load_columns: list[Array] = []
         self._model_columns: list[Array] = []
+        self._J: list[Array] = []
         self._judged = _JudgedRows(-1, None, None)
         self._is_free: list[Flags] = []
         self._count = 0
@@ -119,6 +126,7 @@ class FrictionMonitor:
             load_columns, model_columns = self._regressor.along(q, v, indices)
             self._load_columns.append(load_columns)
             self._model_columns.append(model_columns)
+        self._J.append(np.asarray(self._chain.jacobian(q[indices])))
         signals = LogSignals(t, q, v, self._chain.gravity_torque(q))
         sd = np.sqrt(np.diag(self._model.residual_covariance))
         self._rows.append(
@@ -162,7 +170,16 @@ class FrictionMonitor:
         rows = self._friction_rows()
         if rows is None:
             return []
-        return friction_disagreements(rows, self._model.friction.coulomb_viscous)
+        refresh = self._judge().refresh
+        return friction_disagreements(rows, self._model.friction.coulomb_viscous, refresh)
+
+    def refreshed(self) -> FrictionRefresh | None:
+        """Today's friction of a log that is touched most of the time.
+
+        None where it does not contradict the model, and where most of the log is contact-free.
+        """
+        refresh = self._judge().refresh
+        return refresh if refresh is not None and self.disagreements() else None
 
     def drift(self) -> float | None:
         """Friction drift of the joint with most of it, as a share of its viscous torque.
@@ -185,9 +202,13 @@ class FrictionMonitor:
         rows = self._friction_rows()
         if rows is None or not self.disagreements():
             return None
-        refresh = refresh_friction(rows, self._model.friction.coulomb_viscous)
-        added_torque = np.einsum("kjc,jc->kj", rows.sliding[:, :, :2], refresh.change[:, :2])
-        added, viscous = rows.moving_rms(added_torque), rows.moving_rms(rows.viscous)
+        refresh, viscous = self._judge().refresh, rows.moving_rms(rows.viscous)
+        if refresh is None:
+            refresh = refresh_friction(rows, self._model.friction.coulomb_viscous)
+            change = refresh.change
+        else:  # the band lies about today's friction
+            change = refresh.standard_deviation
+        added = rows.moving_rms(np.einsum("kjc,jc->kj", rows.sliding[:, :, :2], change[:, :2]))
         return np.asarray(np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT))
 
     def load(self) -> LoadOrDrift | None:
@@ -209,6 +230,21 @@ class FrictionMonitor:
         return self._judged
 
     def _judge_rows(self) -> _JudgedRows:
+        judged = self._judge_load()
+        if judged.rows is None or self._mostly_free() or len(judged.rows.t) != self._count:
+            return judged
+        # The flags are doubtful: a wrench at E is among the explanations.
+        payload = LIVE_PAYLOAD if self._robot is None else self._robot.payload
+        beside_contact = refresh_beside_contact(
+            judged.rows,
+            np.concatenate(self._J),
+            self._model.friction.coulomb_viscous,
+            live_prior(payload),
+        )
+        free_rows = judged.rows[beside_contact.is_free]
+        return judged._replace(rows=free_rows, refresh=beside_contact.refresh)
+
+    def _judge_load(self) -> _JudgedRows:
         is_chosen = self._chosen()
         rows = self._rows_of(is_chosen)
         if rows is None or self._robot is None or self._regressor is None:
@@ -248,9 +284,12 @@ class FrictionMonitor:
         if not self._is_free:
             return np.zeros(0, bool)
         is_free = np.concatenate(self._is_free)
-        if len(is_free) and is_free.mean() >= 1.0 - MOSTLY:
-            return is_free
-        return np.ones_like(is_free)
+        return is_free if self._mostly_free() else np.ones_like(is_free)
+
+    def _mostly_free(self) -> bool:
+        """Whether the flags leave enough rows without contact."""
+        is_free = np.concatenate(self._is_free)
+        return bool(len(is_free) and is_free.mean() >= 1.0 - MOSTLY)
 
     def _rows_of(self, is_chosen: Flags) -> ResidualRows | None:
         """The chosen rows; None where there is none."""

@@ -1,0 +1,116 @@
+"""Friction of a touched log: told from forces that come and go, and from a tool that slides."""
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.calibration.friction_beside_contact import refresh_beside_contact
+from wrenchsight.models.calibration.friction_disagreement import CLEAR, TOGETHER
+from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+
+N = 6
+LAW = CoulombViscous(
+    np.array([14.0, 11.0, 5.0, 2.5, 3.0, 2.5]),
+    np.array([20.0, 22.0, 14.0, 4.0, 2.5, 3.5]),
+    np.zeros(N),
+)
+SD = np.array([1.0, 0.7, 0.4, 0.3, 0.3, 0.3])  # N m
+WRENCH_SD = (60.0, 3.0)
+
+
+def log(
+    drift: np.ndarray, force: np.ndarray, seconds: float = 40.0, seed: int = 0
+) -> tuple[ResidualRows, np.ndarray]:
+    """Rows of 10 Hz: friction by the law, its drift (n, 2), a force (m, 3) at E, and white noise.
+
+    The arm is that of `chain_jacobian`, not one of the project's.
+    """
+    rng = np.random.default_rng(seed)
+    t = 0.1 * np.arange(round(10.0 * seconds))
+    rates = rng.uniform(0.5, 1.5, N)
+    q = 0.8 * np.sin(rates * t[:, None] + rng.uniform(0.0, 6.0, N))
+    v = np.gradient(q, t, axis=0)
+    sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
+    J = np.stack([chain_jacobian(row) for row in q])
+    residual = (sliding[:, :, :2] * drift).sum(axis=2)
+    residual -= np.einsum("kan,ka->kn", J[:, 3:], force[: len(t)])
+    residual += SD * 0.5 * rng.normal(size=v.shape)
+    stiction = np.broadcast_to(LAW.coulomb, v.shape)
+    rows = ResidualRows(
+        t, v, residual, LAW.coulomb * np.sign(v), LAW.viscous * v, stiction, sliding, SD
+    )
+    return rows, J
+
+
+def chain_jacobian(q: np.ndarray) -> np.ndarray:
+    """(6, 6) of links of .2 m, whose axes turn about z and y by turns."""
+    R, p, axes, places = np.eye(3), np.zeros(3), [], []
+    for j, angle in enumerate(q + 0.5):
+        c, s = np.cos(angle), np.sin(angle)
+        axes.append(R[:, 2] if j % 2 == 0 else R[:, 1])
+        places.append(p)
+        turn = (
+            [[c, -s, 0], [s, c, 0], [0, 0, 1]] if j % 2 == 0 else [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+        )
+        R = R @ np.array(turn)
+        p = p + R @ np.array([0.2, 0.0, 0.05])
+    return np.stack([[*a, *np.cross(a, p - x)] for a, x in zip(axes, places, strict=True)], axis=1)
+
+
+def steps(m: int = 600) -> np.ndarray:
+    """A force of 30 N in changing directions, on for 2 s of every 3."""
+    k = np.arange(m)
+    direction = np.random.default_rng(5).normal(size=(m // 30 + 1, 3))[k // 30]
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    return np.where((k % 30 >= 10)[:, None], 30.0 * direction, 0.0)
+
+
+def errors(rows: ResidualRows, J: np.ndarray, drift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the change in standard errors, and the change in standard errors, (n, 2) each."""
+    refresh = refresh_beside_contact(rows, J, LAW, WRENCH_SD).refresh
+    sd = refresh.standard_deviation[:, :2]
+    return (refresh.change[:, :2] - drift) / sd, refresh.standard_errors[:, :2]
+
+
+def test_drift_is_told_from_a_force_that_comes_and_goes() -> None:
+    """+10 % Coulomb, +20 % viscous: every joint is named."""
+    drift = np.stack([0.1 * LAW.coulomb, 0.2 * LAW.viscous], axis=1)
+    rows, J = log(drift, steps())
+    beside_contact = refresh_beside_contact(rows, J, LAW, WRENCH_SD)
+    error, found = errors(rows, J, drift)
+    assert (np.abs(error) < 3.5).all()  # 12 errors: one beyond 3.5 sd in 180 logs
+    assert np.abs(found).max() > CLEAR
+    assert (np.abs(found).max(axis=1) > TOGETHER).all()
+    # A third of the log is free; no segment with the whole force in it counts as free.
+    assert 0.15 < beside_contact.is_free.mean() < 0.5
+    size = np.linalg.norm(steps()[: len(rows.t)], axis=1)
+    assert size[beside_contact.is_free].mean() < 3.0
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_tool_that_slides_is_no_drift(friction: float) -> None:
+    """A tool pressed with 50 N whose friction turns as the first joint turns, for the whole log."""
+    no_force = np.zeros((600, 3))
+    rows, J = log(np.zeros((N, 2)), no_force)
+    along = J[:, 3:, 0] / np.linalg.norm(J[:, 3:, 0], axis=1)[:, None]
+    force = -friction * 50.0 * np.sign(rows.v[:, :1]) * along
+    force[:, 2] += 50.0
+    rows, J = log(np.zeros((N, 2)), force)
+    _, found = errors(rows, J, np.zeros((N, 2)))
+    assert (np.abs(found) < CLEAR).all()
+
+
+def test_a_log_without_a_force_is_free_and_without_drift() -> None:
+    rows, J = log(np.zeros((N, 2)), np.zeros((600, 3)))
+    beside_contact = refresh_beside_contact(rows, J, LAW, WRENCH_SD)
+    assert beside_contact.is_free.mean() > 0.9
+    assert (np.abs(beside_contact.refresh.standard_errors[:, :2]) < 3.5).all()
+
+
+def test_a_joint_that_rests_says_nothing_of_its_friction() -> None:
+    """The second joint rests under 9 N m of its 11; its coefficients stay, and their sds."""
+    rows, J = log(np.zeros((N, 2)), np.zeros((600, 3)))
+    rows.v[:, 1], rows.residual[:, 1] = 0.0, 9.0
+    refresh = refresh_beside_contact(rows, J, LAW, WRENCH_SD).refresh
+    np.testing.assert_allclose(refresh.change[1, :2], 0.0, atol=1e-9)
+    np.testing.assert_allclose(refresh.standard_deviation[1, :2], refresh.prior_deviation[1, :2])
