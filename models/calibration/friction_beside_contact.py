@@ -121,8 +121,8 @@ def refresh_beside_contact(
             for weight, which in ((share, 0), (1.0 - share, 1)):
                 information = information + weight * segment.information[which]
                 projection = projection + weight * segment.projection[which]
-        covariance = np.linalg.inv(information)
-        values = covariance @ projection
+        covariance = np.asarray(np.linalg.inv(information), float)
+        values = np.asarray(covariance @ projection, float)
         odds = np.array([segment.log_odds(values, covariance) for segment in segments])
         before, free = free, 1.0 / (1.0 + np.exp(-odds))
         if np.abs(free - before).max() < CALM:
