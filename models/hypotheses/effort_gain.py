@@ -8,12 +8,14 @@ import numpy as np
 from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation, numbers_text
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.recording_format import PER_CENT, PER_MILLE
 
 NAME = "unit or gain of the drives"
 SMALLEST = 0.3  # of the logarithm of a gain: less is a load, a model's masses, a torque constant
 ALL_SMALLEST = 0.9  # the same, of all joints together
 ALIKE = 0.3  # of the logarithm, within which a gain is that of a known unit
 ALL_SMALL = 0.2  # gains of another unit; a single drive of less has the error of the others
+RATED_UNITS = {1e3: PER_MILLE, 1e2: PER_CENT}  # by the parts of a rated torque that they count
 _PASSES = 3
 
 
@@ -55,6 +57,7 @@ def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
     word, key = case.word, case.key
     factor = numbers_text(1.0 / gains)
     cause, remedy = _named(case, gains)
+    values: dict[str, float | list[float]] = {"gain": gains.tolist()}
     if not cause:
         off = np.flatnonzero(np.abs(np.log(gains)) > SMALLEST)
         listed = ", ".join(f"{case.robot.joint_names[j]} {gains[j]:.3g}" for j in off)
@@ -65,9 +68,12 @@ def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
                 f"{word}s in another unit, such as per cent or per mille of each drive's rated "
                 f"torque ({listed} of it a N m)"
             )
+            parts, rated = _rated(case, gains)
+            values |= {"parts_of_rated": parts, "rated_torque_nm": rated.tolist()}
             remedy = (
-                f"describe the columns as {_rated(case, gains)} (rated torques on the joint side, "
-                "N m, from the drives' data sheets); `wrenchsight identify LOGS --scale` finds them"
+                f"describe the columns as motor_torque: {{unit: {RATED_UNITS[parts]}, gain: "
+                f"{numbers_text(rated)}}} (rated torques on the joint side, N m, from the drives' "
+                "data sheets); `wrenchsight identify LOGS --scale` finds them"
             )
         elif not case.rows.is_torque:
             remedy += ", or correct torque_per_ampere there in robot.yaml"
@@ -77,23 +83,22 @@ def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
         explained=case.explained(view, fit),
         cause=cause,
         remedy=remedy,
-        values={"gain": gains.tolist()},
+        values=values,
     )
 
 
-def _rated(case: Case, gains: Array) -> str:
-    """The entry of a description: per mille of rated torques, or per cent if that fits better."""
+def _rated(case: Case, gains: Array) -> tuple[float, Array]:
+    """Parts of the rated torques that the numbers count, and these torques (n,) in N m."""
     torque = np.ones(case.num_joints)
     if not case.rows.is_torque:
         torque = np.abs(np.diag(case.joint_torque(np.eye(case.num_joints))))
     of_one = torque / gains  # N m
     distance = {
-        unit: float(np.abs(np.log(parts * of_one / case.effort_limit)).sum())
-        for unit, parts in (("per mille", 1e3), ("per cent", 1e2))
+        parts: float(np.abs(np.log(parts * of_one / case.effort_limit)).sum())
+        for parts in RATED_UNITS
     }
-    unit = min(distance, key=lambda name: distance[name])
-    rated = (1e3 if unit == "per mille" else 1e2) * of_one
-    return f"motor_torque: {{unit: {unit}, gain: {numbers_text(rated)}}}"
+    parts = min(distance, key=lambda count: distance[count])
+    return parts, parts * of_one
 
 
 def _named(case: Case, gains: Array) -> tuple[str, str]:

@@ -12,6 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrenchsight.models.hypotheses.effort_gain import RATED_UNITS
+from wrenchsight.models.hypotheses.explanation import numbers_text
+from wrenchsight.models.hypotheses.judgement import Judgement
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.log_container import LogTable
@@ -67,7 +70,10 @@ class _Entry:
 
 
 def draft_of_log(
-    reader: RecordingReader, words: dict[str, RawWords], knows_robot: bool, of_rated: bool = False
+    reader: RecordingReader,
+    words: dict[str, RawWords],
+    knows_robot: bool,
+    judgement: Judgement | None = None,
 ) -> str:
     """The description of a log that is read.
 
@@ -75,10 +81,15 @@ def draft_of_log(
         reader: of the log.
         words: encodings that its signals seem to have, by name.
         knows_robot: whether it was held against a robot, so that units are no question.
-        of_rated: whether the currents look like parts of the drives' rated torque.
+        judgement: what the hypotheses say of the log.
     """
     table = reader.table
-    lines = [_FIRST_LINE, *_text_keys(table)]
+    lines = [_FIRST_LINE]
+    fault = None if judgement is None else judgement.fault
+    if judgement is not None and fault is not None:
+        lines.append(f"# ? {judgement.problem()}: {judgement.remedy()}\n")
+    rated = None if fault is None else fault.values.get("rated_torque_nm")
+    lines += _text_keys(table)
     extra = []
     for signal in reader.layout.signals:
         if signal.name == "dropout":
@@ -88,11 +99,11 @@ def draft_of_log(
             lines.append(f"rate_hz: {table.rate_hz:g}\n")
             continue
         entry = _entry(signal, key, table, words.get(signal.name))
-        if key == "current" and of_rated:
-            unknown = ", ".join(['"?"'] * len(signal.columns))
-            values = {"columns": entry.values["columns"], "unit": "per mille"}
-            values["gain"] = f"[{unknown}]"
-            question = "? rated torque of each drive at its joint, N m; or unit: per cent"
+        if key == "current" and fault is not None and isinstance(rated, list):
+            unit = RATED_UNITS[float(fault.values["parts_of_rated"])]  # type: ignore[arg-type]
+            values = {"columns": entry.values["columns"], "unit": unit}
+            values["gain"] = numbers_text(rated)
+            question = "? gain: rated torque of each drive at its joint, N m, by its data sheet"
             entry = _Entry("motor_torque", values, question)
         elif key in ("current", "motor_torque") and not knows_robot:
             entry = _Entry(entry.key, entry.values, entry.question or _UNIT_QUESTIONS[key])

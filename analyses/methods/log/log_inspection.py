@@ -15,6 +15,7 @@ from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.hypotheses.judgement import Judgement, judge_log
 from wrenchsight.models.recordings.lerobot.data_set import episode_paths, root_of
 from wrenchsight.models.recordings.log_container import LogTable
 from wrenchsight.models.recordings.log_containers import TEXT, container_of
@@ -25,6 +26,7 @@ from wrenchsight.models.recordings.parquet_table import ParquetTable
 from wrenchsight.models.recordings.plausibility.raw_words import RawWords, raw_words
 from wrenchsight.models.recordings.rated_table import RatedTable
 from wrenchsight.models.recordings.recording_reader import RecordingReader
+from wrenchsight.models.recordings.resampling import resample_chunks
 from wrenchsight.models.recordings.rosbag.table import RosbagTable
 from wrenchsight.models.recordings.text_table import TextTable
 from wrenchsight.models.robot.robot import Robot
@@ -137,7 +139,11 @@ def _inspected(
             f"{encoding.encoding} in the draft"
         )
     problem = _contradiction(path, settings, robot)
-    of_rated = "rated torque" in problem
+    judgement = None if problem or robot is None else _judgement(reader, robot)
+    if judgement is not None and judgement.fault is not None:
+        problem = f"{judgement.problem()}: {judgement.remedy()}"
+    elif judgement is not None and judgement.sentence():
+        notices.append(judgement.sentence())
     return InspectedLog(
         path=path,
         container=_container_word(reader.table),
@@ -147,7 +153,7 @@ def _inspected(
         joint_names=joints,
         problem=problem,
         notices=(*notices, *reader.notices),
-        draft=draft_of_log(reader, words, robot is not None, of_rated),
+        draft=draft_of_log(reader, words, robot is not None, judgement),
         draft_name=draft_name,
     )
 
@@ -193,6 +199,18 @@ def _contradiction(path: Path, settings: LogSettings, robot: Robot | None) -> st
     except InputError as error:
         return str(error)
     return ""
+
+
+def _judgement(reader: RecordingReader, robot: Robot) -> Judgement | None:
+    """What the hypotheses say of a log; None where it holds no drives, or is too short."""
+    drives = ("current", "tau_J")
+    has_drives = any(reader.layout.signal(name) is not None for name in drives)
+    if not (has_drives and reader.layout.signal("q") is not None and robot.has_inertias):
+        return None
+    try:
+        return judge_log(resample_chunks(reader.chunks()), robot, None)
+    except InputError:  # gaps that are too long for a uniform grid
+        return None
 
 
 def _encodings(reader: RecordingReader) -> dict[str, RawWords]:

@@ -3,12 +3,14 @@
 They lie in `../shared/cases` beside the repository; without them the tests are skipped.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.hypotheses.judgement import refuse_faulty
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 
@@ -76,9 +78,18 @@ def test_external_torque_as_effort_is_told_from_motor_torque() -> None:
     [
         ("05", "record.csv", r"has no column of time.*--log-format rate_hz=100"),
         ("09", "log.mcap", r"/joint_states: the messages name no joints.*joints-in-robot-order"),
-        ("21", "free.csv", r"per mille of the drives\' rated torque: set motor_torque"),
     ],
 )
 def test_what_cannot_be_known_is_asked_for(ur10e: Robot, case: str, file: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         read_recording(_case(case) / file, None, ur10e)
+
+
+def test_per_mille_of_rated_torque_are_told_with_the_rated_torques(ur10e: Robot) -> None:
+    recording = read_recording(_case("21") / "free.csv", None, ur10e)
+    with pytest.raises(InputError, match=r"motor_torque: \{unit: per mille, gain: \[") as caught:
+        refuse_faulty([recording], ur10e)
+    numbers = re.findall(r"gain: \[([^\]]*)\]", str(caught.value))[0]
+    rated = [float(number) for number in numbers.split(",")]
+    # True: 330, 330, 150, 56, 56, 56 N m; a log of 10 s without a model shows them to a sixth.
+    np.testing.assert_allclose(rated, [330, 330, 150, 56, 56, 56], rtol=0.17)
