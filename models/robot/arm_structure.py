@@ -210,6 +210,12 @@ class ArmStructure:
         """Whether the arm's end carries a joint."""
         return joint.parent in self._links_below(arm[-1].child)
 
+    def sides(self, base: str, arm: Sequence[DescribedJoint]) -> tuple[set[str], set[str]]:
+        """Links that the arm moves, and links that other joints move, which are held still."""
+        carried = set(self._links_below(arm[0].child))
+        at_rest = {link for joint in self.at_rest(arm) for link in self._links_below(joint.child)}
+        return carried, at_rest - carried - set(self._rigid(base))
+
     def mounting(self, base: str) -> tuple[str, RigidTransform]:
         """The root, and the pose of the base in it, with joints between them where they rest."""
         link, X = base, RigidTransform()

@@ -1,6 +1,6 @@
 """What no description of a robot holds, assumed as on common arms: to be filled in."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -157,16 +157,23 @@ def good_posture(
     return np.asarray(np.round(np.clip(best, low, high), 2), np.float64), best_floor
 
 
-def nearest_at_home(robot: Robot) -> str:
-    """A sentence on shapes that are near each other at home; '' where all is well."""
-    pairs = Clearance(robot, floor=robot.floor).slacks(robot.home)
-    nearest = min(pairs, key=lambda pair: pair.distance, default=None)
-    if nearest is None or nearest.distance > _NEAR:
-        return ""
-    sentence = (
-        f"no posture with more room was found: at home {nearest.first} and {nearest.second} are "
-        f"{1e3 * nearest.distance:.2g} mm from each other"
-    )
-    if robot.config.locked_joints:
-        sentence += "; if one is not the arm's, move it away by its joints under locked_joints"
-    return sentence
+def in_the_way(robot: Robot, carried: Collection[str], at_rest: Collection[str]) -> str:
+    """A sentence on what is near the arm at home, or overlaps it; '' where all is well.
+
+    Args:
+        carried: links that the arm moves.
+        at_rest: links that joints move which are held still.
+    """
+    clearance = Clearance(robot, floor=robot.floor)
+    near = [pair for pair in clearance.slacks(robot.home) if pair.distance < _NEAR]
+    pairs = [(pair.first, pair.second) for pair in near]
+    pairs += [pair.partition(" and ")[::2] for pair in clearance.overlapping]
+    for first, second in pairs:
+        for ours, other in ((first, second), (second, first)):
+            if ours in carried and other in at_rest:
+                return (
+                    f"no posture with more room was found: at home {ours} and {other} are less "
+                    f"than {1e3 * _NEAR:g} mm from each other, or overlap; move {other} away by "
+                    "its joints under locked_joints"
+                )
+    return ""

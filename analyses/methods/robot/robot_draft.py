@@ -13,8 +13,8 @@ from wrenchsight.analyses.methods.robot.draft_assumptions import (
     Assumed,
     assume,
     good_posture,
+    in_the_way,
     is_placeholder,
-    nearest_at_home,
     postures,
 )
 from wrenchsight.analyses.methods.robot.draft_text import DraftText, marked_keys
@@ -149,7 +149,7 @@ def _draft(
             partial.write_text(text, encoding="utf-8")
     robot = Robot.load(out)
     notes = [*doubts, *mounting_note, *_effort_note(arm, assumed)]
-    notes += [*_rest_notes(structure, arm, locked), nearest_at_home(robot)]
+    notes += [*_rest_notes(structure, arm, locked), in_the_way(robot, *structure.sides(base, arm))]
     return DraftedRobot(robot, marked_keys(text), tuple(note for note in notes if note))
 
 

@@ -279,3 +279,25 @@ def test_a_rail_that_cannot_move_what_it_carries_has_a_placeholder(tmp_path: Pat
     # The rail's newtons are no measure of a wrist's newton metres.
     coulomb = robot.config.simulated_truth.friction.coulomb
     assert coulomb[-1] < 0.1 * coulomb[0]
+
+
+def test_what_leaves_the_arm_no_room_at_home_is_named(tmp_path: Path) -> None:
+    """A cage about the arm that another joint moves."""
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    ball = "<collision><geometry><sphere radius='0.02'/></geometry></collision>"
+    text = urdf.read_text().replace("<link name='wrist'>", f"<link name='wrist'>{ball}")
+    plates = "".join(
+        f"<collision><origin xyz='0 0 {0.05 * k:.2f}'/><geometry><box size='2 2 0.005'/></geometry>"
+        "</collision>"
+        for k in range(-10, 15)
+    )
+    cage = (
+        f"<link name='cage'>{plates}</link><joint name='door' type='prismatic'>"
+        "<parent link='base'/><child link='cage'/><axis xyz='0 1 0'/>"
+        "<limit lower='0' upper='9' velocity='1' effort='1'/></joint></robot>"
+    )
+    urdf.write_text(text.replace("</robot>", cage))
+    _, _, notes = draft_robot(urdf, tmp_path / "robot.yaml", flange="gripper_link")
+    (note,) = [note for note in notes if "no posture with more room" in note]
+    assert "wrist" in note and "cage" in note
+    assert "locked_joints" in note
