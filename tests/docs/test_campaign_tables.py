@@ -14,6 +14,7 @@ from wrenchsight.analyses.campaign.campaign_store import (
 )
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.analyses.study.readme_table import TABLE_BEGIN, TABLE_END
+from wrenchsight.models.truth.worlds import bundled_worlds, draw_world
 
 ROOT = Path(__file__).parents[2]
 COMMITTED = {"arm": 200, "machining": 20}  # worlds at the least
@@ -235,3 +236,12 @@ def test_the_page_says_of_the_touch_what_the_committed_worlds_have(loaded):
         f"The force then rises by {np.median(polishing):.0f} N above its 40 N and falls to "
         f"{first}, {second} and {third} N ({spread(least[:, 0])})."
     ) in page
+
+
+@pytest.mark.parametrize("name", COMMITTED)
+def test_the_committed_worlds_are_those_that_a_campaign_draws(loaded, name):
+    """So the README's ranges are what its command prints again."""
+    record, source = read_table(loaded.committed(name)), bundled_worlds()
+    for number, kept in record.worlds.items():
+        world = draw_world(0, number, source)
+        assert (world.seed, world.parameters()) == (kept.seed, kept.parameters)
