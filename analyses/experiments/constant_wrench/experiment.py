@@ -290,5 +290,6 @@ EXPERIMENT = Experiment(
     section="4.3, Figs. 8-10",
     run=run,
     order=40,
+    seconds=10,
     readme=("optimised.max_error_y_n",),
 )

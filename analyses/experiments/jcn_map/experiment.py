@@ -99,4 +99,5 @@ EXPERIMENT = Experiment(
     section="4.2, Fig. 7",
     run=run,
     order=20,
+    seconds=7,
 )

@@ -328,5 +328,5 @@ EXPERIMENT = Experiment(
     needs=("neura_lara8",),
     uses=("neura_lara8_urdf",),
     order=170,
-    seconds=20.0,
+    seconds=4,
 )

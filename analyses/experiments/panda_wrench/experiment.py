@@ -180,5 +180,6 @@ EXPERIMENT = Experiment(
     run=run,
     needs=("panda_ati_gamma",),
     order=170,
+    seconds=5,
     readme=("bayesian.mean_rmse_n",),
 )
