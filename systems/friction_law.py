@@ -120,7 +120,7 @@ class FrictionLawSystem(SampledBlock):
             memory, q = self.memory(context), self._q.Eval(context)
             self._law.kernels.add_torque(slip_table, memory, q, v, tau_f)
         if self._torque_error is not None:
-            error = torque_error_views(self._torque_error.Eval(context), self._n)
+            error = torque_error_views(self._torque_error.Eval(context), self._law.num_joints)
             friction_at_rest(sliding.offset, sliding.viscous, error.rows[REST_ROW], v, tau_f)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:

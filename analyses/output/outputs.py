@@ -45,6 +45,8 @@ def plain(value: Any, path: str = "", not_finite: list[str] | None = None) -> An
         return value.as_posix()
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if hasattr(type(value), "__fields__"):  # a configuration of Drake's
+        value = {field.name: getattr(value, field.name) for field in type(value).__fields__}
     if isinstance(value, Mapping):
         return {str(k): plain(v, f"{path}.{k}".lstrip("."), places) for k, v in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, bytes):

@@ -1,13 +1,16 @@
 """Every stage beside a plant that samples its outputs, one that does not, and a continuous one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Gain, LogVectorOutput
-from sample_models import knowing_model
+from sample_models import knowing_model, torque_error
 
+from wrenchsight.analyses.methods.identify.friction_training import TrainingConfig, train_networks
 from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -31,9 +34,23 @@ NO_FRICTION = SemiParametricFriction(CoulombViscous(*np.zeros((3, N))))
 # Impossible samples apart, the estimator works on rounded digits of the plant: sums of some tens of
 # terms of some hundred N m.
 TOLERANCE = 1e-12
+
+
+def article_model(robot):
+    """The article's law with networks trained near zero velocity, and a learnt torque error."""
+    law = CoulombViscous(np.full(N, 0.3), np.full(N, 0.2), np.zeros(N))
+    v = np.linspace(-0.3, 0.3, 121)[:, None] * np.ones(N)
+    torque = 0.3 * np.tanh(v / 0.02) + 0.2 * v
+    config = TrainingConfig(steps=200, odd=True)
+    trained = train_networks(v, torque, law, config=config, joint_names=robot.joint_names)
+    friction = SemiParametricFriction(law, trained.networks, trained.v_crit)
+    return replace(IdentifiedModel.nominal(robot), friction=friction, torque_error=torque_error())
+
+
 MODELS = {
     "plain": IdentifiedModel.nominal,
     "with memory": lambda robot: knowing_model(robot, 0.3, 0.2),
+    "trained network": article_model,
 }
 
 

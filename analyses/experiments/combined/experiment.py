@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import found_path
+from wrenchsight.analyses.experiments.setups.path_runs.diagram_runs import diagram_metrics
 from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
     PathPage,
     path_result,
@@ -61,6 +62,13 @@ VARIANTS = (
     EstimatorVariant("presliding", "B, presliding", "optimised", "presliding", "bayesian", FAST),
     EstimatorVariant("least_jcn", "B, path of least JCN", "found", SP, "bayesian", FAST),
     EstimatorVariant(OURS, "B, path of least force sd: ours", "placed", SP, "bayesian", FAST),
+)
+
+
+DIAGRAM_NOTE = (
+    "In the diagram (the plant moves the arm, every stage is a block, the trained network is in "
+    "the block of the friction law) both measures together read with <in_diagram.rmse_x_n:.2f> "
+    "<in_diagram.rmse_y_n:.2f> <in_diagram.rmse_z_n:.2f> N (X Y Z)."
 )
 
 
@@ -151,6 +159,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["mean_jcn"] = {
         path: float(entry.condition_number.mean()) for path, entry in runs.items()
     }
+    notes: tuple[str, ...] = NOTES
+    if context.draws:  # a campaign repeats the compiled loop alone
+        [variant] = [variant for variant in VARIANTS if variant.key == AFTER]
+        metrics["in_diagram"] = diagram_metrics(
+            context, models, scenarios[variant.path], variant, speed
+        )
+        notes += (DIAGRAM_NOTE,)
     return path_result(
         context,
         runs,
@@ -162,7 +177,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             passes=1,
             variants=VARIANTS,
             comparison=_comparison(),
-            notes=NOTES,
+            notes=notes,
             caption="Errors of every variant. A row with + changes the row above it, one with B "
             "the row marked (B).",
         ),

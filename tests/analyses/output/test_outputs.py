@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from pydrake.multibody.plant import MultibodyPlantConfig
 
 from wrenchsight.analyses.output.figures import new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder, plain
@@ -66,6 +67,10 @@ def test_numpy_and_dataclasses_become_plain():
 def test_a_value_without_a_plain_form_is_named(value):
     with pytest.raises(TypeError, match=r"^a: "):
         plain(value)
+
+
+def test_a_configuration_of_drake_s_becomes_plain():
+    assert plain(MultibodyPlantConfig(time_step=0.002))["time_step"] == 0.002
 
 
 def test_json_round_trips_with_sorted_keys_and_full_precision(tmp_path):
