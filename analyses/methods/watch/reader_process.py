@@ -13,12 +13,14 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 
 import numba
 import numpy as np
 
 from wrenchsight.analyses.methods.watch.load_search import LoadSearch
 from wrenchsight.analyses.methods.watch.publishers import Publisher, open_publisher
+from wrenchsight.analyses.methods.watch.replay_source import ReplaySource
 from wrenchsight.analyses.methods.watch.ring import Ring
 from wrenchsight.analyses.methods.watch.sources import open_source
 from wrenchsight.analyses.methods.watch.start_checks import StartChecks
@@ -29,6 +31,7 @@ from wrenchsight.models.live.live_estimator import LiveEstimator
 from wrenchsight.models.live.reading import Reading, row_size
 from wrenchsight.models.live.samples import EVENT_SIZE, EventKind, Sample, StreamEvent
 from wrenchsight.models.live.source import Source
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 READING_COUNT = 1 << 14  # rows of the ring: half a minute at 500 Hz
@@ -46,6 +49,7 @@ def read_stream(
     emit: Emit,
     checks: StartChecks | None = None,
     go_on: Callable[[], bool] = lambda: True,
+    q_offset: Array | None = None,
 ) -> None:
     """Reads a source until it ends, or `go_on` returns False.
 
@@ -53,11 +57,14 @@ def read_stream(
         live: that reads it.
         emit: given each reading and event.
         checks: of the first seconds.
+        q_offset: (n,) rad (m), added to the positions; None: they are at the robot's zeros already.
     """
     while go_on():
         items = source.read(_WAIT)
         for item in items:
             if isinstance(item, Sample):
+                if q_offset is not None and item.q.shape == q_offset.shape:
+                    item = replace(item, q=item.q + q_offset)
                 if checks is not None and (event := checks.take(item, live)) is not None:
                     emit(event)
                 out = live.take(item)
@@ -136,7 +143,10 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
         live = make_live(settings, robot, model, source)
         gc.collect()
         gc.freeze()
-        read_stream(source, live, emit, checks, starter_is_alive)
+        # A log's reader has put its positions at the robot's zeros.
+        is_log = isinstance(source, ReplaySource)
+        q_offset = robot.q_offset if robot.q_offset.any() and not is_log else None
+        read_stream(source, live, emit, checks, starter_is_alive, q_offset)
     except InputError as error:
         emit(StreamEvent(EventKind.ENDED, str(error), time.monotonic()))
         return 2

@@ -1,0 +1,137 @@
+"""Supports docs/faults.md, "in each of 36 ways, and read with the defaults".
+
+Experiment `faults`: damage done to real recordings, and what is read then.
+
+The model of the UR10e is fitted on its three unloaded runs. Three other contact-free logs are
+damaged in each of the ways of `damages` and read by `estimate` with its defaults. Nothing touches
+the arm, so that every reading beyond its band is wrong. For each kind, over all logs:
+
+    named               share of the logs in which a hypothesis names a fault
+    recognised_after_s  length of the log from which on it is named, tried at LENGTHS; the longest
+                        of the logs in which it is named at all
+    valid_and_wrong_s   longest time in which a valid reading is more than BEYOND outside its band
+    largest_n           by how much it is outside, at most
+    valid_pct           of the readings
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.faults.damages import DAMAGES
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    identify_ur10e,
+    log_file,
+)
+from wrenchsight.analyses.methods.estimate.estimation import estimate_log
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+)
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.hypotheses.judgement import judge_log
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
+
+LOGS = ("ur-20_02_19_15harm50sec", "ur-20_01_17-ptp_10_points", "ur-20_02_05-20sec_8harm")
+LENGTHS = (4.0, 10.0)  # s of a log, from its begin
+BEYOND = 10.0  # N
+NOTES = ()
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Identifies, damages, reads, and compares with zero."""
+    robot = Robot.load("ur10e")
+    model = identify_ur10e(context.data, robot, progress=context.part(0.0, 0.1)).model
+    logs = LOGS[2:] if context.quick else LOGS
+    recordings = [read_recording(log_file(context.data, log), robot=robot) for log in logs]
+    metrics: dict[str, Any] = {}
+    for k, (kind, damage) in enumerate(DAMAGES.items()):
+        context.progress(0.1 + 0.9 * k / len(DAMAGES), kind)
+        damaged = [damage(resampled(recording), robot) for recording in recordings]
+        metrics[kind] = _kind_metrics(damaged, robot, model, context.out)
+    rows = [
+        ComparisonRow("nothing wrong: logs called wrong, of one", "none.named"),
+        ComparisonRow("currents 200 ms late: valid and wrong", "late_200_ms.valid_and_wrong_s"),
+        ComparisonRow("currents 300 ms early: valid and wrong", "early_300_ms.valid_and_wrong_s"),
+        ComparisonRow("joint 2 counts the other way", "joint_2_turned.valid_and_wrong_s"),
+    ]
+    return ExperimentResult(metrics=metrics, comparison=tuple(rows), notes=NOTES)
+
+
+def _kind_metrics(
+    logs: list[Recording], robot: Robot, model: IdentifiedModel, out: Path
+) -> dict[str, float | None]:
+    """The figures of one kind of damage over all logs."""
+    named, after, longest, largest, valid = [], [], [], [], []
+    for log in logs:
+        lengths = [length for length in LENGTHS if length < log.duration]
+        parts = [log[log.t - log.t[0] <= length] for length in lengths]
+        faults = [_is_named(part, robot, model) for part in (*parts, log)]
+        named.append(float(faults[-1]))
+        if faults[-1]:
+            after.append([*lengths, log.duration][faults.index(True)])
+        if faults[-1]:
+            longest.append(0.0)
+            largest.append(0.0)
+            valid.append(0.0)
+            continue
+        wrong_time, excess, share = _wrongness(log, robot, model, out)
+        longest.append(wrong_time)
+        largest.append(excess)
+        valid.append(100.0 * share)
+    return {
+        "named": float(np.mean(named)),
+        "recognised_after_s": max(after) if after else None,
+        "valid_and_wrong_s": max(longest),
+        "largest_n": max(largest),
+        "valid_pct": float(np.mean(valid)),
+    }
+
+
+def _is_named(log: Recording, robot: Robot, model: IdentifiedModel) -> bool:
+    judgement = judge_log([log], robot, model)
+    return judgement is not None and judgement.fault is not None
+
+
+def _wrongness(
+    log: Recording, robot: Robot, model: IdentifiedModel, out: Path
+) -> tuple[float, float, float]:
+    """Longest time in s and largest excess in N of what is valid and wrong; share that is valid."""
+    with TemporaryDirectory(dir=out) as folder:
+        path, model_path = Path(folder) / "log.csv", Path(folder) / "model.yaml"
+        write_recording(replace(log, extra={}, row=None), path)
+        model.save(model_path)
+        try:
+            result = estimate_log(path, robot.name, model_path, Path(folder) / "out")
+        except InputError:
+            return 0.0, 0.0, 0.0  # refused: nothing is read
+        table = np.genfromtxt(result.table, delimiter=",", names=True)
+    excess = np.max([np.abs(table[f"f{x}"]) - SIGMA_95 * table[f"sd_f{x}"] for x in "xyz"], axis=0)
+    is_valid = table["valid"] > 0.0
+    is_wrong = is_valid & (excess > BEYOND)
+    edges = np.flatnonzero(np.diff(np.r_[False, is_wrong, False].astype(int)))
+    lengths = (edges[1::2] - edges[::2]) * float(np.median(np.diff(table["t"])))
+    largest = float(excess[is_valid].max(initial=0.0))
+    return float(lengths.max(initial=0.0)), max(0.0, largest), float(is_valid.mean())
+
+
+EXPERIMENT = Experiment(
+    name="faults",
+    title="Damage done to real recordings, and what is read then",
+    section="recordings of a UR10e",
+    run=run,
+    needs=("ur10e", "ur10e_more"),
+    order=158,
+    seconds=900,
+)

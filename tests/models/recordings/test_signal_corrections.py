@@ -1,0 +1,82 @@
+"""Corrections of signals: order, turned joints, delays, missing gravity, zeros."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.robot.robot import Robot
+
+STEP, SIZE = 0.01, 400
+
+
+def written(path: Path) -> np.ndarray:
+    """A log of straight lines in time, which linear interpolation gives exactly."""
+    t = STEP * np.arange(SIZE)
+    q = 0.1 * np.arange(1, 7) + 0.02 * t[:, None]
+    current = np.arange(1.0, 7.0) + 0.5 * t[:, None]
+    table = np.hstack([t[:, None], q, np.full_like(q, 0.02), current])
+    names = ["t", *(f"{key}{j}" for key in ("q", "v", "i") for j in range(1, 7))]
+    np.savetxt(path, table, fmt="%.12g", delimiter=",", header=",".join(names), comments="")
+    return table
+
+
+def test_words_put_signals_in_order_and_turn_them(ur10e: Robot, tmp_path: Path) -> None:
+    table = written(tmp_path / "log.csv")
+    words = "drives-order=3-2-1-4-6-5,drives-turned=2,joints-turned=1-6"
+    log = read_recording(tmp_path / "log.csv", words, ur10e, check=False)
+    expected = table[:, 13:][:, [2, 1, 0, 3, 5, 4]] * [1, -1, 1, 1, 1, 1]
+    np.testing.assert_allclose(log.current, expected, atol=1e-12)
+    sign = [-1, 1, 1, 1, 1, -1]
+    np.testing.assert_allclose(log.q, table[:, 1:7] * sign, atol=1e-12)
+    np.testing.assert_allclose(log.v, table[:, 7:13] * sign, atol=1e-12)
+
+
+@pytest.mark.parametrize("delay", [0.25, -0.3])
+def test_a_delay_is_taken_away_whatever_the_chunks(
+    ur10e: Robot, tmp_path: Path, delay: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from wrenchsight.models.recordings import text_table
+
+    table = written(tmp_path / "log.csv")
+    for block_bytes in (text_table.BLOCK_BYTES, 3000):
+        monkeypatch.setattr(text_table, "BLOCK_BYTES", block_bytes)
+        word = f"drives-delay={delay}"
+        log = read_recording(tmp_path / "log.csv", word, ur10e, check=False)
+        # A sample of t holds what is logged at t + delay; where nothing is, there is no sample.
+        assert log.num_samples == SIZE - round(abs(delay) / STEP)
+        expected = np.arange(1.0, 7.0) + 0.5 * (log.t[:, None] + delay)
+        np.testing.assert_allclose(log.current, expected, atol=1e-9)
+        np.testing.assert_allclose(log.q, 0.1 * np.arange(1, 7) + 0.02 * log.t[:, None], atol=1e-9)
+        assert (np.diff(log.t) > 0.0).all()
+        assert set(np.round(log.t, 9)) <= set(np.round(table[:, 0], 9))
+
+
+def test_gravity_is_added_and_zeros_are_set(ur10e: Robot, tmp_path: Path) -> None:
+    table = written(tmp_path / "log.csv")
+    log = read_recording(tmp_path / "log.csv", "effort-without-gravity", ur10e, check=False)
+    gravity = ur10e.motor_current(ur10e.chain.gravity_torque(table[:, 1:7]))
+    np.testing.assert_allclose(log.current, table[:, 13:] + gravity, atol=1e-9)
+    drives = [replace(drive, q_offset=0.1 * k) for k, drive in enumerate(ur10e.config.drives)]
+    moved = read_recording(tmp_path / "log.csv", None, ur10e.with_drives(drives), check=False)
+    np.testing.assert_allclose(moved.q, table[:, 1:7] + 0.1 * np.arange(6), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("word", "words"),
+    [
+        ("drives-order=1-2-3", "expected each of 1 to 6 once"),
+        ("drives-order=1-2-3-4-5-5", "expected each of 1 to 6 once"),
+        ("drives-order=a", "names no joints"),
+        ("joints-turned=7", "expected joints from 1 to 6"),
+        ("drives-delay=soon", "is no delay"),
+        ("drives-delay=60", "expected 5 s at most"),
+    ],
+)
+def test_a_wrong_word_is_one_line(ur10e: Robot, tmp_path: Path, word: str, words: str) -> None:
+    written(tmp_path / "log.csv")
+    with pytest.raises(InputError, match=words):
+        read_recording(tmp_path / "log.csv", word, ur10e, check=False)
