@@ -1,4 +1,4 @@
-"""Supports docs/faults.md, "in each of 36 ways, and read with the defaults".
+"""Supports docs/faults.md, "damaged in each of 37 ways and read with the defaults".
 
 Experiment `faults`: damage done to real recordings, and what is read then.
 
