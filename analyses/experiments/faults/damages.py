@@ -101,7 +101,6 @@ def without_sign(log: Recording, robot: Robot) -> Recording:
     return replace(log, current=np.abs(log.current))
 
 
-_ONE = np.ones(6)
 DAMAGES: dict[str, Damage] = {
     "none": lambda log, robot: log,
     **{f"late_{1000 * d:.0f}_ms": late(d) for d in (0.05, 0.1, 0.2, 0.3, 0.5)},
@@ -127,7 +126,7 @@ DAMAGES: dict[str, Damage] = {
     "ceiling": under_gravity((0.0, 0.0, 9.81)),
     "tilted_5_deg": under_gravity((0.855, 0.0, -9.773)),
     "gravity_missing": without_gravity,
-    "milliamperes": scaled(1000.0 * _ONE),
+    "milliamperes": scaled([1000.0] * 6),
     "drive_3_doubled": scaled((1.0, 1.0, 2.0, 1.0, 1.0, 1.0)),
     "drive_2_half": scaled((1.0, 0.5, 1.0, 1.0, 1.0, 1.0)),
     "unsigned": without_sign,
