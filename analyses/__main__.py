@@ -101,6 +101,8 @@ def _report(line: str, code: int) -> int:
 
 _HELP = """Estimates the wrench at an industrial arm's tool from its motor currents.
 
+First look:  wrenchsight demo
+
 Description of an arm:  wrenchsight robot ARM.urdf, then wrenchsight excite --robot robot.yaml
 
 Its dynamic model:  wrenchsight identify LOG --robot robot.yaml

@@ -295,7 +295,7 @@ KALMAN = KalmanObserverConfig(0.3, 0.004, "trapezoidal")
 @pytest.mark.parametrize(
     ("words", "config", "expected"),
     [
-        ("", None, MomentumObserverConfig(time_step=0.0)),
+        ("", None, MomentumObserverConfig(time_step=0.0, torque_samples="trapezoidal")),
         (
             "--observer kalman --bandwidth 0.1 --torque-samples trapezoidal",
             None,
@@ -304,7 +304,7 @@ KALMAN = KalmanObserverConfig(0.3, 0.004, "trapezoidal")
         (
             "--observer momentum --k0 30,40 --step 0.002",
             None,
-            MomentumObserverConfig([30.0, 40.0], 0.002),
+            MomentumObserverConfig([30.0, 40.0], 0.002, "trapezoidal"),
         ),
         ("", KALMAN, KALMAN),
         ("--bandwidth 0.5", KALMAN, KalmanObserverConfig(0.5, 0.004, "trapezoidal")),
