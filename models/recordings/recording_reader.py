@@ -84,7 +84,7 @@ _SETTLED_CHUNKS = 8  # of a log, in which a joint moves or none does
 _EFFORT_CHUNKS = 4  # of a log, from which the unit of its effort is decided
 MIN_SAMPLES = 10  # fewer show no motion
 _CORRECTED = {"q": JOINTS, "v": JOINTS, "current": DRIVES, "tau_J": DRIVES}
-_DESCRIBE = "or describe the columns with --log-format"
+_DESCRIBE = "or describe the columns with --log-format (`wrenchsight log` drafts that)"
 
 
 def read_recording(

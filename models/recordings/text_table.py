@@ -52,7 +52,7 @@ class _Fault(NamedTuple):
 class TextContainer:
     """Logs in text files; implements `log_container.LogContainer`."""
 
-    suffixes: tuple[str, ...] = (".csv",)
+    suffixes: tuple[str, ...] = (".csv", ".txt", ".tsv", ".dat", ".log")
 
     def open(self, path: Path, form: RecordingFormat | None) -> "TextTable":
         """As the protocol; without a description, the file's first lines show how it is written."""

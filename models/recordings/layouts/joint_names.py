@@ -17,7 +17,7 @@ from pathlib import Path
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.log_words import IN_ROBOT_ORDER, PREFIX, LogWords
 
-DESCRIBE = "or describe the columns with --log-format"
+DESCRIBE = "or describe the columns with --log-format (`wrenchsight log` drafts that)"
 _PENDANT = {  # words of a robot's names by those of a pendant
     "base": "shoulderpan",
     "shoulder": "shoulderlift",

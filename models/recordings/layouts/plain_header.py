@@ -11,7 +11,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
 
-_DESCRIBE = "or describe the columns with --log-format"
+_DESCRIBE = "or describe the columns with --log-format (`wrenchsight log` drafts that)"
 _ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a stamp
 _JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
 

@@ -590,7 +590,7 @@ def test_a_packed_log_is_read(tmp_path: Path, suffix: str) -> None:
     from backports import zstd
 
     pack = {".gz": gzip.compress, ".bz2": bz2.compress, ".xz": lzma.compress, ".zst": zstd.compress}
-    plain = _csv(tmp_path, _HEADER, *_lines(_table()))
+    plain = _csv(tmp_path, _HEADER, *_lines(_table()), name="log.txt")
     packed = tmp_path / f"other.csv{suffix}"
     packed.write_bytes(pack[suffix](plain.read_bytes()))
     np.testing.assert_array_equal(read_recording(packed).q, _table()[:, 1:3])
