@@ -49,7 +49,7 @@ _COMPILING = (
     "models/rigid_body/test_serial_chain.py",
     "models/planning/motion/test_posture_measures.py",
     "models/planning/motion/test_redundancy.py",
-    "models/planning/placement/test_placement_program.py",
+    "diagrams/placement/test_placement_program.py",
     "systems/test_impedance_controller.py",
     "models/control/test_impedance.py",
     "models/machining/test_machining_reference.py",

@@ -19,9 +19,11 @@ from wrenchsight.analyses.methods.identify.identification import (
     identify,
 )
 from wrenchsight.analyses.methods.identify.law_choice import best_law
+from wrenchsight.analyses.methods.place.placement_search import PlacementSearch, SearchEffort
 from wrenchsight.analyses.methods.redundancy.redundancy import make_problem
 from wrenchsight.analyses.methods.redundancy.redundancy_task import RedundancyTask
 from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
@@ -33,8 +35,6 @@ from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
 from wrenchsight.models.planning.motion.posture_map import ToolCone, best_postures
 from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
 from wrenchsight.models.planning.motion.redundancy import best_on_grid, candidates, refine
-from wrenchsight.models.planning.placement.placement_program import PlacementProgram
-from wrenchsight.models.planning.placement.placement_search import PlacementSearch, SearchEffort
 from wrenchsight.models.planning.placement.placement_task import load_task
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
@@ -185,9 +185,7 @@ def test_a_placement_is_found_in_the_same_digits(sts):
 
     def best(robot):
         measure = ConditionNumber(robot.chain)
-        program = PlacementProgram(
-            robot.chain, measure, bounds, task.path_length, task.num_segments
-        )
+        program = PlacementProgram(robot, measure, bounds, task.path_length, task.num_segments)
         guess = (path.n_W, path.p_WM, path.R_WE)
         return PlacementSearch(robot, program, guess).run(effort=effort).best
 

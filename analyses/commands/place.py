@@ -45,7 +45,7 @@ def _print(result: "PlacementResult", out: Path) -> None:
     if key != "jcn":
         names |= {f"mean_{key}": "mean sd [N]", f"max_{key}": "largest sd [N]"}
     table = new_table("", *names.values())
-    for solution in ("initial", "optimised", "free"):
+    for solution in ("initial", "optimised", "unconstrained"):
         if solution in metrics:
             cells = [f"{metrics[solution][name]:.4f}" for name in names]
             table.add_row(solution, *cells)

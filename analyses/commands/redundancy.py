@@ -44,6 +44,4 @@ def _print(result: "RedundancyResult", out: Path) -> None:
             mean, largest = metrics[name][f"mean_{key}"], metrics[name][f"max_{key}"]
             table.add_row(title, f"{mean:.3f}", f"{largest:.3f}")
     show(table, *notes(result.notices))
-    if result.free is not None:
-        show(f"joints without collision: {out / 'trajectory_free.csv'}")
     show(f"joints: {out / 'trajectory.csv'}, page: {out / 'recording.html'}")

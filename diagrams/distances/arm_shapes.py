@@ -1,12 +1,12 @@
 """The collision shapes of an arm and of its surroundings, and their distances."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import Role
+from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, Role
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
@@ -16,14 +16,12 @@ from wrenchsight.models.robot.robot import Robot
 class ArmShapes:
     """A plant with SceneGraph for distances at postures; meshes count as convex hulls.
 
-    Collision filters (`filters`) must be applied before the first call of `pairs`.
-
     Args:
         robot: the arm with its tool.
         add: adds what stands around it to the plant.
 
     Attributes:
-        plant: finalized; the robot's positions come first.
+        plant: finalized.
         parts: the robot in it.
         body: of each shape, by its geometry id.
         level: number of joints between the world and each body, by its index.
@@ -34,16 +32,17 @@ class ArmShapes:
         self, robot: Robot, add: Callable[[MultibodyPlant], None] = lambda plant: None
     ) -> None:
         builder = DiagramBuilder()
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         self.plant, self.parts = plant, robot.add_to_plant(plant, hulls=True)
         add(plant)
         plant.Finalize()
         self.diagram = builder.Build()  # owns plant and context
-        self.filters = scene_graph.collision_filter_manager()
-        self.inspector = scene_graph.model_inspector()
+        self.inspector = self._scene_graph.model_inspector()
         self.body = {
             geometry: plant.GetBodyFromFrameId(self.inspector.GetFrameId(geometry))
-            for geometry in self.inspector.GetAllGeometryIds(Role.kProximity)
+            for geometry in sorted(
+                self.inspector.GetAllGeometryIds(Role.kProximity), key=GeometryId.get_value
+            )
         }
         self.level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
         for j, joint in enumerate(self.parts.joints):
@@ -53,17 +52,32 @@ class ArmShapes:
         joint = None if weld is None else plant.get_joint(weld)
         self.tool = self.parts.frame_E.body() if joint is None else joint.child_body()
         self.order = [joint.position_start() for joint in self.parts.joints]
+        floating = [plant.get_body(index) for index in plant.GetFloatingBaseBodies()]
+        self._floating_start = min(
+            (body.floating_positions_start() for body in floating), default=-1
+        )
+        self._roots: list[Any] = []  # contexts, which the plant's are parts of
 
     @cached_property
     def context(self) -> Any:
         """The plant's context, made at its first use."""
-        self._root = self.diagram.CreateDefaultContext()
-        return self.plant.GetMyMutableContextFromRoot(self._root)
+        return self.new_context()
+
+    def new_context(self, left_out: Iterable[tuple[Any, Any]] = ()) -> Any:
+        """Another context of the plant, in which some pairs of shapes do not count."""
+        root = self.diagram.CreateDefaultContext()
+        self._roots.append(root)
+        filters = self._scene_graph.collision_filter_manager(
+            self._scene_graph.GetMyMutableContextFromRoot(root)
+        )
+        for pair in left_out:
+            filters.Apply(_without(pair))
+        return self.plant.GetMyMutableContextFromRoot(root)
 
     def name(self, geometry: Any) -> str:
-        """Name of a shape's link; of a shape that is fixed to the world, its own name."""
+        """Name of a shape's link; of a shape that is none of the robot's, its own name."""
         body = self.body[geometry]
-        if body.index() == self.plant.world_body().index():
+        if body.model_instance() != self.parts.model_instance:
             return str(self.inspector.GetName(geometry)).split("::")[-1]
         return str(body.name())
 
@@ -71,11 +85,18 @@ class ArmShapes:
         """Pairs of shapes within `influence` (m), the arm at q (n,).
 
         Args:
-            pose: (7,) quaternion and position of a body that floats, where there is one.
+            pose: (7,) quaternion and position of the first body that floats, where there is one.
         """
-        positions = np.zeros(self.plant.num_positions())
-        positions[len(positions) - len(np.asarray(pose)) :] = pose
+        positions = self.plant.GetDefaultPositions()
+        if len(np.asarray(pose)):
+            start = self._floating_start
+            positions[start : start + 7] = pose
         positions[self.order] = np.asarray(q, np.float64)
         self.plant.SetPositions(self.context, positions)
         query = self.plant.get_geometry_query_input_port().Eval(self.context)
         return list(query.ComputeSignedDistancePairwiseClosestPoints(influence))
+
+
+def _without(pair: tuple[Any, Any]) -> Any:
+    first, second = (GeometrySet(shape) for shape in pair)
+    return CollisionFilterDeclaration().ExcludeBetween(first, second)

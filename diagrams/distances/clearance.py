@@ -1,6 +1,7 @@
 """Clearance of an arm from itself, the floor and a workpiece: of postures and of whole motions."""
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -15,11 +16,21 @@ from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.diagrams.workpiece import add_workpiece
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.placement.placement_task import ObstacleConfig
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import pose_of
 
 INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count
 SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs
 _FINEST = 1e-4  # s, shortest interval of a motion that is looked at
+FLOOR, WORKPIECE = "floor", "workpiece"  # names of shapes that are none of the robot's
+_SLAB = (10.0, 10.0, 1.0)  # m, of the floor
+# m that a program of postures requires beyond what must be kept, for what happens between them;
+# distances are exact to some micrometres.
+PAD = 1e-3
+_COVER = 3e-3  # m, by which a shape may stand out beyond the part that it covers
+_SAME_DISTANCE = 1e-6  # m; distances of curved shapes are exact to that
+_CORNERS = tuple(itertools.product((-1.0, 1.0), repeat=3))  # of a box
 _LARGEST_SCALE = 10.0  # of a pair that must keep little, so that its gradient stays smooth
 
 
@@ -51,20 +62,27 @@ class _Interval(NamedTuple):
 
 
 class Clearance:
-    """Distances between the links of an arm, its tool and the floor.
+    """Distances between the links of an arm, its tool, the floor, obstacles and a workpiece.
 
     Four kinds of pairs are left out: links that a joint connects, links that stand on the floor,
     neighbours that never come nearer than at home, and pairs that overlap at home. The shapes of
     the last are too coarse to judge (`overlapping`). A pair that is near in the home posture, as
     the parts of a wrist are, must keep half of its distance there (`near_at_home`: names, m), every
-    other pair `margin`.
+    other pair `margin`. The tool, which works on the workpiece, may touch it. A workpiece that
+    floats may lie on floor and obstacles.
 
     Args:
         robot: its collision shapes count.
         margin: m.
         floor: height of the floor in W, m; None for none.
-        workpiece: in the cell, if any; a blade counts as its convex hull. The tool, which works on
-            it, may touch it, all other links keep `margin`.
+        workpiece: in the cell, if any; a blade counts as its convex hull.
+        obstacles: boxes that stand in the cell; all links but the base keep `margin`.
+        add: adds what else there is to the plant, as a body that floats; its shapes of the name
+            WORKPIECE count as a workpiece.
+        tip_only: whether of the tool only the shapes at E may touch the workpiece, not the whole.
+
+    Attributes:
+        shapes: the plant with all of them.
     """
 
     def __init__(
@@ -73,56 +91,107 @@ class Clearance:
         margin: float = 0.02,
         floor: float | None = 0.0,
         workpiece: PlateConfig | BladeConfig | None = None,
+        *,
+        obstacles: Sequence[ObstacleConfig] = (),
+        add: Callable[[MultibodyPlant], None] = lambda plant: None,
+        tip_only: bool = False,
     ) -> None:
-        def add(plant: MultibodyPlant) -> None:
+        def add_all(plant: MultibodyPlant) -> None:
             if floor is not None:
-                slab = Box(10.0, 10.0, 1.0)  # Drake has no distance of half space and cylinder
-                X_WF = RigidTransform([0.0, 0.0, floor - 0.5])
-                material = CoulombFriction(0.5, 0.5)
-                plant.RegisterCollisionGeometry(plant.world_body(), X_WF, slab, "floor", material)
+                slab = Box(*_SLAB)  # Drake has no distance of half space and cylinder
+                X_WF = RigidTransform([0.0, 0.0, floor - 0.5 * _SLAB[2]])
+                _fix(plant, X_WF, slab, FLOOR)
+            for obstacle in obstacles:
+                _fix(plant, pose_of(obstacle.pose), Box(*obstacle.size), obstacle.name)
             if workpiece is not None:
                 add_workpiece(plant, workpiece)
+            add(plant)
 
-        self._shapes = shapes = ArmShapes(robot, add)
-        self._workpiece_shapes = {
-            geometry
-            for geometry in shapes.body
-            if workpiece is not None and shapes.name(geometry) == "workpiece"
-        }
-        self._may_touch_workpiece = {
+        self.shapes = shapes = ArmShapes(robot, add_all)
+        self._own = {
             geometry
             for geometry, body in shapes.body.items()
-            if body.index() == shapes.tool.index() or shapes.level.get(body.index(), 0) == 0
+            if body.model_instance() == shapes.parts.model_instance
         }
+        others = {geometry: shapes.name(geometry) for geometry in shapes.body.keys() - self._own}
+        self._workpiece_shapes = {shape for shape, name in others.items() if name == WORKPIECE}
+        self._floor_shapes = {shape for shape, name in others.items() if name == FLOOR}
+        self._may_touch_workpiece = {
+            geometry
+            for geometry in self._own
+            if shapes.body[geometry].index() == shapes.tool.index()
+        }
+        if tip_only:
+            self._may_touch_workpiece = _working_shapes(shapes, margin)
         self.margin = margin
         self._required: dict[tuple[Any, Any], float] = {}
         overlapping: list[str] = []
         wrist: dict[tuple[Any, Any], float] = {}
-        for pair in self._shapes.pairs(robot.home, 1.5 * INFLUENCE):
+        obstacle_names = {obstacle.name for obstacle in obstacles} - {FLOOR}
+        self._obstacle_shapes = {shape for shape, name in others.items() if name in obstacle_names}
+        counted = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
+        for pair in shapes.pairs(robot.home, 1.5 * INFLUENCE):
             key = (pair.id_A, pair.id_B)
-            if not self._workpiece_shapes.isdisjoint(key):
+            if not counted.issuperset(key):
                 continue
-            first = self._shapes.level[self._shapes.body[pair.id_A].index()]
-            second = self._shapes.level[self._shapes.body[pair.id_B].index()]
+            first, second = (self._level(shape) for shape in key)
             if first == second:
                 self._required[key] = -np.inf
             elif pair.distance <= 0.0:
                 self._required[key] = -np.inf
-                overlapping.append(" and ".join(self._shapes.name(shape) for shape in key))
+                overlapping.append(" and ".join(shapes.name(shape) for shape in key))
             else:
                 self._required[key] = min(margin, 0.5 * pair.distance)
                 if abs(first - second) <= 2:
                     wrist[key] = pair.distance
         self._drop_always_clear(robot, wrist)
+        self._require_of_others()
         self.overlapping = tuple(dict.fromkeys(overlapping))
         near: dict[str, float] = {}
         for key, required in self._required.items():
-            if np.isfinite(required) and required < margin:
-                names = " and ".join(self._shapes.name(shape) for shape in key)
+            if np.isfinite(required) and required < margin and counted.issuperset(key):
+                names = " and ".join(shapes.name(shape) for shape in key)
                 near[names] = min(required, near.get(names, np.inf))
         self.near_at_home = tuple(near.items())
-        self.has_shapes = len(self._shapes.body) > (0 if floor is None else 1)
-        self._speed_radius = _speed_radius(robot)
+        self.has_shapes = bool(self._own)
+        self._speed_radius = _speed_radius(robot, shapes)
+
+    def _level(self, shape: Any) -> int:
+        return self.shapes.level.get(self.shapes.body[shape].index(), 0)
+
+    def _require_of_others(self) -> None:
+        """Requirements of all pairs with the workpiece or an obstacle, in either order."""
+        stated = self._workpiece_shapes | self._obstacle_shapes
+        for shape in (shape for shape in self.shapes.body if shape in stated):
+            is_workpiece = shape in self._workpiece_shapes
+            is_fixed = self.shapes.body[shape].index() == self.shapes.plant.world_body().index()
+            for other in self.shapes.body:
+                if other in self._own and is_workpiece:
+                    is_left_out = other in self._may_touch_workpiece
+                    is_left_out |= is_fixed and self._level(other) == 0
+                    required = -np.inf if is_left_out else self.margin
+                elif other in self._own:
+                    required = -np.inf if self._level(other) == 0 else self.margin
+                elif is_workpiece and not is_fixed:
+                    required = -np.inf if other in self._workpiece_shapes else 0.0
+                else:
+                    continue  # both stand still, or the other way round
+                self._required[shape, other] = self._required[other, shape] = required
+
+    def left_out(self) -> list[tuple[Any, Any]]:
+        """Pairs of shapes whose distance does not count."""
+        return [pair for pair, required in self._required.items() if required == -np.inf]
+
+    def small_requirements(self) -> dict[tuple[Any, Any], float]:
+        """Pairs of shapes that must keep less than the margin, with what they must keep, m.
+
+        A workpiece that may lie on an obstacle must keep 0.
+        """
+        small: dict[tuple[Any, Any], float] = {}
+        for (first, second), required in self._required.items():
+            if np.isfinite(required) and required < self.margin and (second, first) not in small:
+                small[first, second] = required
+        return small
 
     def _drop_always_clear(self, robot: Robot, pairs: dict[tuple[Any, Any], float]) -> None:
         """Leaves out neighbours that never come nearer to each other than at home.
@@ -134,7 +203,7 @@ class Clearance:
         high = np.clip(robot.position_upper, -np.pi, np.pi)
         nearest = dict(pairs)
         for q in rng.uniform(low, high, (300 if pairs else 0, robot.num_joints)):
-            for pair in self._shapes.pairs(q, max(pairs.values())):
+            for pair in self.shapes.pairs(q, max(pairs.values())):
                 key = (pair.id_A, pair.id_B)
                 if key in nearest:
                     nearest[key] = min(nearest[key], pair.distance)
@@ -146,28 +215,39 @@ class Clearance:
         """Whether a moving shape touches the floor at q (n,), at home or not."""
         return any(
             pair.distance <= 0.0
-            and "floor" in (self._shapes.name(pair.id_A), self._shapes.name(pair.id_B))
-            for pair in self._shapes.pairs(q, 1e-3)
-            if any(
-                self._shapes.level[self._shapes.body[shape].index()]
-                for shape in (pair.id_A, pair.id_B)
-            )
+            and not self._floor_shapes.isdisjoint((pair.id_A, pair.id_B))
+            and any(self._level(shape) for shape in (pair.id_A, pair.id_B))
+            for pair in self.shapes.pairs(q, 1e-3)
         )
 
     def is_free(self, q: ArrayLike) -> bool:
         """Whether nothing is nearer than it may be at q (n,)."""
         return all(pair.slack >= 0.0 for pair in self.slacks(q, self.margin))
 
-    def slacks(self, q: ArrayLike, influence: float = INFLUENCE) -> list[ClosestPair]:
+    def worst(
+        self, q: ArrayLike, influence: float = INFLUENCE, pose: ArrayLike = ()
+    ) -> ClosestPair | None:
+        """The pair with the least slack over postures q (N, n); None where nothing is near.
+
+        Args:
+            influence: m, beyond which a pair does not count.
+            pose: (7,) quaternion and position of the body that floats, where there is one.
+        """
+        pairs = [pair for row in np.asarray(q) for pair in self.slacks(row, influence, pose)]
+        return min(pairs, key=lambda pair: pair.slack, default=None)
+
+    def slacks(
+        self, q: ArrayLike, influence: float = INFLUENCE, pose: ArrayLike = ()
+    ) -> list[ClosestPair]:
         """The pairs of shapes within `influence` (m) at q (n,), with their slacks; time 0."""
         pairs = []
-        for pair in self._shapes.pairs(q, influence):
+        for pair in self.shapes.pairs(q, influence, pose):
             slack = pair.distance - self._requirement(pair)
             if np.isfinite(slack):
                 pairs.append(
                     ClosestPair(
-                        first=self._shapes.name(pair.id_A),
-                        second=self._shapes.name(pair.id_B),
+                        first=self.shapes.name(pair.id_A),
+                        second=self.shapes.name(pair.id_B),
                         distance=pair.distance,
                         slack=slack,
                         time=0.0,
@@ -178,7 +258,7 @@ class Clearance:
     def slack(self, q: ArrayLike) -> float:
         """Smallest slack at q (n,), m; INFLUENCE where nothing is near."""
         slacks = [
-            pair.distance - self._requirement(pair) for pair in self._shapes.pairs(q, INFLUENCE)
+            pair.distance - self._requirement(pair) for pair in self.shapes.pairs(q, INFLUENCE)
         ]
         return float(min([INFLUENCE, *slacks]))
 
@@ -189,8 +269,8 @@ class Clearance:
         INFLUENCE. A pair that must keep less than the margin, as the parts of a wrist, counts in
         its own measure, margin / required: what a caller keeps in reserve then fits it too.
         """
-        plant, context = self._shapes.plant, self._shapes.context
-        pairs = [p for p in self._shapes.pairs(q, INFLUENCE) if np.isfinite(self._requirement(p))]
+        plant, context = self.shapes.plant, self.shapes.context
+        pairs = [p for p in self.shapes.pairs(q, INFLUENCE) if np.isfinite(self._requirement(p))]
         required = np.array([self._requirement(pair) for pair in pairs] + [self.margin])
         scale = np.clip(self.margin / np.maximum(required, 1e-9), 1.0, _LARGEST_SCALE)
         distance = np.array([pair.distance for pair in pairs] + [INFLUENCE + self.margin])
@@ -205,13 +285,13 @@ class Clearance:
             if part < 1e-6:
                 continue
             for sign, shape, point in ((1.0, pair.id_A, pair.p_ACa), (-1.0, pair.id_B, pair.p_BCb)):
-                frame = self._shapes.body[shape].body_frame()
-                X_FG = self._shapes.inspector.GetPoseInFrame(shape)
+                frame = self.shapes.body[shape].body_frame()
+                X_FG = self.shapes.inspector.GetPoseInFrame(shape)
                 J = plant.CalcJacobianTranslationalVelocity(
                     context, JacobianWrtVariable.kQDot, frame, X_FG @ point, world, world
                 )
                 gradient += part * sign * (pair.nhat_BA_W @ J)
-        return lowest - float(np.log(total)) / SHARPNESS, gradient[self._shapes.order]
+        return lowest - float(np.log(total)) / SHARPNESS, gradient[self.shapes.order]
 
     def certify(
         self,
@@ -275,22 +355,69 @@ class Clearance:
 
     def _requirement(self, pair: Any) -> float:
         """The distance that a pair must keep, m; -inf where it does not count."""
-        key = (pair.id_A, pair.id_B)
-        if not self._workpiece_shapes.isdisjoint(key):
-            other_shape = set(key) - self._workpiece_shapes
-            may_touch = not self._may_touch_workpiece.isdisjoint(other_shape)
-            return -np.inf if may_touch else self.margin
-        return self._required.get(key, self.margin)
+        return self._required.get((pair.id_A, pair.id_B), self.margin)
 
 
-def _speed_radius(robot: Robot) -> Array:
-    """(n,) m: farthest that a point of the arm can be from each joint's axis."""
-    chain = robot.chain
-    links = np.linalg.norm(chain.p_PJ, axis=1)
-    tool = float(np.linalg.norm(chain.p_LE))
-    outer_length = np.array([links[j + 1 :].sum() for j in range(robot.num_joints)]) + tool
-    # Shapes stick out beyond the joints' origins by less than 0.2 m; a prismatic joint moves all
-    # points alike, and stretches what the joints before it carry.
+def _fix(plant: MultibodyPlant, X_WG: RigidTransform, shape: Any, name: str) -> None:
+    """Fixes a shape in the world."""
+    friction = CoulombFriction(0.5, 0.5)
+    plant.RegisterCollisionGeometry(plant.world_body(), X_WG, shape, name, friction)
+
+
+def _working_shapes(shapes: ArmShapes, margin: float) -> set[Any]:
+    """Shapes fixed to E that cannot keep the margin from a workpiece on which E stands.
+
+    They are the shape that E is nearest to, and those that end at the plane through E across its z
+    axis, where the workpiece begins.
+    """
+    frame_E = shapes.parts.frame_E
+    welded = {body.index() for body in shapes.plant.GetBodiesWeldedTo(frame_E.body())}
+    X_WE = frame_E.CalcPoseInWorld(shapes.context)
+    query = shapes.plant.get_geometry_query_input_port().Eval(shapes.context)
+    distances = {
+        found.id_G: float(found.distance)
+        for found in query.ComputeSignedDistanceToPoint(X_WE.translation())
+        if shapes.body[found.id_G].index() in welded
+    }
+    nearest = min(distances.values(), default=0.0) + _SAME_DISTANCE
+    working = {shape for shape, distance in distances.items() if distance <= nearest}
+    for shape in distances:
+        X_WF = shapes.body[shape].EvalPoseInWorld(shapes.context)
+        corners = box_corners(shapes.inspector, shape)
+        end = (X_WE.inverse() @ X_WF @ corners)[2].max() if corners.size else np.inf
+        if abs(end) <= margin + PAD + _COVER:
+            working.add(shape)
+    return working
+
+
+def box_corners(inspector: Any, shape: Any) -> Array:
+    """(3, 8) corners of a shape's box in its link's frame, m; (3, 0) of a shape without one."""
+    box = inspector.GetObbInGeometryFrame(shape)
+    if box is None:
+        return np.empty((3, 0))
+    corners = (np.array(_CORNERS) * box.half_width()).T
+    return np.asarray(inspector.GetPoseInFrame(shape) @ box.pose() @ corners)
+
+
+def _speed_radius(robot: Robot, shapes: ArmShapes) -> Array:
+    """(n,) m: farthest that a point of the arm's shapes can be from each joint's axis."""
+    chain, n = robot.chain, robot.num_joints
+    extent = np.zeros(n)  # of the shapes that move with a joint and not with the next, from it
+    plant, context = shapes.plant, shapes.plant.CreateDefaultContext()
+    for shape, body in shapes.body.items():
+        level = shapes.level.get(body.index(), 0)
+        corners = box_corners(shapes.inspector, shape)
+        if level == 0 or not corners.size:
+            continue
+        frame = shapes.parts.joints[level - 1].frame_on_child()
+        X_JF = plant.CalcRelativeTransform(context, frame, body.body_frame())
+        distances = np.linalg.norm(X_JF @ corners, axis=0)
+        extent[level - 1] = max(extent[level - 1], distances.max())
+    # A prismatic joint moves all points alike, and stretches what the joints before it carry.
     stroke = np.where(chain.prismatic, robot.position_upper - robot.position_lower, 0.0)
-    outer_stroke = np.array([stroke[j + 1 :].sum() for j in range(robot.num_joints)])
-    return np.where(chain.prismatic, 1.0, outer_length + outer_stroke + 0.2)
+    lengths = np.linalg.norm(chain.p_PJ, axis=1) + stroke
+    radius = np.empty(n)
+    for j in range(n):
+        to_joint = np.concatenate([[0.0], np.cumsum(lengths[j + 1 :])])
+        radius[j] = np.max(to_joint + extent[j:])
+    return np.where(chain.prismatic, 1.0, radius)

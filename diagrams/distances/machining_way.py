@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
-from wrenchsight.diagrams.distances.coming_and_going import moved_along
+from wrenchsight.diagrams.distances.moved_along import moved_along
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_path import MachiningPath

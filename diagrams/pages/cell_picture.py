@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from wrenchsight.diagrams.distances.placement_cell import obstacle_corners, workpiece_corners
 from wrenchsight.diagrams.pages.path_page import TriangleMesh
-from wrenchsight.models.planning.placement.placement_program import Placement
+from wrenchsight.diagrams.placement.placement_cell import obstacle_corners, workpiece_corners
 from wrenchsight.models.planning.placement.placement_task import ClearanceConfig
+from wrenchsight.models.planning.placement.placements import Placement
 
 
 def cell_picture(clearance: ClearanceConfig | None, placement: Placement) -> TriangleMesh | None:
@@ -14,9 +14,7 @@ def cell_picture(clearance: ClearanceConfig | None, placement: Placement) -> Tri
         return None
     boxes = []
     if clearance.workpiece is not None:
-        boxes.append(
-            workpiece_corners(clearance, placement.n_W, placement.p_WM, placement.quaternion)
-        )
+        boxes.append(workpiece_corners(clearance, placement))
     boxes += [obstacle_corners(obstacle) for obstacle in clearance.obstacles]
     if not boxes:
         return None

@@ -14,10 +14,10 @@ import pytest
 
 from wrenchsight.analyses.methods.jcn_map.jcn_map import sample
 from wrenchsight.analyses.methods.place.placement import PlacementRequest, place
+from wrenchsight.analyses.methods.place.placement_search import SearchEffort
 from wrenchsight.analyses.methods.redundancy.redundancy import find_redundancy
 from wrenchsight.analyses.methods.redundancy.redundancy_task import RedundancyTask
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.planning.placement.placement_search import SearchEffort
 from wrenchsight.models.planning.placement.placement_task import load_task
 from wrenchsight.models.robot.robot import Robot
 

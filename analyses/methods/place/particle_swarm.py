@@ -19,16 +19,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from wrenchsight.analyses.methods.place.placement_search import Optimum, SearchResult
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.numerics.ties import better, in_order
-from wrenchsight.models.planning.placement.placement_program import (
+from wrenchsight.models.planning.placement.placements import (
     Placement,
     PlacementBatch,
-    PlacementProgram,
     on_all_branches,
 )
-from wrenchsight.models.planning.placement.placement_search import Optimum, SearchResult
 from wrenchsight.models.robot.robot import Robot
 
 UNREACHED = 1e4  # of a path that cannot be followed
@@ -65,8 +65,8 @@ def place_by_swarm(
     """Places a path by PSO-GA; an interrupt (KeyboardInterrupt) ends it with the best so far.
 
     Args:
-        program: measure, bounds, path and clearance; only these are used of it. A placement that
-            misses the clearance's distance counts as not reached.
+        program: measure, bounds, path and cell; only these are used of it. A placement that comes
+            too near to something counts as not reached.
     """
     config = config or SwarmConfig()
     cost = ParticleCost(robot, program)
@@ -151,14 +151,10 @@ class ParticleCost:
         self.upper = np.concatenate([ones, bounds.p_upper, [bounds.angle_upper], ones])
 
     def __call__(self, x: Array) -> tuple[Array, Callable[[int], Placement]]:
-        n_W = x[:, :3] / np.maximum(np.linalg.norm(x[:, :3], axis=1), 1e-9)[:, np.newaxis]
         axis = x[:, 7:] / np.maximum(np.linalg.norm(x[:, 7:], axis=1), 1e-9)[:, np.newaxis]
         R_WE = Rotation.from_rotvec(x[:, 6:7] * axis).as_matrix()
         program, bounds = self._program, self._program.bounds
-        if bounds.in_surface:
-            z = R_WE[:, :, 2]
-            n_W = n_W - np.einsum("nc,nc->n", n_W, z)[:, np.newaxis] * z
-            n_W /= np.maximum(np.linalg.norm(n_W, axis=1), 1e-9)[:, np.newaxis]
+        n_W = bounds.allowed_directions(x[:, :3], R_WE[:, :, 2])
         batch, reached, row = on_all_branches(
             self._robot,
             n_W,
@@ -172,6 +168,8 @@ class ParticleCost:
         chosen = np.zeros(len(x), dtype=int)
         q = batch.q
         reached &= np.all((q >= bounds.q_lower) & (q <= bounds.q_upper), axis=(1, 2))
+        if bounds.tool_direction is not None:
+            reached &= batch.R_WE[:, :, 2] @ bounds.tool_direction >= math.cos(bounds.tool_tilt)
         values = np.full(len(q), UNREACHED)
         if np.any(reached):
             mean = np.mean(program.measure.values(q[reached]), axis=1)
@@ -185,10 +183,5 @@ class ParticleCost:
         return costs, lambda particle: batch.one(int(chosen[particle]))
 
     def _collides(self, batch: PlacementBatch, index: int) -> bool:
-        if self._program.clearance is None:
-            return False
-        placement = batch.one(index)
-        deficit = self._program.clearance.deficit(
-            placement.q, placement.n_W, placement.p_WM, placement.quaternion
-        )
-        return deficit > 0.0
+        cell = self._program.cell
+        return cell is not None and cell.deficit(batch.one(index)) > 0.0

@@ -12,18 +12,22 @@ from pathlib import Path
 
 import numpy as np
 
+from wrenchsight.analyses.methods.place.infeasibility import infeasible
 from wrenchsight.analyses.methods.place.particle_swarm import SwarmConfig, place_by_swarm
 from wrenchsight.analyses.methods.place.place_settings import PlaceSettings
 from wrenchsight.analyses.methods.place.placement_files import write_placement
 from wrenchsight.analyses.methods.place.placement_result import PlacementResult, Profile
+from wrenchsight.analyses.methods.place.placement_search import (
+    FEASIBLE,
+    PlacementSearch,
+    SearchEffort,
+    SearchResult,
+)
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
-from wrenchsight.diagrams.distances.coming_and_going import (
-    distance_of_ends,
-    sentence_of_ends,
-    with_floor,
-)
-from wrenchsight.diagrams.distances.placement_cell import PlacementCell
+from wrenchsight.diagrams.placement.coming_and_going import distance_of_ends, sentence_of_ends
+from wrenchsight.diagrams.placement.placement_cell import PlacementCell
+from wrenchsight.diagrams.placement.placement_program import SOLVERS, PlacementProgram
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
@@ -35,39 +39,36 @@ from wrenchsight.models.planning.motion.posture_measures import (
     ForceSd,
     PostureMeasure,
 )
-from wrenchsight.models.planning.placement.placement_program import (
-    SOLVERS,
-    Placement,
-    PlacementProgram,
-    between_points,
-    on_all_branches,
-)
-from wrenchsight.models.planning.placement.placement_search import (
-    FEASIBLE,
-    PlacementSearch,
-    SearchEffort,
-    SearchResult,
-)
 from wrenchsight.models.planning.placement.placement_task import (
     ClearanceConfig,
     PlacementTask,
     check_task,
     load_task,
 )
+from wrenchsight.models.planning.placement.placements import (
+    Placement,
+    between_points,
+    on_all_branches,
+)
 from wrenchsight.models.robot.robot import Robot
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
-_FREE_SEEDS = 3  # searches for a placement with a free path, approach and retreat
 FINE = 10  # points between two of the path's, for distances and largest values
 
 EFFORT = SearchEffort()
-EFFORT_QUICK = SearchEffort(num_samples=3000, num_starts=24, num_rounds=2, num_solves=3)
-# Distances cost a hundred times what the measure does.
-EFFORT_WITH_CLEARANCE = SearchEffort(num_starts=16, num_rounds=3, num_steps=25, num_solves=6)
+EFFORT_QUICK = SearchEffort(num_samples=3000, num_starts=24, num_rounds=1, num_solves=2)
+# Distances cost ten times what all else does.
+EFFORT_WITH_CLEARANCE = SearchEffort(num_starts=32, num_rounds=2, num_solves=3, num_feasibility=16)
+EFFORT_QUICK_WITH_CLEARANCE = SearchEffort(
+    num_samples=3000, num_starts=6, num_rounds=0, num_solves=2, num_feasibility=12
+)
 # Without a closed form every pose is searched numerically, and so are longer vectors of postures.
 EFFORT_NUMERIC = SearchEffort(
-    num_samples=6000, num_poses=8, num_starts=24, num_rounds=1, num_kinds=4, num_turns=4
+    num_samples=6000, num_poses=8, num_starts=16, num_rounds=1, num_kinds=4, num_turns=4
+)
+EFFORT_NUMERIC_WITH_CLEARANCE = replace(
+    EFFORT_NUMERIC, num_starts=16, num_rounds=0, num_solves=2, num_feasibility=16
 )
 
 
@@ -82,6 +83,9 @@ class PlacementRequest:
         model: of force-sd: whose residual covariance counts; None for the robot's nominal one.
         method: of force-sd: how wrenches are reconstructed.
         effort: size of the search; None for what suits task and arm.
+        quick: a smaller search, where no effort is stated.
+        may_overlap: whether the arm may overlap itself and the floor where the task asks for no
+            clearance: kinematics alone, as in the article.
         swarm: of pso-ga; None for the article's.
     """
 
@@ -92,6 +96,8 @@ class PlacementRequest:
     method: str = "bayesian"
     effort: SearchEffort | None = None
     swarm: SwarmConfig | None = None
+    quick: bool = False
+    may_overlap: bool = False
 
 
 def place(
@@ -101,7 +107,11 @@ def place(
     request: PlacementRequest = PlacementRequest(),
     progress: ProgressCallback = lambda fraction, message: None,
 ) -> PlacementResult:
-    """Places a path.
+    """Places a path where the arm can follow it.
+
+    Without a clearance in the task the arm may come as near to itself and to the floor as it likes,
+    and may not overlap them, unless the request lets it. Where the best placement does, another one
+    is searched that does not, and the best one is only there to compare with.
 
     Args:
         task: as read from `source`, which error messages name.
@@ -114,22 +124,35 @@ def place(
     _check_choice("--solver", request.solver, PLACE_SOLVERS)
     check_task(task, source, robot)
     measure, notices = measure_of(robot, request.objective, request.model, request.method)
-    cell = None if task.clearance is None else PlacementCell(robot, task.clearance)
+    cell = PlacementCell(robot, task.clearance or ClearanceConfig(distance=0.0))
     notices += _arm_notices(robot, cell)
-    program = PlacementProgram(
-        robot.chain, measure, task.bounds(robot), task.path_length, task.num_segments, cell
-    )
+    size = measure, task.bounds(robot), task.path_length, task.num_segments
     began = time.perf_counter()
+    program = PlacementProgram(robot, *size, None if task.clearance is None else cell)
     search = _search(task, robot, program, request, progress)
+    best = _best_profile(task, source, robot, program, cell, search)
+    unconstrained = None
+    may_overlap = request.may_overlap or task.clearance is not None
+    if best.is_overlapping and not may_overlap and not search.interrupted:
+        unconstrained, others = best, search.optima
+        program = PlacementProgram(robot, *size, cell)
+        search = _search(
+            task, robot, program, request,
+            lambda fraction, message: progress(fraction, f"without overlap: {message}"),
+            tuple(optimum.placement for optimum in others),
+        )  # fmt: skip
+        best = _best_profile(task, source, robot, program, cell, search)
+        notices.append(
+            "unconstrained, the arm would overlap: "
+            f"{unconstrained.overlap}; that placement is only there to compare with"
+        )
     seconds = time.perf_counter() - began
-    if search.best is None:
-        _explain_nothing(task, source, robot, search)
-    assert search.best is not None
-    placement = search.best.placement
-    best = _profile(task, robot, measure, cell, placement)
-    if best is None:
-        problem = "the best path changes its branch between two points"
-        raise InputError(source, "", problem, "choose another --seed or --solver")
+    end_distance = distance_of_ends(robot, cell, best.fine)
+    if end_distance < 0.0:
+        notices.append(
+            "the placement is free of overlap along its path only: on approach or retreat "
+            f"{sentence_of_ends(end_distance)}"
+        )
     initial = _initial_profile(task, robot, measure, cell)
     if task.initial is not None and initial is None:
         notices.append("no branch follows the task's guess within the joint limits")
@@ -146,14 +169,39 @@ def place(
         best=best,
         search=search,
         seconds=seconds,
-        largest_violation=program.violation(placement),
+        largest_violation=program.violation(best.placement),
         notices=tuple(notices),
+        unconstrained=unconstrained,
     )
 
 
-def _arm_notices(robot: Robot, cell: PlacementCell | None) -> list[str]:
+def _best_profile(
+    task: PlacementTask,
+    source: Path | str,
+    robot: Robot,
+    program: PlacementProgram,
+    cell: PlacementCell,
+    search: SearchResult,
+) -> Profile:
+    """The best optimum of a search.
+
+    Raises:
+        InputError: the search found none.
+    """
+    if search.best is None:
+        if search.interrupted:
+            raise KeyboardInterrupt
+        raise infeasible(task, source, program, search)
+    best = _profile(task, robot, program.measure, cell, search.best.placement)
+    if best is None:
+        problem = "the best path changes its branch between two points"
+        raise InputError(source, "", problem, "choose another --seed or --solver")
+    return best
+
+
+def _arm_notices(robot: Robot, cell: PlacementCell) -> list[str]:
     """Sentences on shapes that are missing and branches that may be."""
-    notices = [] if cell is None else list(cell.notices)
+    notices = list(cell.notices)
     if not is_closed_form(robot):
         notices.append(
             f"{robot.name} has no known analytic inverse kinematics: branches are searched "
@@ -168,14 +216,15 @@ def _search(
     program: PlacementProgram,
     request: PlacementRequest,
     progress: ProgressCallback,
+    others: tuple[Placement, ...] = (),
 ) -> SearchResult:
     """Searches with the solver that is requested; all but pso-ga also start from a guess."""
     if request.solver == "pso-ga":
         return place_by_swarm(robot, program, request.seed, request.swarm, progress)
     guess = task.initial_path()
     start = None if guess is None else (guess.n_W, guess.p_WM, guess.R_WE)
-    effort = request.effort or _effort(robot, has_clearance=task.clearance is not None)
-    return PlacementSearch(robot, program, start).run(
+    effort = request.effort or _effort(robot, program.cell is not None, request.quick)
+    return PlacementSearch(robot, program, start, others).run(
         request.seed, request.solver, effort, progress
     )
 
@@ -204,62 +253,11 @@ def place_task(
             if settings.model is None
             else IdentifiedModel.load(Path(settings.model), robot),
             method=settings.method,
-            effort=EFFORT_QUICK if settings.quick and task.clearance is None else None,
+            quick=settings.quick,
         )
         result = place(task, source, robot, request, progress)
-        if task.clearance is None and not settings.quick:
-            result = _with_free(result, source, request, progress)
         write_placement(folder, result, replace(settings, task_content=task))
     return result
-
-
-def _with_free(
-    result: PlacementResult,
-    source: Path | str,
-    request: PlacementRequest,
-    progress: ProgressCallback,
-) -> PlacementResult:
-    """The result with its smallest distance; where its arm overlaps, the best free placement."""
-    robot = result.robot
-    config = with_floor(robot, ClearanceConfig())
-    cell = PlacementCell(robot, config)
-    best = _profile(result.task, robot, result.measure, cell, result.best.placement)
-    if best is None or best.smallest_distance is None:
-        return result
-    result = replace(result, best=best)
-    end_distance = distance_of_ends(robot, cell, best.fine)
-    if min(best.smallest_distance, end_distance) >= 0.0:
-        return result
-    collision = f"on approach or retreat {sentence_of_ends(end_distance)}"
-    if best.smallest_distance < 0.0:
-        overlap = -1e3 * best.smallest_distance
-        collision = f"the arm overlaps itself or the floor by {overlap:.0f} mm"
-    notices = [f"{collision}: the task asks for no clearance; state one in the task's file"]
-    task = replace(result.task, clearance=config)
-    free: Profile | None = None
-    for seed in range(result.seed, result.seed + _FREE_SEEDS):
-        try:
-            outcome = place(
-                task,
-                source,
-                robot,
-                replace(request, seed=seed),
-                lambda fraction, message: progress(fraction, f"free of collision: {message}"),
-            ).best
-        except InputError as error:
-            notices.append(f"no collision-free placement: {error}")
-            break
-        end_distance = distance_of_ends(robot, cell, outcome.fine)
-        if free is None or end_distance >= 0.0:
-            free = outcome
-        if end_distance >= 0.0:
-            break
-    else:
-        notices.append(
-            "the collision-free placement is so along its path only: on approach or retreat "
-            f"{sentence_of_ends(end_distance)}"
-        )
-    return replace(result, free=free, notices=(*result.notices, *notices))
 
 
 def _check_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
@@ -285,27 +283,28 @@ def measure_of(
     return ForceSd(robot.chain, model.residual_covariance, config), notices
 
 
-def _effort(robot: Robot, has_clearance: bool) -> SearchEffort:
+def _effort(robot: Robot, has_clearance: bool, quick: bool) -> SearchEffort:
     if not is_closed_form(robot):
-        return EFFORT_NUMERIC
-    return EFFORT_WITH_CLEARANCE if has_clearance else EFFORT
+        return EFFORT_NUMERIC_WITH_CLEARANCE if has_clearance else EFFORT_NUMERIC
+    if has_clearance:
+        return EFFORT_QUICK_WITH_CLEARANCE if quick else EFFORT_WITH_CLEARANCE
+    return EFFORT_QUICK if quick else EFFORT
 
 
 def _profile(
     task: PlacementTask,
     robot: Robot,
     measure: PostureMeasure,
-    cell: PlacementCell | None,
+    cell: PlacementCell,
     placement: Placement,
 ) -> Profile | None:
     fine = between_points(robot, placement, task.path_length, FINE)
     if fine is None:
         return None
     jcn = ConditionNumber(robot.chain)
-    distance = None
-    if cell is not None and not robot.unusable_collisions:
-        distances = cell.distances(fine.q, fine.n_W, fine.p_WM, fine.quaternion)
-        distance = float(np.min(distances))
+    distance, worst = None, None
+    if cell.clearance.has_shapes:
+        distance, worst = cell.smallest_distance(fine.q, fine), cell.worst(fine.q, fine)
     return Profile(
         placement,
         fine,
@@ -314,11 +313,12 @@ def _profile(
         jcn.values(fine.q),
         measure.values(fine.q),
         distance,
+        worst,
     )
 
 
 def _initial_profile(
-    task: PlacementTask, robot: Robot, measure: PostureMeasure, cell: PlacementCell | None
+    task: PlacementTask, robot: Robot, measure: PostureMeasure, cell: PlacementCell
 ) -> Profile | None:
     """The guess on the branch that it names, or on its best one."""
     path = task.initial_path()
@@ -349,25 +349,3 @@ def _initial_profile(
     else:
         chosen = good[int(first_of_least(np.mean(measure.values(q[good]), axis=1)))]
     return _profile(task, robot, measure, cell, branches.one(chosen))
-
-
-def _explain_nothing(
-    task: PlacementTask, source: Path | str, robot: Robot, result: SearchResult
-) -> None:
-    if result.interrupted:
-        raise KeyboardInterrupt
-    if result.num_reached == 0:
-        raise InputError(
-            source,
-            "path_length, midpoint_lower, midpoint_upper",
-            f"{robot.name} can follow a straight path of {task.path_length:g} m in this box in "
-            f"none of {result.num_candidates} random postures",
-            "shorten the path or widen the box",
-        )
-    raise InputError(
-        source,
-        "",
-        f"{result.num_reached} placements can be followed, and none of them keeps all of joint "
-        "limits, angle range, steps and clearance",
-        "loosen one of them",
-    )

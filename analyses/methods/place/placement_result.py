@@ -7,20 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wrenchsight.analyses.methods.place.placement_search import SearchResult
+from wrenchsight.diagrams.distances.clearance import ClosestPair
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import beyond_rounding, first_of_least
 from wrenchsight.models.planning.motion.posture_measures import (
     PostureMeasure,
 )
-from wrenchsight.models.planning.placement.placement_program import (
-    Placement,
-)
-from wrenchsight.models.planning.placement.placement_search import (
-    SearchResult,
-)
-from wrenchsight.models.planning.placement.placement_task import (
-    PlacementTask,
-)
+from wrenchsight.models.planning.placement.placement_task import PlacementTask
+from wrenchsight.models.planning.placement.placements import Placement
 from wrenchsight.models.robot.robot import Robot
 
 _ROUNDING = 1e-9  # m and rad; constraints are kept to 1e-7
@@ -36,7 +31,8 @@ class Profile:
         fine: the same with FINE times as many points.
         jcn, measure: (k + 1,) condition number and the objective at the points.
         fine_jcn, fine_measure: at the points of `fine`.
-        smallest_distance: m, of the clearance's pairs over `fine`; None without clearance.
+        smallest_distance: m, of the clearance's pairs over `fine`; None without shapes.
+        worst: the pair with the least slack there; None where nothing is near.
     """
 
     placement: Placement
@@ -46,6 +42,19 @@ class Profile:
     fine_jcn: Array
     fine_measure: Array
     smallest_distance: float | None = None
+    worst: ClosestPair | None = None
+
+    @property
+    def is_overlapping(self) -> bool:
+        """Whether two shapes overlap along the path."""
+        return self.worst is not None and self.worst.distance < 0.0
+
+    @property
+    def overlap(self) -> str:
+        """The two shapes that overlap most, for a sentence."""
+        assert self.worst is not None
+        depth = -1e3 * self.worst.distance
+        return f"{self.worst.first} and {self.worst.second} by {depth:.0f} mm"
 
     def metrics(self, key: str) -> dict[str, Any]:
         """Means over the k + 1 points, largest values over the fine ones, and the placement."""
@@ -89,8 +98,8 @@ class PlacementResult:
         seconds: of the search, without imports and compilation of kernels.
         largest_violation: of any constraint at the points, rad and m.
         notices: sentences for the user.
-        free: the best placement whose arm hits nothing, where the task asks for no clearance and
-            the best one overlaps itself; None elsewhere.
+        unconstrained: where the task asks for no clearance, the best placement of an arm that may
+            overlap itself and the floor, if it does so; only to compare with.
     """
 
     task: PlacementTask
@@ -105,7 +114,7 @@ class PlacementResult:
     seconds: float
     largest_violation: float
     notices: tuple[str, ...] = field(default_factory=tuple)
-    free: Profile | None = None
+    unconstrained: Profile | None = None
 
     def metrics(self) -> dict[str, Any]:
         """Nested figures and the search's counts; no times among them."""
@@ -135,8 +144,8 @@ class PlacementResult:
         }
         if self.initial is not None:
             figures["initial"] = self.initial.metrics(key)
-        if self.free is not None:
-            figures["free"] = self.free.metrics(key)
+        if self.unconstrained is not None:
+            figures["unconstrained"] = self.unconstrained.metrics(key)
         return figures
 
 

@@ -20,7 +20,7 @@ from wrenchsight.analyses.methods.redundancy.redundancy_task import (
     RedundancyTask,
 )
 from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
-from wrenchsight.diagrams.distances.coming_and_going import moved_along
+from wrenchsight.diagrams.distances.moved_along import moved_along
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array

@@ -20,7 +20,11 @@ from wrenchsight.analyses.methods.redundancy.free_redundancy import (
     clear_of_all,
     surroundings,
 )
-from wrenchsight.analyses.methods.redundancy.redundancy_task import PatchPathConfig, RedundancyTask
+from wrenchsight.analyses.methods.redundancy.redundancy_task import (
+    PatchPathConfig,
+    RedundancyClearance,
+    RedundancyTask,
+)
 from wrenchsight.diagrams.distances.clearance import ClosestPair
 from wrenchsight.diagrams.pages.path_page import TriangleMesh
 from wrenchsight.models.files.input_error import InputError
@@ -63,7 +67,8 @@ class RedundancyResult:
         notices: sentences for the user.
         clearance: of each checked way, by its name, the pair of shapes with the least
             slack; None where nothing is near.
-        free: the best way on which nothing is hit, where the optimised one hits something.
+        free: the best way on which nothing is nearer than it may be, where on the optimised one
+            something is.
     """
 
     problem: RedundancyProblem
@@ -76,6 +81,14 @@ class RedundancyResult:
     notices: tuple[str, ...]
     clearance: dict[str, ClosestPair | None] = field(default_factory=dict)
     free: Trajectory | None = None
+
+    @property
+    def way(self) -> Trajectory:
+        """The way that is written: the best one that keeps the clearance, as far as one is known.
+
+        Where none is known, the optimised way overlaps nothing, or is an error.
+        """
+        return self.optimised if self.free is None else self.free
 
     def metrics(self) -> dict[str, Any]:
         """Nested figures; the measure's key carries its unit."""
@@ -255,16 +268,16 @@ def _check_clearance(
     progress: Callable[[float, str], None],
 ) -> _ClearanceCheck:
     """Checks the ways for collisions; searches a free way where "optimised" is none."""
-    if config.clearance is None:
-        return _ClearanceCheck({}, None)
     robot = problem.robot
+    # A task that asks for no clearance may come as near as it likes, and not through anything.
+    asked = config.clearance or RedundancyClearance(distance=0.0, approach=0.0)
     if robot.unusable_collisions:
         notices.append(
             f"no usable collision shape for {', '.join(robot.unusable_collisions)}: "
             "clearance is not checked"
         )
         return _ClearanceCheck({}, None)
-    cell = surroundings(robot, config, config.clearance)
+    cell = surroundings(robot, config, asked)
     if not cell.clearance.has_shapes:
         notices.append(f"{robot.name} has no collision shapes: clearance is not checked")
         return _ClearanceCheck({}, None)
@@ -283,9 +296,10 @@ def _check_clearance(
     shapes = ""
     if pair is not None:
         shapes = f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
+    ends = ", approach and retreat included" if asked.approach > 0.0 else ""
     notices.append(
-        f"the optimum keeps less than {1e3 * config.clearance.distance:.0f} mm from the arm "
-        f"itself, the floor or the workpiece, approach and retreat included{shapes}"
+        f"the optimum keeps less than {1e3 * asked.distance:.0f} mm from the arm itself, the floor "
+        f"or the workpiece{ends}{shapes}"
     )
     way = best_free(cell, problem, grid, lambda f: progress(0.95 + 0.05 * f, "clearance"))
     if way is None:

@@ -42,7 +42,7 @@ def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[Fi
     values = result.problem.measure.values
     motions = [
         PathMotion(name, trajectory.q, values(trajectory.q))
-        for name, trajectory in (("initial", result.initial), ("optimised", result.optimised))
+        for name, trajectory in (("initial", result.initial), (_name_of_way(result), result.way))
         if trajectory is not None
     ]
     label = "JCN" if result.problem.measure.key == "jcn" else "force sd [N]"
@@ -70,7 +70,11 @@ def _ways(result: RedundancyResult, with_local: bool = True) -> list[_DrawnWay]:
         ways.append(_DrawnWay("initial, constant angle", result.initial, COLOUR["before"]))
     if with_local and result.local is not None:
         ways.append(_DrawnWay("local method", result.local, COLOUR["article"]))
-    return [*ways, _DrawnWay("optimised", result.optimised, COLOUR["after"])]
+    return [*ways, _DrawnWay(_name_of_way(result), result.way, COLOUR["after"])]
+
+
+def _name_of_way(result: RedundancyResult) -> str:
+    return "optimised" if result.free is None else "optimised, with clearance"
 
 
 def _draw_measure(result: RedundancyResult, path: Path) -> tuple[Path, str]:
@@ -142,8 +146,8 @@ def redundancy(
     out: Path,
     progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> RedundancyResult:
-    """The command `redundancy`: writes trajectory.csv (trajectory_free.csv of the best free way,
-    where that is another one), metrics.json, config.yaml, figures and recording.html into `out`.
+    """The command `redundancy`: writes trajectory.csv (of the best way that keeps the
+    clearance), metrics.json, config.yaml, figures and recording.html into `out`.
 
     Args:
         settings: its `task_content` is used instead of the content of the task that it names.
@@ -156,9 +160,7 @@ def redundancy(
         source = task_file(settings.task, "redundancy")
         config = settings.task_content or load_configuration(source, RedundancyTask)
         result = find_redundancy(robot, config, source, progress)
-        folder.write_text("trajectory.csv", trajectory_csv(result, result.optimised))
-        if result.free is not None:
-            folder.write_text("trajectory_free.csv", trajectory_csv(result, result.free))
+        folder.write_text("trajectory.csv", trajectory_csv(result, result.way))
         draw(result, folder.path)
         metrics = {**result.metrics(), "notices": list(result.notices)}
         folder.write_json("metrics.json", metrics)

@@ -56,7 +56,7 @@ class RedundancyTask:
     smoothness: float = 0.002  # weight of the joints' motion, objective per rad^2
     num_angles: int = 72  # of the grid
     clearance: RedundancyClearance | None = field(default_factory=RedundancyClearance)
-    # distances that are checked beside the optimum; none: none are
+    # distances to keep; none: the arm only must not overlap itself, the floor or the workpiece
 
 
 @dataclass

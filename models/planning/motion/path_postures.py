@@ -22,7 +22,6 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 _REACHED = 1e-11  # m and rad of the pose
 # Far from W's origin rounding may stand above the aim; an arm's length is not.
 _ARRIVED = 10.0 * _REACHED
-_SINGULAR = 1e-18  # added to J J^T, which may have no inverse
 # From one point to the next: Newton's method doubles the digits each time.
 _NEXT_POINT = ApproachSettings(max_steps=12, aim=_REACHED, damped=False)
 _FAR = ApproachSettings(max_steps=60, aim=_REACHED)  # from a start that may lie far off
@@ -123,27 +122,3 @@ def correct_paths(
     errors = approach(chain, R, p_WE.reshape(-1, 3), flat, _NEXT_POINT)
     q[:] = flat.reshape(q.shape)
     return np.asarray((errors < _ARRIVED).reshape(q.shape[:2]).all(axis=1))
-
-
-def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> tuple[Array, Array]:
-    """Turns a gradient by the postures of paths into a gradient by the paths.
-
-    Args:
-        q: (N, k + 1, n) postures on their paths.
-        by_q: (N, k + 1, n) gradient by them.
-        path_length: m.
-
-    Returns:
-        (N, 9) gradient by a turn of the tool (rotation vector in W), by p_WM and by n_W, with the
-        postures following by the shortest joint motion; and (N, k + 1, n) the part of by_q along
-        motions of a redundant arm that leave E where it is (zero for six joints).
-    """
-    J = chain.jacobian(q)
-    JJ = J @ np.swapaxes(J, -1, -2) + _SINGULAR * np.eye(6)
-    by_pose = np.linalg.solve(JJ, J @ by_q[..., np.newaxis])[..., 0]
-    along = path_length * (np.linspace(0.0, 1.0, q.shape[1]) - 0.5)
-    by_n = np.einsum("k,nkp->np", along, by_pose[..., 3:])
-    by_path = np.hstack([by_pose.sum(axis=1), by_n])
-    if q.shape[2] <= 6:
-        return by_path, np.zeros_like(q)
-    return by_path, by_q - np.einsum("nkpj,nkp->nkj", J, by_pose)

@@ -1,6 +1,6 @@
-"""The best placement of a straight path for a robot (command `place`).
+"""What a placement of a straight path is (command `place`): its task, its bounds, its postures.
 
-In: a task (path, box, limits, clearance), a robot, a posture measure. Out: placements, best first.
-Order: placement_task, placement_program (the optimisation problem), placement_descent (many starts
-at once), placement_search (global search), placement_refinement (an optimum's exact place).
+In: a task (path, box, limits, clearance), a robot. Out: bounds, placements, postures along them.
+Order: placement_task, placements. The program that finds the best one is in
+`wrenchsight.diagrams.placement`, the search in `wrenchsight.analyses.methods.place`.
 """

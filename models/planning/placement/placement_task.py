@@ -1,6 +1,7 @@
 """The task file of `place`: a straight path, its bounds, and what stands around it."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,9 +14,11 @@ from wrenchsight.models.files.plausible_numbers import check_numbers
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.paths import StraightPath
 from wrenchsight.models.planning.motion.posture_measures import check_joints
-from wrenchsight.models.planning.placement.placement_program import PlacementBounds
+from wrenchsight.models.planning.placement.placements import PlacementBounds
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
+
+_DEGREES_ROUNDING = 1e-9
 
 
 @dataclass
@@ -74,8 +77,11 @@ class PlacementTask:
     path_in_surface: bool = False  # whether the path is perpendicular to the tool's z axis
     tool_direction: list[float] | None = None  # in W, where E's z axis should point
     tool_tilt_deg: float = 0.0  # how far it may lean from there
+    path_direction: list[float] | None = None  # in W, from which the path's angle is measured
+    path_angle_lower_deg: float = 0.0  # of the path from there; 90 and 90: perpendicular to it
+    path_angle_upper_deg: float = 180.0  # of the same
     initial: GuessConfig | None = None
-    clearance: ClearanceConfig | None = None  # None: collisions are not checked
+    clearance: ClearanceConfig | None = None  # None: the arm only must not overlap itself or floor
 
     def initial_path(self) -> StraightPath | None:
         """The guess as a path; None without one."""
@@ -103,6 +109,9 @@ class PlacementTask:
             in_surface=self.path_in_surface,
             tool_direction=None if self.tool_direction is None else _unit(self.tool_direction),
             tool_tilt=math.radians(self.tool_tilt_deg),
+            path_direction=None if self.path_direction is None else _unit(self.path_direction),
+            path_angle_lower=math.radians(self.path_angle_lower_deg),
+            path_angle_upper=math.radians(self.path_angle_upper_deg),
         )
 
 
@@ -122,8 +131,9 @@ def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
     """Checks a task against an arm, before any search.
 
     Raises:
-        InputError: the path is longer than the arm can follow anywhere, or anywhere in the box; the
-            margin leaves a joint no range; the initial guess does not suit the arm.
+        InputError: the path is longer than the arm can follow anywhere, or anywhere in the box, or
+            must lie below the floor; the margin leaves a joint no range; the initial guess does not
+            suit the arm.
     """
     check_joints(robot.chain, robot.name)
     bounds = task.bounds(robot)
@@ -161,6 +171,7 @@ def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
                 f"at most {longest_path:.3f} m do, at ({text}) m"
             )
         raise InputError(source, "midpoint_lower, midpoint_upper", problem, "move the box")
+    _check_floor(task, source, robot)
     if task.initial is not None and task.initial.posture is not None:
         num_positions = len(task.initial.posture)
         if num_positions != robot.num_joints:
@@ -169,6 +180,18 @@ def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
                 "initial.posture",
                 f"{num_positions} positions, {robot.name} has {robot.num_joints} joints",
             )
+
+
+def _check_floor(task: PlacementTask, source: Path | str, robot: Robot) -> None:
+    """Checks that the box of midpoints is not all below the floor."""
+    if robot.floor is not None and task.midpoint_upper[2] < robot.floor:
+        raise InputError(
+            source,
+            "midpoint_upper",
+            f"z up to {task.midpoint_upper[2]:g} m; the floor of {robot.name} is at "
+            f"{robot.floor:g} m, and E cannot go below it",
+            "raise the box, or state another floor in robot.yaml",
+        )
 
 
 def reach_ball(robot: Robot) -> tuple[Array, float]:
@@ -235,6 +258,8 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
             raise InputError(
                 source, "tool_tilt_deg", f"{task.tool_tilt_deg:g}, expected above 0, up to 180"
             )
+    _check_path_angle(task, source, expect)
+    _check_directions(task, source)
     if task.initial is not None:
         expect(task.initial.direction, 3, "initial.direction")
         expect(task.initial.midpoint, 3, "initial.midpoint")
@@ -248,6 +273,71 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
             raise InputError(source, "initial", str(error)) from error
     if task.clearance is not None:
         _check_clearance(task, task.clearance, source)
+
+
+def _check_path_angle(
+    task: PlacementTask, source: Path, expect: Callable[[list[float], int, str], None]
+) -> None:
+    low, high = task.path_angle_lower_deg, task.path_angle_upper_deg
+    if not (0.0 <= low <= high <= 180.0 and high > 0.0 and low < 180.0):
+        raise InputError(
+            source,
+            "path_angle_lower_deg, path_angle_upper_deg",
+            f"from {low:g} to {high:g}, expected a range within 0 to 180, and more than its end",
+        )
+    if task.path_direction is None:
+        if (low, high) != (0.0, 180.0):
+            raise InputError(
+                source,
+                "path_direction",
+                f"is missing; from what is the path at {low:g} to {high:g} degrees?",
+                "state it, as in path_direction: [0, 0, 1]",
+            )
+        return
+    expect(task.path_direction, 3, "path_direction")
+    if not np.linalg.norm(task.path_direction) > 1e-9:
+        raise InputError(source, "path_direction", f"{task.path_direction} has no direction")
+
+
+def _check_directions(task: PlacementTask, source: Path) -> None:
+    """Checks that some rotation of the tool and some direction of the path keep all angles.
+
+    A rotation that takes z to an angle beta from z is by beta or more, up to half a turn. Two
+    directions at angles zeta and alpha from a third can be perpendicular to each other where alpha
+    is at most |90 - zeta| from 90 degrees.
+    """
+    if task.tool_direction is None:
+        return
+    tool, tilt = _unit(task.tool_direction), task.tool_tilt_deg
+    least = _degrees_between(tool, np.array([0.0, 0.0, 1.0])) - tilt
+    if task.angle_upper_deg < least - _DEGREES_ROUNDING:
+        raise InputError(
+            source,
+            "angle_upper_deg, tool_direction",
+            f"contradict each other: in the cone the tool is turned by {least:g} degrees or more "
+            f"from W, angle_upper_deg allows {task.angle_upper_deg:g}",
+            "raise angle_upper_deg or tool_tilt_deg, or turn tool_direction",
+        )
+    if not task.path_in_surface or task.path_direction is None:
+        return
+    between = _degrees_between(tool, _unit(task.path_direction))
+    off_right_angle = max(0.0, abs(between - 90.0) - tilt)
+    if (
+        task.path_angle_upper_deg < off_right_angle - _DEGREES_ROUNDING
+        or task.path_angle_lower_deg > 180.0 - off_right_angle + _DEGREES_ROUNDING
+    ):
+        raise InputError(
+            source,
+            "path_in_surface, path_direction, tool_direction",
+            f"contradict each other: a path perpendicular to a tool in the cone is at "
+            f"{off_right_angle:g} to {180.0 - off_right_angle:g} degrees from path_direction, "
+            f"{task.path_angle_lower_deg:g} to {task.path_angle_upper_deg:g} are allowed",
+            "widen path_angle_lower_deg, path_angle_upper_deg or tool_tilt_deg",
+        )
+
+
+def _degrees_between(a: Array, b: Array) -> float:
+    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b)))
 
 
 def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Path) -> None:

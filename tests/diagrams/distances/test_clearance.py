@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
+from wrenchsight.diagrams.distances import clearance as clearance_module
 from wrenchsight.diagrams.distances.clearance import INFLUENCE, Clearance
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
+from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 
 
@@ -149,3 +151,42 @@ def test_a_workpiece_counts_as_taken_one_by_one(sts):
             assert with_piece.slack(q) == pytest.approx(expected, abs=1e-4)
             compared += near - 0.02 < without.slack(q)
     assert compared > 2
+
+
+def positions_at(shapes, q):
+    """Positions of the plant with the arm at q (n,)."""
+    positions = shapes.plant.GetDefaultPositions()
+    positions[shapes.order] = q
+    return positions
+
+
+@pytest.mark.parametrize("name", ["sts_sre4_600", "ur5e", "panda"])
+def test_no_shape_is_farther_from_a_joint_than_the_proof_counts_with(name, monkeypatch):
+    """Corners of the shapes' boxes at random postures, the last link's made a metre longer."""
+    robot = Robot.load(name)
+    corners_of = clearance_module.box_corners
+
+    def with_rod(inspector, shape):
+        corners = corners_of(inspector, shape)
+        is_last = shapes.level.get(shapes.body[shape].index(), 0) == robot.num_joints
+        return corners + np.array([[0.0], [0.0], [1.0]]) if is_last else corners
+
+    shapes = Clearance(robot).shapes
+    for corners in (corners_of, with_rod):
+        monkeypatch.setattr(clearance_module, "box_corners", corners)
+        bound = clearance_module._speed_radius(robot, shapes)
+        farthest = np.zeros(robot.num_joints)
+        lower = np.clip(robot.position_lower, -np.pi, np.pi)
+        upper = np.clip(robot.position_upper, -np.pi, np.pi)
+        for q in np.random.default_rng(0).uniform(lower, upper, (60, robot.num_joints)):
+            shapes.plant.SetPositions(shapes.context, positions_at(shapes, q))
+            for j, joint in enumerate(shapes.parts.joints):
+                origin = joint.frame_on_child().CalcPoseInWorld(shapes.context).translation()
+                for shape, body in shapes.body.items():
+                    if shapes.level.get(body.index(), 0) > j:
+                        X_WF = shapes.plant.EvalBodyPoseInWorld(shapes.context, body)
+                        points = X_WF @ corners(shapes.inspector, shape) - origin[:, np.newaxis]
+                        farthest[j] = max(farthest[j], np.linalg.norm(points, axis=0).max())
+        assert np.all(farthest <= bound + 1e-9)
+        assert np.all(bound < 2.5 * farthest)  # and it is not far too large
+        assert bound[-1] > (1.0 if corners is with_rod else 0.0)

@@ -61,7 +61,7 @@ def _found_path(
     if model is not None:
         # The force's sd often leads to a joint's limit, which the arm would pass between points.
         objective, task = "force-sd", replace(task, limit_margin_deg=_LIMIT_MARGIN)
-    request = PlacementRequest(objective, seed=seed, model=model)
+    request = PlacementRequest(objective, seed=seed, model=model, may_overlap=True)
     best = place(task, source, robot, request).best
     turn_angle = -float(np.arctan2(best.placement.p_WM[1], best.placement.p_WM[0]))
     c, s = np.cos(turn_angle), np.sin(turn_angle)

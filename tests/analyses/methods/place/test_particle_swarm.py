@@ -9,9 +9,9 @@ from wrenchsight.analyses.methods.place.particle_swarm import (
     SwarmConfig,
     place_by_swarm,
 )
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram
 from wrenchsight.models.planning.motion.path_postures import track_paths
 from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
-from wrenchsight.models.planning.placement.placement_program import PlacementProgram
 from wrenchsight.models.planning.placement.placement_task import PlacementTask, load_task
 from wrenchsight.models.robot.robot import Robot
 
@@ -25,7 +25,7 @@ def task() -> PlacementTask:
 
 def program_of(robot: Robot, task: PlacementTask) -> PlacementProgram:
     measure = ConditionNumber(robot.chain)
-    return PlacementProgram(robot.chain, measure, task.bounds(robot), task.path_length, 20)
+    return PlacementProgram(robot, measure, task.bounds(robot), task.path_length, 20)
 
 
 def test_a_particle_costs_its_best_branch(sts: Robot, task: PlacementTask) -> None:

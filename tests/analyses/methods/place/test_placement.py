@@ -18,13 +18,13 @@ from wrenchsight.analyses.methods.place.placement import (
     place_task,
 )
 from wrenchsight.analyses.methods.place.placement_result import PlacementResult
+from wrenchsight.analyses.methods.place.placement_search import SearchEffort
 from wrenchsight.analyses.output.result_marker import MARKER
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.planning.motion.posture_measures import ConditionNumber, ForceSd
-from wrenchsight.models.planning.placement.placement_search import SearchEffort
 from wrenchsight.models.planning.placement.placement_task import (
     ClearanceConfig,
     ObstacleConfig,
@@ -38,10 +38,9 @@ from wrenchsight.models.robot.robot_config import PoseConfig
 pytestmark = pytest.mark.long  # placements are searched for
 
 SMALL = SearchEffort(
-    num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_steps=12,
-    num_solves=2,
-)  # fmt: skip
-SMALL_SEARCH = PlacementRequest(effort=SMALL)
+    num_samples=2000, num_poses=6, num_starts=24, num_rounds=1, num_kinds=4, num_solves=2
+)
+SMALL_SEARCH = PlacementRequest(effort=SMALL, may_overlap=True)
 QUICK = PlaceSettings(task="linear_path", quick=True)
 
 
@@ -55,8 +54,11 @@ def test_the_articles_figures_and_better_ones(written: tuple[PlacementResult, Pa
     metrics = json.loads((written[1] / "metrics.json").read_text())
     assert metrics["initial"]["max_jcn"] == pytest.approx(59.567, abs=5e-4)
     assert metrics["initial"]["mean_jcn"] == pytest.approx(17.10, abs=5e-3)
-    assert metrics["optimised"]["mean_jcn"] <= 10.976
-    assert metrics["optimised"]["max_jcn"] <= 17.0
+    assert metrics["unconstrained"]["mean_jcn"] <= 11.03  # the narrow optimum or the one beside it
+    # At either of these the tool stands in the forearm: what is written does not.
+    assert metrics["unconstrained"]["smallest_distance_m"] < -0.01
+    assert metrics["optimised"]["smallest_distance_m"] >= 0.0
+    assert 10.97 < metrics["optimised"]["mean_jcn"] < 12.0
     assert metrics["largest_violation"] < 1e-7
     costs = [optimum["mean_jcn"] for optimum in metrics["optima"]]
     assert costs == sorted(costs)
@@ -102,7 +104,7 @@ def test_the_objective_force_sd_minimises_the_force_sd(sts: Robot) -> None:
     task, source = load_task("linear_path")
     Sigma = np.diag([3.3, 3.6, 2.3, 0.53, 0.78, 0.36]) ** 2  # the article's residuals
     model = dataclasses.replace(IdentifiedModel.nominal(sts), residual_covariance=Sigma)
-    least_sd = PlacementRequest("force-sd", model=model, effort=SMALL)
+    least_sd = PlacementRequest("force-sd", model=model, effort=SMALL, may_overlap=True)
     result = place(task, source, sts, least_sd)
     by_jcn = place(task, source, sts, SMALL_SEARCH)
     config = WrenchReconstructionConfig().with_prior(*live_prior(sts.payload))
@@ -148,7 +150,7 @@ def test_an_arm_of_seven_joints_is_placed_numerically(panda: Robot) -> None:
     task, source = load_task("linear_path")
     task = dataclasses.replace(task, initial=None, path_length=0.6)
     effort = dataclasses.replace(EFFORT_NUMERIC, num_samples=2000, num_rounds=0, num_solves=2)
-    result = place(task, source, panda, PlacementRequest(effort=effort))
+    result = place(task, source, panda, PlacementRequest(effort=effort, may_overlap=True))
     assert any("no known analytic inverse kinematics" in notice for notice in result.notices)
     # From 7.516, which every seed of a full search finds; random postures have a median of 40.
     assert result.best.metrics("jcn")["mean_jcn"] < 7.9
@@ -165,7 +167,10 @@ def test_an_arm_of_seven_joints_is_placed_numerically(panda: Robot) -> None:
 
 IMPOSSIBLE = {
     "longer than the workspace": ({"path_length": 2.5}, "lies in a ball of"),
-    "longer than can be followed": ({"path_length": 1.55}, "none of"),
+    "longer than can be followed": (
+        {"path_length": 1.55},
+        "the best that was reached misses the path",
+    ),
     "box that excludes it": (
         {"midpoint_lower": [2.0, 0.0, 0.0], "midpoint_upper": [2.5, 0.1, 0.1]},
         "the box excludes the workspace",
@@ -209,7 +214,8 @@ def test_the_article_solver_is_a_choice_of_the_command(sts: Robot, tmp_path: Pat
 
     task, source = load_task("linear_path")
     swarm = SwarmConfig(num_particles=30, num_iterations=6)
-    result = place(task, source, sts, PlacementRequest(solver="pso-ga", swarm=swarm))
+    request = PlacementRequest(solver="pso-ga", swarm=swarm, may_overlap=True)
+    result = place(task, source, sts, request)
     assert 10.97 < result.best.metrics("jcn")["mean_jcn"] < 15.0
     assert result.search.num_starts == 30
 
@@ -218,53 +224,49 @@ def test_the_command_prints_the_placement(tmp_path: Path) -> None:
     arguments = ["place", "--task", "linear_path", "--out", str(tmp_path), "--quick"]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.stderr
-    assert "10.97" in result.stdout
+    assert "unconstrained" in result.stdout
     assert "59.5668" in result.stdout
-    assert "local optima: 10.97" in result.stdout
+    assert "local optima: 1" in result.stdout
+    assert "the arm would overlap: link_4 and polishing_tool" in " ".join(result.stdout.split())
 
 
-@pytest.mark.slow
-def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
-    sts: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_an_arm_that_would_dip_into_its_floor_is_placed_above_it(sts: Robot) -> None:
+    """The task asks for no clearance; what is written does not overlap all the same."""
+    box = {"midpoint_lower": [0.2, -0.3, 0.02], "midpoint_upper": [0.5, 0.3, 0.3]}
+    task = PlacementTask(path_length=0.2, num_segments=8, **box)
+    ur5e = Robot.load("ur5e")
+    result = place(task, "task", ur5e, PlacementRequest(quick=True))
+    assert ur5e.floor == 0.0
+    clearance = Clearance(ur5e, 0.0, 0.0)
+    assert all(pair.distance > 0.0 for q in result.best.fine.q for pair in clearance.slacks(q, 0.1))
+    assert result.best.smallest_distance is not None and result.best.smallest_distance > 0.0
+    assert result.unconstrained is not None and result.unconstrained.is_overlapping
+    figures = result.metrics()
+    assert figures["unconstrained"]["mean_jcn"] <= figures["optimised"]["mean_jcn"] + 1e-6
+    assert any("only there to compare with" in notice for notice in result.notices)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "shortfall"),
+    [
+        ({"max_joint_step_deg": 0.5, "path_length": 0.8}, "max_joint_step_deg", "misses the path"),
+        (
+            {
+                "midpoint_lower": [0.8, -0.05, 0.1], "midpoint_upper": [0.85, 0.05, 0.2],
+                "tool_direction": [-1.0, 0.0, 0.0], "tool_tilt_deg": 5.0,
+            },
+            "tool_direction, tool_tilt_deg",
+            "mm",
+        ),
+    ],
+)  # fmt: skip
+def test_an_infeasible_task_names_what_is_in_the_way(
+    changes: dict[str, Any], key: str, shortfall: str
 ) -> None:
-    requests: list[tuple[int, ClearanceConfig | None]] = []
-    outcome: list[PlacementResult] = []
-
-    def quickly(
-        task: PlacementTask, source: Path, robot: Robot, request: PlacementRequest, progress: Any
-    ) -> PlacementResult:
-        requests.append((request.seed, task.clearance))
-        if task.clearance is not None:  # what is found then is the search's own matter
-            return outcome[0]
-        small = dataclasses.replace(request, effort=SMALL)
-        outcome.append(place(task, source, robot, small, progress))
-        return outcome[-1]
-
-    monkeypatch.setattr("wrenchsight.analyses.methods.place.placement.place", quickly)
-    plain = place_task(PlaceSettings(task="linear_path"), tmp_path / "plain")
-    # As it is, nothing is hit: no other placement is looked for.
-    assert requests == [(0, None)] and plain.free is None
-    assert plain.best.smallest_distance is not None and plain.best.smallest_distance > 0.0
-    lowest = float(sts.chain.pose(plain.best.fine.q)[1][:, 2].min())
-    floor = round(lowest - 0.09, 3)  # E is above it, the housing behind E is not
-    text = sts.source.read_text().replace("urdf: ", f"urdf: {sts.source.parent}/")
-    (tmp_path / "robot.yaml").write_text(f"{text}floor: {floor}\n")
-    requests.clear()
-    settings = PlaceSettings(task="linear_path", robot=str(tmp_path / "robot.yaml"))
-    result = place_task(settings, tmp_path / "out")
-    assert result.best.smallest_distance is not None and result.best.smallest_distance < 0.0
-    overlap = f"itself or the floor by {-1e3 * result.best.smallest_distance:.0f} mm"
-    assert overlap in " ".join(result.notices)
-    beside = Clearance(result.robot, 0.0, floor)
-    assert any(beside.reaches_floor(q) for q in result.best.fine.q)
-    # The floor is among what the free one must keep from; one that cannot be come to is not taken
-    # without a word, and other seeds are tried before.
-    assert [seed for seed, _ in requests] == [0, 0, 1, 2]
-    for _, clearance in requests[1:]:
-        assert clearance is not None
-        (slab,) = clearance.obstacles
-        assert slab.pose.xyz[2] + 0.5 * slab.size[2] == pytest.approx(floor)
-    assert result.free is outcome[0].best
-    assert any("on approach or retreat" in notice for notice in result.notices)
-    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
-    assert "free" in metrics
+    box = {"midpoint_lower": [-0.6, -0.6, 0.0], "midpoint_upper": [0.6, 0.6, 0.9]}
+    task = PlacementTask(**({"path_length": 0.3} | box | changes))
+    with pytest.raises(InputError) as error:
+        place(task, "task", Robot.load("ur5e"))
+    assert key in str(error.value)
+    assert shortfall in str(error.value)
+    assert "not kept: " in str(error.value)

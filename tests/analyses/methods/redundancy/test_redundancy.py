@@ -174,13 +174,14 @@ def test_where_the_optimum_is_too_near_the_best_free_way_stands_beside_it(sts: R
     assert any("keeps less than 30 mm" in notice for notice in result.notices)
 
 
-def test_a_way_through_the_workpiece_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("clearance", ["{}", "null"])
+def test_a_way_through_the_workpiece_is_refused(tmp_path: Path, clearance: str) -> None:
     """A wide plate between arm and path: the tool works on its far side."""
     (tmp_path / "t.yaml").write_text(
         "surface: {plate: {length: 0.8, width: 0.8}, start: [0.5, 0.4], end: [0.5, 0.6], "
         "num_samples: 5}\n"
         "workpiece: {xyz: [0.45, 0, 0.4], rpy: [0, 1.5708, 0]}\n"
-        "num_angles: 12\nmax_joint_step_deg: 40\n"
+        f"num_angles: 12\nmax_joint_step_deg: 40\nclearance: {clearance}\n"
     )
     words = ["redundancy", "--task", str(tmp_path / "t.yaml"), "--out", str(tmp_path / "out")]
     result = CliRunner().invoke(app, words)

@@ -1,13 +1,11 @@
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.branches import all_branches
 from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
 from wrenchsight.models.planning.motion.path_postures import (
     correct_paths,
-    pull_back,
     solve_poses,
     track_paths,
     wrap_within,
@@ -111,37 +109,6 @@ def test_correction_brings_postures_back_onto_the_path(sts: Robot) -> None:
     near = q + np.random.default_rng(2).uniform(-0.02, 0.02, q.shape)
     assert correct_paths(sts.chain, near, n_W, p_WM, R_WE, 0.3).all()
     np.testing.assert_allclose(near, q, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("joints", [6, 7])
-def test_the_pull_back_is_the_gradient_with_the_postures_following(sts: Robot, joints: int) -> None:
-    chain = sts.chain if joints == 6 else seven_joints(sts)
-    q_mid = POSTURE if joints == 6 else np.concatenate([[0.15], POSTURE])
-    n_W = np.array([[0.1, 1.0, 0.2]])
-    n_W /= np.linalg.norm(n_W)
-    q, reached = track_paths(chain, q_mid[np.newaxis], n_W, 0.2, 5)
-    assert reached.all()
-    R_WE, p_WM = chain.pose(q_mid[np.newaxis])
-    weights = np.random.default_rng(3).normal(size=q.shape)
-    by_path, left = pull_back(chain, q, weights, 0.2)
-
-    def cost(step: Array) -> float:
-        moved = q.copy()
-        turn = Rotation.from_rotvec(step[:3]).as_matrix()
-        n = n_W + step[6:9]  # not made unit: all three directions count
-        good = correct_paths(chain, moved, n, p_WM + step[3:6], turn @ R_WE, 0.2)
-        assert good.all()
-        return float(np.sum(weights * moved))
-
-    h = 1e-6
-    expected = [(cost(h * d) - cost(-h * d)) / (2.0 * h) for d in np.eye(9)]
-    np.testing.assert_allclose(by_path[0], expected, rtol=1e-5, atol=1e-6)
-    if joints == 6:
-        np.testing.assert_allclose(left, 0.0, atol=1e-9)
-    else:
-        J = chain.jacobian(q[0])
-        np.testing.assert_allclose(np.einsum("kij,kj->ki", J, left[0]), 0.0, atol=1e-9)
-        assert np.max(np.abs(left)) > 1e-2
 
 
 def test_angles_are_wrapped_into_their_limits(sts: Robot) -> None:

@@ -87,6 +87,32 @@ BAD_FILES = {
         {"clearance": {"obstacles": [{"name": "t", "size": [1, 1, 1]}] * 2}},
         '"t" is taken',
     ),
+    "cone against angle": (
+        {
+            "tool_direction": [0.0, 0.0, -1.0],
+            "tool_tilt_deg": 10.0,
+            "angle_upper_deg": 90.0,
+        },
+        "in the cone the tool is turned by 170 degrees or more from W, angle_upper_deg allows 90",
+    ),
+    "surface against direction": (
+        {
+            "path_in_surface": True,
+            "tool_direction": [0.0, 0.0, -1.0],
+            "tool_tilt_deg": 10.0,
+            "path_direction": [0.0, 0.0, 1.0],
+            "path_angle_upper_deg": 45.0,
+        },
+        "is at 80 to 100 degrees from path_direction, 0 to 45 are allowed",
+    ),
+    "angle of the path from nowhere": (
+        {"path_angle_upper_deg": 45.0},
+        "path_direction: is missing; from what is the path at 0 to 45 degrees?",
+    ),
+    "angle of the path with one value": (
+        {"path_direction": [0, 0, 1], "path_angle_upper_deg": 0.0},
+        "from 0 to 0, expected a range within 0 to 180",
+    ),
     "workpiece without surface": (
         {"clearance": {"workpiece": {"size": [1.0, 0.2, 0.02]}}},
         "path_in_surface: the path runs along the workpiece's face",
@@ -115,6 +141,10 @@ BAD_FOR_THE_ARM = {
         {"midpoint_lower": [0.7, 0.0, 0.3], "midpoint_upper": [0.8, 0.1, 0.5]},
         "a path of 1 m fits nowhere in the box; at most 0.8",
     ),
+    "below the floor": (
+        {"midpoint_lower": [0.2, 0.0, -0.4], "midpoint_upper": [0.4, 0.1, -0.1]},
+        "z up to -0.1 m; the floor of sts_sre4_600 is at 0 m",
+    ),
     "margin": ({"limit_margin_deg": 170.0}, "leaves joint_2 no range"),
     "posture": (
         {"initial": GUESS | {"posture": [0.0, 1.0]}},
@@ -132,6 +162,24 @@ def test_an_impossible_task_is_refused_before_any_search(
     with pytest.raises(InputError) as error:
         check_task(task, source, sts)
     assert expected in str(error.value)
+
+
+KEPT = {
+    "the least rotation of the cone": {"angle_upper_deg": 171.0},
+    "half a turn of any cone": {"angle_lower_deg": 179.0},
+    "across the direction": {
+        "path_in_surface": True,
+        "path_direction": [0.0, 0.0, 1.0],
+        "path_angle_lower_deg": 81.0,
+        "path_angle_upper_deg": 99.0,
+    },
+}
+
+
+@pytest.mark.parametrize("case", list(KEPT))
+def test_angles_that_can_be_kept_are_no_contradiction(tmp_path: Path, case: str) -> None:
+    down = {"tool_direction": [0.0, 0.0, -1.0], "tool_tilt_deg": 10.0}
+    load_task(write(tmp_path, down | KEPT[case]))
 
 
 @pytest.mark.parametrize("name", ["sts_sre4_600", "ur10e"])

@@ -18,13 +18,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import SAME, first_of_least
 from wrenchsight.models.planning.motion.posture_measures import smoothed
-from wrenchsight.models.planning.placement.placement_program import (
+from wrenchsight.models.planning.placement.placements import (
     Placement,
-    PlacementProgram,
-    Solution,
     on_all_branches,
     quaternion_from,
 )
@@ -81,8 +80,8 @@ def refined(program: PlacementProgram, placement: Placement) -> tuple[Placement,
     """
     evaluations = 0
     for sharpness in SHARPNESS:
-        measure = smoothed(program.chain, program.measure, sharpness)
-        solution = program.with_measure(measure).solve(placement, options=_TIGHT)
+        measure = smoothed(program.robot.chain, program.measure, sharpness)
+        solution = program.solve(placement, options=_TIGHT, measure=measure)
         evaluations += solution.evaluations
         if program.violation(solution.placement) > _FAILED:
             break

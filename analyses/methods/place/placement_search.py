@@ -1,62 +1,80 @@
-"""Global search for the best placement of a straight path.
+"""Global search for the best placement of a straight path, by many starts of one program.
 
 The cost has many local optima, and the best one's basin can be narrow. So
 
 1. postures are drawn at random over the joint limits; each gives a midpoint, an orientation and a
-   branch, and with a random direction a candidate path (moved into the box where it must). One
-   kernel call carries all of them along their paths, and those that are reached are ranked;
+   branch, and with a random direction a candidate path (moved into the box where it must). All of
+   them are carried along their paths, and those that are reached are ranked; where few are, a part
+   of the path's length will do for a start;
 2. the best poses, and the task's own initial guess, are tried on every branch that inverse
    kinematics finds; of all these candidates the best ones that differ become starts;
-3. all starts descend side by side for a while (`PlacementDescent`);
+3. a coarse program, with every few points of the path, is solved from each start roughly;
 4. in some more rounds the best ends that differ are varied, the tool turned about the path in even
-   steps, again on every branch, and what is reached descends: a basin that a random start rarely
-   meets is often the neighbour, in this sense, of one that is easily met;
-5. the ends are grouped by the measure's course over the points; the best of each kind descends
-   some more, and the best of these are brought to an optimum of the `MathematicalProgram`;
+   steps, again on every branch, and the program is solved from what is reached: a basin that a
+   random start rarely meets is often the neighbour, in this sense, of one that is easily met;
+5. the ends are grouped by the measure's course over the points, and the program of all points is
+   solved from the best of each kind;
 6. what differs of these is taken to the optimum's exact place, and to the one member of its family
-   that stands for all (`models.planning.placement.placement_refinement`): the same from any start
-   and on any machine.
+   that stands for all (`placement_refinement`): the same from any start and on any machine.
 
 Two optima count as one if they have the same measure at every point of the path (or of the path
 backwards): where a measure does not see a rotation of the base or of the tool, optima come in
 families whose members are equally good.
+
+Before all this, some starts are brought to any placement that keeps the constraints, at every few
+points of the path only. Where none comes there, no placement of the whole path can be found either,
+and `infeasibility` explains what is missing.
 """
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from wrenchsight.analyses.methods.place.placement_refinement import finished
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.numerics.ties import in_order
 from wrenchsight.models.planning.motion.path_postures import solve_poses, track_paths, wrap_within
-from wrenchsight.models.planning.placement.placement_descent import DescentEnds, PlacementDescent
-from wrenchsight.models.planning.placement.placement_program import (
+from wrenchsight.models.planning.placement.placements import (
     Placement,
     PlacementBatch,
-    PlacementProgram,
-    Solution,
     between_points,
+    interpolated,
     on_all_branches,
     on_path,
 )
-from wrenchsight.models.planning.placement.placement_refinement import finished
 from wrenchsight.models.robot.robot import Robot
 
 FEASIBLE = 1e-7  # m and rad, of every constraint; postures are then corrected to rounding
 BETWEEN = 1e-3  # rad and m, of joint limits between the points; clearance there is kept in full
 SAME = 0.01  # relative, of the measure at every point: one optimum
-_ALIKE = 0.02  # the same of two descents that have not come to their end
-_NUM_CHECKED = 3  # of a batch, after each step
-_FEW = 30  # random placements; below it a shorter path is made longer
-_GROWTH = (0.55, 0.7, 0.8, 0.87, 0.91, 0.94, 0.96, 0.98, 0.99, 1.0)  # of its length
+_ALIKE = 0.02  # the same of two ends that have not come to their optimum
+_MIN_STARTS = 30  # random placements; with fewer a part of the path's length will do
+_SHARES = (0.6, 0.2, 0.02)  # of its length
+_FINISHED_WITH_CELL = 2  # optima; with distances the last steps take seconds
 _OTHER_KIND = 0.06  # the same of two that are worth varying
+_ROUGHLY_FEASIBLE = 1e-4  # m and rad, of a rough solve's end
+_ROUGH = {
+    "Major optimality tolerance": 1e-3,
+    "Major feasibility tolerance": 1e-6,
+    "Major iterations limit": 120,
+    "Iterations limit": 6000,
+}
+
+
+_KEEP = {"Major optimality tolerance": 1e-2}
+_FEASIBILITY = {
+    "Major feasibility tolerance": 1e-6,
+    "Major iterations limit": 60,
+    "Iterations limit": 3000,
+}
 
 
 @dataclass(frozen=True)
@@ -66,12 +84,12 @@ class SearchEffort:
     Attributes:
         num_samples: random candidates.
         num_poses: candidates that are tried on all branches.
-        num_starts: descents of a round.
+        num_starts: solves of a round.
         num_rounds: rounds after the first.
         num_kinds: ends that a round varies.
         num_turns: turns of the tool about the path, for each of these ends.
-        num_steps: steps of each descent.
-        num_solves: largest number of solves of the program.
+        num_solves: largest number of fine solves.
+        num_feasibility: starts of which one must come to keep all constraints.
     """
 
     num_samples: int = 8000
@@ -80,8 +98,8 @@ class SearchEffort:
     num_rounds: int = 3
     num_kinds: int = 14
     num_turns: int = 8
-    num_steps: int = 30
-    num_solves: int = 4
+    num_solves: int = 5
+    num_feasibility: int = 40
 
 
 @dataclass(frozen=True)
@@ -111,11 +129,13 @@ class SearchResult:
         optima: distinct optima, best first; each keeps every constraint.
         num_candidates: paths of the global stage.
         num_reached: candidates that the arm can follow.
-        num_starts: descents, each from another start.
+        num_starts: rough solves, each from another start.
         num_unassigned: starts that ended at none of the optima.
         evaluations: of a path's measure, all stages.
         interrupted: whether it was ended early.
         history: (seconds, cost) of each better path that keeps the limits.
+        nearest: where no start could keep all constraints, their ends at the coarse points, best
+            first; where the path could not be followed between these, the same.
     """
 
     optima: list[Optimum] = field(default_factory=list)
@@ -126,11 +146,19 @@ class SearchResult:
     evaluations: int = 0
     interrupted: bool = False
     history: list[tuple[float, float]] = field(default_factory=list)
+    nearest: list[Solution] = field(default_factory=list)
 
     @property
     def best(self) -> Optimum | None:
         """The best optimum; None where nothing was found."""
         return self.optima[0] if self.optima else None
+
+
+class _Source(NamedTuple):
+    """Values of the measure where a fine solve began (at the coarse points) and where it ended."""
+
+    start: Array
+    end: Array
 
 
 class PlacementSearch:
@@ -143,6 +171,7 @@ class PlacementSearch:
         robot: the arm.
         program: as the attribute.
         initial: the task's guess as (n_W, p_WM, R_WE), tried on all branches; None for none.
+        others: placements to start from, before any other.
     """
 
     def __init__(
@@ -150,12 +179,13 @@ class PlacementSearch:
         robot: Robot,
         program: PlacementProgram,
         initial: tuple[Array, Array, Array] | None = None,
+        others: tuple[Placement, ...] = (),
     ) -> None:
         self._robot, self.program, self._initial = robot, program, initial
+        self._others = others
         self._posture = program.measure
-        self._descent = PlacementDescent(
-            robot.chain, program.measure, program.bounds, program.path_length, program.clearance
-        )
+        self._stride = coarse_stride(program.num_segments)
+        self._coarse = self._coarse_program(has_cost=True)
 
     def run(
         self,
@@ -168,7 +198,8 @@ class PlacementSearch:
 
         Args:
             seed: of the random candidates.
-            solver: one of `placement_program.SOLVERS`.
+            solver: one of `placement_program.SOLVERS`, for the fine solves; the rough ones are
+                SNOPT's.
             effort: size of the search; None: the default.
             progress: called with the fraction done and a message.
         """
@@ -184,67 +215,133 @@ class PlacementSearch:
     ) -> SearchResult:
         result = SearchResult()
         clock = _Clock(result)
-        ends: list[DescentEnds] = []
+        ends: list[Solution] = []
         solutions: list[Solution] = []
+        sources: list[_Source] = []
         try:
             progress(0.02, "looking at random placements")
-            starts = self.starts(seed, effort, result)
-            if len(starts) == 0:
+            starts = [*self._others, *self.starts(seed, effort, result)]
+            progress(0.04, "looking for a placement that keeps the constraints")
+            ends = self._feasibility(starts[: effort.num_feasibility])
+            result.num_starts = len(ends)
+            if not ends or not self._is_kept(ends[-1]):
+                result.nearest = sorted(ends, key=self._violation_of)
                 return result
+            ends = []
             for number in range(1 + effort.num_rounds):
-                fraction = 0.1 + 0.5 * number / (1 + effort.num_rounds)
-                progress(fraction, f"round {number + 1}, {len(starts)} starts descend")
-                ends.append(self._descend(starts, effort.num_steps, result, clock))
+                for count, end in enumerate(self._rough(starts, ends, result)):
+                    fraction = (number + count / len(starts)) / (1 + effort.num_rounds)
+                    message = f"round {number + 1}, start {count + 1}/{len(starts)}"
+                    progress(0.05 + 0.65 * fraction, message)
+                    self._record(end, clock)
+                if not any(self._is_kept(end) for end in ends):
+                    break
                 if number < effort.num_rounds:
-                    starts = self._varied(_joined(ends), effort, result)
-            # A start that ranks low may only have had fewer steps.
-            joined = _joined(ends)
-            starts = joined.batch[self._different(joined, 20)]
-            last_ends = self._descend(starts, 2 * effort.num_steps, result, clock)
-            chosen = self._different(last_ends, effort.num_solves)
-            for count, index in enumerate(chosen):
-                progress(0.6 + 0.4 * count / len(chosen), f"{solver}, {count + 1}/{len(chosen)}")
-                solution = self._solve(last_ends.batch, int(index), solver, result, clock)
-                if solution is not None:
+                    starts = self._varied(ends, effort, result)
+            result.num_starts = len(ends)
+            kept = [end for end in ends if self._is_kept(end)]
+            result.nearest = [] if kept else sorted(ends, key=self._violation_of)
+            chosen = self._different(kept, effort.num_solves)
+            for count, end in enumerate(chosen):
+                progress(0.7 + 0.25 * count / len(chosen), f"{solver}, {count + 1}/{len(chosen)}")
+                solution = self._solve(end, solver, result, clock)
+                if solution is None:
+                    result.nearest.append(end)
+                else:
                     solutions.append(solution)
-            progress(0.97, "the last steps")
+                    begun, ended = (self._posture.values(s.placement.q) for s in (end, solution))
+                    sources.append(_Source(begun, ended))
+            progress(0.95, "the last steps")
+            kinds = self._kinds(solutions)
+            count = len(kinds) if self.program.cell is None else _FINISHED_WITH_CELL
             solutions = [
-                self._finished(solution, result, clock) for solution in self._kinds(solutions)
-            ]
+                self._finished(solution, result, clock) for solution in kinds[:count]
+            ] + kinds[count:]
         except KeyboardInterrupt:
             result.interrupted = True
-        result.num_starts = sum(len(descents.batch) for descents in ends)
-        self._sort(solutions, ends, result)
+        result.num_starts = len(ends)
+        self._sort(solutions, ends, sources, result)
         fallback = None if result.optima else self._best_corrected(ends, clock)
         if fallback is not None:
-            # Interrupted early, or no solve kept all constraints: the best of the descents.
+            # Interrupted early, or no fine solve kept all constraints: the best rough end.
             values = self._posture.values(fallback.q)
-            result.optima.append(Optimum(fallback, float(np.mean(values)), values, 0, "descent"))
+            result.optima.append(Optimum(fallback, float(np.mean(values)), values, 0, "rough"))
         progress(1.0, "done")
         return result
 
-    def _best_corrected(self, ends: list[DescentEnds], clock: "_Clock") -> Placement | None:
-        """The best placement of the descents that keeps all constraints, also between points."""
+    def _coarse_program(self, *, has_cost: bool) -> PlacementProgram:
+        """The program at every few points of the path; what it keeps, every placement must keep."""
+        program = self.program
+        bounds = replace(
+            program.bounds, max_joint_step=self._stride * program.bounds.max_joint_step
+        )
+        size = (program.path_length, program.num_segments // self._stride)
+        return PlacementProgram(self._robot, program.measure, bounds, *size, program.cell, has_cost)
+
+    def _feasibility(self, starts: list[Placement]) -> list[Solution]:
+        """Ends of the coarse program without a cost, up to the first that keeps all constraints."""
+        program, ends = self._coarse_program(has_cost=False), list[Solution]()
+        for start in starts:
+            coarse_start = replace(start, q=start.q[:: self._stride])
+            ends.append(program.solve(coarse_start, options=_FEASIBILITY))
+            if self._is_kept(ends[-1]):
+                break
+        return ends
+
+    def _rough(
+        self,
+        starts: list[Placement],
+        ends: list[Solution],
+        result: SearchResult,
+    ) -> Iterator[Solution]:
+        """Solves the coarse program from each start and adds the ends."""
+        for start in starts:
+            coarse_start = replace(start, q=start.q[:: self._stride])
+            end = self._coarse.solve(coarse_start, options=_ROUGH)
+            result.evaluations += end.evaluations
+            ends.append(end)
+            yield end
+
+    def _violation_of(self, end: Solution) -> float:
+        return self._coarse.violation(end.placement)
+
+    def _is_kept(self, end: Solution) -> bool:
+        return self._violation_of(end) < _ROUGHLY_FEASIBLE
+
+    def _with_all_points(self, end: Solution) -> Placement | None:
+        """The end of a rough solve at all points of the path; None where its branch ends there."""
+        return between_points(self._robot, end.placement, self.program.path_length, self._stride)
+
+    def _record(self, end: Solution, clock: "_Clock") -> None:
+        """Records an end that keeps all constraints, put on its path to rounding."""
+        if self._is_kept(end) and end.cost < 1.1 * clock.cost:
+            placement = self._with_all_points(end)
+            placement = None if placement is None else self.corrected(placement)
+            if placement is not None:
+                clock.better(self.program.cost(placement.q), placement)
+
+    def _best_corrected(self, ends: list[Solution], clock: "_Clock") -> Placement | None:
+        """The best end of the rough solves that keeps all constraints, also between points."""
         if clock.best is not None and self.corrected(clock.best) is not None:
             return clock.best
-        if not ends:
-            return None
-        joined = _joined(ends)
-        for index in in_order(joined.measure):
-            if not np.isfinite(joined.measure[index]):
-                break
-            placement = self.corrected(joined.batch.one(int(index)))
+        for index in in_order([end.cost for end in ends]):
+            placement = self._with_all_points(ends[index])
+            placement = None if placement is None else self.corrected(placement)
             if placement is not None:
                 return placement
         return None
 
-    def starts(self, seed: int, effort: SearchEffort, result: SearchResult) -> PlacementBatch:
-        """The starts of the descents: paths that the arm can follow, on various branches."""
+    def starts(self, seed: int, effort: SearchEffort, result: SearchResult) -> list[Placement]:
+        """The starts: paths on various branches, most of which the arm can follow."""
         rng = np.random.default_rng(seed)
         guesses = self.initial_guess()
-        random_paths = self.draw(rng, effort.num_samples, self.program.path_length, result)
-        if np.sum(np.isfinite(self._costs(random_paths))) < _FEW:
-            random_paths = PlacementBatch.joined([random_paths, self.grown(rng, effort, result)])
+        length = self.program.path_length
+        random_paths = self.draw(rng, effort.num_samples, length, result)
+        for share in _SHARES:
+            if np.sum(np.isfinite(self._costs(random_paths))) >= _MIN_STARTS:
+                break
+            shorter = self.draw(rng, effort.num_samples, share * length, result)
+            random_paths = PlacementBatch.joined([random_paths, shorter])
         costs = self._costs(random_paths)
         order = in_order(costs)
         poses = random_paths[order[: effort.num_poses]]
@@ -253,7 +350,10 @@ class PlacementSearch:
         costs = self._costs(candidates)
         result.evaluations += len(random_paths) + len(candidates)
         chosen = best_of_each(self._cells(candidates), costs, effort.num_starts)
-        return PlacementBatch.joined([guesses, candidates[chosen]])
+        starts = PlacementBatch.joined([guesses, candidates[chosen]])
+        if len(starts) == 0:  # the solver may come to the path, and says what it misses
+            starts = self._unreached(rng, effort.num_starts)
+        return [starts.one(index) for index in range(len(starts))]
 
     def _cells(self, batch: PlacementBatch) -> NDArray[np.intp]:
         """(N,) one number a placement for the half of its range that each joint is in.
@@ -328,33 +428,34 @@ class PlacementSearch:
         result.num_reached += int(np.sum(is_reached))
         return paths[is_reached]
 
-    def grown(
-        self, rng: np.random.Generator, effort: SearchEffort, result: SearchResult
-    ) -> PlacementBatch:
-        """Placements of a path that few postures can follow: shorter paths, made longer by steps.
-
-        A descent leads away from postures in which the arm is stretched out, and so makes room.
-        """
-        length = self.program.path_length
-        batch = self.draw(rng, effort.num_samples, _GROWTH[0] * length, result)
-        batch = batch[best_of_each(self._cells(batch), self._costs(batch), 2 * effort.num_starts)]
-        for share, next_share in pairwise(_GROWTH):
-            if len(batch) == 0:
-                break
-            batch = self._descent.of_length(share * length).run(batch, effort.num_steps).batch
-            q_mid, is_reached = solve_poses(
-                self._robot.chain, batch.R_WE, batch.p_WM, batch.q[:, batch.q.shape[1] // 2]
-            )
-            batch = batch[is_reached]
-            batch = self._track(
-                q_mid[is_reached], batch.n_W, batch.p_WM, batch.R_WE, result, next_share * length
-            )
-        return batch
-
     def draw(
         self, rng: np.random.Generator, count: int, path_length: float, result: SearchResult
     ) -> PlacementBatch:
         """Random placements that the arm can follow, their midpoints in the box."""
+        bounds, chain = self.program.bounds, self._robot.chain
+        (q, n_W, p_WM, R_WE), is_moved = self._random_poses(rng, count)
+        if np.any(is_moved):
+            q[is_moved], is_reached = solve_poses(
+                chain, R_WE[is_moved], p_WM[is_moved], q[is_moved]
+            )
+            q[is_moved] = wrap_within(q[is_moved], bounds.q_lower, bounds.q_upper, chain.prismatic)
+            is_solved = np.ones(count, dtype=bool)
+            is_solved[np.flatnonzero(is_moved)[~is_reached]] = False
+            q, n_W, p_WM, R_WE = q[is_solved], n_W[is_solved], p_WM[is_solved], R_WE[is_solved]
+        return self._track(q, n_W, p_WM, R_WE, result, path_length)
+
+    def _unreached(self, rng: np.random.Generator, count: int) -> PlacementBatch:
+        """Random placements with one posture each, which need not reach any point of the path."""
+        (q, n_W, p_WM, R_WE), _ = self._random_poses(rng, count)
+        q = np.repeat(q[:, np.newaxis], self.program.num_segments + 1, axis=1)
+        return PlacementBatch(q, n_W, p_WM, R_WE)
+
+    def _random_poses(self, rng: np.random.Generator, count: int) -> tuple[PlacementBatch, Flags]:
+        """Random postures q (N, n) with a path each, and (N,) whether E is not where that is.
+
+        The path's midpoint and the tool's rotation are E's where the bounds allow it, and are moved
+        within the bounds elsewhere.
+        """
         bounds, chain = self.program.bounds, self._robot.chain
         lower = np.where(np.isfinite(bounds.q_lower), bounds.q_lower, -math.pi)
         upper = np.where(np.isfinite(bounds.q_upper), bounds.q_upper, math.pi)
@@ -372,19 +473,8 @@ class PlacementSearch:
         R_WE[is_angle_off] = Rotation.from_rotvec(turn[is_angle_off]).as_matrix()
         is_turned = self._lean(rng, R_WE)
         is_moved = is_outside | is_angle_off | is_turned
-        if np.any(is_moved):
-            q[is_moved], is_reached = solve_poses(
-                chain, R_WE[is_moved], p_WM[is_moved], q[is_moved]
-            )
-            q[is_moved] = wrap_within(q[is_moved], bounds.q_lower, bounds.q_upper, chain.prismatic)
-            is_solved = np.ones(count, dtype=bool)
-            is_solved[np.flatnonzero(is_moved)[~is_reached]] = False
-            q, n_W, p_WM, R_WE = q[is_solved], n_W[is_solved], p_WM[is_solved], R_WE[is_solved]
-        if bounds.in_surface:
-            z = R_WE[:, :, 2]
-            n_W -= np.einsum("nc,nc->n", n_W, z)[:, np.newaxis] * z
-        n_W /= np.linalg.norm(n_W, axis=1)[:, np.newaxis]
-        return self._track(q, n_W, p_WM, R_WE, result, path_length)
+        n_W = bounds.allowed_directions(n_W, R_WE[:, :, 2])
+        return PlacementBatch(q, n_W, p_WM, R_WE), is_moved
 
     def _lean(self, rng: np.random.Generator, R_WE: Array) -> Flags:
         """Turns tools that point out of their cone into it, in place; returns which ones (N,)."""
@@ -416,55 +506,59 @@ class PlacementSearch:
         return np.asarray(np.where(excess < 0.5, mean * (1.0 + 2.0 * excess), np.inf))
 
     def _varied(
-        self, ends: DescentEnds, effort: SearchEffort, result: SearchResult
-    ) -> PlacementBatch:
+        self, ends: list[Solution], effort: SearchEffort, result: SearchResult
+    ) -> list[Placement]:
         """The best kinds of placements with the tool turned about the path, on all branches."""
-        kinds = ends.batch[self._different(ends, effort.num_kinds, _OTHER_KIND)]
+        kept = [end for end in ends if self._is_kept(end)]
+        kinds = [end.placement for end in self._different(kept, effort.num_kinds, _OTHER_KIND)]
         angles = np.linspace(0.0, 2.0 * math.pi, effort.num_turns, endpoint=False)
-        n_W = np.repeat(kinds.n_W, len(angles), axis=0)
+        n_W = np.repeat([kind.n_W for kind in kinds], len(angles), axis=0)
         turns = Rotation.from_rotvec(np.tile(angles, len(kinds))[:, np.newaxis] * n_W)
-        R_WE = turns.as_matrix() @ np.repeat(kinds.R_WE, len(angles), axis=0)
-        p_WM = np.repeat(kinds.p_WM, len(angles), axis=0)
+        R_WE = turns.as_matrix() @ np.repeat([kind.R_WE for kind in kinds], len(angles), axis=0)
+        p_WM = np.repeat([kind.p_WM for kind in kinds], len(angles), axis=0)
         varied = self._on_all_branches(n_W, p_WM, R_WE, result)
         result.evaluations += len(varied)
         costs = self._costs(varied)
         varied, costs = varied[np.isfinite(costs)], costs[np.isfinite(costs)]
-        # Turned wrists are the same to the measure.
-        return varied[self._different(DescentEnds(varied, costs), effort.num_starts, SAME)]
+        # Turned wrists are the same to the measure; what has been solved from is left out.
+        profiles = self._posture.values(varied.q)
+        profiles = profiles[:, :: self._stride]
+        known = [self._posture.values(end.placement.q) for end in kept]
+        starts: list[Placement] = []
+        for index in in_order(costs):
+            if len(starts) == effort.num_starts:
+                break
+            if not known or profile_gaps(profiles[index], np.array(known)).min() > SAME:
+                known.append(profiles[index])
+                starts.append(varied.one(int(index)))
+        return starts
 
-    def _descend(
-        self, starts: PlacementBatch, num_steps: int, result: SearchResult, clock: "_Clock"
-    ) -> DescentEnds:
-        def record_step(step: int, values: Array, batch: PlacementBatch) -> None:
-            result.evaluations += len(batch)
-            clock.look(batch, values, self.program.violation)
-
-        return self._descent.run(starts, num_steps, watch=record_step)
-
-    def _different(self, ends: DescentEnds, count: int, gap: float = _ALIKE) -> NDArray[np.intp]:
-        """Indices of the best ends, one of each kind; kinds differ in their profiles by `gap`."""
-        profiles = self._posture.values(ends.batch.q)
+    def _different(self, ends: list[Solution], count: int, gap: float = _ALIKE) -> list[Solution]:
+        """The best ends, one of each kind; kinds differ in their profiles by `gap`."""
+        profiles = [self._posture.values(end.placement.q) for end in ends]
         chosen: list[int] = []
-        for index in in_order(ends.measure):
+        for index in in_order([end.cost for end in ends]):
             if len(chosen) == count:
                 break
-            if not chosen or profile_gaps(profiles[index], profiles[chosen]).min() > gap:
+            known = np.array([profiles[other] for other in chosen])
+            if not chosen or profile_gaps(profiles[index], known).min() > gap:
                 chosen.append(int(index))
-        return np.array(chosen, dtype=np.intp)
+        return [ends[index] for index in chosen]
 
     def _solve(
-        self,
-        batch: PlacementBatch,
-        index: int,
-        solver: str,
-        result: SearchResult,
-        clock: "_Clock",
+        self, end: Solution, solver: str, result: SearchResult, clock: "_Clock"
     ) -> Solution | None:
-        """Solves the program from an end of the descents; None if it breaks a constraint."""
-        start = batch.one(index)
+        """Solves the program from the end of a rough solve; None if it breaks a constraint."""
+        start = self._with_all_points(end)
+        if start is None:  # the solver may find a way from one branch to the other
+            start = replace(end.placement, q=interpolated(end.placement.q, self._stride))
         solution = self.program.solve(start, solver)
         result.evaluations += solution.evaluations
         placement = self.corrected(solution.placement)
+        if placement is None:  # at the optimum within the solver's rounding, or not at all
+            solution = self.program.solve(solution.placement, solver, _KEEP)
+            result.evaluations += solution.evaluations
+            placement = self.corrected(solution.placement)
         if placement is None:
             return None
         cost = self.program.cost(placement.q)
@@ -505,19 +599,22 @@ class PlacementSearch:
         return kinds
 
     def _sort(
-        self, solutions: list[Solution], ends: list[DescentEnds], result: SearchResult
+        self,
+        solutions: list[Solution],
+        ends: list[Solution],
+        sources: list[_Source],
+        result: SearchResult,
     ) -> None:
         """Writes the distinct optima, best first, with the number of starts that ended at each."""
         kinds = self._kinds(solutions)
         profiles = [self._posture.values(solution.placement.q) for solution in kinds]
         num_starts = np.zeros(len(kinds), dtype=int)
-        for descents in ends:
-            for values in self._posture.values(descents.batch.q):
-                gaps = [float(profile_gaps(values, profile)) for profile in profiles]
-                if gaps and min(gaps) < 2.0 * _ALIKE:
-                    num_starts[int(np.argmin(gaps))] += 1
-                else:
-                    result.num_unassigned += 1
+        for end in ends:
+            kind = self._kind_of(end, sources, profiles)
+            if kind is None:
+                result.num_unassigned += 1
+            else:
+                num_starts[kind] += 1
         result.optima = [
             Optimum(
                 placement=solution.placement,
@@ -529,6 +626,18 @@ class PlacementSearch:
             for index, solution in enumerate(kinds)
         ]
 
+    def _kind_of(self, end: Solution, sources: list[_Source], profiles: list[Array]) -> int | None:
+        """The optimum that a fine solve came to from an end like this one; None for none."""
+        if not self._is_kept(end):
+            return None
+        values = self._posture.values(end.placement.q)
+        for source in sources:
+            if profile_gaps(values, source.start) < 2.0 * _ALIKE:
+                gaps = [float(profile_gaps(source.end, profile)) for profile in profiles]
+                if gaps and min(gaps) < SAME:
+                    return int(np.argmin(gaps))
+        return None
+
 
 class _Clock:
     """Records the best placement so far, and when each better one was found."""
@@ -536,34 +645,19 @@ class _Clock:
     def __init__(self, result: SearchResult) -> None:
         self._began = time.perf_counter()
         self._result = result
-        self._cost = math.inf
+        self.cost = math.inf
         self.best: Placement | None = None
-
-    def look(
-        self, batch: PlacementBatch, values: Array, violation: Callable[[Placement], float]
-    ) -> None:
-        """Records the best of a batch that keeps the constraints, if it is among the first few."""
-        for index in np.argsort(values, kind="stable")[:_NUM_CHECKED]:
-            if not values[index] < self._cost:
-                return
-            placement = batch.one(int(index))
-            if violation(placement) < FEASIBLE:
-                self.better(float(values[index]), placement)
-                return
 
     def better(self, cost: float, placement: Placement) -> None:
         """Records a placement, if it is better than the best so far."""
-        if cost < self._cost:
-            self._cost, self.best = cost, placement
+        if cost < self.cost:
+            self.cost, self.best = cost, placement
             self._result.history.append((time.perf_counter() - self._began, cost))
 
 
-def _joined(ends: list[DescentEnds]) -> DescentEnds:
-    """The ends of several rounds of descents."""
-    return DescentEnds(
-        PlacementBatch.joined([descents.batch for descents in ends]),
-        np.concatenate([descents.measure for descents in ends]),
-    )
+def coarse_stride(num_segments: int) -> int:
+    """The largest stride of at most 4 that divides the number of segments."""
+    return next(stride for stride in (4, 3, 2, 1) if num_segments % stride == 0)
 
 
 def best_of_each(cells: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.intp]:

@@ -5,22 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.planning.motion.path_postures import track_paths
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber, ForceSd
-from wrenchsight.models.planning.placement.placement_program import (
-    Placement,
-    PlacementProgram,
-    Solution,
-    on_path,
-    quaternion_from,
-)
-from wrenchsight.models.planning.placement.placement_refinement import (
+from wrenchsight.analyses.methods.place.placement_refinement import (
     finished,
     refined,
     standard_member,
 )
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.planning.motion.path_postures import track_paths
+from wrenchsight.models.planning.motion.posture_measures import ConditionNumber, ForceSd
 from wrenchsight.models.planning.placement.placement_task import load_task
+from wrenchsight.models.planning.placement.placements import Placement, on_path, quaternion_from
 from wrenchsight.models.robot.robot import Robot
 
 LENGTH, SEGMENTS = 1.0, 20
@@ -42,7 +37,7 @@ def bounds(robot):
 @pytest.fixture(scope="module")
 def program(robot, bounds):
     measure = ConditionNumber(robot.chain)
-    return PlacementProgram(robot.chain, measure, bounds, LENGTH, SEGMENTS)
+    return PlacementProgram(robot, measure, bounds, LENGTH, SEGMENTS)
 
 
 def placed(robot, posture):
@@ -149,7 +144,7 @@ def test_a_turn_that_a_constraint_forbids_is_not_made(robot, bounds, best):
     turned = family(robot, best.placement)["turned"]
     around = dataclasses.replace(bounds, p_lower=turned.p_WM - 0.01, p_upper=turned.p_WM + 0.01)
     measure = ConditionNumber(robot.chain)
-    narrow = PlacementProgram(robot.chain, measure, around, LENGTH, SEGMENTS)
+    narrow = PlacementProgram(robot, measure, around, LENGTH, SEGMENTS)
     member = standard_member(robot, narrow, turned)
     assert narrow.violation(member) < 1e-9
     np.testing.assert_allclose(member.p_WM, turned.p_WM, atol=1e-9)
@@ -161,7 +156,7 @@ def test_a_turn_that_changes_the_measure_is_not_made(robot, bounds, best):
     config = WrenchReconstructionConfig(method="force_only")
     covariance = np.diag([4.0, 3.0, 2.0, 1.0, 0.5, 0.2])
     measure = ForceSd(robot.chain, covariance, config)
-    program = PlacementProgram(robot.chain, measure, bounds, LENGTH, SEGMENTS)
+    program = PlacementProgram(robot, measure, bounds, LENGTH, SEGMENTS)
     turned = family(robot, best.placement)["turned"]
     member = standard_member(robot, program, turned)
     assert member.q[SEGMENTS // 2, 0] == pytest.approx(0.0, abs=1e-9)
@@ -171,7 +166,7 @@ def test_a_turn_that_changes_the_measure_is_not_made(robot, bounds, best):
 def test_a_measure_without_kinks_is_solved_once(robot, bounds):
     config = WrenchReconstructionConfig(method="force_only")
     measure = ForceSd(robot.chain, np.eye(6), config)
-    program = PlacementProgram(robot.chain, measure, bounds, LENGTH, SEGMENTS)
+    program = PlacementProgram(robot, measure, bounds, LENGTH, SEGMENTS)
     start = placed(robot, NEAR)
     solution, evaluations = refined(program, start)
     assert 0 < evaluations < 500

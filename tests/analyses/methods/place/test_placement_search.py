@@ -1,30 +1,28 @@
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
-from wrenchsight.models.planning.placement.placement_program import (
-    Placement,
-    PlacementProgram,
-    between_points,
-)
-from wrenchsight.models.planning.placement.placement_search import (
+from wrenchsight.analyses.methods.place.placement_search import (
     PlacementSearch,
     SearchEffort,
     SearchResult,
     best_of_each,
+    coarse_stride,
     profile_gaps,
 )
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
+from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
 from wrenchsight.models.planning.placement.placement_task import PlacementTask, load_task
+from wrenchsight.models.planning.placement.placements import Placement, between_points
 from wrenchsight.models.robot.robot import Robot
 
 pytestmark = pytest.mark.long  # placements are searched for
 
 SMALL = SearchEffort(
-    num_samples=2000, num_poses=6, num_starts=12, num_rounds=1, num_kinds=4, num_steps=12,
-    num_solves=2,
-)  # fmt: skip
+    num_samples=2000, num_poses=6, num_starts=24, num_rounds=1, num_kinds=4, num_solves=2
+)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +32,7 @@ def task() -> PlacementTask:
 
 def search_of(robot: Robot, task: PlacementTask, guided: bool = True) -> PlacementSearch:
     measure, size = ConditionNumber(robot.chain), (task.path_length, task.num_segments)
-    program = PlacementProgram(robot.chain, measure, task.bounds(robot), *size)
+    program = PlacementProgram(robot, measure, task.bounds(robot), *size)
     path = task.initial_path() if guided else None
     initial = None if path is None else (path.n_W, path.p_WM, path.R_WE)
     return PlacementSearch(robot, program, initial)
@@ -99,26 +97,34 @@ def test_optima_keep_all_constraints_also_between_the_points(
         np.testing.assert_allclose(p, expected, atol=1e-9)
 
 
-def test_paths_that_few_postures_follow_are_grown_from_shorter_ones(
+def test_paths_that_few_postures_follow_start_from_shorter_ones(
     sts: Robot, task: PlacementTask
 ) -> None:
+    """No random posture of forty can follow 1.2 m; a part of it will do to start from."""
     long = dataclasses.replace(task, path_length=1.2)
     search = search_of(sts, long, guided=False)
-    few = dataclasses.replace(SMALL, num_samples=400, num_steps=25)
-    result = SearchResult()
-    drawn = search.draw(np.random.default_rng(0), 400, 1.2, result)
-    grown = search.grown(np.random.default_rng(0), few, result)
-    assert len(grown) > len(drawn)
-    _, p = sts.chain.pose(grown.q)
-    length = np.linalg.norm(p[:, -1] - p[:, 0], axis=1)
-    np.testing.assert_allclose(length, 1.2, atol=1e-9)
+    few = dataclasses.replace(SMALL, num_samples=40)
+    starts = search.starts(0, few, SearchResult())
+    lengths = [np.linalg.norm(np.diff(sts.chain.pose(s.q[[0, -1]])[1], axis=0)) for s in starts]
+    assert len(starts) > 5
+    assert max(lengths) < 1.0
+    best = search.run(0, effort=few).best
+    assert best is not None
+    _, p = sts.chain.pose(best.placement.q)
+    assert np.linalg.norm(p[-1] - p[0]) == pytest.approx(1.2, abs=1e-9)
 
 
 def test_an_interrupt_keeps_the_best_so_far(
     sts: Robot, task: PlacementTask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
+    solve, count = PlacementProgram.solve, 0
+
+    def interrupted(*arguments: Any, **options: Any) -> Solution:
+        nonlocal count
+        count += 1
+        if count > 4:  # one finds out whether the task can be kept, three are from the guess
+            raise KeyboardInterrupt
+        return solve(*arguments, **options)
 
     search = search_of(sts, task)
     monkeypatch.setattr(PlacementProgram, "solve", interrupted)
@@ -134,21 +140,12 @@ def test_without_a_solve_the_best_path_that_keeps_its_branch_between_points_is_t
 ) -> None:
     """No solve keeps all constraints, and the best descents jump between two points."""
     search = search_of(sts, task)
-    corrected, refused = search.corrected, list[float]()
-
-    def jumps(placement: Placement) -> Placement | None:
-        if len(refused) == 3:
-            return corrected(placement)
-        refused.append(search.program.cost(placement.q))
-        return None
-
-    monkeypatch.setattr(search, "corrected", jumps)
+    corrected = search.corrected
+    monkeypatch.setattr(search, "_record", lambda *_: None)
     monkeypatch.setattr(search, "_solve", lambda *_: None)
     result = search.run(0, effort=SMALL)
-    assert len(refused) == 3
     assert result.best is not None
-    assert result.best.cost > max(refused) - 1e-9 * max(refused)
-    assert result.best.status == "descent"
+    assert result.best.status == "rough"
     assert corrected(result.best.placement) is not None
     monkeypatch.setattr(search, "corrected", lambda placement: None)
     assert search.run(0, effort=SMALL).best is None
@@ -166,6 +163,11 @@ def test_a_jump_to_another_branch_is_seen_between_the_points(
     assert between_points(sts, placement, 1.0) is not None
     mixed = np.concatenate([one[:10], other[10:]])
     assert between_points(sts, dataclasses.replace(placement, q=mixed), 1.0) is None
+
+
+@pytest.mark.parametrize(("segments", "stride"), [(20, 4), (21, 3), (10, 2), (7, 1)])
+def test_coarse_points_are_points_of_the_path(segments: int, stride: int) -> None:
+    assert coarse_stride(segments) == stride
 
 
 def test_the_best_of_each_cell_comes_first() -> None:

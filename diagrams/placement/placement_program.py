@@ -1,0 +1,347 @@
+"""The placement of a straight path as a MathematicalProgram over inverse-kinematics constraints.
+
+Decision variables are the joint positions q_0..q_k, the pose of the path's body P (x along the
+path) and the rotation of E, both as quaternions (Lu et al., eqs. 23-27).
+
+    minimise    mean_i measure(q_i)
+    subject to  PositionConstraint            E's origin at (i/k - 1/2) a along P's x axis
+                AngleBetweenVectorsConstraint  E's axes perpendicular to the held rotation's others
+                OrientationConstraint          E within a radian of the held rotation
+                UnitQuaternionConstraint       of both quaternions
+                bounding boxes                 joint limits, midpoint, angle of rotation (by w)
+                linear constraints             steps of the joints from point to point
+                AngleBetweenVectorsConstraint  cone of the tool, direction of the path, path in
+                                               surface, where the task states them
+                MinimumDistanceLowerBoundConstraint  distances, at every point
+
+Three right angles state one rotation with a gradient of full rank; an angle that must be zero has
+none there. Each constraint has its name, by which an infeasible task is explained.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RotationMatrix
+from pydrake.multibody.inverse_kinematics import (
+    AngleBetweenVectorsConstraint,
+    OrientationConstraint,
+    PositionConstraint,
+    UnitQuaternionConstraint,
+)
+from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
+
+from wrenchsight.diagrams.placement.placement_cell import PlacementCell
+from wrenchsight.diagrams.placement.placement_plant import path_pose, plain_plant
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.autodiff import differentiable
+from wrenchsight.models.planning.motion.posture_measures import PostureMeasure
+from wrenchsight.models.planning.placement.placements import (
+    Placement,
+    PlacementBounds,
+    pose_errors,
+    rotation_of,
+)
+from wrenchsight.models.robot.robot import Robot
+
+SOLVERS = ("snopt", "ipopt")
+_SNOPT = {
+    "Major feasibility tolerance": 1e-9,
+    "Major optimality tolerance": 2e-5,
+    "Major iterations limit": 250,
+    "Iterations limit": 20000,
+    # Near a singular posture the cost soars, and a long step leads past it into another branch.
+    "Major step limit": 0.05,
+    # Poses are kept from the start: constraints are broken by little, and weigh little.
+    "Elastic weight": 10.0,
+}
+_IPOPT = {
+    "tol": 1e-6,
+    "constr_viol_tol": 1e-9,
+    "max_iter": 300,
+    "hessian_approximation": "limited-memory",
+    # Where turns of the base and of the tool change nothing, the quasi-Newton matrix learns
+    # nothing, the gradient never vanishes, and the solver wanders about the optimum until its
+    # iterations end. So it ends where the constraints hold and the cost no longer changes.
+    "acceptable_tol": 0.1,
+    "acceptable_constr_viol_tol": 1e-8,
+    "acceptable_obj_change_tol": 1e-5,
+    "acceptable_iter": 2,
+    "print_level": 0,
+}
+X, Y, Z = np.eye(3)
+RIGHT_ANGLE = 0.5 * math.pi
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The result of a solver from one start.
+
+    Attributes:
+        placement: the last one; direction and quaternion made unit.
+        cost: mean of the measure there.
+        converged: whether the solver reports an optimum.
+        status: as the solver states it.
+        evaluations: of cost and gradient.
+        infeasible: what the solver says of constraints that do not hold, one of each of their rows.
+    """
+
+    placement: Placement
+    cost: float
+    converged: bool
+    status: str
+    evaluations: int
+    infeasible: tuple[str, ...] = ()
+
+    @property
+    def infeasible_names(self) -> tuple[str, ...]:
+        """Names of the constraints that do not hold, once each, without their points."""
+        names = (re.sub(r"( at point \d+)?\[\d+\]:.*", "", row) for row in self.infeasible)
+        return tuple(dict.fromkeys(names))
+
+
+class PlacementProgram:
+    """The program for one arm, one measure and one set of bounds; solved from any start.
+
+    Attributes:
+        program: the MathematicalProgram.
+        robot, measure, bounds, path_length, num_segments, cell: as given.
+
+    Args:
+        robot: the arm.
+        measure: the cost is its mean over the path (eq. 27, over k + 1 points).
+        bounds: as stated.
+        path_length: a, m.
+        num_segments: k.
+        cell: distances to keep, if any.
+        has_cost: False where any placement that keeps the constraints will do.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        measure: PostureMeasure,
+        bounds: PlacementBounds,
+        path_length: float,
+        num_segments: int,
+        cell: PlacementCell | None = None,
+        has_cost: bool = True,
+    ) -> None:
+        self.robot, self.measure, self.bounds = robot, measure, bounds
+        self.path_length, self.num_segments = path_length, num_segments
+        self._evaluations = 0
+        self._has_cost = has_cost
+        self._solved_measure = measure
+        self.cell = cell
+        self._placement_plant = plain_plant(robot) if cell is None else cell.parts
+        self._kept: list[Any] = []  # contexts and constraints, which the program only points to
+        self._build()
+
+    def _build(self) -> None:
+        k, n, bounds = self.num_segments, self.robot.num_joints, self.bounds
+        self.program = program = MathematicalProgram()
+        self._q = program.NewContinuousVariables(k + 1, n, "q")
+        self._path = program.NewContinuousVariables(7, "path")
+        self._held = program.NewContinuousVariables(7, "held")
+        self._variables = np.concatenate([self._q.ravel(), self._path, self._held])
+        self._order = program.FindDecisionVariableIndices(self._variables)
+        for i in range(k + 1):
+            bound = program.AddBoundingBoxConstraint(bounds.q_lower, bounds.q_upper, self._q[i])
+            bound.evaluator().set_description("joint limits")
+        step = np.full(n, bounds.max_joint_step)
+        difference = np.hstack([-np.eye(n), np.eye(n)])
+        for i in range(k):
+            both = np.concatenate([self._q[i], self._q[i + 1]])
+            bound = program.AddLinearConstraint(difference, -step, step, both)
+            bound.evaluator().set_description("max_joint_step_deg")
+        box = program.AddBoundingBoxConstraint(bounds.p_lower, bounds.p_upper, self._path[4:])
+        box.evaluator().set_description("midpoint_lower, midpoint_upper")
+        low, high = bounds.w_range()
+        angle = program.AddBoundingBoxConstraint(low, high, self._held[:1])
+        angle.evaluator().set_description("angle_lower_deg, angle_upper_deg")
+        program.AddBoundingBoxConstraint(0.0, 0.0, self._held[4:])
+        for pose in (self._path, self._held):
+            unit = UnitQuaternionConstraint()
+            self._add(unit, pose[:4], "unit quaternion")
+        contexts = [self._context() for _ in range(k + 1)]
+        for i, context in enumerate(contexts):
+            self._add_pose(i, context)
+            for name, constraint in [] if self.cell is None else self.cell.constraints(context):
+                self._add(constraint, self._positions(i), f"{name} at point {i}")
+        self._add_directions(contexts[k // 2], self._positions(k // 2))
+        if self._has_cost:
+            cost = differentiable(self._cost)
+            program.AddCost(lambda q: cost(q)[0], vars=self._q.ravel())
+
+    def _context(self) -> Any:
+        if self.cell is not None:
+            return self.cell.new_context()
+        context = self._placement_plant.plant.CreateDefaultContext()
+        self._kept.append(context)
+        return context
+
+    def _positions(self, i: int) -> NDArray[Any]:
+        return self._placement_plant.positions(self._q[i], self._path, self._held)
+
+    def _add(self, constraint: Any, variables: NDArray[Any], name: str) -> None:
+        constraint.set_description(name)
+        self._kept.append(constraint)
+        self.program.AddConstraint(constraint, variables)
+
+    def _add_angle(self, context: Any, variables: NDArray[Any], name: str, angle: "_Angle") -> None:
+        constraint = AngleBetweenVectorsConstraint(
+            self._placement_plant.plant,
+            angle.frame_A, angle.a_A, angle.frame_B, angle.b_B, angle.lower, angle.upper,
+            context,
+        )  # fmt: skip
+        self._add(constraint, variables, name)
+
+    def _add_pose(self, i: int, context: Any) -> None:
+        """E at point i of the path, in the held rotation."""
+        parts = self._placement_plant
+        variables = self._positions(i)
+        point = np.array([self.path_length * (i / self.num_segments - 0.5), 0.0, 0.0])
+        position = PositionConstraint(
+            parts.plant, parts.path, point, point, parts.frame_E, np.zeros(3), context
+        )
+        self._add(position, variables, f"position of E at point {i}")
+        for held, axis in ((X, Y), (X, Z), (Y, Z)):
+            self._add_angle(
+                context, variables, f"rotation of E at point {i}",
+                _Angle(parts.held, held, parts.frame_E, axis),
+            )  # fmt: skip
+        identity = RotationMatrix()
+        near = OrientationConstraint(
+            parts.plant, parts.held, identity, parts.frame_E, identity, 1.0, context
+        )
+        self._add(near, variables, f"rotation of E at point {i}")
+
+    def _add_directions(self, context: Any, variables: NDArray[Any]) -> None:
+        """Cone of the tool, direction of the path, path in the surface."""
+        parts, bounds = self._placement_plant, self.bounds
+        world = parts.plant.world_frame()
+        if bounds.in_surface:
+            for axis in (X, Y):  # with y, which is free to be chosen, z is the outward normal
+                self._add_angle(
+                    context, variables, "path_in_surface", _Angle(parts.path, axis, parts.held, Z)
+                )
+            outward = _Angle(parts.path, Z, parts.held, Z, RIGHT_ANGLE, math.pi)
+            self._add_angle(context, variables, "path_in_surface", outward)
+        if bounds.tool_direction is not None:
+            cone = _Angle(world, bounds.tool_direction, parts.held, Z, 0.0, bounds.tool_tilt)
+            self._add_angle(context, variables, "tool_direction, tool_tilt_deg", cone)
+        if bounds.path_direction is not None:
+            name = "path_direction, path_angle_lower_deg, path_angle_upper_deg"
+            along = _Angle(
+                world, bounds.path_direction, parts.path, X,
+                bounds.path_angle_lower, bounds.path_angle_upper,
+            )  # fmt: skip
+            self._add_angle(context, variables, name, along)
+
+    def cost(self, q: Array) -> float:
+        """The measure's mean over postures q (k + 1, n)."""
+        return float(np.mean(self.measure.values(q)))
+
+    def violation(self, placement: Placement) -> float:
+        """The largest violation of a constraint, rad and m; the clearance's among them."""
+        errors = pose_errors(self.robot.chain, placement, self.path_length)
+        worst = max(self.bounds.violation(placement), float(np.max(np.abs(errors))))
+        return worst if self.cell is None else max(worst, self.cell.deficit(placement))
+
+    def violation_between(self, fine: Placement) -> float:
+        """The largest violation of joint limits and clearance at points in between, rad and m.
+
+        A clearance that is not kept counts as a whole metre: between the points it has a pad.
+        """
+        bounds = self.bounds
+        excess = max(np.max(bounds.q_lower - fine.q), np.max(fine.q - bounds.q_upper), 0.0)
+        if self.cell is not None and self.cell.deficit(fine) > 0.0:
+            excess += 1.0
+        return float(excess)
+
+    def solve(
+        self,
+        start: Placement,
+        solver: str = "snopt",
+        options: dict[str, Any] | None = None,
+        measure: PostureMeasure | None = None,
+    ) -> Solution:
+        """Solves from one start.
+
+        Args:
+            start: need not keep the constraints.
+            solver: one of SOLVERS.
+            options: of the solver, beside or in place of the defaults.
+            measure: in place of the program's own.
+        """
+        self._evaluations = 0
+        self._solved_measure = self.measure if measure is None else measure
+        engine: Any = SnoptSolver() if solver == "snopt" else IpoptSolver()
+        settings = SolverOptions()
+        if self.cell is not None and solver == "snopt":
+            # Distances between curved shapes are found iteratively. Taken as exact, the last digits
+            # of their differences stop the solver short of a place that keeps them.
+            settings.SetOption(engine.solver_id(), "Function precision", 1e-9)
+        for name, value in ((_SNOPT if solver == "snopt" else _IPOPT) | (options or {})).items():
+            settings.SetOption(engine.solver_id(), name, value)
+        guess = np.empty(len(self._variables))
+        guess[self._order] = self._pack(start)  # Drake numbers matrices column by column
+        try:
+            result = engine.Solve(self.program, guess, settings)
+        except RuntimeError as error:
+            if "KeyboardInterrupt" in str(error):  # raised in a callback, wrapped by the solver
+                raise KeyboardInterrupt from error
+            raise
+        x = np.asarray(result.GetSolution(self._variables), dtype=np.float64)
+        if not np.all(np.isfinite(x)):
+            x = self._pack(start)
+        placement = self._unpack(x)
+        details = result.get_solver_details()
+        code = getattr(details, "info", getattr(details, "status", ""))
+        return Solution(
+            placement=placement,
+            cost=self.cost(placement.q),
+            converged=bool(result.is_success()),
+            status=f"{solver} {code}",
+            evaluations=self._evaluations,
+            infeasible=tuple(result.GetInfeasibleConstraintNames(self.program)),
+        )
+
+    def _pack(self, placement: Placement) -> Array:
+        """The decision variables of a placement."""
+        held = np.concatenate([placement.quaternion, np.zeros(3)])
+        return np.concatenate([placement.q.ravel(), path_pose(placement), held])
+
+    def _unpack(self, x: Array) -> Placement:
+        """The placement that decision variables state.
+
+        Direction and quaternion are made unit, and the solver's tolerance is taken off directions.
+        """
+        count = self._q.size
+        q, path, held = x[:count].reshape(self._q.shape), x[count : count + 7], x[count + 7 :]
+        Q = held[:4] / np.linalg.norm(held[:4])
+        n_W = self.bounds.allowed_directions(
+            rotation_of(path[:4])[np.newaxis, :, 0], rotation_of(Q)[np.newaxis, :, 2]
+        )[0]
+        return Placement(q.copy(), n_W, path[4:].copy(), Q)
+
+    def _cost(self, q: Array) -> tuple[Array, Array]:
+        self._evaluations += 1
+        rows = q.reshape(self._q.shape)
+        values, gradients = self._solved_measure.values_and_gradients(rows)
+        return np.array([np.mean(values)]), (gradients / len(rows)).reshape(1, -1)
+
+
+@dataclass(frozen=True)
+class _Angle:
+    """The angle (rad) between a vector of frame A and one of frame B; a right angle by default."""
+
+    frame_A: Any
+    a_A: Array
+    frame_B: Any
+    b_B: Array
+    lower: float = RIGHT_ANGLE
+    upper: float = RIGHT_ANGLE
