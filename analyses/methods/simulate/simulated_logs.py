@@ -83,7 +83,11 @@ def simulate_motion(
     """Simulates the true robot on any motion of the joints, as `simulate_excitation`.
 
     Within a study the same motion is simulated once for all experiments.
+
+    Raises:
+        InputError: the robot states no inertias that its links can have.
     """
+    robot.require_inertias("simulate")
     return shared(
         "simulate_motion",
         (robot, trajectory, seed, name),
