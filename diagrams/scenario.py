@@ -23,6 +23,7 @@ from wrenchsight.models.observers.observer_kinds import kind_name, kind_of
 from wrenchsight.models.planning.excitation.fourier_trajectory import (
     FourierCoefficients,
     FourierTrajectory,
+    Stops,
 )
 from wrenchsight.models.planning.motion.paths import (
     JointTrajectory,
@@ -107,6 +108,7 @@ class FourierMotion:
     sine: list[list[float]] = field(default_factory=list)  # rad, per joint and harmonic
     cosine: list[list[float]] = field(default_factory=list)  # rad, per joint and harmonic
     periods: int = 1  # of the base frequency
+    stops: Stops = field(default_factory=Stops)  # on the way
 
 
 MotionConfig = Union[HoldMotion, JointSineMotion, LineMotion, FourierMotion]  # noqa: UP007 (yaml_load_typed)
@@ -457,7 +459,7 @@ def _joint_sines(motion: JointSineMotion, duration: float, robot: Robot) -> Join
 
 def _fourier(motion: FourierMotion, robot: Robot) -> JointTrajectory:
     coefficients = FourierCoefficients(
-        robot.name, motion.base_frequency, motion.centre, motion.sine, motion.cosine
+        robot.name, motion.base_frequency, motion.centre, motion.sine, motion.cosine, motion.stops
     )
     series = FourierTrajectory.from_coefficients(coefficients, "scenario: motion")
     if series.num_joints != robot.num_joints or motion.periods < 1:

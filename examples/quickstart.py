@@ -46,8 +46,9 @@ def record_motion(robot: Robot, seed: int) -> Recording:
         centre=trajectory.centre.tolist(),
         sine=trajectory.sine.tolist(),
         cosine=trajectory.cosine.tolist(),
+        stops=trajectory.stops,
     )
-    scenario = Scenario(robot=robot.name, motion=motion, duration=trajectory.period, seed=seed)
+    scenario = Scenario(robot=robot.name, motion=motion, duration=trajectory.duration(), seed=seed)
     return simulate(scenario, robot).recording()
 
 

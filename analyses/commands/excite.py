@@ -19,6 +19,7 @@ OPTIONS = (
     Option("excitation.base_frequency"),
     Option("excitation.num_harmonics", "harmonics"),
     Option("excitation.num_periods", "periods"),
+    Option("excitation.num_stops", "stops", least=0),
     Option("excitation.num_starts", "starts", least=1),
     Option("excitation.iterations", least=1),
     Option(f"{LIMITS}.position_margin"),

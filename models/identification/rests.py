@@ -20,7 +20,10 @@ from wrenchsight.models.identification.torque_error_model import (
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
 
-REST_TIME = 0.3  # s, shortest rest
+REST_TIME = 0.3  # s, shortest rest of a joint
+ARM_REST = 1.0  # s, shortest rest of all joints whose samples say nothing of sliding friction
+REST_MARGIN = 0.2  # s, of a low-pass of 5 Hz
+REST_SPEED = 0.01  # rad/s (m/s), of a joint that rests but for what its controller does
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,22 @@ def rests_along(
             if largest > 0.0 and np.isfinite(torque):
                 held[j] = max(held[j], abs(torque) / largest)
     return Rests(count, held)
+
+
+def arm_rests(v: Array, time_step: float) -> Flags:
+    """(N,) samples of rests of the whole arm: all joints slower than REST_SPEED for ARM_REST s.
+
+    With REST_MARGIN s before and after, where a low-pass blurs the steps of friction. A controller lets joints creep there, so their positions may change by more than an encoder's
+    step. v (N, n) rad/s, low-passed.
+    """
+    slow = (np.abs(v) < REST_SPEED).all(axis=1)
+    rests = np.zeros(len(v), bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))
+    margin = round(REST_MARGIN / time_step)
+    for begin, end in edges.reshape(-1, 2):
+        if (end - begin) * time_step >= ARM_REST:
+            rests[max(begin - margin, 0) : end + margin] = True
+    return rests
 
 
 def _still(q: Array, size: int, play: Array) -> Flags:

@@ -37,7 +37,7 @@ from wrenchsight.models.planning.excitation.excitation_program import (
     ProgramSettings,
     Reserve,
 )
-from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory, Stops
 from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ RETREATS = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
 LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
 UNDETERMINED = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
+RAMPS = (0.5, 1.0, 1.5, 2.0)  # s, tried for a stop in this order
 _NAMED = 3  # lost shapes that a note names, or pairs that are in the way
 _HELD_POSTURES, _MIN_HELD = 1000, 0.01  # random ones, and the share that must be held at rest
 _ROOM_POSTURES = 100  # random ones, in which shapes that are too near are counted
@@ -223,11 +224,12 @@ def excite(
             break
     else:
         _refuse(checked)
+    trajectory = _with_stops(robot, checked, bounds, config)
     q, v, vdot = checked.motion
     undetermined = tuple(exact.undetermined(q, v, vdot, UNDETERMINED))
     unweighted = replace(exact, weight=np.ones(robot.num_joints))
     result = ExcitationResult(
-        trajectory=checked.trajectory,
+        trajectory=trajectory,
         condition_number=exact.condition_number(q, v, vdot),
         unweighted_condition_number=unweighted.base_parameters(q, v, vdot).condition_number,
         random_condition_numbers=random,
@@ -237,11 +239,45 @@ def excite(
         closest=None if robot.unusable_collisions else checked.closest,
         status=checked.solution.status,
         evaluations=checked.solution.evaluations,
-        warnings=tuple(_warnings(robot, undetermined, clearance)),
+        warnings=(
+            *_warnings(robot, undetermined, clearance),
+            *_stop_warnings(trajectory, config),
+        ),
         config=config,
     )
     progress(1.0, "done")
     return result
+
+
+def _with_stops(
+    robot: Robot, checked: _Checked, bounds: MotionBounds, config: ExcitationConfig
+) -> FourierTrajectory:
+    """The trajectory with stops on its path, as many as its period and the limits leave room for.
+
+    Slowing down and speeding up add acceleration along the path: the shortest of RAMPS is taken
+    that keeps within the limits.
+    """
+    for number in range(config.num_stops, 0, -1):
+        for ramp in RAMPS:
+            if 2.0 * number * ramp > checked.trajectory.period:
+                break
+            stops = Stops(number, config.stop_time, ramp)
+            trajectory = replace(checked.trajectory, stops=stops)
+            motion = trajectory.joint_trajectory(config.num_periods)
+            torque = np.abs(robot.chain.inverse_dynamics(motion.q, motion.v, motion.vdot))
+            fits = (torque <= np.maximum(bounds.torque, checked.torque)).all()
+            if fits and (np.abs(motion.vdot) <= bounds.acceleration).all():
+                return trajectory
+    return checked.trajectory
+
+
+def _stop_warnings(trajectory: FourierTrajectory, config: ExcitationConfig) -> list[str]:
+    if trajectory.stops.number >= config.num_stops:
+        return []
+    return [
+        f"{trajectory.stops.number} of {config.num_stops} stops in a period fit into the motion: "
+        "the logs show less of the friction at rest; lower base_frequency"
+    ]
 
 
 def _random_starts(
@@ -443,6 +479,8 @@ def _check(config: ExcitationConfig) -> None:
         ("num_harmonics", config.num_harmonics, 2, 20),
         ("num_starts", config.num_starts, 1, 1000),
         ("num_periods", config.num_periods, 1, 1000),
+        ("num_stops", config.num_stops, 0, 20),
+        ("stop_time", config.stop_time, 0.0, 60.0),
         ("iterations", config.iterations, 1, 10_000),
         ("clearance", limits.clearance, 1e-3, LARGEST_CLEARANCE),
         ("position_margin", limits.position_margin, 0.0, 2.0 * np.pi),
@@ -455,7 +493,8 @@ def _check(config: ExcitationConfig) -> None:
     for name, value, least, largest in ranges:
         if not least <= value <= largest:
             raise InputError("excite", name, f"{value:g}, expected {least:g} to {largest:g}")
-    rows = config.num_periods / (config.base_frequency * config.time_step)
+    stopped = config.num_stops * (config.stop_time + RAMPS[-1])
+    rows = config.num_periods * (1.0 / config.base_frequency + stopped) / config.time_step
     if rows > LONGEST_TABLE:
         problem = f"{config.num_periods} periods make {rows:.3g} rows, at most {LONGEST_TABLE:g}"
         raise InputError("excite", "num_periods", problem, "take fewer, or a coarser time step")

@@ -20,6 +20,7 @@ from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import LogSource
+from wrenchsight.models.identification.rests import arm_rests
 from wrenchsight.models.identification.torque_regression import JointMotion, RegressionRows
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.lerobot.data_set import episode_paths, file_of, root_of
@@ -299,6 +300,12 @@ def moves(q: Array, v: Array, prismatic: NDArray[np.bool_]) -> NDArray[np.bool_]
     return np.asarray((np.ptp(q, axis=0) >= least) & (np.abs(v).max(axis=0) >= LEAST_SPEED))
 
 
+def _informative(log: LowPassedLog) -> NDArray[np.bool_]:
+    """(T,) used samples, but for the arm's rests, where friction is anything in its band."""
+    moving = log.used & ~arm_rests(log.v, log.low_pass.time_step)
+    return moving if moving.any() else log.used
+
+
 def resting_joints(logs: "LowPassedLogs", robot: Robot) -> list[NDArray[np.bool_]]:
     """(n,) for each fitted log the joints that rest throughout."""
     prismatic = np.asarray(robot.chain.prismatic, bool)
@@ -334,7 +341,7 @@ def low_pass_logs(
     regressions = []
     for k, log in enumerate(fitted):
         progress((len(logs) + k) / steps, f"regressor of {log.name}")
-        rows = np.flatnonzero(log.used)[::row_step]
+        rows = np.flatnonzero(_informative(log))[::row_step]
         motion = JointMotion(log.q, log.v, log.vdot)
         regressions.append(RegressionRows.of(robot.chain, motion, log.tau, log.match, rows))
     return LowPassedLogs(tuple(fitted), tuple(validated), tuple(regressions))

@@ -198,8 +198,9 @@ def _in_motion(scenario: Scenario, path: Path, duration: float | None) -> Scenar
         series.centre.tolist(),
         series.sine.tolist(),
         series.cosine.tolist(),
+        stops=series.stops,
     )
-    period = 1.0 / series.base_frequency if duration is None else duration
+    period = series.duration() if duration is None else duration
     return replace(scenario, motion=motion, machining=None, workpiece=None, duration=period)
 
 

@@ -4,6 +4,10 @@
 
 (Swevers et al., "Optimal robot excitation and identification", IEEE Trans. Robotics and Automation
 13(5), 1997). Being periodic it can be repeated without a transient, and its derivatives are exact.
+
+A robot may stop on the way, so that its log shows what friction holds at rest: on the same path the
+series' time then slows down to zero, waits and speeds up again (`Stops`). Velocities are no larger
+than without stops.
 """
 
 from dataclasses import dataclass, field
@@ -17,6 +21,51 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 
+GOLDEN = 0.381966  # 1 - 1 / golden ratio: places that keep apart
+
+
+@dataclass
+class Stops:
+    """Stops of a motion along its path, evenly spread over each period.
+
+    The places move on from period to period by GOLDEN of their distance, so that gravity loads the
+    joints differently at each.
+    """
+
+    number: int = 0  # in a period
+    rest: float = 1.5  # s, for which all joints rest
+    ramp: float = 1.0  # s, in which the motion slows down, and speeds up
+
+    def times(self, period: float, num_periods: int) -> Array:
+        """(K,) times of the series, s, at which it stands still."""
+        places = (np.arange(self.number) + 0.5) / max(self.number, 1)
+        shift = GOLDEN * np.arange(num_periods) / max(self.number, 1)
+        shift = (shift + 0.5 / max(self.number, 1)) % (1.0 / max(self.number, 1))
+        shift -= 0.5 / max(self.number, 1)
+        room = 1.0 - self.ramp / period  # no stop across the end of a period
+        within = 0.5 + (places + shift[:, None] - 0.5) * room
+        return np.asarray((np.arange(num_periods)[:, None] + within).ravel() * period)
+
+    def duration(self, period: float, num_periods: int = 1) -> float:
+        """s of whole periods with their stops."""
+        return num_periods * (period + self.number * (self.rest + self.ramp))
+
+    def series_time(self, t: Array, period: float, num_periods: int) -> tuple[Array, Array, Array]:
+        """Time of the series at times t (N,) s, and its first and second derivative.
+
+        The rate falls as 1 - 3 x^2 + 2 x^3 over a ramp, and rises so.
+        """
+        s, rate, slope = t.copy(), np.ones_like(t), np.zeros_like(t)
+        for k, stop in enumerate(np.sort(self.times(period, num_periods))):
+            begin = stop - 0.5 * self.ramp + k * (self.rest + self.ramp)
+            x = np.clip((t - begin) / self.ramp, 0.0, 1.0)
+            y = np.clip((t - begin - self.ramp - self.rest) / self.ramp, 0.0, 1.0)
+            s -= self.ramp * (x**3 - 0.5 * x**4) + np.clip(t - begin - self.ramp, 0.0, self.rest)
+            s -= self.ramp * (y - y**3 + 0.5 * y**4)
+            rate -= 3.0 * x**2 - 2.0 * x**3 - (3.0 * y**2 - 2.0 * y**3)
+            slope += 6.0 / self.ramp * (y - y**2 - x + x**2)
+        return s, rate, slope
+
 
 @dataclass
 class FourierCoefficients:
@@ -27,6 +76,7 @@ class FourierCoefficients:
     centre: list[float] = field(default_factory=list, metadata=REQUIRED)  # rad (m if prismatic)
     sine: list[list[float]] = field(default_factory=list, metadata=REQUIRED)  # per harmonic
     cosine: list[list[float]] = field(default_factory=list, metadata=REQUIRED)  # per harmonic
+    stops: Stops = field(default_factory=Stops)  # on the way
     provenance: str = ""  # how it was made
 
 
@@ -39,16 +89,18 @@ class FourierTrajectory:
         centre: (n,) rad (m for a prismatic joint, here and below).
         sine: (n, H) rad.
         cosine: (n, H) rad.
+        stops: on the way, of `joint_trajectory`.
 
     Raises:
         ValueError: shapes that disagree, a number that is not finite, a frequency that is not
-            positive.
+            positive, stops that leave no room for their ramps.
     """
 
     base_frequency: float
     centre: Array
     sine: Array
     cosine: Array
+    stops: Stops = field(default_factory=Stops)
 
     def __post_init__(self) -> None:
         for key in ("centre", "sine", "cosine"):
@@ -59,6 +111,11 @@ class FourierTrajectory:
         finite = all(np.isfinite(x).all() for x in (self.centre, self.sine, self.cosine))
         if not (finite and np.isfinite(self.base_frequency) and self.base_frequency > 0.0):
             raise ValueError("Fourier trajectory: a coefficient is not finite, or a frequency <= 0")
+        stops = self.stops
+        if stops.number < 0 or not (stops.rest >= 0.0 and stops.ramp > 0.0):
+            raise ValueError("Fourier trajectory: stops need rest of 0 s or more and ramp above 0")
+        if 2.0 * stops.number * stops.ramp > self.period:
+            raise ValueError("Fourier trajectory: stops with longer ramps than a period holds")
 
     @property
     def num_joints(self) -> int:
@@ -75,6 +132,10 @@ class FourierTrajectory:
         """Period of the base frequency, s."""
         return 1.0 / self.base_frequency
 
+    def duration(self, num_periods: int = 1) -> float:
+        """s of whole periods, with their stops."""
+        return self.stops.duration(self.period, num_periods)
+
     def sample(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """q, v, vdot (..., n) at times t (...,) in s: rad, rad/s, rad/s^2."""
         value, slope, bend = fourier_basis(t, self.base_frequency, self.num_harmonics)
@@ -82,11 +143,13 @@ class FourierTrajectory:
         return value @ coefficients, slope @ coefficients, bend @ coefficients
 
     def joint_trajectory(self, num_periods: int = 1, time_step: float = 0.01) -> JointTrajectory:
-        """The motion over whole periods; the arm rests after it."""
-        count = max(2, round(num_periods * self.period / time_step) + 1)
-        t = np.linspace(0.0, num_periods * self.period, count)
-        q, v, vdot = self.sample(t)
-        return JointTrajectory(t, q, v, vdot)
+        """The motion over whole periods, with its stops; the arm rests after it."""
+        duration = self.duration(num_periods)
+        t = np.linspace(0.0, duration, max(2, round(duration / time_step) + 1))
+        s, rate, slope = self.stops.series_time(t, self.period, num_periods)
+        q, dq, d2q = self.sample(s)
+        rate, slope = rate[:, None], slope[:, None]
+        return JointTrajectory(t, q, dq * rate, d2q * rate**2 + dq * slope)
 
     def coefficients(self, robot: str = "", provenance: str = "") -> FourierCoefficients:
         """The form for a YAML file."""
@@ -96,6 +159,7 @@ class FourierTrajectory:
             centre=self.centre.tolist(),
             sine=self.sine.tolist(),
             cosine=self.cosine.tolist(),
+            stops=self.stops,
             provenance=provenance,
         )
 
@@ -114,6 +178,7 @@ class FourierTrajectory:
                 centre=np.array(coefficients.centre, dtype=np.float64),
                 sine=np.array(coefficients.sine, dtype=np.float64),
                 cosine=np.array(coefficients.cosine, dtype=np.float64),
+                stops=coefficients.stops,
             )
         except ValueError as error:
             remedy = "centre takes n numbers, sine and cosine n lists of one length"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrenchsight.models.identification.rests import rests_along, unseen_rests
+from wrenchsight.models.identification.rests import arm_rests, rests_along, unseen_rests
 from wrenchsight.models.identification.torque_error_model import (
     HELD,
     UNSEEN_HELD,
@@ -56,3 +56,11 @@ def test_the_user_is_told_of_joints_that_never_rested(
         begin is not None
     )
     assert all("record a motion that stops" in sentence for sentence in sentences)
+
+
+def test_rests_of_the_whole_arm_last_a_second_and_allow_creep() -> None:
+    t = STEP * np.arange(900)
+    v = np.full((900, 2), 0.2)
+    v[100:250], v[400:480] = 0.004, 0.0  # 1.5 s of creep, .8 s of rest; .2 s of margin
+    v[600:800, 0] = 0.0  # of one joint alone
+    np.testing.assert_array_equal(arm_rests(v, STEP), (t >= 0.795) & (t < 2.695))

@@ -1,5 +1,7 @@
 """Fourier trajectories: derivatives, rest, bounds between samples, files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
@@ -8,6 +10,7 @@ from wrenchsight.models.files.configuration import save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.planning.excitation.fourier_trajectory import (
     FourierTrajectory,
+    Stops,
     between_samples,
 )
 
@@ -84,3 +87,51 @@ def test_the_joint_trajectory_follows_it():
     for sampled, expected in zip(motion.sample(t), series.sample(t), strict=True):
         # Quintic interpolation over 10 ms of 1 Hz: h^6 w^6 / 46080 and its derivatives.
         np.testing.assert_allclose(sampled, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def stopping(number: int = 2, rest: float = 1.5, ramp: float = 0.8) -> FourierTrajectory:
+    rng = np.random.default_rng(2)
+    sine, cosine = 0.1 * rng.normal(size=(2, 3, 4))
+    return FourierTrajectory(0.1, np.zeros(3), sine, cosine, Stops(number, rest, ramp))
+
+
+def test_a_motion_with_stops_rests_on_its_path() -> None:
+    """v and vdot against differences of the table; each of six stops lasts as long as stated."""
+    series, step = stopping(), 1e-3
+    motion = series.joint_trajectory(3, step)
+    assert motion.t[-1] == pytest.approx(30.0 + 6 * (1.5 + 0.8))
+    assert series.duration(3) == pytest.approx(motion.t[-1])
+    # Central differences err by step^2 / 6 times the third derivative, here some 20 rad/s^3.
+    slope = np.gradient(motion.q, step, axis=0)[1:-1]
+    np.testing.assert_allclose(motion.v[1:-1], slope, atol=1e-4)
+    bend = np.gradient(motion.v, step, axis=0)[1:-1]
+    # Where a ramp begins or ends, the third derivative jumps by up to 6 / ramp^2 of the speed.
+    np.testing.assert_allclose(motion.vdot[1:-1], bend, atol=3e-3)
+    still = (np.abs(motion.v) < 1e-12).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]))).reshape(-1, 2)
+    rests = np.diff(edges, axis=1).ravel() * step
+    assert len(rests) == 6
+    np.testing.assert_allclose(rests, 1.5, atol=2.5 * step)
+    # At six different places, and never faster than without stops.
+    places = motion.q[edges[:, 0]]
+    assert all(np.abs(places[k] - places[:k]).max(axis=1).min() > 0.02 for k in range(1, 6))
+    plain = replace(series, stops=Stops()).joint_trajectory(3, step)
+    assert (np.abs(motion.v).max(axis=0) <= np.abs(plain.v).max(axis=0) * (1.0 + 1e-6)).all()
+    np.testing.assert_allclose(motion.q[-1], plain.q[-1], atol=1e-12)
+
+
+def test_without_stops_the_motion_is_the_series() -> None:
+    series = stopping(number=0)
+    motion = series.joint_trajectory(2, 0.01)
+    for found, expected in zip(
+        (motion.q, motion.v, motion.vdot), series.sample(motion.t), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_stops_go_through_the_file_and_need_room() -> None:
+    series = stopping()
+    again = FourierTrajectory.from_coefficients(series.coefficients())
+    assert again.stops == series.stops
+    with pytest.raises(ValueError, match="longer ramps than a period holds"):
+        stopping(number=7)
