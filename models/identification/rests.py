@@ -88,7 +88,7 @@ def arm_rests(v: Array, time_step: float) -> Flags:
     """(N,) samples of rests of the whole arm: all joints slower than REST_SPEED for ARM_REST s.
 
     With REST_MARGIN s before and after, where a low-pass blurs the steps of friction. A controller
-    lets joints creep at rest, so their positions may change by more than an encoder's step. v (N, n)
+    lets joints creep at rest, so positions may change by more than an encoder's step. v (N, n)
     rad/s, low-passed.
     """
     slow = (np.abs(v) < REST_SPEED).all(axis=1)
