@@ -18,6 +18,7 @@ class Explanation:
         cause: what would be wrong, as the subject of "... explain": "currents in the order ...".
         remedy: what to do, with the key or option that mends it.
         values: what was found, by name with its unit, for metrics.json.
+        is_small: whether its odds count also where it explains little more than the log as it is.
         is_fault: whether readings of the log as it is would be wrong; friction that has drifted is
             none, as the band holds it.
     """
@@ -29,6 +30,7 @@ class Explanation:
     remedy: str
     values: dict[str, float | list[float]] = field(default_factory=dict)
     is_fault: bool = True
+    is_small: bool = False
 
 
 def odds_text(log_odds: float) -> str:

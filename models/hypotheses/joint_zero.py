@@ -13,6 +13,7 @@ NAME = "zero of a joint"
 PRIOR_SD = 0.2  # rad (m) of an offset
 SMALLEST = 0.015  # rad (m); a smaller one is within what models of arms err by
 CLEAR = 4.0  # standard errors that an offset is away from zero
+DETERMINED = 0.5  # of the prior's sd, which the standard error must be below
 _STEP = 1e-3  # rad (m), of the derivative
 _QUARTERS = (-0.5 * math.pi, 0.5 * math.pi, math.pi)
 
@@ -51,7 +52,7 @@ def _refined(case: Case, j: int, offset: float) -> Explanation | None:
         if abs(change) < 0.3 * float(fit.sd[0]):
             break
     sd = float(fit.sd[0])
-    if abs(offset) < max(SMALLEST, CLEAR * sd):
+    if abs(offset) < max(SMALLEST, CLEAR * sd) or sd > DETERMINED * PRIOR_SD:
         return None
     name = case.robot.joint_names[j]
     unit = "m" if case.robot.chain.prismatic[j] else "rad"
@@ -64,6 +65,7 @@ def _refined(case: Case, j: int, offset: float) -> Explanation | None:
             f"set q_offset: {offset:.4f} at {name} in robot.yaml (drives), which is added to its "
             "logged positions"
         ),
+        is_small=True,
         values={"joint": float(j + 1), "q_offset": offset, "q_offset_sd": sd},
     )
 

@@ -170,7 +170,7 @@ def judge(case: Case) -> Judgement:
     faults = [
         one
         for one in explanations
-        if one.is_fault and 1.0 - one.explained < LEFT * (1.0 - explained) + 1e-9
+        if one.is_fault and (one.is_small or 1.0 - one.explained < LEFT * (1.0 - explained) + 1e-9)
     ]
     faults.sort(key=lambda one: -log_odds[one.name])
     best = faults[0] if faults else None
