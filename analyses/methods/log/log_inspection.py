@@ -14,6 +14,7 @@ from wrenchsight.analyses.methods.log.log_summary import LogSummary, summarised
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.hypotheses.judgement import Judgement, judge_log
 from wrenchsight.models.recordings.lerobot.data_set import episode_paths, root_of
@@ -171,6 +172,7 @@ def _unread(
     Raises:
         InputError: the file is no table at all.
     """
+    about_to_read(path)  # a pipe, or a result of this command: refused as it was
     packed = UnpackedFile(path) if is_packed(path) else None
     inner = path if packed is None else packed.path
     table = (container_of(inner) or TEXT).open(inner, None)

@@ -1,6 +1,7 @@
 """`log`: what it says of files, and drafts that read a log as it was read."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +144,9 @@ def test_several_files_have_a_draft_each_and_no_table_is_refused(tmp_path: Path)
     assert all((tmp_path / "out" / log.draft_name).is_file() for log in logs)
     with pytest.raises(InputError, match="no such file"):
         _inspected(tmp_path, tmp_path / "three.csv")
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(InputError, match="is a pipe"):
+        _inspected(tmp_path, tmp_path / "pipe.csv")
     (tmp_path / "four.mcap").write_bytes(b"nothing")
     with pytest.raises(InputError, match="no bag, or a damaged one"):
         _inspected(tmp_path, tmp_path / "four.mcap")
