@@ -61,7 +61,7 @@ EFFORT_QUICK = SearchEffort(num_samples=3000, num_starts=24, num_rounds=1, num_s
 # Distances cost ten times what all else does.
 EFFORT_WITH_CLEARANCE = SearchEffort(num_starts=32, num_rounds=2, num_solves=3, num_feasibility=16)
 EFFORT_QUICK_WITH_CLEARANCE = SearchEffort(
-    num_samples=3000, num_starts=6, num_rounds=0, num_solves=2, num_feasibility=12
+    num_samples=3000, num_starts=8, num_rounds=0, num_solves=2, num_feasibility=16
 )
 # Without a closed form every pose is searched numerically, and so are longer vectors of postures.
 EFFORT_NUMERIC = SearchEffort(

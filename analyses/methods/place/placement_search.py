@@ -58,6 +58,8 @@ SAME = 0.01  # relative, of the measure at every point: one optimum
 _ALIKE = 0.02  # the same of two ends that have not come to their optimum
 _MIN_STARTS = 30  # random placements; with fewer a part of the path's length will do
 _SHARES = (0.6, 0.2, 0.02)  # of its length
+_TRIED_PER_START = 4  # candidates whose distances are looked at
+_DEFICIT_WEIGHT = 10.0  # of the cost by m; a posture through the floor is worth little
 _FINISHED_WITH_CELL = 2  # optima; with distances the last steps take seconds
 _OTHER_KIND = 0.06  # the same of two that are worth varying
 _ROUGHLY_FEASIBLE = 1e-4  # m and rad, of a rough solve's end
@@ -227,7 +229,7 @@ class PlacementSearch:
             if not ends or not self._is_kept(ends[-1]):
                 result.nearest = sorted(ends, key=self._violation_of)
                 return result
-            ends = []
+            starts, ends = starts[: len(self._others) + effort.num_starts], []
             for number in range(1 + effort.num_rounds):
                 for count, end in enumerate(self._rough(starts, ends, result)):
                     fraction = (number + count / len(starts)) / (1 + effort.num_rounds)
@@ -349,11 +351,27 @@ class PlacementSearch:
         candidates = PlacementBatch.joined([random_paths[order], branches])
         costs = self._costs(candidates)
         result.evaluations += len(random_paths) + len(candidates)
-        chosen = best_of_each(self._cells(candidates), costs, effort.num_starts)
+        cells, count = self._cells(candidates), max(effort.num_starts, effort.num_feasibility)
+        if self.program.cell is not None:
+            chosen = best_of_each(cells, costs, _TRIED_PER_START * count)
+            candidates, cells, costs = candidates[chosen], cells[chosen], costs[chosen]
+            costs = costs * (1.0 + _DEFICIT_WEIGHT * self._deficits(candidates))
+        chosen = best_of_each(cells, costs, count)
         starts = PlacementBatch.joined([guesses, candidates[chosen]])
         if len(starts) == 0:  # the solver may come to the path, and says what it misses
             starts = self._unreached(rng, effort.num_starts)
         return [starts.one(index) for index in range(len(starts))]
+
+    def _deficits(self, batch: PlacementBatch) -> Array:
+        """(N,) m, what the worst pair of shapes lacks at both ends and in the middle of a path."""
+        assert self.program.cell is not None
+        points = [0, self.program.num_segments // 2, self.program.num_segments]
+        return np.array(
+            [
+                self.program.cell.deficit(replace(placement, q=placement.q[points]))
+                for placement in (batch.one(index) for index in range(len(batch)))
+            ]
+        )
 
     def _cells(self, batch: PlacementBatch) -> NDArray[np.intp]:
         """(N,) one number a placement for the half of its range that each joint is in.

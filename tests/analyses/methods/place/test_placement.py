@@ -246,6 +246,27 @@ def test_an_arm_that_would_dip_into_its_floor_is_placed_above_it(sts: Robot) -> 
     assert any("only there to compare with" in notice for notice in result.notices)
 
 
+def test_a_line_on_a_horizontal_table_is_placed_by_a_quick_search() -> None:
+    """The best postures go through the table; some of those from above are among the starts."""
+    table = ObstacleConfig("table", [1.6, 2.4, 0.04], PoseConfig([1.0, 0.0, 0.04]))
+    task = PlacementTask(
+        path_length=0.5,
+        midpoint_lower=[0.2, -1.0, 0.1],
+        midpoint_upper=[1.0, 1.0, 0.1],
+        path_in_surface=True,
+        tool_direction=[0.0, 0.0, -1.0],
+        tool_tilt_deg=5.0,
+        path_direction=[0.0, 0.0, 1.0],
+        path_angle_lower_deg=90.0,
+        path_angle_upper_deg=90.0,
+        clearance=ClearanceConfig(0.005, [table], WorkpieceConfig([0.55, 0.2, 0.03])),
+    )
+    best = place(task, "task", Robot.load("ur10e"), PlacementRequest(quick=True)).best
+    assert abs(best.placement.n_W[2]) < 1e-9
+    assert best.smallest_distance is not None and best.smallest_distance >= 0.005
+    assert best.metrics("jcn")["mean_jcn"] < 5.7  # 5.4775 by a full search
+
+
 @pytest.mark.parametrize(
     ("changes", "key", "shortfall"),
     [
