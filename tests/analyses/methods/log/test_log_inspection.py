@@ -99,7 +99,7 @@ def test_rate_gaps_motion_and_rests_are_stated(tmp_path: Path) -> None:
 
 
 def test_a_log_that_is_not_read_gets_a_draft_with_questions(tmp_path: Path) -> None:
-    header = "pos_1,pos_2,pos_3,speed_1,speed_2,speed_3,amps_1,amps_2,amps_3"
+    header = "pos_1,pos_2,pos_3,v1,v2,v3,amps_1,amps_2,amps_3"
     path = _csv(tmp_path / "log.csv", header, np.c_[_Q, _V, _I])
     (inspected,) = _inspected(tmp_path, path)
     assert inspected.summary is None
