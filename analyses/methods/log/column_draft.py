@@ -43,7 +43,7 @@ _UNIT_QUESTIONS = {
     "motor_torque": "? N m on the joint side; if these are currents in A, call the key current",
 }
 _WORDS = {  # in names of columns, by key; the first that fits counts
-    "velocity": r"vel|speed|rate|(^|[^a-z])(d|)q?d(ot)?([^a-z]|$)|qd|dq|omega",
+    "velocity": r"vel|speed|qd|dq|omega|(^|[^a-z])v([^a-z]|$)",
     "motor_torque": r"tau|torq|moment|eff|load",
     "current": r"cur|amp|(^|[^a-z])i([^a-z]|$)",
     "position": r"pos|angle|theta|joint|axis|(^|[^a-z])q([^a-z]|$)",
