@@ -38,6 +38,7 @@ from wrenchsight.models.robot.robot_config import pose_of
 
 _INFLUENCE = 0.04  # m beyond the distance to keep, where a pair begins to count in the program
 _SMALL_PAD = 0.1  # of what a pair must keep that keeps less than the distance
+_ROUNDING = 1e-12  # m
 _FAR = 1.0  # m, beyond which no distance is stated
 _ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1))  # the corners of a face
 
@@ -113,10 +114,13 @@ class PlacementCell:
         return 0.0 if pair is None else max(0.0, -pair.slack)
 
     def smallest_distance(self, q: Array, placement: Placement) -> float:
-        """m, of all pairs that count, over postures q (N, n); at most 1 m."""
+        """m, of pairs that must keep the whole distance, over postures q (N, n); at most 1 m."""
         pose = path_pose(placement)
-        distances = [pair.distance for row in q for pair in self.clearance.slacks(row, _FAR, pose)]
-        return min(distances, default=_FAR)
+        least = self._config.distance - _ROUNDING
+        pairs = (pair for row in q for pair in self.clearance.slacks(row, _FAR, pose))
+        return min(
+            (pair.distance for pair in pairs if pair.distance - pair.slack >= least), default=_FAR
+        )
 
 
 def workpiece_corners(config: ClearanceConfig, placement: Placement) -> Array:
