@@ -31,7 +31,7 @@ class Profile:
         fine: the same with FINE times as many points.
         jcn, measure: (k + 1,) condition number and the objective at the points.
         fine_jcn, fine_measure: at the points of `fine`.
-        smallest_distance: m over `fine`, of pairs that keep the whole clearance; None without shapes.
+        smallest_distance: m, of the clearance's pairs over `fine`; None without shapes.
         worst: the pair with the least slack there; None where nothing is near.
     """
 
