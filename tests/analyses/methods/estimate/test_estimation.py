@@ -487,12 +487,10 @@ def test_an_interrupt_leaves_the_old_results(estimated, log, model_file, tmp_pat
     ("change", "words"),
     [
         (lambda r: replace(r, q=np.rad2deg(r.q), v=np.rad2deg(r.v)), "degrees"),
-        (lambda r: replace(r, t=1000 * r.t), "looks like ms"),
         (lambda r: r[np.r_[0:500, 700:1500]], "a gap of 0.201 s"),
-        (lambda r: r[np.r_[0:500, 400:1500]], "runs backwards"),
         (lambda r: r[:5], "holds 5 samples"),
     ],
-    ids=["degrees", "ms", "gap", "backwards", "short"],
+    ids=["degrees", "gap", "short"],
 )
 def test_implausible_logs(estimated, recording, tmp_path, change, words):
     line = _line(lambda: estimated(of=change(recording)))
