@@ -7,7 +7,7 @@ with its defaults and held against MuJoCo's truth. CORE cases run for all draws 
 others for the first FURTHER_DRAWS of the UR10e. Figures are the median and the worst of the draws.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -83,6 +83,19 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 reading = drawn.read(case, log, draws=False)
                 by_case.setdefault(case, []).append(drawn.figures(case, log, reading))
                 done += 1
+    return result_of(read, lacking, context.draws)
+
+
+def result_of(
+    read: dict[str, dict[str, list[dict[str, Any]]]], lacking: Sequence[str], draws: bool
+) -> ExperimentResult:
+    """Metrics, tables and figure of the figures of all logs.
+
+    Args:
+        read: by arm and case, of each draw (`readings.figures`).
+        lacking: sentences on what is left out.
+        draws: whether a figure is wanted.
+    """
     metrics: dict[str, Any] = {
         arm: {case: summed_up(figures) for case, figures in by_case.items()}
         for arm, by_case in read.items()
@@ -92,7 +105,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         cases["worst_inside_pct"] = [float(np.min(c["inside_95_pct"]["worst"][:3])) for c in shown]
     return ExperimentResult(
         metrics=metrics,
-        figures=[_figure(read)] if context.draws else [],
+        figures=[_figure(read)] if draws else [],
         comparison=_comparison(metrics),
         notes=(*NOTES, *lacking),
         tables=[_table(arm, cases) for arm, cases in metrics.items()],
