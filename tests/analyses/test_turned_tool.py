@@ -22,9 +22,8 @@ from wrenchsight.models.planning.placement.placement_task import load_task
 from wrenchsight.models.robot.robot import Robot
 
 _SMALL = SearchEffort(
-    num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_steps=12,
-    num_solves=2,
-)  # fmt: skip
+    num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_solves=2
+)
 _LOWER, _UPPER = -0.6, 2.8  # rad, of the first joint
 _DOWN = np.array([0.0, 0.0, -1.0])
 
