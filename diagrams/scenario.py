@@ -213,11 +213,11 @@ class Scenario:
     workpiece: WorkpieceConfig = None
     machining: MachiningConfig | None = None  # of the workpiece; in the place of the motion
     floor: bool = False  # a solid floor at z = 0
-    directives: list[ModelDirective] = field(default_factory=list)
+    directives: list[ModelDirective] = field(default_factory=list, compare=False)
     # Drake's model directives: what else stands in the cell, fixed, jointed or free. The arm is the
     # model instance of its robot's name. Files without a scheme are relative to the scenario's.
-    plant_config: MultibodyPlantConfig = field(default_factory=_plant_config)
-    # Drake's, but for time_step, which is the scenario's
+    plant_config: MultibodyPlantConfig = field(default_factory=_plant_config, compare=False)
+    # Drake's, but for time_step, which is the scenario's (neither compares by its values)
     applied_spatial_force: bool = False  # whether the cell takes forces on any body as an input
     force_torque_sensor: ForceTorqueSensorConfig | None = None
     # Its observer's time_step is the scenario's.

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from wrenchsight.models.robot.robot import Robot
 
 ENTRY_POINTS: Final = "wrenchsight.methods"
-BUILT_IN: Final = ("plain", "plain_tools", "article", "kalman", "network", "ours")
+BUILT_IN: Final = ("plain", "plain_tools", "article", "kalman", "ours")
 """Names of the benchmark's methods, which no other method may have."""
 _OPTION: Final = "--method"
 _TEXT: Final = re.compile(r"(?:([\w-]+)=)?([A-Za-z_][\w.]*):([A-Za-z_]\w*)")

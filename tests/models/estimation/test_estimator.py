@@ -219,7 +219,7 @@ def test_model_of_another_robot_and_wrong_shapes_are_refused() -> None:
         estimator().run(estimator().initial_state(), q, v[:5], current)
     with pytest.raises(ValueError, match="broadcast"):
         estimator().step(estimator().initial_state(), q[0, :5], v[0], current[0])
-    with pytest.raises(ValueError, match=r"state must be \(243,\)"):
+    with pytest.raises(ValueError, match=r"state must be \(261,\)"):
         estimator().step(np.zeros(6), q[0], v[0], current[0])
     with pytest.raises(ValueError, match="K_0"):
         WrenchEstimator(

@@ -30,8 +30,8 @@ def test_a_table_has_a_column_a_method_and_says_what_failed_and_what_is_missing(
     wrench = by_name["wrench"]
     assert list(wrench.heads)[-3:] == ["ours", "`theirs`", "`other`"]
     first = wrench.rows[0]
-    assert first[1:] == ["–", "–", "–", "–", "–", "0.60 (0.30 to 0.90)", "failed", "–"]
-    assert wrench.rows[-1][6] == "–"  # ours states no band in these
+    assert first[1:] == ["–", "–", "–", "–", "0.60 (0.30 to 0.90)", "failed", "–"]
+    assert wrench.rows[-1][5] == "–"  # ours states no band in these
     assert list(wrench.remarks) == ["`theirs` failed: ValueError: no."]
     assert not by_name["torque"].rows
     assert list(by_name["torque"].remarks) == ["Not measured for want of recordings: ur10e."]

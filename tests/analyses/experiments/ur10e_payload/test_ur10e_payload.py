@@ -9,6 +9,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
     payload_metrics,
     payload_reference,
 )
+from wrenchsight.models.estimation.invalid import UNCERTAIN_FORCE
 from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.recordings.recording import Recording
 
@@ -40,7 +41,8 @@ def estimate(force, sd, valid, condition_number):
     """Of forces (N, 3) with the sds (N,) in every axis."""
     covariance = np.asarray(sd)[:, None, None] ** 2 * np.eye(6)
     wrench = np.hstack([np.zeros_like(force), force])
-    return WrenchEstimate(wrench, covariance, condition_number, valid)
+    invalid = np.where(valid, 0, UNCERTAIN_FORCE)
+    return WrenchEstimate(wrench, covariance, condition_number, invalid)
 
 
 def test_figures_of_merit_by_hand(monkeypatch):
