@@ -103,7 +103,7 @@ REACH = 3e-4  # rad (m)
 PLAY = 1e-4  # rad (m), least play of the position that decides whether a joint rests
 HELD = 1.1  # level at rest over that of sliding, at least, where logs show rests
 UNSEEN_HELD = 2.0  # the same where they show none
-CREEP = 1e-3  # rad/s (m/s), of a motion that a rest cannot be told from
+CREEP = 1e-4  # rad/s (m/s), of a motion that a rest cannot be told from
 RECOGNITION = 0.1  # s without motion, in which a joint is known to rest
 
 # Columns of the table after the sliding law's.

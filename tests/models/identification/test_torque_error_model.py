@@ -86,7 +86,7 @@ def test_the_formula_written_out() -> None:
         slid, followed = followed, np.clip(followed, p - 1e-4, p + 1e-4)
         slid = np.abs(followed - slid) / error_model.reach
         w = (1.0 - (1.0 - w) * np.exp(-2.0 * STEP / error_model.rest_time)) * np.exp(-slid)
-        still = np.exp(-((slid * error_model.reach / (1e-3 * STEP)) ** 2)) if k else np.zeros(N)
+        still = np.exp(-((slid * error_model.reach / (1e-4 * STEP)) ** 2)) if k else np.zeros(N)
         r = r * np.exp(-slid)
         r = r + still * (1.0 - np.exp(-STEP / 1.0)) * (1.0 - r)
         share = np.maximum(w, r)
