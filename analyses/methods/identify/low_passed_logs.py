@@ -335,13 +335,15 @@ def low_pass_logs(
     for k, (name, recording) in enumerate(zip(log_names(logs), logs, strict=True)):
         progress(k / steps, f"filtering {name}")
         low_passed.append(low_pass_log(name, recording, robot, config))
-    fitted, validated = low_passed[: len(recordings)], low_passed[len(recordings) :]
+    # At rest friction is anything in its band: neither the fit nor its residual is judged there.
+    fitted = [replace(log, used=_informative(log)) for log in low_passed[: len(recordings)]]
+    validated = low_passed[len(recordings) :]
     _check_motion(fitted, robot)
     row_step = decimation(fitted[0].low_pass)
     regressions = []
     for k, log in enumerate(fitted):
         progress((len(logs) + k) / steps, f"regressor of {log.name}")
-        rows = np.flatnonzero(_informative(log))[::row_step]
+        rows = np.flatnonzero(log.used)[::row_step]
         motion = JointMotion(log.q, log.v, log.vdot)
         regressions.append(RegressionRows.of(robot.chain, motion, log.tau, log.match, rows))
     return LowPassedLogs(tuple(fitted), tuple(validated), tuple(regressions))
