@@ -34,6 +34,7 @@ def explain(case: Case) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - case.num_joints * math.log(2.0),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=f"{word}s of the opposite sign at {wrong}",
         remedy=f"{remedy}, or try --log-format {correction_word(DRIVES, TURNED, turned)}",
         values={"sign": signs.tolist()},

@@ -81,6 +81,7 @@ def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
         name=NAME,
         log_evidence=log_evidence,
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=cause,
         remedy=remedy,
         values=values,

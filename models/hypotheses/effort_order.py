@@ -34,6 +34,7 @@ def explain(case: Case) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - math.lgamma(n + 1),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=f"{word}s in the order {order_text(order)}",
         remedy=(
             f"set {case.key}: {{order: {order_text(order)}}} in a description, or try "

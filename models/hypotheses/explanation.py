@@ -7,7 +7,7 @@ import numpy as np
 from wrenchsight.models.numerics.arrays import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Explanation:
     """The best form of one hypothesis.
 
@@ -15,9 +15,12 @@ class Explanation:
         name: of the hypothesis, as the registry has it.
         log_evidence: natural logarithm; what was chosen among several forms is paid for.
         explained: share of the measured torque's mean square, 0 to 1.
+        kind_share: (5,) of the rows, by `evidence.KINDS`.
         cause: what would be wrong, as the subject of "... explain": "currents in the order ...".
         remedy: what to do, with the key or option that mends it.
         values: what was found, by name with its unit, for metrics.json.
+        has_form: whether there is something to choose or to fit: then it could stand for a force at
+            the tool that lasts (`judgement.stands_beside_contact`).
         is_small: whether its odds count also where it explains little more than the log as it is.
         is_fault: whether readings of the log as it is would be wrong; friction that has drifted is
             none, as the band holds it.
@@ -26,11 +29,13 @@ class Explanation:
     name: str
     log_evidence: float
     explained: float
+    kind_share: Array
     cause: str
     remedy: str
     values: dict[str, float | list[float]] = field(default_factory=dict)
     is_fault: bool = True
     is_small: bool = False
+    has_form: bool = True
 
 
 def odds_text(log_odds: float) -> str:

@@ -27,6 +27,8 @@ def explain(case: Case) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - math.log(2.0),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
+        has_form=False,
         cause="external torque, without gravity and friction, in place of the drives' torque",
         remedy="read it as it is: add --torque external and leave --model out",
     )

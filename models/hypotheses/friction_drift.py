@@ -26,6 +26,7 @@ def explain(case: Case) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - math.log(2.0),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=f"friction that is not the model's, most of all of {case.robot.joint_names[worst]}",
         remedy="refresh it: wrenchsight identify --refresh",
         values={

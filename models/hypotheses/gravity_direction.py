@@ -52,6 +52,7 @@ def explain(case: Case) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - math.log(4.0 * math.pi / (2.0 * math.pi)),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=(
             f"gravity {math.degrees(tilt):.1f} +- {error:.1g} deg away from robot.yaml's "
             f"({_mounting(tilt)})"

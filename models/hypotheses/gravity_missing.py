@@ -20,6 +20,8 @@ def explain(case: Case) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - math.log(2.0),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
+        has_form=False,
         cause=f"a {case.word} from which the controller has taken gravity",
         remedy=(
             f"set {case.key}: {{without_gravity: true}} in a description, or add --log-format "

@@ -45,6 +45,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - (case.num_joints + 1) * math.log(2.0),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=f"{what} of the opposite sign at {wrong}",
         remedy=f"set {description} in a description, or try --log-format {','.join(words)}",
         values={"sign": signs.tolist()},

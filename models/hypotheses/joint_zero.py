@@ -60,6 +60,7 @@ def _refined(case: Case, j: int, offset: float) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - math.log(2.0 * case.num_joints),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=f"a zero of {name} that is off by {-offset:.3f} +- {max(sd, 5e-4):.1g} {unit}",
         remedy=(
             f"set q_offset: {offset:.4f} at {name} in robot.yaml (drives), which is added to its "

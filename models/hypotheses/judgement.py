@@ -12,6 +12,7 @@ from wrenchsight.models.hypotheses.explanation import Explanation, odds_text
 from wrenchsight.models.hypotheses.log_rows import log_rows
 from wrenchsight.models.hypotheses.registry import HYPOTHESES
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
@@ -22,6 +23,11 @@ RIVAL = 10.0  # odds within which a second hypothesis is named beside the best o
 LEFT = 0.67  # of what the log as it is leaves unexplained, which a fault leaves at most
 MOST_LOGS = 3
 LASTING = 0.9  # share of a log from which on a contact lasts for all of it
+MAX_EXPLAINED = 0.9  # by a log as it is whose effort has no gravity in it
+MIN_IMPLAUSIBLE = 0.05  # share of rows from which on no force at the tool explains a log
+MIN_WITHOUT_CONTACT = 0.10  # share of rows without contact that a log with a contact in it has
+MAX_CONTACT_LEFT = 0.04  # share of rows in contact that a fault leaves in a log without contact
+MIN_FREE, MIN_GAIN = 0.9, 0.2  # share of rows free of error that a fault then leaves, or adds
 UNEXPLAINED = 0.5  # share of rows that are neither free nor touched by a plausible force
 
 
@@ -147,6 +153,33 @@ def refuse_faulty(
             raise InputError(recording.source, "", judgement.problem(), remedy)
 
 
+def stands_beside_contact(fault: Explanation, base_share: Array, explained: float) -> bool:
+    """Whether a fault is more than another word for a force at the tool that lasts.
+
+    The evidence charges each row for a force of its own. A force that lasts for seconds is one
+    force, and so is charged too often: a number that is fitted (a tilt, a zero, a gain) or an order
+    that is chosen may then take its place. So a fault with something to fit counts where the log as
+    it is has torques that no plausible force explains, or hardly a row without contact, or where
+    the fault leaves no contact and makes most rows, or many more, free of error. One without
+    anything to fit counts as well where the log as it is explains little.
+
+    Args:
+        fault: with `kind_share` of the log as the fault has it.
+        base_share: (5,) of the log as it is, by `evidence.KINDS`.
+        explained: share of the torque's mean square that the log as it is explains.
+    """
+    if not fault.has_form and explained < MAX_EXPLAINED:
+        return True
+    base, left = (dict(zip(KINDS, share, strict=True)) for share in (base_share, fault.kind_share))
+    if base["odd"] + base["pressed"] > MIN_IMPLAUSIBLE:
+        return True
+    if base["free"] + base["poor"] < MIN_WITHOUT_CONTACT:
+        return True
+    contact_left = left["touched"] + left["pressed"] + left["odd"]
+    frees = left["free"] > MIN_FREE or left["free"] - base["free"] > MIN_GAIN
+    return bool(contact_left < MAX_CONTACT_LEFT and frees)
+
+
 def judge(case: Case) -> Judgement:
     """Tests all hypotheses on a case."""
     found = {name: explain(case) for name, explain in HYPOTHESES.items()}
@@ -170,7 +203,9 @@ def judge(case: Case) -> Judgement:
     faults = [
         one
         for one in explanations
-        if one.is_fault and (one.is_small or 1.0 - one.explained < LEFT * (1.0 - explained) + 1e-9)
+        if one.is_fault
+        and (one.is_small or 1.0 - one.explained < LEFT * (1.0 - explained) + 1e-9)
+        and stands_beside_contact(one, case.base_fit.kind_share, explained)
     ]
     faults.sort(key=lambda one: -log_odds[one.name])
     best = faults[0] if faults else None

@@ -46,6 +46,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - math.lgamma(n + 1) - math.log(2.0),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=f"{what} in the order {listed}",
         remedy=f"set {description} in a description, or try --log-format {','.join(words)}",
         values={"order": [float(k + 1) for k in order]},

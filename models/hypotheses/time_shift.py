@@ -60,6 +60,7 @@ def explain(case: Case) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - known + volume - math.log(num_forms),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=sentence,
         remedy=remedy,
         values={"delay_s": shift, "delay_sd_s": sd, "average_s": window},

@@ -31,6 +31,7 @@ def explain(case: Case) -> Explanation | None:
         name=NAME,
         log_evidence=fit.log_evidence - math.log(2.0),
         explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
         cause=f"{case.word}s without sign (no value is negative)",
         remedy=(
             f"log the signed {case.word}: a force cannot be told from a size alone "

@@ -12,7 +12,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wrenchsight.models.hypotheses.judgement import Judgement, judge_log
+from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.hypotheses.judgement import (
+    Judgement,
+    judge_log,
+    stands_beside_contact,
+)
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
@@ -225,3 +230,27 @@ def test_a_log_that_nothing_explains_is_said_as_that(ur10e: Robot) -> None:
 def test_real_logs_are_not_wrong(ur10e: Robot, data: Callable[[str], Path], name: str) -> None:
     judgement = judged(read_recording(data(f"ur10e/{name}.csv"), robot=ur10e), ur10e)
     assert judgement.fault is None, judgement.sentence()
+
+
+def fault(kind_share, has_form=True):
+    return Explanation(
+        "a fault", 0.0, 0.99, np.array(kind_share), "it", "mend it", has_form=has_form
+    )
+
+
+@pytest.mark.parametrize(
+    ("base", "left", "stands"),
+    [
+        # free, poor, touched, pressed, odd; the first three are good logs of a simulator of others
+        ((0.21, 0.0, 0.79, 0.0, 0.0), (0.32, 0.45, 0.22, 0.0, 0.0), False),  # a force that lasts
+        ((0.25, 0.28, 0.48, 0.0, 0.0), (0.80, 0.06, 0.14, 0.0, 0.0), False),  # beside free motion
+        ((0.55, 0.35, 0.10, 0.0, 0.0), (0.58, 0.42, 0.0, 0.0, 0.0), False),  # a poor model
+        ((0.37, 0.62, 0.01, 0.0, 0.0), (0.99, 0.01, 0.0, 0.0, 0.0), True),  # nothing is left
+        ((0.00, 0.04, 0.19, 0.0, 0.77), (0.34, 0.19, 0.47, 0.0, 0.0), True),  # no force does that
+        ((0.02, 0.03, 0.95, 0.0, 0.0), (0.60, 0.20, 0.20, 0.0, 0.0), True),  # contact all the time
+    ],
+)
+def test_a_force_that_lasts_is_no_fault(base, left, stands):
+    assert stands_beside_contact(fault(left), np.array(base), 0.97) == stands
+    # Gravity missing has nothing to fit: it stands where the log as it is explains little.
+    assert stands_beside_contact(fault(left, has_form=False), np.array(base), 0.7)
