@@ -101,9 +101,9 @@ class ContactDetection(SampledBlock):
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
         """Updates `state` with one sample, in place; returns (1, 6) the detection."""
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        error = torque_error_views(
-            _plausible(self._torque_error.Eval(context)), self._detector.num_joints
-        )
+        torque_error = _plausible(self._torque_error.Eval(context))
+        error = torque_error_views(torque_error, self._detector.num_joints)
+        is_fresh = self._tau_ext_valid.Eval(context) == 1.0
         detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()
         error_rows = [part[np.newaxis] for part in error]
         sample = ArmSamples(
@@ -112,7 +112,7 @@ class ContactDetection(SampledBlock):
             _plausible(transmitted[0])[np.newaxis],
             _plausible(terms.momentum)[np.newaxis],
             _plausible(self._tau_ext.Eval(context))[np.newaxis],
-            self._tau_ext_valid.Eval(context) == 1.0,
+            is_fresh & np.isfinite(torque_error).all(),
         )
         return detector.judge(state, sample)
 

@@ -9,7 +9,7 @@ with an offset of each joint that friction may leave. dg comes from least square
 base counts as tilted if all of this holds:
 
 - the length of g + dg is that of g (an unmodelled load would make it longer);
-- dg explains a good part of the reading beyond the offsets;
+- dg explains a good part of the reading beyond the offsets, and more than a load at E does;
 - dg is many standard errors away from zero.
 
 A turn about the vertical changes no torque and is not detected.
@@ -60,10 +60,13 @@ class GravityDisagreement:
 
 
 class _WeightedRows(NamedTuple):
-    """Rows in units of the joints' sds: gravity (m, n, 3) per m/s^2, torque (m, n)."""
+    """Rows in units of the joints' sds: gravity (m, n, 3) per m/s^2, torque (m, n), and load
+    (m, n, 4) per kg and kg m.
+    """
 
     gravity: Array
     torque: Array
+    load: Array
 
 
 class GravityWatch:
@@ -99,8 +102,18 @@ class GravityWatch:
             return
         postures = np.ascontiguousarray(q[at])
         G = np.stack([chain.gravity_torque(postures) for chain in self._chains], axis=2)
-        self._rows.append(_WeightedRows(-G / self._sd[:, None], tau_ext[at] / self._sd))
+        load = self._load_columns(postures) / self._sd[:, None]
+        self._rows.append(_WeightedRows(-G / self._sd[:, None], tau_ext[at] / self._sd, load))
         self._count += len(at)
+
+    def _load_columns(self, q: Array) -> Array:
+        """(m, n, 4) external torque of a load at E, per kg and kg m of its first moment in E."""
+        J = self._chains[0].jacobian(q)
+        R_WE, _ = self._chains[0].pose(q)
+        weight = np.swapaxes(J[:, 3:], 1, 2) @ self._gravity
+        turning = np.cross(np.swapaxes(R_WE, 1, 2), self._gravity)  # (m, 3, 3): R e_k x g, by k
+        moments = np.einsum("mai,mka->mik", J[:, :3], turning)
+        return np.concatenate([weight[:, :, None], moments], axis=2)
 
     def disagreement(self) -> GravityDisagreement | None:
         """The tilt that the log shows; None where it shows none, or too little."""
@@ -119,6 +132,11 @@ class GravityWatch:
         unexplained = float(np.sum((b - A @ dg) ** 2))
         total = float(b @ b)
         if not unexplained < (1.0 - EXPLAINED) * total:
+            return None
+        load = np.concatenate([rows.load for rows in self._rows])
+        load = (load - load.mean(axis=0)).reshape(-1, load.shape[2])
+        of_load = b - load @ np.linalg.lstsq(load, b, rcond=None)[0]
+        if float(of_load @ of_load) < unexplained:
             return None
         independent = max(1.0, CORRELATION_TIME / (self._every * self._time_step))
         covariance = np.linalg.inv(normal) * (unexplained / len(b)) * independent

@@ -73,7 +73,8 @@ def test_a_cam_file_gives_what_its_surface_gives(sts: Robot, tmp_path: Path) -> 
     p = path.p_WS + np.array([0.45, -0.25, 0.25])
     np.testing.assert_allclose(sts.chain.pose(q)[1], p, rtol=0, atol=1e-6)
     metrics = json.loads((out / "metrics.json").read_text())
-    assert metrics["optimised"]["mean_jcn"] == pytest.approx(np.mean(columns["jcn"]))
+    # The optimum overlaps the arm itself: what is written is the best way without collision.
+    assert metrics["free"]["mean_jcn"] == pytest.approx(np.mean(columns["jcn"]))
     assert metrics["initial"]["mean_jcn"] == pytest.approx(np.mean(columns["jcn_initial"]))
     assert "optimised" in result.stdout
     for name in ("measure", "poses", "joints"):
