@@ -148,7 +148,8 @@ def _gains(case: Case) -> Array:
             x = np.linalg.lstsq(A / scale * weight[:, None], measured * weight, rcond=1e-6)[0]
             left = np.abs(measured - A / scale @ x)
             weight = 1.0 / np.sqrt(1.0 + (left / max(float(np.median(left)), 1e-12)) ** 2)
-        correlation = float(np.corrcoef(expected, measured)[0, 1]) if np.std(measured) else 0.0
+        varies = np.std(measured) > 0.0 and np.std(expected) > 0.0
+        correlation = float(np.corrcoef(expected, measured)[0, 1]) if varies else 0.0
         slope = float(x[0] / scale[0])
         if slope > 0.0 and correlation > 0.5:
             gains[j] = slope

@@ -236,17 +236,20 @@ def test_three_joints_cannot_determine_six_components(
     assert not valid.any()
 
 
-def test_currents_counted_the_wrong_way_arerefused(tilted_arm_file: Path, tmp_path: Path) -> None:
-    """As if the robot's file had no current_sign: joints that carry weight are named."""
+def test_currents_counted_the_wrong_way_are_named(tilted_arm_file: Path, tmp_path: Path) -> None:
+    """As if the robot's file had no current_sign: the joints are named, and nothing is valid."""
     t = np.arange(0.0, 20.0, 0.01)
     q, v, vdot = _motion(0.1 * t, 5)  # slow: gravity is all there is
     current = _ORACLE.motor_torque(q, 0.1 * v, 0.01 * vdot) / np.abs(_AMPERE)
     log = _write_log(tmp_path / "log.csv", t, q, 0.1 * v, i=current)
-    line = refused("estimate", log, "--robot", tilted_arm_file, "--out", tmp_path / "out")
-    assert "joints waist" in line and "current_sign" in line
-    assert "shoulder" not in line
+    out = tmp_path / "out"
+    said = succeeded("estimate", log, "--robot", tilted_arm_file, "--out", out)
+    assert "currents of the opposite sign at waist, elbow" in said
+    assert "turned: [1, 3]" in said
+    assert not _wrenches(out)[2].any()
     right = _write_log(tmp_path / "right.csv", t, q, 0.1 * v, i=current * np.sign(_AMPERE))
-    succeeded("estimate", right, "--robot", tilted_arm_file, "--out", tmp_path / "out")
+    said = succeeded("estimate", right, "--robot", tilted_arm_file, "--out", tmp_path / "right")
+    assert "opposite sign" not in said
 
 
 @pytest.mark.parametrize(
@@ -405,9 +408,10 @@ Swing:
     # 20 time constants of the observer; then its lag of 50 ms behind what the motion changes.
     assert np.abs(error[t > 1.0]).max() < 1.5
     for k, axis in enumerate("xyz"):
-        # The loop's own reading; the log keeps 9 digits or more.
+        # The loop's own reading. It takes its currents as held over a tick, `estimate` those of a
+        # log as samples: half a tick of 1 ms beside the observer's 50 ms.
         rmse = np.sqrt(np.mean(error[:, k] ** 2))
-        assert metrics[f"rmse_f{axis}_n"] == pytest.approx(rmse, rel=1e-6)
+        assert metrics[f"rmse_f{axis}_n"] == pytest.approx(rmse, rel=0.02)
 
 
 @pytest.mark.parametrize("axes", ["W", "E"])

@@ -477,8 +477,6 @@ def test_a_lone_carriage_return(estimate, file, clean, where):
 @pytest.mark.parametrize(
     ("letter", "factor", "word"),
     [
-        ("i", 9.549, "times the gravity torque"),
-        ("i", 3.14159 / 180.0, "times the gravity torque"),
         ("q", 0.0, "stands still"),
         ("q", 3.14159 / 180.0, "degrees per second"),
     ],

@@ -130,8 +130,11 @@ def test_damping_loses_a_third_of_the_force(metrics):
 
 
 def test_sigma_tau_is_what_the_causal_observer_sees(metrics):
-    """Over a run that was neither fitted nor loaded: the stated sds within a quarter."""
+    """Over a run that was neither fitted nor loaded: the stated sds are not below what is seen by
+    more than a tenth, nor above it by more than half.
+    """
     unloaded = metrics["unloaded"]
-    np.testing.assert_allclose(
-        unloaded["stated_torque_sd_nm"], unloaded["observed_torque_rms_nm"], rtol=0.25
+    stated, seen = (
+        np.array(unloaded[key]) for key in ("stated_torque_sd_nm", "observed_torque_rms_nm")
     )
+    assert (stated > 0.9 * seen).all() and (stated < 1.5 * seen).all()
