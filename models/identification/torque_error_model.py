@@ -410,6 +410,32 @@ class ConstantTorqueError(TorqueErrorModel):
         return table
 
 
+class LawHoldsAtRest(TorqueErrorModel):
+    """A torque error for an observer that takes off the law's torque at rest as well.
+
+    That is the article's method, whose friction is a function of velocity alone: where a joint
+    stands, the sign of its velocity is that of noise, and so is that of its friction.
+    """
+
+    @classmethod
+    def of(cls, error: TorqueErrorModel) -> Self:
+        """Returns the same error for such an observer."""
+        return cls(**{field.name: getattr(error, field.name) for field in fields(error)})
+
+    def table(
+        self,
+        friction: FrictionLaw,
+        time_step: float,
+        K_0: ArrayLike,
+        resolution: ArrayLike | None = None,
+        chain: SerialChain | None = None,
+    ) -> Array:
+        """As `TorqueErrorModel`'s, without a joint that is recognised to rest."""
+        table = super().table(friction, time_step, K_0, resolution, chain)
+        table[:, _RECOGNISED] = 0.0
+        return table
+
+
 def averaged_share(x: ArrayLike) -> Array:
     """Variance of the mean over x correlation times of a process of variance 1 and covariance
     exp(-|t| / T): 2 / x (1 - (1 - exp(-x)) / x); 1 for x = 0.

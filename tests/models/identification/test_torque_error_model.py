@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sample_models import torque_sds
+from sample_models import sample_torque_error, torque_sds
 
 from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
@@ -13,6 +13,7 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 from wrenchsight.models.identification.torque_error_model import (
     REST_ROW,
     TORQUE_ERROR_ROWS,
+    LawHoldsAtRest,
     TorqueErrorModel,
     averaged_share,
     friction_at_rest,
@@ -424,3 +425,13 @@ def test_plain_numbers_and_back(shown: Any) -> None:
 def test_impossible_constants_are_refused(key: str, value: object) -> None:
     with pytest.raises(ValueError, match=key):
         model(**{key: value})
+
+
+def test_the_article_s_law_holds_at_rest():
+    error, law = sample_torque_error(), CoulombViscous(*np.full((3, 6), 0.5))
+    friction = SemiParametricFriction(law)
+    table = error.table(friction, 1e-3, np.full(6, 20.0))
+    held = LawHoldsAtRest.of(error).table(friction, 1e-3, np.full(6, 20.0))
+    [column] = np.flatnonzero((table != held).any(axis=0))
+    assert (table[:, column] > 0.0).all()
+    assert not held[:, column].any()

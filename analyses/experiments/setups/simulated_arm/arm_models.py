@@ -50,7 +50,7 @@ from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstim
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
-from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.identification.torque_error_model import LawHoldsAtRest, TorqueErrorModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.position_resolution import position_resolution
@@ -105,6 +105,8 @@ class ArmModels:
         tau_ext, error = self.observed(law, K_0)
         v = np.vstack([log.v[_settled(log, K_0)] for log in self.held_out])
         covariance = covariance_at_speed(tau_ext, v, speed)
+        if reconstruction.method == "inverse":  # the article's, with its law at rest as well
+            error = LawHoldsAtRest.of(error)
         model = replace(self.models[law], residual_covariance=covariance, torque_error=error)
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), reconstruction)
         return WrenchEstimator(self.robot, model, config)
