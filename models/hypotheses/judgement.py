@@ -151,7 +151,9 @@ def refuse_faulty(
         if judgement is None or judgement.fault is None:
             continue
         # Masses of a robot's file may be further off than is assumed: the fit is then to find them.
-        if model is not None or judgement.explained < MAX_EXPLAINED:
+        implausible = judgement.kind_share["odd"] + judgement.kind_share["pressed"]
+        is_far_off = judgement.explained < MAX_EXPLAINED or implausible > UNEXPLAINED
+        if model is not None or is_far_off:
             remedy = f"{judgement.remedy()}; --no-check reads the log as it is"
             raise InputError(recording.source, "", judgement.problem(), remedy)
 
