@@ -1,4 +1,4 @@
-"""Supports README, "a [benchmark](docs/benchmark.md) of five methods".
+"""Supports README, "of five methods are in the documentation".
 
 Experiment `benchmark`: force estimation without a sensor, task by task, every method alike.
 
