@@ -8,6 +8,7 @@ import numpy as np
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.rigid_body.chain_kernels import (
+    GRAVITY_W,
     add_coupled_rotors,
     gravity_terms,
     inverse_dynamics_regressor,
@@ -21,71 +22,72 @@ from wrenchsight.models.rigid_body.chain_kernels import (
     tool_pose,
 )
 from wrenchsight.models.rigid_body.conditioning import condition_numbers_of
+from wrenchsight.models.rigid_body.vector_kernels import vector_of
 
 
 @kernel(nogil=True)
-def pose_rows(table: Array, q: Array, R_WE: Array, p_WE: Array, scratch: Array) -> None:
+def pose_rows(table: Array, q: Array, R_WE: Array, p_WE: Array, links: Array) -> None:
     for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        tool_pose(table, scratch, R_WE[k], p_WE[k])
+        place_links(table, q[k], links)
+        tool_pose(table, links, R_WE[k], p_WE[k])
 
 
 @kernel(nogil=True)
-def jacobian_rows(table: Array, q: Array, J: Array, scratch: Array) -> None:
+def jacobian_rows(table: Array, q: Array, J: Array, links: Array) -> None:
     R_WE = np.empty((3, 3))
     p_WE = np.empty(3)
     for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        tool_pose(table, scratch, R_WE, p_WE)
-        tool_jacobian(scratch, p_WE, J[k])
+        place_links(table, q[k], links)
+        tool_pose(table, links, R_WE, p_WE)
+        tool_jacobian(links, p_WE, J[k])
 
 
 @kernel(nogil=True)
-def condition_number_rows(table: Array, q: Array, condition_numbers: Array, scratch: Array) -> None:
+def condition_number_rows(table: Array, q: Array, condition_numbers: Array, links: Array) -> None:
     J = np.empty((q.shape[0], 6, q.shape[1]))  # of a block of rows
-    jacobian_rows(table, q, J, scratch)
+    jacobian_rows(table, q, J, links)
     condition_numbers_of(J, condition_numbers)
 
 
 @kernel(nogil=True)
-def gravity_torque_rows(table: Array, q: Array, G: Array, scratch: Array) -> None:
+def gravity_torque_rows(table: Array, q: Array, G: Array, links: Array) -> None:
     for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        gravity_terms(table, G[k], scratch)
+        place_links(table, q[k], links)
+        gravity_terms(table, G[k], links)
 
 
 @kernel(nogil=True)
 def momentum_terms_rows(
-    table: Array, q: Array, v: Array, momentum: Array, CTv: Array, G: Array, scratch: Array
+    table: Array, q: Array, v: Array, momentum: Array, CTv: Array, G: Array, links: Array
 ) -> None:
     for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        place_inertia(table, scratch)
-        link_velocities(v[k], scratch)
-        momentum_and_forces(table, v[k], momentum[k], CTv[k], G[k], scratch)
+        place_links(table, q[k], links)
+        place_inertia(table, links)
+        link_velocities(v[k], links)
+        momentum_and_forces(table, v[k], momentum[k], CTv[k], G[k], links)
 
 
 @kernel(nogil=True)
 def inverse_dynamics_rows(
-    table: Array, q: Array, v: Array, vdot: Array, tau: Array, scratch: Array
+    table: Array, q: Array, v: Array, vdot: Array, tau: Array, links: Array
 ) -> None:
     n = q.shape[1]
-    gx, gy, gz = table[n, 12], table[n, 13], table[n, 14]
+    gravity = vector_of(table, n, GRAVITY_W)
     for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        place_inertia(table, scratch)
-        link_velocities(v[k], scratch)
-        link_accelerations(v[k], vdot[k], gx, gy, gz, scratch)
-        newton_euler(table, vdot[k], tau[k], scratch)
+        place_links(table, q[k], links)
+        place_inertia(table, links)
+        link_velocities(v[k], links)
+        link_accelerations(v[k], vdot[k], gravity, links)
+        newton_euler(table, vdot[k], tau[k], links)
         add_coupled_rotors(table, vdot[k], tau[k])
 
 
 @kernel(nogil=True)
-def regressor_rows(table: Array, q: Array, v: Array, vdot: Array, Y: Array, scratch: Array) -> None:
+def regressor_rows(table: Array, q: Array, v: Array, vdot: Array, Y: Array, links: Array) -> None:
     n = q.shape[1]
-    gx, gy, gz = table[n, 12], table[n, 13], table[n, 14]
+    gravity = vector_of(table, n, GRAVITY_W)
     for k in range(q.shape[0]):
-        place_links(table, q[k], scratch)
-        link_velocities(v[k], scratch)
-        link_accelerations(v[k], vdot[k], gx, gy, gz, scratch)
-        inverse_dynamics_regressor(Y[k], scratch)
+        place_links(table, q[k], links)
+        link_velocities(v[k], links)
+        link_accelerations(v[k], vdot[k], gravity, links)
+        inverse_dynamics_regressor(Y[k], links)

@@ -37,8 +37,15 @@ from wrenchsight.models.rigid_body.chain_batches import (
     regressor_rows,
 )
 from wrenchsight.models.rigid_body.chain_kernels import (
+    AXIS_J,
+    GRAVITY_W,
+    MASS_J,
+    P_LE,
+    P_PJ,
     PRISMATIC,
-    REFLECTED,
+    R_LE,
+    R_PJ,
+    REFLECTED_INERTIA,
     SCRATCH_COLUMNS,
     TABLE_COLUMNS,
     all_terms,
@@ -121,18 +128,18 @@ class SerialChain:
         prismatic.flags.writeable = False
         object.__setattr__(self, "prismatic", prismatic)
         table = np.zeros((n + 1, TABLE_COLUMNS + len(self.motor_rates)))
-        table[:n, 0:9] = self.R_PJ.reshape(n, 9)
-        table[:n, 9:12] = self.p_PJ
-        table[:n, 12:15] = self.axis
+        table[:n, R_PJ : R_PJ + 9] = self.R_PJ.reshape(n, 9)
+        table[:n, P_PJ : P_PJ + 3] = self.p_PJ
+        table[:n, AXIS_J : AXIS_J + 3] = self.axis
         table[:n, PRISMATIC] = self.prismatic
-        table[:n, 16:26] = self.inertial_parameters
-        table[:n, REFLECTED] = self.reflected_inertia
+        table[:n, MASS_J : MASS_J + 10] = self.inertial_parameters
+        table[:n, REFLECTED_INERTIA] = self.reflected_inertia
         if self.motor_rates.size:
-            table[:n, REFLECTED] = 0.0  # the kernels take all of it from the columns behind
+            table[:n, REFLECTED_INERTIA] = 0.0  # the kernels take all of it from the columns behind
             table[:n, TABLE_COLUMNS:] = self.rotor_matrix
-        table[n, 0:9] = self.R_LE.reshape(9)
-        table[n, 9:12] = self.p_LE
-        table[n, 12:15] = self.gravity
+        table[n, R_LE : R_LE + 9] = self.R_LE.reshape(9)
+        table[n, P_LE : P_LE + 3] = self.p_LE
+        table[n, GRAVITY_W : GRAVITY_W + 3] = self.gravity
         object.__setattr__(self, "table", table)
         # One for all calls from Python: the kernels hold the interpreter lock and keep nothing.
         object.__setattr__(self, "_scratch", np.empty((n, SCRATCH_COLUMNS)))
