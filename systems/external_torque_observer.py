@@ -14,7 +14,7 @@ from wrenchsight.models.observers.signals import signals_size, write_signals
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.sampled_block import SampledBlock
 
-_NOTHING = np.empty(0)
+_NO_VALUES = np.empty(0)
 
 
 class ExternalTorqueObserver(SampledBlock):
@@ -121,7 +121,7 @@ class ExternalTorqueObserver(SampledBlock):
         if held is not None:
             reading[: n + 1] = held
             return
-        error = _NOTHING
+        error = _NO_VALUES
         if self.uses_sd and self._torque_error.HasValue(context):
             error = self._torque_error.Eval(context)
         terms, tau_f = self._terms.Eval(context), self._tau_f.Eval(context)

@@ -25,7 +25,7 @@ from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.sampled_block import SampledBlock
 
-LAWS = ("computed_torque", "feedforward_pd")
+TRACKING_LAWS = ("computed_torque", "feedforward_pd")
 
 
 @dataclass
@@ -88,9 +88,9 @@ class JointTrackingController(SampledBlock):
     ) -> None:
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         n = self._effort_limit.shape[0]
-        if config.law not in LAWS:
+        if config.law not in TRACKING_LAWS:
             raise InputError(
-                "joint tracking", "law", f"{config.law!r} is none of {', '.join(LAWS)}"
+                "joint tracking", "law", f"{config.law!r} is none of {', '.join(TRACKING_LAWS)}"
             )
         gains = [_per_joint(config, name, n) for name in ("kp", "kd", "ki", "integral_limit")]
         period = time_step if gains[2].any() else 0.0

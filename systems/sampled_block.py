@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
 
 from wrenchsight.models.numerics.arrays import Array
 
-_LAST, _NEXT = 0, 1  # entries of the ticks: when the last one was, when the next one is
+_LAST_TICK, _NEXT_TICK = 0, 1  # entries of the ticks: when the last one was, when the next one is
 
 
 def tick_number(t: float, time_step: float) -> int:
@@ -108,7 +108,7 @@ class SampledBlock(LeafSystem):
             return None
         ticks = context.get_discrete_state(self._ticks_index).value()
         # NaN, before the first tick, is between nothing.
-        if ticks.item(_LAST) <= context.get_time() < ticks.item(_NEXT):
+        if ticks.item(_LAST_TICK) <= context.get_time() < ticks.item(_NEXT_TICK):
             held: Array = context.get_discrete_state(self._held_index[name]).value()
             return held
         return None
@@ -122,5 +122,5 @@ class SampledBlock(LeafSystem):
         now = context.get_time()
         ticks = discrete.get_mutable_value(self._ticks_index)
         # The times are computed as Drake does, so that rounding makes no third kind.
-        ticks[_LAST], ticks[_NEXT] = now, (round(now / self._period) + 1) * self._period
+        ticks[_LAST_TICK], ticks[_NEXT_TICK] = now, (round(now / self._period) + 1) * self._period
         return EventStatus.Succeeded()

@@ -12,8 +12,8 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from wrenchsight.models.numerics.arrays import Array
 
 HEAD_LENGTH = 0.045  # m
-SHORTEST = 1e-4  # m; shorter arrows have no direction to show
-PATH = "/forces"
+MIN_ARROW_LENGTH = 1e-4  # m; shorter arrows have no direction to show
+MESHCAT_PATH = "/forces"
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class WrenchArrows(LeafSystem):
             # Unit sizes along z; the frames stretch and place them.
             shaft = Cylinder(style.shaft_radius, 1.0)
             head = MeshcatCone(HEAD_LENGTH, style.head_radius, style.head_radius)
-            meshcat.SetObject(f"{PATH}/{name}/shaft", shaft, rgba)
-            meshcat.SetObject(f"{PATH}/{name}/head", head, rgba)
+            meshcat.SetObject(f"{MESHCAT_PATH}/{name}/shaft", shaft, rgba)
+            meshcat.SetObject(f"{MESHCAT_PATH}/{name}/head", head, rgba)
         self.DeclarePeriodicPublishEvent(1.0 / fps, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
 
@@ -75,7 +75,9 @@ class WrenchArrows(LeafSystem):
         p_WE = self._terms.Eval(context).p_WE
         t = context.get_time()
         for name, port in self._wrenches.items():
-            self._draw_arrow(f"{PATH}/{name}", p_WE, self._scale * port.Eval(context)[3:], t)
+            self._draw_arrow(
+                f"{MESHCAT_PATH}/{name}", p_WE, self._scale * port.Eval(context)[3:], t
+            )
         return EventStatus.Succeeded()
 
     def _draw_arrow(self, path: str, p_WE: Array, arrow: Array, t: float) -> None:
@@ -100,7 +102,7 @@ def arrow_pose(p_WE: Array, arrow: Array) -> tuple[RigidTransform, float, float]
         scale, at most 1: short arrows have small heads.
     """
     length = float(np.linalg.norm(arrow))
-    if length < SHORTEST:
+    if length < MIN_ARROW_LENGTH:
         return RigidTransform(p_WE), 0.0, 1e-6
     head = min(1.0, 0.6 * length / HEAD_LENGTH)
     R_WA = RotationMatrix.MakeFromOneVector(arrow, 2)

@@ -23,7 +23,7 @@ from wrenchsight.analyses.data_sets.places import CACHE_VARIABLE, find_data_set
 from wrenchsight.analyses.data_sets.registry import DATA_SETS
 from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.truth.true_robot import PLAIN, plain_truth
+from wrenchsight.models.truth.true_robot import PLAIN_TRUTH_FILE, plain_truth
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = Path(__file__).parent / "robots"
@@ -255,7 +255,9 @@ def _plain_config(robot: Robot) -> dict[str, Any]:
     """What the robot's file says, but for its truth: the plain one beside it."""
     config: dict[str, Any] = yaml.safe_load(robot.source.read_text(encoding="utf-8"))
     config["urdf"] = str(robot.source.with_name(config["urdf"]))
-    config["simulated_truth"] = yaml.safe_load(robot.source.with_name(PLAIN).read_text("utf-8"))
+    config["simulated_truth"] = yaml.safe_load(
+        robot.source.with_name(PLAIN_TRUTH_FILE).read_text("utf-8")
+    )
     return config
 
 

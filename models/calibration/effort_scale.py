@@ -9,8 +9,8 @@ factor. The torque that the arm needs is known, either from
   of u is b times the weight's torque, whatever the arm weighs (`scale_from_weight`).
 
 The torque per unit is 1 / b. Only u is noisy, so that b is not biased. Errors are correlated over
-time: their covariance is that of sums over BLOCK seconds (Liang and Zeger, Biometrika 73, 1986).
-An error of the stated masses goes into b in full; the standard errors do not include it.
+time: their covariance is that of sums over REST_ERROR_TIME seconds (Liang and Zeger, Biometrika 73,
+1986). An error of the stated masses goes into b in full; the standard errors do not include it.
 """
 
 from collections.abc import Sequence
@@ -27,15 +27,15 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
-BLOCK = 2.5  # s that an error of a model at rest lasts
-DETERMINED = 0.1  # relative standard error below which a joint's scale is determined
+REST_ERROR_TIME = 2.5  # s that an error of a model at rest lasts
+MAX_SCALE_ERROR = 0.1  # relative standard error below which a joint's scale is determined
 _GRAVITY_SHARE = 0.1  # of the variance of gravity and inertia together
-_CUTOFF, _MOST_CUTOFF = 5.0, 0.2  # Hz; of the sampling rate
-_TURN = 0.02  # of the speed limit, within which friction's sign fades
-_EVERY = 0.05  # s between rows of the fit
+_CUTOFF_FREQUENCY, _MAX_CUTOFF_SHARE = 5.0, 0.2  # Hz; of the sampling rate
+_SIGN_FADING_SHARE = 0.02  # of the speed limit, within which friction's sign fades
+_ROW_PERIOD = 0.05  # s between rows of the fit
 _LEAST_BLOCKS = 6
-_STILL, _HELD = 0.01, 0.5  # rad/s (m/s) below which an arm is held, and s
-_SAME = 0.03  # rad or m by which a posture may differ when it is taken again
+_HELD_SPEED, _HELD_TIME = 0.01, 0.5  # rad/s (m/s) below which an arm is held, and s
+_POSTURE_TOLERANCE = 0.03  # rad or m by which a posture may differ when it is taken again
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +56,9 @@ class EffortScale:
 
     @property
     def is_determined(self) -> Flags:
-        """(n,) whether the joint's scale is known to within DETERMINED."""
+        """(n,) whether the joint's scale is known to within MAX_SCALE_ERROR."""
         with np.errstate(invalid="ignore"):
-            is_precise = self.standard_error < DETERMINED * np.abs(self.torque_per_unit)
+            is_precise = self.standard_error < MAX_SCALE_ERROR * np.abs(self.torque_per_unit)
         return np.asarray(is_precise & np.isfinite(self.torque_per_unit))
 
 
@@ -76,10 +76,12 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
     rows = _joined([_motion_rows(recording, robot) for recording in recordings])
     n = robot.num_joints
     if len(np.unique(rows.block)) < _LEAST_BLOCKS:
-        least = _LEAST_BLOCKS * BLOCK
+        least = _LEAST_BLOCKS * REST_ERROR_TIME
         problem = f"lasts less than the {least:g} s that standard errors need"
         raise InputError(recordings[0].source, "", problem, "log a longer motion")
-    turn = _TURN * np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
+    turn = _SIGN_FADING_SHARE * np.where(
+        np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0
+    )
     torque_per_unit, error = np.full(n, np.nan), np.full(n, np.inf)
     for j in range(n):
         torque, v = rows.torque[:, j], rows.v[:, j]
@@ -115,14 +117,20 @@ def scale_from_weight(
     held_laden = [held for recording in laden for held in _held_postures(recording)]
     q, change = [], []
     for held in held_laden:
-        efforts = [other.effort for other in held_empty if np.abs(other.q - held.q).max() < _SAME]
+        efforts = [
+            other.effort
+            for other in held_empty
+            if np.abs(other.q - held.q).max() < _POSTURE_TOLERANCE
+        ]
         if efforts:
             q.append(held.q)
             change.append(held.effort - np.mean(efforts, axis=0))
     if len(q) < 2:
-        problem = f"{len(q)} postures are held {_HELD:g} s with the weight and without it, expected"
+        problem = (
+            f"{len(q)} postures are held {_HELD_TIME:g} s with the weight and without it, expected"
+        )
         problem += " two or more"
-        remedy = f"hold the same postures, within {_SAME:g} rad, in both logs"
+        remedy = f"hold the same postures, within {_POSTURE_TOLERANCE:g} rad, in both logs"
         raise InputError(laden[0].source, "", problem, remedy)
     still = np.zeros((len(q), robot.num_joints))
     torque = load_columns(robot, np.array(q), still, still) @ parameters
@@ -157,7 +165,7 @@ class _MotionRows(NamedTuple):
         gravity: (N, n) N m (N), its gravity part.
         vdot: (N, n) rad/s^2 (m/s^2).
         v: (N, n) rad/s (m/s).
-        block: (N,) number of the row's block of BLOCK seconds.
+        block: (N,) number of the row's block of REST_ERROR_TIME seconds.
     """
 
     effort: Array
@@ -179,7 +187,7 @@ def _joined(parts: Sequence[_MotionRows]) -> _MotionRows:
 def _motion_rows(recording: Recording, robot: Robot) -> _MotionRows:
     step = float(f"{recording.time_step:.3g}")
     uniform = resampled(recording, step)
-    cutoff = min(_CUTOFF, _MOST_CUTOFF / step)
+    cutoff = min(_CUTOFF_FREQUENCY, _MAX_CUTOFF_SHARE / step)
     low_pass = ZeroPhaseLowPass(cutoff, step, 5)
     if uniform.duration < 5.0 / cutoff:
         raise InputError(recording.source, "", "is too short to be filtered", "log a longer motion")
@@ -188,11 +196,11 @@ def _motion_rows(recording: Recording, robot: Robot) -> _MotionRows:
     whole = ~uniform.dropout & np.isfinite(q + v + effort).all(axis=1)
     trim = int(np.ceil(2.5 / cutoff / step))
     whole[:trim] = whole[len(whole) - trim :] = False
-    rows = np.flatnonzero(whole)[:: max(1, round(_EVERY / step))]
+    rows = np.flatnonzero(whole)[:: max(1, round(_ROW_PERIOD / step))]
     q, v, vdot = (np.ascontiguousarray(x[rows]) for x in (q, v, vdot))
     torque = np.asarray(robot.chain.inverse_dynamics(q, v, vdot))
     gravity = np.asarray(robot.chain.gravity_torque(q))
-    block = np.floor((uniform.t[rows] - uniform.t[0]) / BLOCK)
+    block = np.floor((uniform.t[rows] - uniform.t[0]) / REST_ERROR_TIME)
     return _MotionRows(effort[rows], torque, gravity, vdot, v, block)
 
 
@@ -218,12 +226,12 @@ class _HeldPosture(NamedTuple):
 
 
 def _held_postures(recording: Recording) -> list[_HeldPosture]:
-    """Returns each stretch of at least _HELD seconds in which the arm is held."""
-    still = (np.abs(recording.v) < _STILL).all(axis=1) & ~recording.dropout
+    """Returns each stretch of at least _HELD_TIME seconds in which the arm is held."""
+    still = (np.abs(recording.v) < _HELD_SPEED).all(axis=1) & ~recording.dropout
     edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
     effort = _effort(recording)
     return [
         _HeldPosture(recording.q[begin:end].mean(axis=0), effort[begin:end].mean(axis=0))
         for begin, end in edges.reshape(-1, 2)
-        if recording.t[end - 1] - recording.t[begin] >= _HELD
+        if recording.t[end - 1] - recording.t[begin] >= _HELD_TIME
     ]

@@ -3,7 +3,7 @@
 Where a drift of friction is larger than a detector's thresholds, the detector takes it for a
 contact without end, and no stretch counts as contact-free. A force at the tool explains any drift
 of the arm's first joints; yet forces come and go, and drift stays. So the log is cut into segments
-of SEGMENT s, each touched or free, and friction's coefficients x and the segments are found
+of SEGMENT_TIME s, each touched or free, and friction's coefficients x and the segments are found
 together:
 
     free       residual = A x + e,              covariance C
@@ -30,11 +30,11 @@ from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array, Flags
 
-SEGMENT = 1.0  # s
+SEGMENT_TIME = 1.0  # s
 FORCE_TIME = 1.0  # s
-STEPS = 12
-CALM = 1e-3  # change of a probability, below which the steps end
-FREE = 0.5  # probability of a segment before the log
+MAX_STEPS = 12
+PROBABILITY_TOLERANCE = 1e-3  # change of a probability, below which the steps end
+PRIOR_FREE_PROBABILITY = 0.5  # probability of a segment before the log
 SURELY_FREE = 0.9  # of a segment, from which its rows count as contact-free
 LARGEST_LOG_ODDS = 30.0
 
@@ -88,7 +88,7 @@ class _Segment:
             factor = cho_factor(C + spread, lower=True)
             log_determinant = 2.0 * np.log(np.diag(factor[0])).sum()
             costs.append(0.5 * (log_determinant + rest @ cho_solve(factor, rest)))
-        odds = costs[1] - costs[0] + np.log(FREE / (1.0 - FREE))
+        odds = costs[1] - costs[0] + np.log(PRIOR_FREE_PROBABILITY / (1.0 - PRIOR_FREE_PROBABILITY))
         return float(np.clip(odds, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS))
 
 
@@ -110,12 +110,12 @@ def refresh_beside_contact(
     """
     force_sd, moment_sd = wrench_sd
     variance = np.repeat([moment_sd**2, force_sd**2], 3)
-    numbers = np.floor((rows.t - rows.t[0]) / SEGMENT).astype(int)
+    numbers = np.floor((rows.t - rows.t[0]) / SEGMENT_TIME).astype(int)
     parts = [numbers == number for number in np.unique(numbers)]
     segments = [_Segment(rows[part], J[part], variance) for part in parts]
     prior = (drift or FrictionDrift()).deviation(rows, law)
     free = np.zeros(len(segments))
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         information, projection = np.diag(1.0 / np.maximum(prior.ravel(), 1e-12) ** 2), 0.0
         for segment, share in zip(segments, free, strict=True):
             for weight, which in ((share, 0), (1.0 - share, 1)):
@@ -125,7 +125,7 @@ def refresh_beside_contact(
         values = np.asarray(covariance @ projection, float)
         odds = np.array([segment.log_odds(values, covariance) for segment in segments])
         before, free = free, 1.0 / (1.0 + np.exp(-odds))
-        if np.abs(free - before).max() < CALM:
+        if np.abs(free - before).max() < PROBABILITY_TOLERANCE:
             break
     n = rows.num_joints
     refresh = FrictionRefresh(

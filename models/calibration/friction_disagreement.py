@@ -6,14 +6,14 @@ done joint by joint, with errors that are correlated over time
 (`models.calibration.friction_refresh`). A joint's friction contradicts the model if all of this
 holds:
 
-- its Coulomb or viscous coefficient differs by CLEAR standard errors (an offset alone is also what
-  a load looks like);
+- its Coulomb or viscous coefficient differs by MIN_STANDARD_ERRORS standard errors (an offset alone
+  is also what a load looks like);
 - the differences amount to more torque than the model leaves unexplained in any case;
 - they explain the reading: the remainder is not far above the model's residual. A load or a contact
   that happens to follow a joint's direction leaves more.
 
-Joints of one arm drift together: once one contradicts, TOGETHER standard errors and LITTLE of that
-torque suffice for the others.
+Joints of one arm drift together: once one contradicts, NEIGHBOUR_STANDARD_ERRORS standard errors
+and NEIGHBOUR_TORQUE_SHARE of that torque suffice for the others.
 
 Only moving joints are judged: at rest stiction hides the coefficients of friction.
 """
@@ -28,10 +28,12 @@ from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.sliding_friction import TERMS, UNITS
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
-CLEAR = 4.0  # standard errors; 12 coefficients of six joints: a false alarm in 1300 logs
-TOGETHER, LITTLE = 3.0, 0.5  # standard errors and share of the stated torque, beside such a joint
-UNEXPLAINED = 3.0  # times the residual that the model states
-FEWEST = 20  # rows
+# standard errors; 12 coefficients of six joints: a false alarm in 1300 logs
+MIN_STANDARD_ERRORS = 4.0
+# standard errors and share of the stated torque, beside such a joint
+NEIGHBOUR_STANDARD_ERRORS, NEIGHBOUR_TORQUE_SHARE = 3.0, 0.5
+MAX_RESIDUAL_RATIO = 3.0  # times the residual that the model states
+MIN_ROWS = 20  # rows
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def friction_disagreements(
         law: the model's coefficients.
         refresh: today's coefficients; None: those of the rows.
     """
-    if len(rows.t) < FEWEST:
+    if len(rows.t) < MIN_ROWS:
         return []
     refresh = refresh_friction(rows, law) if refresh is None else refresh
     sliding = rows.sliding
@@ -100,7 +102,11 @@ def friction_disagreements(
                 stated=float(rows.sd[j]),
             )
         )
-    found = [joint for joint in found if unexplained[joint.joint] < UNEXPLAINED * joint.stated]
-    if not any(joint.exceeds(CLEAR, 1.0) for joint in found):
+    found = [
+        joint for joint in found if unexplained[joint.joint] < MAX_RESIDUAL_RATIO * joint.stated
+    ]
+    if not any(joint.exceeds(MIN_STANDARD_ERRORS, 1.0) for joint in found):
         return []
-    return [joint for joint in found if joint.exceeds(TOGETHER, LITTLE)]
+    return [
+        joint for joint in found if joint.exceeds(NEIGHBOUR_STANDARD_ERRORS, NEIGHBOUR_TORQUE_SHARE)
+    ]

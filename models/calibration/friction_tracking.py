@@ -11,9 +11,10 @@ F      a force and moment at E that change over FORCE_TIME: a contact too slow f
 w      errors that last for half a second, s their size (`models.calibration.residual_noise`)
 x      a random walk that is pulled back to the model within DRIFT_TIME, sd that of a month's drift
 
-The filter learns every PERIOD seconds, from joints that move, once MARGIN seconds have passed
-without contact. A joint at rest is not used, since it carries any torque. |x| stays within BOUND of
-its prior's sds. If it reaches that bound, friction differs from the model by more than drift.
+The filter learns every STEP_PERIOD seconds, from joints that move, once CONTACT_MARGIN seconds have
+passed without contact. A joint at rest is not used, since it carries any torque. |x| stays within
+MAX_PRIOR_SDS of its prior's sds. If it reaches that bound, friction differs from the model by more
+than drift.
 
 The correction S x is that of the sample, so that tau_ext + S x has no delay of its own. Other
 torques may look like friction for seconds. So a joint's correction is only the share of S x that
@@ -43,19 +44,19 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.signals.first_order import low_pass
 
-PERIOD = 0.1  # s between two steps of the filter
-MARGIN = 0.5  # s after a contact that are not learnt from
+STEP_PERIOD = 0.1  # s between two steps of the filter
+CONTACT_MARGIN = 0.5  # s after a contact that are not learnt from
 DRIFT_TIME = 3600.0  # s, over which coefficients change by a month's drift
-BOUND = 3.0  # prior sds that a coefficient may move by
+MAX_PRIOR_SDS = 3.0  # prior sds that a coefficient may move by
 FORCE_TIME = 10.0  # s over which a force that no detector sees changes
 FORCE_SHARE = 0.25  # sd of such a force, share of that of a task's
 FORCE_SIGNIFICANT = (
     12.6  # chi^2 of six numbers, above which such a force is no error of torque: 5 %
 )
-LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
-CLEAR = 4.0  # standard errors
-OFTEN = 2.0  # prior sds, beyond which a change is more than a month's drift
-UNEXPLAINED = 9.0  # times the expected mean square of what a step did not foresee
+FORCE_LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
+MIN_STANDARD_ERRORS = 4.0  # standard errors
+MONTHLY_PRIOR_SDS = 2.0  # prior sds, beyond which a change is more than a month's drift
+MAX_SURPRISE_RATIO = 9.0  # times the expected mean square of what a step did not foresee
 _UNEXPLAINED_TIME = 10.0  # s, that this mean is taken over
 
 
@@ -97,7 +98,7 @@ class FrictionTracker:
         self._velocity_laws = self._law.velocity_law, law_with_unit.velocity_law
         self._n = n = self._law.num_joints
         self._keep = np.zeros(n) if pole is None else np.exp(-pole * time_step)
-        self._every = max(1, round(PERIOD / time_step))
+        self._every = max(1, round(STEP_PERIOD / time_step))
         self._residual_sd = sd = np.sqrt(np.diag(model.residual_covariance))
         self._coulomb = np.maximum(np.abs(plain.coulomb), sd)
         self._viscous = np.maximum(np.abs(plain.viscous), sd)
@@ -108,7 +109,7 @@ class FrictionTracker:
             [
                 self._prior_sd.ravel(),
                 np.ones(n),
-                np.full(3, LEVER * slow_force),
+                np.full(3, FORCE_LEVER * slow_force),
                 np.full(3, slow_force),
             ]
         )
@@ -218,7 +219,11 @@ class FrictionTracker:
         self._x *= self._fade
         self._P *= np.outer(self._fade, self._fade)
         self._P[np.diag_indices_from(self._P)] += self._advance
-        if self.learning and self._contact_free >= MARGIN and np.isfinite(self._columns).all():
+        if (
+            self.learning
+            and self._contact_free >= CONTACT_MARGIN
+            and np.isfinite(self._columns).all()
+        ):
             self._step(tau_ext[-1], J_seen[-1])
         self._covariances = self._joint_covariances()
 
@@ -241,15 +246,17 @@ class FrictionTracker:
             force @ np.linalg.solve(self._P[4 * n :, 4 * n :], force) > FORCE_SIGNIFICANT
         )
         self._judge(tau_ext - J.T @ force if force_is_significant else tau_ext, moving)
-        slow = (noise.SLOW * sd) ** 2 + (noise.COULOMB * self._coulomb * columns[:, 0]) ** 2
-        slow += (noise.VISCOUS * self._viscous * columns[:, 1]) ** 2
-        turning = 1.0 + noise.REVERSAL * np.exp(-((self._v / noise.REVERSAL_VELOCITY) ** 2))
+        slow = (noise.SLOW_SHARE * sd) ** 2 + (
+            noise.COULOMB_SHARE * self._coulomb * columns[:, 0]
+        ) ** 2
+        slow += (noise.VISCOUS_SHARE * self._viscous * columns[:, 1]) ** 2
+        turning = 1.0 + noise.REVERSAL_RATIO * np.exp(-((self._v / noise.REVERSAL_VELOCITY) ** 2))
         H = np.zeros((n, len(self._x)))
         for j in moving:
             H[j, 3 * j : 3 * j + 3] = -columns[j]
             H[j, 3 * n + j] = np.sqrt(slow[j])
             H[j, 4 * n :] = J[:, j]
-        H, white = H[moving], (noise.WHITE * sd * turning)[moving] ** 2
+        H, white = H[moving], (noise.WHITE_SHARE * sd * turning)[moving] ** 2
         HP = H @ self._P
         S = HP @ H.T + np.diag(white)
         gain = np.linalg.solve(S, HP).T
@@ -257,7 +264,7 @@ class FrictionTracker:
         self._x += gain @ surprise
         self._P -= gain @ HP
         self._P = 0.5 * (self._P + self._P.T)
-        reach = BOUND * self._prior_sd.ravel()
+        reach = MAX_PRIOR_SDS * self._prior_sd.ravel()
         self._x[: 3 * n] = np.clip(self._x[: 3 * n], -reach, reach)
         step = self._every * self.time_step
         share = step / _UNEXPLAINED_TIME
@@ -287,14 +294,14 @@ class FrictionTracker:
         change, sd = self.change, self.standard_deviation
         lines = []
         for j, name in enumerate(joint_names):
-            far = np.abs(change[j]) > OFTEN * self._prior_sd[j]
+            far = np.abs(change[j]) > MONTHLY_PRIOR_SDS * self._prior_sd[j]
             lines += [
                 f"{TERMS[k]} friction of {name} is {change[j, k]:+.2g} +- {sd[j, k]:.1g} "
                 f"{UNITS[k]} off the model, more than a month's drift; refresh it with "
                 "`wrenchsight identify --refresh`"
-                for k in np.flatnonzero(far & (np.abs(change[j]) > CLEAR * sd[j]))
+                for k in np.flatnonzero(far & (np.abs(change[j]) > MIN_STANDARD_ERRORS * sd[j]))
             ]
-            if self._mean_square[j] > UNEXPLAINED:
+            if self._mean_square[j] > MAX_SURPRISE_RATIO:
                 lines.append(
                     f"friction drift does not explain the torque of {name} in free motion; "
                     "`wrenchsight identify --refresh` shows whether friction or a load has changed"

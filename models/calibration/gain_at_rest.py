@@ -21,12 +21,12 @@ import numpy as np
 from wrenchsight.models.calibration.residual_noise import V_REST
 from wrenchsight.models.numerics.arrays import Array
 
-EDGE = 0.2  # s of a rest, at its start and its end, that do not count
+REST_EDGE_TIME = 0.2  # s of a rest, at its start and its end, that do not count
 LEAST_REST = 0.3  # s between the edges
-STANDS = 5e-4  # rad or m within which a joint at rest stays
+REST_TOLERANCE = 5e-4  # rad or m within which a joint at rest stays
 LEAST_LOAD = 0.01  # of the effort limit: gravity torque that loads a joint
 LEAST_CURRENT = 0.2  # A of the target
-ALIKE = 0.01  # relative scatter within a rest, beyond which its ratio is no gain
+MAX_RATIO_SCATTER = 0.01  # relative scatter within a rest, beyond which its ratio is no gain
 GAIN_SD, CURRENT_SD = 1e-3, 1e-3  # of the ratio from rest to rest: relative, and A of the target
 
 
@@ -79,8 +79,8 @@ def gain_at_rest(
     if not len(edges):
         return None
     begin, end = max(edges.reshape(-1, 2), key=lambda edge: t[edge[1] - 1] - t[edge[0]])
-    start = int(np.searchsorted(t, t[begin] + EDGE))
-    stop = int(np.searchsorted(t, t[end - 1] - EDGE, side="right"))
+    start = int(np.searchsorted(t, t[begin] + REST_EDGE_TIME))
+    stop = int(np.searchsorted(t, t[end - 1] - REST_EDGE_TIME, side="right"))
     if stop - start < 2 or t[stop - 1] - t[start] < LEAST_REST:
         return None
     current, torque = samples.current[start:stop, joint], samples.torque[start:stop, joint]
@@ -88,11 +88,11 @@ def gain_at_rest(
     is_loaded = np.abs(gravity_torque[start:stop]).min() > least
     if not is_loaded or not np.abs(current).min() > LEAST_CURRENT:
         return None
-    if np.ptp(q[start:stop]) > STANDS:
+    if np.ptp(q[start:stop]) > REST_TOLERANCE:
         return None
     ratio = torque / current
     value, scatter = abs(float(np.mean(ratio))), float(np.std(ratio))
-    if not scatter < ALIKE * value:
+    if not scatter < MAX_RATIO_SCATTER * value:
         return None
     relative = np.hypot(GAIN_SD, CURRENT_SD / np.abs(current).min())
     return GainAtRest(value, float(np.hypot(scatter, value * relative)))

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
-from wrenchsight.models.calibration.load_identification import REACH
+from wrenchsight.models.calibration.load_identification import COM_PRIOR_SD
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
 from wrenchsight.models.calibration.prior_least_squares import PriorFit, fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
@@ -34,12 +34,12 @@ from wrenchsight.models.robot.robot import Robot
 
 GAIN_SD = 0.3  # of u before any log: torque per ampere right within a third
 LOAD_DEPENDENCE_SD = 0.1  # N m of friction per N m
-WEIGHING = 1e-3  # relative error of a known weight
-PLACING = 1e-3  # m, of a known centre of mass
-STEPS = 8
-_ENOUGH = 1e-5  # change of u that ends the steps
-_INERTIAL = 10
-_DRIFT = FrictionDrift(viscous=0.1)  # of friction from log to log
+WEIGHT_ERROR_SHARE = 1e-3  # relative error of a known weight
+COM_SD = 1e-3  # m, of a known centre of mass
+MAX_STEPS = 8
+_STEP_TOLERANCE = 1e-5  # change of u that ends the steps
+_NUM_INERTIAL = 10
+_LOG_DRIFT = FrictionDrift(viscous=0.1)  # of friction from log to log
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,17 @@ class KnownLoad:
 
     def prior(self) -> tuple[Array, Array]:
         """Mean and sd (10,) of its parameters in the flange's frame."""
-        size = self.mass * REACH**2
+        size = self.mass * COM_PRIOR_SD**2
         if self.com is None:
             mean = np.r_[self.mass, np.zeros(9)]
-            sd = np.r_[WEIGHING * self.mass, np.full(3, self.mass * REACH), np.full(6, size)]
+            sd = np.r_[
+                WEIGHT_ERROR_SHARE * self.mass,
+                np.full(3, self.mass * COM_PRIOR_SD),
+                np.full(6, size),
+            ]
             return mean, sd
         mean = body_parameters(self.mass, np.array(self.com), np.zeros((3, 3)))
-        sd = np.r_[WEIGHING * self.mass, np.full(3, PLACING * self.mass), np.full(6, size)]
+        sd = np.r_[WEIGHT_ERROR_SHARE * self.mass, np.full(3, COM_SD * self.mass), np.full(6, size)]
         return mean, sd
 
 
@@ -174,12 +178,12 @@ class GainProblem:
         n, p = self._robot.num_joints, len(self._start)
         x, u = self._start, np.zeros(n)
         mean = [load.prior()[0] for load in self._loads]
-        loads = np.stack(mean) if mean else np.zeros((0, _INERTIAL))
-        for _ in range(STEPS):
+        loads = np.stack(mean) if mean else np.zeros((0, _NUM_INERTIAL))
+        for _ in range(MAX_STEPS):
             fit = self._step(x, u, loads)
             previous_u, u = u, fit.values[p + loads.size : p + loads.size + n]
             x, loads = fit.values[:p], fit.values[p : p + loads.size].reshape(loads.shape)
-            if np.abs(u - previous_u).max() < _ENOUGH:
+            if np.abs(u - previous_u).max() < _STEP_TOLERANCE:
                 break
         deviation = fit.standard_deviation
         gains = slice(p + loads.size, p + loads.size + n)
@@ -213,7 +217,7 @@ class GainProblem:
         """Mean and sd of x, the loads and u."""
         n = self._robot.num_joints
         mean, spread = parameter_prior(self._robot, self._counts)
-        start = _INERTIAL * n
+        start = _NUM_INERTIAL * n
         for j, terms in enumerate(self._structure.terms):
             for k, term in enumerate(terms):
                 sd = LOAD_DEPENDENCE_SD if term == "load" else float(self._robot.effort_limit[j])
@@ -235,7 +239,7 @@ class GainProblem:
         mean, spread = self._prior
         drift_start = p + loads.size + n
         width = drift_start + 3 * n * num_logs
-        starts = _INERTIAL * n + np.concatenate([[0], np.cumsum([1 + c for c in counts])])
+        starts = _NUM_INERTIAL * n + np.concatenate([[0], np.cumsum([1 + c for c in counts])])
         whitened: list[list[Array]] = [[] for _ in range(n)]
         drift = np.zeros((num_logs, n, 3))
         for index, (log, (rigid, load)) in enumerate(zip(self._logs, self._rigid, strict=True)):
@@ -253,15 +257,15 @@ class GainProblem:
             t, v = log.t[log.rows], log.v[log.rows]
             tau = log.tau[log.rows]
             rows = ResidualRows(t, v, tau, dry, viscous, np.abs(level), sliding, self._sd)
-            drift[index] = _DRIFT.deviation(rows, law.coulomb_viscous)
+            drift[index] = _LOG_DRIFT.deviation(rows, law.coulomb_viscous)
             for j in range(n):
                 A = np.zeros((len(t), width))
-                A[:, : _INERTIAL * n] = rigid[:, j, :-1]
+                A[:, : _NUM_INERTIAL * n] = rigid[:, j, :-1]
                 A[:, starts[j]] = rigid[:, j, -1]
                 A[:, starts[j] + 1 : starts[j + 1]] = log.low_pass(friction[j])[log.rows]
                 if log.load is not None:
-                    place = p + _INERTIAL * log.load
-                    A[:, place : place + _INERTIAL] = load[:, j]
+                    place = p + _NUM_INERTIAL * log.load
+                    A[:, place : place + _NUM_INERTIAL] = load[:, j]
                 predicted = A[:, :drift_start] @ np.concatenate([x, loads.ravel(), np.zeros(n)])
                 place = drift_start + 3 * (n * index + j)
                 A[:, place : place + 3] = rows.drift[:, j]

@@ -31,10 +31,10 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 LEAST_TILT = math.radians(1.5)
 SAME_LENGTH = 0.04  # relative; a hand-held push or a load breaks it
-EXPLAINED = 0.3  # share of the mean square beyond offsets
+MIN_EXPLAINED_SHARE = 0.3  # share of the mean square beyond offsets
 STANDARD_ERRORS = 6.0
 CORRELATION_TIME = 1.0  # s, of what the observer errs by
-SHORTEST = 3.0  # s
+MIN_DURATION = 3.0  # s
 MOST_ROWS = 20_000
 
 
@@ -118,7 +118,10 @@ class GravityWatch:
     def disagreement(self) -> GravityDisagreement | None:
         """The tilt that the log shows; None where it shows none, or too little."""
         g = self._gravity
-        if self._count * self._every * self._time_step < SHORTEST or not np.linalg.norm(g) > 0.0:
+        if (
+            self._count * self._every * self._time_step < MIN_DURATION
+            or not np.linalg.norm(g) > 0.0
+        ):
             return None
         G = np.concatenate([rows.gravity for rows in self._rows])
         tau = np.concatenate([rows.torque for rows in self._rows])
@@ -131,7 +134,7 @@ class GravityWatch:
         dg = np.linalg.solve(normal, A.T @ b)
         unexplained = float(np.sum((b - A @ dg) ** 2))
         total = float(b @ b)
-        if not unexplained < (1.0 - EXPLAINED) * total:
+        if not unexplained < (1.0 - MIN_EXPLAINED_SHARE) * total:
             return None
         load = np.concatenate([rows.load for rows in self._rows])
         load = (load - load.mean(axis=0)).reshape(-1, load.shape[2])

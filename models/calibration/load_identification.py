@@ -31,14 +31,14 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot import rotational_inertia
 
-REACH = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior
+COM_PRIOR_SD = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior
 # Radius of gyration of a load of 1 kg, m; others have the same density. A ball of this radius of
 # gyration has a fourth of water's: tools and boxes are hollow.
-GYRATION = 0.06
-SURE = 3.0  # standard errors of its mass, above which a load is present
-_LOAD = 10
-_DIAGONAL = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
-_ORDER = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
+GYRATION_FACTOR = 0.06
+MIN_MASS_ERRORS = 3.0  # standard errors of its mass, above which a load is present
+_NUM_LOAD = 10
+_DIAGONAL_PLACES = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
+_TENSOR_PLACES = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class LoadEstimate:
     @property
     def is_present(self) -> bool:
         """Whether the load's mass is significantly above zero."""
-        return bool(self.mass > SURE * self.standard_deviation[0])
+        return bool(self.mass > MIN_MASS_ERRORS * self.standard_deviation[0])
 
     def with_com_at_flange(self, unknown: NDArray[np.bool_]) -> "LoadEstimate":
         """Returns the load conditioned on a centre of mass at the flange's origin.
@@ -164,17 +164,17 @@ def estimate_load(
     """
     logs = [log] if empty is None else [log, empty]
     spread = vague_spread(prior.mass)
-    at_flange = _solve(logs, np.eye(_LOAD), spread, np.zeros(_LOAD), law, prior)
-    parameters, mass_sd = at_flange.values[:_LOAD], np.sqrt(at_flange.covariance[0, 0])
+    at_flange = _solve(logs, np.eye(_NUM_LOAD), spread, np.zeros(_NUM_LOAD), law, prior)
+    parameters, mass_sd = at_flange.values[:_NUM_LOAD], np.sqrt(at_flange.covariance[0, 0])
     mass = max(parameters[0], mass_sd)
     com = np.zeros(3)
-    if parameters[0] > SURE * mass_sd:
+    if parameters[0] > MIN_MASS_ERRORS * mass_sd:
         com = np.clip(parameters[1:4] / mass, -1.0, 1.0)
-    moment = mass * GYRATION**2 * mass ** (2.0 / 3.0)
-    mean = np.zeros(_LOAD)
-    mean[list(_DIAGONAL)] = moment
+    moment = mass * GYRATION_FACTOR**2 * mass ** (2.0 / 3.0)
+    mean = np.zeros(_NUM_LOAD)
+    mean[list(_DIAGONAL_PLACES)] = moment
     spread[4:] = moment
-    spread[list(_DIAGONAL)] = 2.0 * moment
+    spread[list(_DIAGONAL_PLACES)] = 2.0 * moment
     frame = moved_parameters(np.eye(3), com)  # from a frame at the centre of mass to the flange's
     at_com = _solve(logs, frame, spread, mean, law, prior)
     return _estimate(at_com, com, frame, spread)
@@ -192,7 +192,9 @@ class _Solution:
 
 def vague_spread(mass: float) -> Array:
     """(10,) sds of a load's parameters in the flange's frame, for an sd of its mass in kg."""
-    return np.asarray(np.r_[mass, np.full(3, mass * REACH), np.full(6, mass * REACH**2)])
+    return np.asarray(
+        np.r_[mass, np.full(3, mass * COM_PRIOR_SD), np.full(6, mass * COM_PRIOR_SD**2)]
+    )
 
 
 def _solve(
@@ -215,21 +217,21 @@ def _solve(
         for index, log in enumerate(logs):
             columns = np.zeros((len(log.rows.t), k))
             if index == 0:
-                columns[:, :_LOAD] = log.load[:, j] @ frame
-            columns[:, _LOAD + 3 * j : _LOAD + 3 * j + 3] = log.rows.drift[:, j]
+                columns[:, :_NUM_LOAD] = log.load[:, j] @ frame
+            columns[:, _NUM_LOAD + 3 * j : _NUM_LOAD + 3 * j + 3] = log.rows.drift[:, j]
             if missed:
-                columns[:, -_LOAD:] = log.load[:, j]
+                columns[:, -_NUM_LOAD:] = log.load[:, j]
             parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
         whole = np.vstack(parts)
         blocks.append(np.delete(whole, np.s_[k:-1], axis=1))
         considered.append(whole[:, k:-1] * logs[0].model_sd)
-    fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _LOAD)]))
+    fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _NUM_LOAD)]))
     # How the solution responds to an error e of the torque: covariance A^T e / s^2.
     responses = [
         fit.covariance @ block[:, :-1].T / s**2 for block, s in zip(blocks, fit.scale, strict=True)
     ]
     gain_effects = [
-        prior.gain * response @ (block[:, :_LOAD] @ fit.values[:_LOAD])
+        prior.gain * response @ (block[:, :_NUM_LOAD] @ fit.values[:_NUM_LOAD])
         for response, block in zip(responses, blocks, strict=True)
     ]
     gain_covariance = sum(np.outer(effect, effect) for effect in gain_effects)
@@ -240,27 +242,27 @@ def _solve(
 
 def _estimate(solution: _Solution, com: Array, frame: Array, spread: Array) -> LoadEstimate:
     """Mass, centre of mass and inertia about it, from parameters about a point near it."""
-    values = solution.values[:_LOAD]
+    values = solution.values[:_NUM_LOAD]
     mass = float(values[0])
     divisor = mass if abs(mass) > 1e-9 else 1e-9
     step = values[1:4] / divisor
     tensor = inertia_matrix(values) - mass * (step @ step * np.eye(3) - np.outer(step, step))
     # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz) by the parameters; the step is small.
-    slope = np.zeros((_LOAD, _LOAD))
+    slope = np.zeros((_NUM_LOAD, _NUM_LOAD))
     slope[0, 0] = 1.0
     slope[1:4, 0] = -step / divisor
     slope[1:4, 1:4] = np.eye(3) / divisor
-    slope[np.arange(4, 10), list(_ORDER)] = 1.0
-    covariance = slope @ solution.covariance[:_LOAD, :_LOAD] @ slope.T
-    gain = slope @ solution.gain_covariance[:_LOAD, :_LOAD] @ slope.T
-    changes = solution.values[_LOAD : _LOAD + 3 * len(solution.scale)]
+    slope[np.arange(4, 10), list(_TENSOR_PLACES)] = 1.0
+    covariance = slope @ solution.covariance[:_NUM_LOAD, :_NUM_LOAD] @ slope.T
+    gain = slope @ solution.gain_covariance[:_NUM_LOAD, :_NUM_LOAD] @ slope.T
+    changes = solution.values[_NUM_LOAD : _NUM_LOAD + 3 * len(solution.scale)]
     return LoadEstimate(
         mass=mass,
         com=com + step,
         inertia=tensor,
         covariance=covariance,
         gain_covariance=gain,
-        inertia_prior_sd=spread[list(_ORDER)],
+        inertia_prior_sd=spread[list(_TENSOR_PLACES)],
         parameters=frame @ values,
         friction_change=changes.reshape(-1, 3),
         scale=solution.scale,

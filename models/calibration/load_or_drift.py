@@ -5,12 +5,12 @@ friction per joint, with both and with none. Errors of the arm's inertial parame
 all four. Their evidence (`models.calibration.prior_least_squares`) gives the probability of each;
 all four are equally likely beforehand. The log shows a load if
 
-- load, or both, have all but UNLIKELY of the probability;
-- its mass is `SURE` standard errors above zero. They include errors of gains and of the arm's
-  model, and the spread between joints (`models.calibration.mass_across_joints`): one joint's
+- load, or both, have all but MAX_OTHER_PROBABILITY of the probability;
+- its mass is `MIN_MASS_ERRORS` standard errors above zero. They include errors of gains and of the
+  arm's model, and the spread between joints (`models.calibration.mass_across_joints`): one joint's
   friction error is no load;
-- both halves of the log show the same mass, within SAME of its standard errors. A force that comes
-  or goes, or changes sides, is a contact.
+- both halves of the log show the same mass, within MAX_MASS_DIFFERENCE of its standard errors. A
+  force that comes or goes, or changes sides, is a contact.
 
 A load may also be taken up while the log runs (`weigh_begin`). Its columns are then zero before
 some row. All rows are equally likely beforehand; the evidence gives their probabilities. Both
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
-    SURE,
+    MIN_MASS_ERRORS,
     LoadEstimate,
     LoadPrior,
     LoadRows,
@@ -37,13 +37,14 @@ from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
-UNLIKELY = 0.01
-SAME = 3.0  # standard errors of the difference
-FEWEST = 40  # rows
+MAX_OTHER_PROBABILITY = 0.01
+MAX_MASS_DIFFERENCE = 3.0  # standard errors of the difference
+MIN_ROWS = 40  # rows
 COM_DETERMINED_SD = 0.02  # m; beyond it the motion has not determined the centre of mass
-PLACES = 25  # rows that a pass tries as the begin of a load; the next pass searches around the best
+# rows that a pass tries as the begin of a load; the next pass searches around the best
+PLACES_PER_PASS = 25
 FIRST_PASS_ROWS = 600  # rows of a long log that the first pass uses
-_NAMES = {(False, False): "none", (True, False): "load", (False, True): "drift"}
+_CAUSE_NAMES = {(False, False): "none", (True, False): "load", (False, True): "drift"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +71,8 @@ class LoadOrDrift:
     def is_shown(self) -> bool:
         """Whether the log shows a load."""
         loaded = self.probability["load"] + self.probability["both"]
-        is_significant = self.load.mass > SURE * self.mass_sd
-        return self.is_steady and is_significant and loaded > 1.0 - UNLIKELY
+        is_significant = self.load.mass > MIN_MASS_ERRORS * self.mass_sd
+        return self.is_steady and is_significant and loaded > 1.0 - MAX_OTHER_PROBABILITY
 
     def sentence(self) -> str:
         """Mass, place, time and odds of the load, and what to do, for the user."""
@@ -126,7 +127,7 @@ def weigh(
         log: the model's residual, with a load's and the model's own columns.
         law: the friction coefficients behind the rows.
     """
-    if len(log.rows.t) < FEWEST:
+    if len(log.rows.t) < MIN_ROWS:
         return None
     return _weighed(log, law, prior, 0, 0.0)
 
@@ -136,18 +137,18 @@ def weigh_begin(
     law: CoulombViscous,
     prior: LoadPrior,
 ) -> LoadOrDrift | None:
-    """As `weigh`, for a load that is taken up at some row, FEWEST or more from both ends.
+    """As `weigh`, for a load that is taken up at some row, MIN_ROWS or more from both ends.
 
     None also where a load is less likely than none.
     """
     count = len(log.rows.t)
-    first_row, last_row = FEWEST, count - FEWEST
+    first_row, last_row = MIN_ROWS, count - MIN_ROWS
     if last_row <= first_row:
         return None
     begin, end, every = first_row, last_row, -(-count // FIRST_PASS_ROWS)
     while True:
-        places = np.unique(np.linspace(begin, end, PLACES).round().astype(int))
-        if end - begin <= PLACES * every:
+        places = np.unique(np.linspace(begin, end, PLACES_PER_PASS).round().astype(int))
+        if end - begin <= PLACES_PER_PASS * every:
             every = 1
         evidence = _begin_evidence(log, law, prior, places, every)
         best = int(np.argmax(evidence))
@@ -273,7 +274,7 @@ def _evidence(log: LoadRows, law: CoulombViscous, load_sd: Array) -> dict[str, f
             fit = fit_with_prior(
                 [block[:, columns] for block in blocks], prior_sd, np.zeros(is_used.sum())
             )
-            evidence[_NAMES.get((loaded, drifted), "both")] = fit.log_evidence
+            evidence[_CAUSE_NAMES.get((loaded, drifted), "both")] = fit.log_evidence
     return evidence
 
 
@@ -286,4 +287,4 @@ def _is_steady(log: LoadRows, law: CoulombViscous, prior: LoadPrior, row: int) -
         masses.append(half.mass)
         # Gains and errors of the arm's model are the same in both.
         variances.append(half.covariance[0, 0])
-    return bool(abs(masses[0] - masses[1]) < SAME * np.sqrt(sum(variances)))
+    return bool(abs(masses[0] - masses[1]) < MAX_MASS_DIFFERENCE * np.sqrt(sum(variances)))

@@ -14,14 +14,15 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import ToolConfig, pose_of
 
 LEAST_RADIUS = 1e-3  # m, of gyration
-_TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # places of the last six parameters
+# places of the last six parameters
+_TENSOR_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 def parameters_of(pseudo: Array) -> Array:
     """Returns the ten parameters of a pseudo-inertia (4, 4)."""
     second_moments = pseudo[:3, :3]
     inertia = np.trace(second_moments) * np.eye(3) - second_moments
-    return np.array([pseudo[3, 3], *pseudo[:3, 3], *(inertia[place] for place in _TENSOR)])
+    return np.array([pseudo[3, 3], *pseudo[:3, 3], *(inertia[place] for place in _TENSOR_PLACES)])
 
 
 def moved_parameters(R: Array, p: Array) -> Array:

@@ -13,7 +13,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.first_order import low_pass
 
-_BLOCK = 2048  # samples whose regressor is held at once
+_BLOCK_SAMPLES = 2048  # samples whose regressor is held at once
 
 
 class ObservedRegressor:
@@ -52,8 +52,8 @@ class ObservedRegressor:
             parameters.
         """
         parts = [np.empty((0, *self._memory.shape))]
-        for begin in range(0, len(q), _BLOCK):
-            rows = slice(begin, min(len(q), begin + _BLOCK))
+        for begin in range(0, len(q), _BLOCK_SAMPLES):
+            rows = slice(begin, min(len(q), begin + _BLOCK_SAMPLES))
             velocities = np.vstack([self._v, v[rows]])
             vdot = np.diff(velocities, axis=0) / self._time_step
             self._v = velocities[-1:]

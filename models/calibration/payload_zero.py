@@ -5,10 +5,10 @@ The assumption is that nothing but gravity acts on the payload: a mass m at c in
     F = m g,    moment at E = (R_WE m c) x g,    tau_ext = J^T [moment; F]
 
 linear in m and h = m c. They come from least squares of joint torque, with a prior of any mass up
-to the rated payload within REACH of E. The weight of a moving joint follows from its error's sd and
-correlation time. A rest of a joint counts once, as stiction hides one unknown torque. One posture
-determines the weight and its moment there; further postures determine the centre of mass. The
-standard errors state what is still unknown in another posture.
+to the rated payload within COM_SD of E. The weight of a moving joint follows from its error's sd
+and correlation time. A rest of a joint counts once, as stiction hides one unknown torque. One
+posture determines the weight and its moment there; further postures determine the centre of mass.
+The standard errors state what is still unknown in another posture.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ import numpy as np
 from wrenchsight.models.calibration.residual_noise import V_REST
 from wrenchsight.models.numerics.arrays import Array, Flags
 
-REACH = 0.2  # m, sd of the centre of mass about E, for a load of half the payload
+COM_SD = 0.2  # m, sd of the centre of mass about E, for a load of half the payload
 LEAST_REST = 0.2  # s that a joint rests before it counts
 _NEW_POSTURE = 0.3  # rad that a joint turns between two postures
 
@@ -97,7 +97,7 @@ class PayloadZero:
         self._gravity, self._time_step = np.asarray(gravity, float), time_step
         self._rate = time_step / (2.0 * np.maximum(correlation_time, time_step))
         n = len(correlation_time)
-        reach = REACH * 0.5 * payload
+        reach = COM_SD * 0.5 * payload
         self._prior = np.diag(np.array([payload, reach, reach, reach]) ** -2.0)
         self._information, self._right = np.zeros((4, 4)), np.zeros(4)
         self._rest_sums = np.zeros((n, 6))  # sums over the present rest: columns, torque, variance

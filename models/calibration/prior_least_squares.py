@@ -3,16 +3,16 @@
     minimise  sum_j |A_j x - b_j|^2 / s_j^2 + |(x - mean) / sd|^2
 
 The scale s_j states by how much a joint's rows scatter more or less than their stated covariance.
-It has a prior itself, as if FREEDOM rows had shown a scale of one. The reason is that a log of
-seconds cannot measure its own noise, while one of minutes can.
+It has a prior itself, as if COVARIANCE_ROWS rows had shown a scale of one. The reason is that a log
+of seconds cannot measure its own noise, while one of minutes can.
 
-    s_j^2 = (FREEDOM + |A_j x - b_j|^2) / (FREEDOM + m_j)
+    s_j^2 = (COVARIANCE_ROWS + |A_j x - b_j|^2) / (COVARIANCE_ROWS + m_j)
 
 The logarithm of the evidence compares fits of the same rows with other columns. The scales are
 integrated out, and x by Laplace's method:
 
-    -1/2 sum_j (FREEDOM + m_j) log(FREEDOM + |A_j x - b_j|^2) - 1/2 |(x - mean) / sd|^2
-    -1/2 log det(1 + sd A^T A sd)
+    -1/2 sum_j (COVARIANCE_ROWS + m_j) log(COVARIANCE_ROWS + |A_j x - b_j|^2) - 1/2 |(x - mean) /
+    sd|^2 -1/2 log det(1 + sd A^T A sd)
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ from scipy.linalg import lstsq, solve_triangular
 from wrenchsight.models.identification.base_parameters import triangular_factor
 from wrenchsight.models.numerics.arrays import Array
 
-FREEDOM = 30.0  # rows, what the stated covariance is worth
-_PASSES = 5
+COVARIANCE_ROWS = 30.0  # rows, what the stated covariance is worth
+_NUM_PASSES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
         factors.append(triangular_factor(shifted))
     counts = np.array([len(joint_rows) for joint_rows in rows])
     scale = np.ones(len(rows))
-    for _ in range(_PASSES):
+    for _ in range(_NUM_PASSES):
         stacked = np.vstack(
             [
                 *(R / s for R, s in zip(factors, scale, strict=True)),
@@ -91,13 +91,15 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
         )
         y = lstsq(stacked[:, :-1], stacked[:, -1])[0]
         errors = np.array([np.sum((R[:, :-1] @ y - R[:, -1]) ** 2) for R in factors])
-        scale = np.sqrt((FREEDOM + errors) / (FREEDOM + counts))
+        scale = np.sqrt((COVARIANCE_ROWS + errors) / (COVARIANCE_ROWS + counts))
     R = triangular_factor(stacked[:, :-1])
     if np.abs(np.diag(R)).min() < 1e-9 * np.abs(R).max():
         raise ValueError("least squares: neither rows nor prior determine a value")
     spread = solve_triangular(R, np.eye(k)) * unit[:, None]
     evidence = np.nan
     if has_prior.all():
-        evidence = -0.5 * float(np.sum((FREEDOM + counts) * np.log(FREEDOM + errors)) + y @ y)
+        evidence = -0.5 * float(
+            np.sum((COVARIANCE_ROWS + counts) * np.log(COVARIANCE_ROWS + errors)) + y @ y
+        )
         evidence -= float(np.log(np.abs(np.diag(R))).sum())
     return PriorFit(prior_mean + unit * y, spread @ spread.T, scale, evidence)

@@ -27,17 +27,18 @@ from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.numerics.arrays import Array
 
-GAP = 1.0  # s without a row, after which a joint rests anew
+MAX_ROW_GAP = 1.0  # s without a row, after which a joint rests anew
 BETWEEN_LOGS = 20.0  # s, far beyond any correlation
 V_REST = 0.01  # rad/s (m/s), below which a joint may rest
-BLOCK = 600  # rows that are taken as dependent; at 10 Hz a minute, far beyond any correlation
+# rows that are taken as dependent; at 10 Hz a minute, far beyond any correlation
+DEPENDENT_ROWS = 600
 
 
 # The shares of this module's sum.
-WHITE, SLOW = 0.53, 0.6  # of the model's residual sd; white clear of reversals
-REVERSAL = 2.9  # r, how much larger white is at zero velocity
+WHITE_SHARE, SLOW_SHARE = 0.53, 0.6  # of the model's residual sd; white clear of reversals
+REVERSAL_RATIO = 2.9  # r, how much larger white is at zero velocity
 REVERSAL_VELOCITY = 0.08  # v_r, rad/s (m/s)
-COULOMB, VISCOUS = 0.027, 0.05  # c and d, of the dry and of the viscous friction
+COULOMB_SHARE, VISCOUS_SHARE = 0.027, 0.05  # c and d, of the dry and of the viscous friction
 CORRELATION_TIME = 0.5  # s
 
 
@@ -200,8 +201,8 @@ class ResidualRows:
         """
         columns_and_residual = np.column_stack([columns, self.residual[:, joint]])
         out = np.empty_like(columns_and_residual)
-        for begin in range(0, len(columns_and_residual), BLOCK):
-            part = slice(begin, begin + BLOCK)
+        for begin in range(0, len(columns_and_residual), DEPENDENT_ROWS):
+            part = slice(begin, begin + DEPENDENT_ROWS)
             lower = cholesky(self[part].covariance(joint), lower=True)
             out[part] = solve_triangular(lower, columns_and_residual[part], lower=True)
         return out
@@ -210,14 +211,16 @@ class ResidualRows:
         """Covariance (m, m) in (N m)^2 of one joint's residual."""
         t, v, sd = self.t, self.v[:, joint], float(self.sd[joint])
         dry, viscous, level = self.dry[:, joint], self.viscous[:, joint], self.stiction[:, joint]
-        reversal = 1.0 + REVERSAL * np.exp(-((v / REVERSAL_VELOCITY) ** 2))
-        drifts = COULOMB**2 * np.outer(dry, dry)
-        slow = (SLOW * sd) ** 2 + drifts + VISCOUS**2 * np.outer(viscous, viscous)
+        reversal = 1.0 + REVERSAL_RATIO * np.exp(-((v / REVERSAL_VELOCITY) ** 2))
+        drifts = COULOMB_SHARE**2 * np.outer(dry, dry)
+        slow = (SLOW_SHARE * sd) ** 2 + drifts + VISCOUS_SHARE**2 * np.outer(viscous, viscous)
         fading = np.exp(-np.abs(t[:, None] - t) / CORRELATION_TIME)
         is_resting = np.abs(v) < V_REST
         # Successive samples at rest share one number; a motion or a gap begins another rest.
-        episode = np.cumsum(np.diff(is_resting, prepend=False) | (np.diff(t, prepend=t[:1]) > GAP))
+        episode = np.cumsum(
+            np.diff(is_resting, prepend=False) | (np.diff(t, prepend=t[:1]) > MAX_ROW_GAP)
+        )
         same = np.outer(is_resting, is_resting) & (episode[:, None] == episode)
         held = np.where(same, np.outer(level, level) / 3.0, 0.0)
-        white = np.diag((WHITE * sd * reversal) ** 2)
+        white = np.diag((WHITE_SHARE * sd * reversal) ** 2)
         return np.asarray(slow * fading + white + held)

@@ -30,11 +30,11 @@ from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array
 
-_ROUNDS = 20  # of reweighting; the weights settle within five
+_NUM_ROUNDS = 20  # of reweighting; the weights settle within five
 _NORMAL_MAD = 1.4826  # sd of a normal distribution over its median absolute deviation
-_DETERMINED = 0.2  # of the prior's sd, below which a joint determines the gain
+_MAX_GAIN_SD_SHARE = 0.2  # of the prior's sd, below which a joint determines the gain
 _LEAST_SPREAD = 1e-6  # of a parameter that the known law does not have
-_FAR = 2.0  # sds, at which a row weighs half
+_HALF_WEIGHT_SDS = 2.0  # sds, at which a row weighs half
 
 
 @dataclass
@@ -149,7 +149,7 @@ def _gain(
         return 0.0, prior.gain
     free = _fitted(law_of_known, rows, prior, None)
     gains, deviations = free.values[:, -1], free.deviation[:, -1]
-    counts = deviations < _DETERMINED * prior.gain
+    counts = deviations < _MAX_GAIN_SD_SHARE * prior.gain
     if not counts.any():
         return 0.0, prior.gain
     precision = 1.0 / deviations[counts] ** 2
@@ -203,12 +203,12 @@ def _posterior(
     x, weight = mean, np.ones_like(y)
     scatter = max(float(np.std(y - A @ mean)), 1e-9)
     precision = np.diag(1.0 / spread**2)
-    for _ in range(_ROUNDS):
+    for _ in range(_NUM_ROUNDS):
         scale = (scatter * dependence) ** 2
         information = (A * weight[:, None]).T @ A / scale + precision
         right = A.T @ (weight * y) / scale + precision @ mean
         x = np.asarray(np.linalg.solve(information, right), dtype=np.float64)
         error = y - A @ x
         scatter = max(_NORMAL_MAD * float(np.median(np.abs(error))), 1e-9)
-        weight = 1.0 / (1.0 + (error / (_FAR * scatter)) ** 2)
+        weight = 1.0 / (1.0 + (error / (_HALF_WEIGHT_SDS * scatter)) ** 2)
     return x, np.sqrt(np.diag(np.linalg.inv(information))), scatter

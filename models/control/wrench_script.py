@@ -14,9 +14,9 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
-_STEP, _RAMP, _SINE, _PUSH = 0.0, 1.0, 2.0, 3.0
+_STEP_SHAPE, _RAMP_SHAPE, _SINE_SHAPE, _PUSH_SHAPE = 0.0, 1.0, 2.0, 3.0
 _NUM_TONES = 24  # enough for a nearly Gaussian amplitude; few enough for one microsecond a sample
-_FOREVER = 1e12  # s; finite, so that it survives YAML
+_ENDLESS_TIME = 1e12  # s; finite, so that it survives YAML
 
 
 def _zero() -> list[float]:
@@ -28,7 +28,7 @@ class WrenchStep:
     """Jumps to (force, moment) at `start`, and back to zero after `duration`."""
 
     start: float = 0.0  # s
-    duration: float = _FOREVER  # s
+    duration: float = _ENDLESS_TIME  # s
     force: list[float] = field(default_factory=_zero)  # N, on the robot at E, axes of W
     moment: list[float] = field(default_factory=_zero)  # N m, about E, axes of W
 
@@ -39,7 +39,7 @@ class WrenchRamp:
 
     start: float = 0.0  # s
     rise: float = 1.0  # s
-    duration: float = _FOREVER  # s, rise included
+    duration: float = _ENDLESS_TIME  # s, rise included
     force: list[float] = field(default_factory=_zero)  # N, reached after the rise
     moment: list[float] = field(default_factory=_zero)  # N m, reached after the rise
 
@@ -49,7 +49,7 @@ class WrenchSine:
     """Amplitude times sin(2 pi frequency (t - start) + phase) from `start` for `duration`."""
 
     start: float = 0.0  # s
-    duration: float = _FOREVER  # s
+    duration: float = _ENDLESS_TIME  # s
     frequency: float = 1.0  # Hz
     phase: float = 0.0  # rad
     force: list[float] = field(default_factory=_zero)  # N, amplitude
@@ -97,7 +97,7 @@ def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
             continue
         kind = table[i, 0]
         elapsed = t - start
-        if kind == _PUSH:
+        if kind == _PUSH_SHAPE:
             push = int(table[i, 4])
             fade = table[i, 3]
             push_time = elapsed % table[i, 12]
@@ -116,9 +116,9 @@ def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
                         window * table[i, 5 + axis] * value * np.sqrt(2.0 / tones.shape[2])
                     )
             continue
-        if kind == _STEP:
+        if kind == _STEP_SHAPE:
             gain = 1.0
-        elif kind == _RAMP:
+        elif kind == _RAMP_SHAPE:
             gain = min(elapsed / table[i, 3], 1.0)
         else:
             gain = np.sin(2.0 * np.pi * table[i, 3] * elapsed + table[i, 4])
@@ -153,13 +153,13 @@ class WrenchScript:
             _check(segment, i, source)
             shape, phase, push_length, push_period = 0.0, 0.0, 0.0, 1.0
             if isinstance(segment, WrenchStep):
-                kind = _STEP
+                kind = _STEP_SHAPE
             elif isinstance(segment, WrenchRamp):
-                kind, shape = _RAMP, segment.rise
+                kind, shape = _RAMP_SHAPE, segment.rise
             elif isinstance(segment, WrenchSine):
-                kind, shape, phase = _SINE, segment.frequency, segment.phase
+                kind, shape, phase = _SINE_SHAPE, segment.frequency, segment.phase
             else:
-                kind, shape, phase = _PUSH, segment.fade, float(len(tones))
+                kind, shape, phase = _PUSH_SHAPE, segment.fade, float(len(tones))
                 push_length = segment.each if segment.each > 0.0 else segment.duration
                 push_period = push_length + segment.pause
                 random = np.random.default_rng([seed, segment.seed, i])

@@ -14,11 +14,12 @@ from wrenchsight.models.detection.contact_statistic import (
     FITTED_LOAD,
     FITTED_SPEED,
     JUMP_POLE,
-    LARGEST_RELEASE,
     LINK,
+    MAX_RELEASE_SHARE,
     MEAN_LEVEL,
     MEAN_RELEASE,
     MEAN_SCALE,
+    MEAN_TIME,
     MISFIT,
     MISFIT_LEVEL,
     MOMENT_SD,
@@ -30,7 +31,7 @@ from wrenchsight.models.detection.contact_statistic import (
     PERIOD,
     POWER_LEVEL,
     PRESENT,
-    RELEASE,
+    RELEASE_SHARE,
     REST,
     SAMPLE_LEVEL,
     SAMPLE_RELEASE,
@@ -38,7 +39,6 @@ from wrenchsight.models.detection.contact_statistic import (
     STATISTIC,
     UNKNOWN_MOMENT,
     USUAL_JUMP,
-    WINDOW,
     ArmSamples,
     DetectorTables,
     TorqueWhite,
@@ -190,7 +190,7 @@ class ContactDetector:
         if noise is None:
             joints[USUAL_JUMP] = np.inf
             # Of an exponentially correlated error through a low-pass.
-            joints[MEAN_SCALE] = np.sqrt(correlation_time / (correlation_time + WINDOW))
+            joints[MEAN_SCALE] = np.sqrt(correlation_time / (correlation_time + MEAN_TIME))
             joints[CHANGE:] = 0.0
         else:
             # White noise of speed acts as a torque jump that shrinks with the root of the period.
@@ -339,16 +339,16 @@ class _Tails(NamedTuple):
 def _tails(noise: ContactNoise | None, num_joints: int, correlation_time: float) -> _Tails:
     """The model's tails; Gaussian ones in place of those that were not learnt."""
     quick = gaussian_tail(num_joints, correlation_time)
-    slow = gaussian_tail(num_joints, correlation_time + WINDOW)
+    slow = gaussian_tail(num_joints, correlation_time + MEAN_TIME)
     if noise is None:
         return _Tails(quick, slow, quick)
     return _Tails(noise.sample or quick, noise.mean or slow, noise.power or quick)
 
 
 def _release_level(level: float, tail: ExceedanceTail) -> float:
-    """The level below which contact ends: RELEASE of `level`, or what noise often reaches."""
-    often_reached = min(tail.level, LARGEST_RELEASE * level)
-    return max(RELEASE * level, often_reached)
+    """The level below which contact ends: RELEASE_SHARE of `level`, or what noise often reaches."""
+    often_reached = min(tail.level, MAX_RELEASE_SHARE * level)
+    return max(RELEASE_SHARE * level, often_reached)
 
 
 def _moment_sd(reconstruction: WrenchReconstructionConfig) -> float:

@@ -29,7 +29,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.signals.exceedance_tail import fit_exceedances
 
-USUAL = 0.99  # share of the samples that have no more than the usual torque jump
+USUAL_JUMP_SHARE = 0.99  # share of the samples that have no more than the usual torque jump
 
 
 def fit_contact_noise(
@@ -56,7 +56,7 @@ def fit_contact_noise(
     ]
     n = chain.num_joints
     noise = ContactNoise(
-        usual_jolt=np.quantile(np.vstack(jumps), USUAL, axis=0).tolist(),
+        usual_jolt=np.quantile(np.vstack(jumps), USUAL_JUMP_SHARE, axis=0).tolist(),
         mean_scale=[1.0] * n,
         time_step=float(time_step),
         hours=count * time_step / 3600.0,

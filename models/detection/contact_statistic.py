@@ -16,30 +16,32 @@ the torque error:
             that an observer holds, and D / sqrt(12) about the middle.
     local   g >= 1: root mean square of z over LOCAL_TIME without contact, as in a radar's constant
             false-alarm rate. Drifted friction raises the threshold instead of a false alarm.
-            Outliers count as OUTLIER times g. During contact g stays. In the first LOCAL_TIME of a
-            log it is the mean since the start, where g = 1 counts for FIRST.
+            Outliers count as MAX_SCALE_RATIO times g. During contact g stays. In the first
+            LOCAL_TIME of a log it is the mean since the start, where g = 1 counts for
+            UNIT_SCALE_TIME.
 
 y = U z with U upper triangular and U R U^T = 1 for the correlation R of the joints' errors; so y_j
 depends on joints j and beyond alone. Each norm has a threshold, set so that it is exceeded at the
 stated rate per hour (`models.signals.exceedance_tail`, on held-out logs of the model's fit):
 
     change  |U c|                        detects a push at once
-    mean    |U LP(z) / mean_scale|       detects a weak push, over WINDOW; LP: first-order low-pass
+    mean    |U LP(z) / mean_scale|       detects a weak push, over MEAN_TIME; LP: first-order
+    low-pass
     sample  |y|                          decides whether the contact lasts
     power   sqrt(LP(|y|^2))              decides whether the contact is at E
 
 **Change** is the excess of a sample over the recent mean, c_j = (x - LP(x))_j / (g' s')_j with
 x = sign(tau) (|tau| - hidden)+. Friction errors are slow: half of the error in sliding lasts longer
-than WINDOW, and so does nearly all drift from day to day. A push comes within the observer's lag.
-The variance s'^2 has the parts of sd^2, with other shares, and the square of the jump; g' is the
-local scale of the change. A joint that comes to rest releases its friction within some samples,
+than MEAN_TIME, and so does nearly all drift from day to day. A push comes within the observer's
+lag. The variance s'^2 has the parts of sd^2, with other shares, and the square of the jump; g' is
+the local scale of the change. A joint that comes to rest releases its friction within some samples,
 sooner than sd^2 shows rest. Below REST_SPEED the stiction part is therefore at least
 b^2 / 3 exp(-(v / REST_SPEED)^2), low-passed as the reading, until all joints have rested for
 REST_TIME. A joint that starts releases its friction later than it is seen to move, and the mean
-still holds it: until then the part is at least LP(w b)^2 / 3. In the first WINDOW of a log there is
-no mean, hence no change. Over the UR10e's other days, in units of those of the fit, the size of z
-ranges from .9 to 3.6 and that of its changes from .9 to 2.5. For a model without s' `sample` takes
-the place of `change`.
+still holds it: until then the part is at least LP(w b)^2 / 3. In the first MEAN_TIME of a log there
+is no mean, hence no change. Over the UR10e's other days, in units of those of the fit, the size of
+z ranges from .9 to 3.6 and that of its changes from .9 to 2.5. For a model without s' `sample`
+takes the place of `change`.
 
 **Mean** has a level OTHER_DAYS (`contact_detector`) times that of the held-out motion. Correlated
 errors differ from day to day, and the fitted motion covers few days. Without this factor the mean
@@ -48,11 +50,12 @@ weeks and motions, and on its three runs, each read by a model of the others. Wi
 contacts come as often as stated (10 to 360 an hour).
 
 **Contact** begins where `change` or `mean` exceeds its level, each set for half of the stated rate.
-It lasts until `sample` and `mean` have been below RELEASE of their levels, or below what noise
-often reaches, for QUIET. So that the mean does not outlast a contact, it does not count where the
-present sample has less than LEAST_SHARE of it. After a contact it restarts from the next sample and
-begins no contact for MEAN_PAUSE. A torque whose mean over LOCAL_TIME vanishes is no contact but an
-error larger than any previous one: after that time g follows it, as slowly as usual.
+It lasts until `sample` and `mean` have been below RELEASE_SHARE of their levels, or below what
+noise often reaches, for RELEASE_TIME. So that the mean does not outlast a contact, it does not
+count where the present sample has less than MIN_MEAN_SHARE of it. After a contact it restarts from
+the next sample and begins no contact for MEAN_PAUSE. A torque whose mean over LOCAL_TIME vanishes
+is no contact but an error larger than any previous one: after that time g follows it, as slowly as
+usual.
 
 **Misfit** is the part that no force at E, with a moment within its prior, explains,
 
@@ -65,10 +68,11 @@ once in a hundred times, whatever the stated rate. A model without this level ta
 since D <= |y|^2. With six joints and an unknown moment a force at E explains everything: D = 0.
 
 **Link**: a force on link k loads joints 1 to k alone. Let the contact be away from E, the joints
-beyond k within LOUD of their errors, and k and beyond exceed the level of `power`. Then the contact
-is on link k, or its line meets the axes of all joints beyond. Otherwise the link is unknown.
+beyond k within MAX_UNTOUCHED_RMS of their errors, and k and beyond exceed the level of `power`.
+Then the contact is on link k, or its line meets the axes of all joints beyond. Otherwise the link
+is unknown.
 
-WINDOW and LOCAL_TIME were chosen on the held-out readings of the UR10e's three fitted runs, with
+MEAN_TIME and LOCAL_TIME were chosen on the held-out readings of the UR10e's three fitted runs, with
 pushes and a drift of friction added. Neither a high-pass nor more windows helped there.
 """
 
@@ -91,18 +95,18 @@ from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_lower
 from wrenchsight.models.numerics.views import borrowed, copy_to
 
-WINDOW = 0.3  # s
+MEAN_TIME = 0.3  # s
 MISFIT_WINDOW = 0.1  # s
 LOCAL_TIME = 10.0  # s
-FIRST = 1.0  # s
-OUTLIER = 3.0
-RELEASE, LARGEST_RELEASE = 0.5, 0.8
-LEAST_SHARE = 0.3
-QUIET = 0.1  # s
+UNIT_SCALE_TIME = 1.0  # s
+MAX_SCALE_RATIO = 3.0
+RELEASE_SHARE, MAX_RELEASE_SHARE = 0.5, 0.8
+MIN_MEAN_SHARE = 0.3
+RELEASE_TIME = 0.1  # s
 MEAN_PAUSE = 0.5  # s
-ONE_SIDED = 0.15  # share of a reading's mean square, beyond which its mean is not chance
+ONE_SIDED_SHARE = 0.15  # share of a reading's mean square, beyond which its mean is not chance
 _STICTION = NUM_FEATURES - 1  # among the parts of a variance
-LOUD = 2.0  # root mean square over WINDOW
+MAX_UNTOUCHED_RMS = 2.0  # root mean square over MEAN_TIME
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
 
@@ -245,7 +249,7 @@ def detect_tick(
     """
     joints, settings = tables.joints, tables.settings
     error, v, tau_ext = sample.error, sample.v, sample.tau_ext
-    n, keep = v.shape[0], np.exp(-settings[PERIOD] / WINDOW)
+    n, keep = v.shape[0], np.exp(-settings[PERIOD] / MEAN_TIME)
     single = state[_SINGLE:].reshape(-1)
     detector = _Detector(tables, keep, state, single)
     load = work[2, :n]
@@ -384,8 +388,8 @@ def _whiten(detector: _Detector, error: TorqueError, tau_ext: Array, work: Array
     if in_contact:
         single[_TOUCHED] += T
     pace = 1.0 - np.exp(-T / LOCAL_TIME)
-    early = 1.0 - np.exp(-T / min(max(single[_SEEN], FIRST), LOCAL_TIME))
-    base_gain = 1.0 - np.exp(-T / min(single[_SEEN], WINDOW))
+    early = 1.0 - np.exp(-T / min(max(single[_SEEN], UNIT_SCALE_TIME), LOCAL_TIME))
+    base_gain = 1.0 - np.exp(-T / min(single[_SEEN], MEAN_TIME))
     for j in range(n):
         sd, stiction = error.sd[j], error.stiction[j]
         w = max(error.rows[UNKNOWN_SHARE_ROW, j], error.rows[REST_ROW, j])
@@ -429,14 +433,14 @@ def _follows_noise(state: Array, single: Array, n: int) -> bool:
     follows = single[_TOUCHED] > LOCAL_TIME
     for j in range(n):
         square = state[_SLOW, j] * state[_SLOW, j]
-        follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
+        follows = follows and square <= ONE_SIDED_SHARE * max(state[_SQUARE, j], 1.0)
     return bool(follows)
 
 
 @kernel
 def _excess_square(x: float, mean_square: float) -> float:
     """The square of x, at most that of an outlier, less the mean square so far."""
-    largest = OUTLIER * OUTLIER * max(mean_square, 1.0)
+    largest = MAX_SCALE_RATIO * MAX_SCALE_RATIO * max(mean_square, 1.0)
     return min(x * x, largest) - mean_square
 
 
@@ -484,13 +488,13 @@ def _decide(detector: _Detector, lengths: _Lengths, work: Array) -> None:
     single[_NOT_BEFORE] -= T
     # The mean does not outlast a contact, nor begin one before it is a mean again.
     mean = lengths.mean
-    if in_contact and lengths.along_mean < LEAST_SHARE * lengths.square_of_mean:
+    if in_contact and lengths.along_mean < MIN_MEAN_SHARE * lengths.square_of_mean:
         mean = 0.0
     if not in_contact and single[_NOT_BEFORE] > 0.0:
         mean = 0.0
     quick = lengths.sample / settings[SAMPLE_LEVEL]
     if not in_contact and settings[CHANGE_LEVEL] < np.inf:
-        quick = lengths.change / settings[CHANGE_LEVEL] if single[_SEEN] > WINDOW else 0.0
+        quick = lengths.change / settings[CHANGE_LEVEL] if single[_SEEN] > MEAN_TIME else 0.0
     single[_RATIO] = max(quick, mean / settings[MEAN_LEVEL])
     if single[_RATIO] > 1.0:
         if not in_contact:
@@ -501,7 +505,7 @@ def _decide(detector: _Detector, lengths: _Lengths, work: Array) -> None:
             single[_QUIET] = 0.0
         else:
             single[_QUIET] += T
-        if single[_QUIET] >= QUIET:
+        if single[_QUIET] >= RELEASE_TIME:
             single[_CONTACT], single[_NOT_BEFORE] = 0.0, MEAN_PAUSE
             for j in range(state.shape[1]):
                 z, y, change = work[1, j], work[2, j], work[3, j]
@@ -534,7 +538,7 @@ def _link(power: Array, level: float) -> float:
         power_beyond += power[j]
         if np.sqrt(power_beyond) > level:
             return j + 1.0
-        if power[j] > LOUD * LOUD:
+        if power[j] > MAX_UNTOUCHED_RMS * MAX_UNTOUCHED_RMS:
             return 0.0
     return 0.0
 

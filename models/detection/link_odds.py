@@ -3,36 +3,38 @@
 A force f at a point P of link k loads joints 1 to k by J_P^T f, and no joint beyond. Compared are
 
     link k  one force at one point of its surface, anywhere on it, directed inwards: the component
-            along the normal positive, those across it TANGENT times as large
-    E       a force at E, with a moment of one of LEVERS times its size: none, or that of a tool
+            along the normal positive, those across it TANGENT_SHARE times as large
+    E       a force at E, with a moment of one of FORCE_LEVERS times its size: none, or that of a
+    tool
 
 each by its marginal likelihood, over force, point and size,
 
     p(tau | place) = mean over points and sizes of N(tau; 0, F^2 B^T B + Sigma) 2 Phi(f_n / sd(f_n))
 
-with B = S^(1/2) J_P, S the shares of normal and tangent, and F one of SIZES. Each point stands for
+with B = S^(1/2) J_P, S the shares of normal and tangent, and F one of FORCE_SIZES. Each point
+stands for
 a patch of the surface: the changes of a push anywhere on it are two more rows of B. A place that
 could cause many other torques has a lower likelihood. So the narrowest place that explains the
 torques wins, without a further constant: an unloaded joint beyond the touched link counts by its
 sd. All samples of a contact share one point. Their log likelihoods count as one sample, since the
-errors of an arm are correlated over a contact. Where the mean of a joint's torque exceeds LOADED
-times its sd, the links before that joint are excluded.
+errors of an arm are correlated over a contact. Where the mean of a joint's torque exceeds
+LOADED_SDS times its sd, the links before that joint are excluded.
 
 **Shape.** Nothing but the Jacobian is needed. The arm is a chain of its axes and of the lines from
 one axis to the next. An axis extends between its feet, the points nearest to the previous and to
 the next axis; of parallel axes it is the foot of the previous point. A line belongs to the link
-between both axes. The housing of a joint lies along its axis, REACH beyond both feet. The Jacobian
-does not determine where on the housing one link ends and the next begins: anywhere between the feet
-is as likely, and where these coincide every point belongs to either link. So link 6 of an arm may
-also be touched around axis 7, where joint 7 is not loaded. The surface lies at RADII, alternating,
-around axis or line, with a cap at both ends of a housing. A point of it counts by its area and by
-the probability that it belongs to the link. A push that turns about the line with its point causes
-no torque about that line.
+between both axes. The housing of a joint lies along its axis, HOUSING_OVERHANG beyond both feet.
+The Jacobian does not determine where on the housing one link ends and the next begins: anywhere
+between the feet is as likely, and where these coincide every point belongs to either link. So link
+6 of an arm may also be touched around axis 7, where joint 7 is not loaded. The surface lies at
+SURFACE_RADII, alternating, around axis or line, with a cap at both ends of a housing. A point of it
+counts by its area and by the probability that it belongs to the link. A push that turns about the
+line with its point causes no torque about that line.
 
 **Error.** Sigma = D R D, with R the correlation of the joints' errors. D^2 is the sum of three
-squares: of each joint's sd, of SCALE times its torque and of CROSS times the largest torque. The
-second stands for an error of the joint's gain. The third stands for an error of the axis in the
-model and for friction of its bearing.
+squares: of each joint's sd, of GAIN_ERROR_SHARE times its torque and of CROSS_ERROR_SHARE times the
+largest torque. The second stands for an error of the joint's gain. The third stands for an error of
+the axis in the model and for friction of its bearing.
 
 Every J is (6, n), rows [angular; linear] at E in axes of W; all joints revolute.
 """
@@ -46,20 +48,20 @@ from scipy.special import log_ndtr, logsumexp
 from wrenchsight.models.estimation.wrench import PRIOR_LEVER
 from wrenchsight.models.numerics.arrays import Array, Flags
 
-RADII = (0.06, 0.1)  # m
-REACH = 0.08  # m
-TANGENT = 0.3
-LEVERS = (0.0, PRIOR_LEVER)  # m
-SIZES = (3.0, 10.0, 30.0, 100.0)  # N
-SCALE, CROSS = 0.03, 0.01
-LOADED = 3.0  # times its sd; a larger torque of a joint is no error
+SURFACE_RADII = (0.06, 0.1)  # m
+HOUSING_OVERHANG = 0.08  # m
+TANGENT_SHARE = 0.3
+FORCE_LEVERS = (0.0, PRIOR_LEVER)  # m
+FORCE_SIZES = (3.0, 10.0, 30.0, 100.0)  # N
+GAIN_ERROR_SHARE, CROSS_ERROR_SHARE = 0.03, 0.01
+LOADED_SDS = 3.0  # times its sd; a larger torque of a joint is no error
 AT_WORK = 0.5  # prior odds of E, of an arm that works with its tool
-DOUBT = 0.1  # largest odds of a link that leave a reading at E valid
-NAMED = 0.1  # least odds of a link that is named
-MOST_NAMED = 3
-_ALONG, _AROUND = 5, 8
-_PARALLEL = 1e-3  # squared sine of the angle between axes
-_POINT = 1e-6  # m; a shorter line has no direction
+MAX_LINK_ODDS = 0.1  # largest odds of a link that leave a reading at E valid
+MIN_NAMED_ODDS = 0.1  # least odds of a link that is named
+MAX_NAMED_LINKS = 3
+_POINTS_ALONG, _POINTS_AROUND = 5, 8
+_PARALLEL_SINE2 = 1e-3  # squared sine of the angle between axes
+_MIN_LINE_LENGTH = 1e-6  # m; a shorter line has no direction
 _UNIFORM_SD = 1.0 / np.sqrt(12.0)  # of a uniform distribution over a length of 1
 
 
@@ -102,10 +104,12 @@ class PlaceOdds(NamedTuple):
         return bodies
 
     def named(self) -> list[int]:
-        """The links, 1 to n, of odds NAMED or more, likeliest first: MOST_NAMED at most."""
+        """The links, 1 to n, of odds MIN_NAMED_ODDS or more, likeliest first: MAX_NAMED_LINKS at
+        most.
+        """
         bodies = self.bodies
-        order = np.argsort(-bodies, kind="stable")[:MOST_NAMED]
-        return [int(k) + 1 for k in order if bodies[k] >= NAMED]
+        order = np.argsort(-bodies, kind="stable")[:MAX_NAMED_LINKS]
+        return [int(k) + 1 for k in order if bodies[k] >= MIN_NAMED_ODDS]
 
 
 def place_evidence(
@@ -113,7 +117,7 @@ def place_evidence(
     tau_ext: ArrayLike,
     sd: ArrayLike,
     correlation: ArrayLike | None = None,
-    loaded: float = LOADED,
+    loaded: float = LOADED_SDS,
 ) -> Array:
     """Log likelihoods (n + 1,) of link 1 to n and of E for one contact, up to a common constant.
 
@@ -135,7 +139,7 @@ def place_evidence(
         raise ValueError("place_evidence: a sample is not finite")
     R = np.eye(n) if correlation is None else np.asarray(correlation, float)
     largest = np.abs(tau).max(axis=1, keepdims=True)
-    D = np.sqrt(sd**2 + (SCALE * tau) ** 2 + (CROSS * largest) ** 2)
+    D = np.sqrt(sd**2 + (GAIN_ERROR_SHARE * tau) ** 2 + (CROSS_ERROR_SHARE * largest) ** 2)
     loaded_joints = np.flatnonzero(np.abs(np.mean(tau / D, axis=0)) > loaded)
     first_link = int(loaded_joints[-1]) if len(loaded_joints) else 0
     places: list[list[Array]] = [[] for _ in range(n + 1)]
@@ -148,13 +152,16 @@ def place_evidence(
             B = _on_link(J_k, k, surfaces[k]) @ white.T
             places[k].append(_log_likelihood(B, y, inwards=True))
             weights[k] = surfaces[k].weight  # the posture changes little during a contact
-        B = np.stack([np.concatenate([J_k[3:], lever * J_k[:3]]) for lever in LEVERS]) @ white.T
+        B = (
+            np.stack([np.concatenate([J_k[3:], lever * J_k[:3]]) for lever in FORCE_LEVERS])
+            @ white.T
+        )
         places[n].append(_log_likelihood(B, y, inwards=False))
-    weights.append(np.full(len(LEVERS), 1.0 / len(LEVERS)))
+    weights.append(np.full(len(FORCE_LEVERS), 1.0 / len(FORCE_LEVERS)))
     evidence = np.full(n + 1, -np.inf)
     for k in range(first_link, n + 1):
         mean = np.mean(places[k], axis=0)  # (points, sizes)
-        evidence[k] = logsumexp(mean, b=weights[k][:, None] / len(SIZES))
+        evidence[k] = logsumexp(mean, b=weights[k][:, None] / len(FORCE_SIZES))
     return evidence
 
 
@@ -273,7 +280,7 @@ def _nearest(axis: Array, point: Array) -> _NearestPoints | None:
     (a, b), (p, r) = axis, point
     cosine = float(a @ b)
     sine2 = 1.0 - cosine * cosine
-    if sine2 < _PARALLEL:
+    if sine2 < _PARALLEL_SINE2:
         return None
     apart = p - r
     s = (cosine * float(b @ apart) - float(a @ apart)) / sine2
@@ -295,17 +302,20 @@ def _surfaces(J: Array) -> list[_Surface]:
     for k in range(n):
         between = last_foot[k] - first_foot[k]
         length = float(np.linalg.norm(between))
-        u = between / length if length > _POINT else axis[k]
+        u = between / length if length > _MIN_LINE_LENGTH else axis[k]
         side = axis[k - 1] if k else np.eye(3)[int(np.argmin(np.abs(u)))]
-        end = last_foot[k] + (0.0 if k == n - 1 and length > _POINT else REACH) * u
-        housing, position = _housing(first_foot[k] - REACH * u, end, side)
-        housing_length = float(np.linalg.norm(end - first_foot[k])) + REACH
+        end = (
+            last_foot[k]
+            + (0.0 if k == n - 1 and length > _MIN_LINE_LENGTH else HOUSING_OVERHANG) * u
+        )
+        housing, position = _housing(first_foot[k] - HOUSING_OVERHANG * u, end, side)
+        housing_length = float(np.linalg.norm(end - first_foot[k])) + HOUSING_OVERHANG
         share = 0.5 + length / housing_length * position  # of link k, the others of link k - 1
         parts[k].append(housing.shared(share))
         if k:
             parts[k - 1].append(housing.shared(1.0 - share))
         next_foot = first_foot[k + 1] if k < n - 1 else np.zeros(3)
-        if np.linalg.norm(next_foot - last_foot[k]) > _POINT:
+        if np.linalg.norm(next_foot - last_foot[k]) > _MIN_LINE_LENGTH:
             parts[k].append(_tube(last_foot[k], next_foot, axis[k]).surface)
     return [_Surface.of(part) for part in parts]
 
@@ -314,30 +324,32 @@ def _tube(begin: Array, end: Array, side: Array) -> _LineSurface:
     """A tube around the line between two points (3,); its points start at `side` (3,)."""
     length = float(np.linalg.norm(end - begin))
     u, ring = _ring(begin, end, side)
-    position = (np.arange(_ALONG) + 0.5) / _ALONG - 0.5
-    radius = np.array([np.resize(np.roll(RADII, -(i % 2)), _AROUND) for i in range(_ALONG)])
+    position = (np.arange(_POINTS_ALONG) + 0.5) / _POINTS_ALONG - 0.5
+    radius = np.array(
+        [np.resize(np.roll(SURFACE_RADII, -(i % 2)), _POINTS_AROUND) for i in range(_POINTS_ALONG)]
+    )
     middle = 0.5 * (begin + end) + position[:, None] * (end - begin)
     point = (middle[:, None] + radius[..., None] * ring).reshape(-1, 3)
-    normal = np.tile(ring, (_ALONG, 1))
+    normal = np.tile(ring, (_POINTS_ALONG, 1))
     size = len(point)
-    angle_sd = 2.0 * np.pi / _AROUND * _UNIFORM_SD  # rad, over the patch of a point
+    angle_sd = 2.0 * np.pi / _POINTS_AROUND * _UNIFORM_SD  # rad, over the patch of a point
     tangent = np.cross(u, normal)
     moment = angle_sd * radius.reshape(-1, 1) * np.cross(tangent, -normal)
     surface = _Surface(
         point=point,
         normal=normal,
-        weight=np.full(size, 2.0 * np.pi * float(np.mean(RADII)) * length / size),
-        along=length / _ALONG * _UNIFORM_SD * np.cross(u, -normal),
+        weight=np.full(size, 2.0 * np.pi * float(np.mean(SURFACE_RADII)) * length / size),
+        along=length / _POINTS_ALONG * _UNIFORM_SD * np.cross(u, -normal),
         around=np.stack([moment, -angle_sd * tangent], axis=1),
     )
-    return _LineSurface(surface, np.repeat(position, _AROUND))
+    return _LineSurface(surface, np.repeat(position, _POINTS_AROUND))
 
 
 def _housing(begin: Array, end: Array, side: Array) -> _LineSurface:
     """A tube with its two caps, each a slanting ring and a face across; arguments as `_tube`."""
     tube, tube_position = _tube(begin, end, side)
     u, ring = _ring(begin, end, side)
-    radius = float(np.mean(RADII))
+    radius = float(np.mean(SURFACE_RADII))
     parts, position = [tube], [tube_position]
     for middle, sign in ((begin, -1.0), (end, 1.0)):
         slant = np.sqrt(0.5) * (ring[::2] + sign * u)
@@ -354,7 +366,7 @@ def _housing(begin: Array, end: Array, side: Array) -> _LineSurface:
 
 
 class _Ring(NamedTuple):
-    """Unit vectors: (3,) along a line, and (_AROUND, 3) across it, all around."""
+    """Unit vectors: (3,) along a line, and (_POINTS_AROUND, 3) across it, all around."""
 
     along: Array
     across: Array
@@ -366,7 +378,7 @@ def _ring(begin: Array, end: Array, side: Array) -> _Ring:
     if np.linalg.norm(np.cross(u, side)) < 0.1:
         side = np.eye(3)[int(np.argmin(np.abs(u)))]
     e1 = np.cross(u, side) / np.linalg.norm(np.cross(u, side))
-    turn = 2.0 * np.pi * np.arange(_AROUND)[:, None] / _AROUND
+    turn = 2.0 * np.pi * np.arange(_POINTS_AROUND)[:, None] / _POINTS_AROUND
     return _Ring(u, np.cos(turn) * e1 + np.sin(turn) * np.cross(u, e1))
 
 
@@ -392,7 +404,7 @@ def _on_link(J: Array, k: int, surface: _Surface) -> Array:
     """
     tangent, other_tangent = _across(surface.normal)
     zero = np.zeros_like(tangent)
-    tangents = [TANGENT * tangent, TANGENT * other_tangent]
+    tangents = [TANGENT_SHARE * tangent, TANGENT_SHARE * other_tangent]
     force = [-surface.normal, *tangents, zero, surface.around[:, 1]]
     moment = [zero, zero, zero, surface.along, surface.around[:, 0]]
     at_point = J[3:].T + np.cross(J[:3].T, surface.point[:, None])  # (M, n, 3)
@@ -409,7 +421,7 @@ def _log_likelihood(B: Array, y: Array, inwards: bool) -> Array:
         y: (n,) whitened torque.
         inwards: whether the component of the first row is positive.
     """
-    F2 = np.square(SIZES)
+    F2 = np.square(FORCE_SIZES)
     values, vectors = np.linalg.eigh(B @ B.swapaxes(1, 2))
     projected = ((B @ y)[:, None] @ vectors)[:, 0]  # (M, d)
     share = 1.0 / (1.0 + F2[:, None] * np.maximum(values, 0.0)[:, None])  # (M, sizes, d)

@@ -4,12 +4,13 @@ The misfit of the best such force to a sample's torque,
 
     D = min_f (tau - J^T f)^T Sigma^-1 (tau - J^T f)
 
-is n - 3 on average where it explains the torque. Its mean over WINDOW s may be LARGEST times that.
-A load or a contact away from E exceeds it; its force is off by more than the stated band.
+is n - 3 on average where it explains the torque. Its mean over MEAN_TIME s may be MAX_MISFIT_RATIO
+times that. A load or a contact away from E exceeds it; its force is off by more than the stated
+band.
 
-LARGEST was chosen on logs of a UR10e. Of contact-free ones it invalidates at most 2 % of the valid
-readings. On a log with 2.8 kg at .18 m off the flange 29 % of the valid forces are inside their
-band without it; with it 2 % of that log stay valid.
+MAX_MISFIT_RATIO was chosen on logs of a UR10e. Of contact-free ones it invalidates at most 2 % of
+the valid readings. On a log with 2.8 kg at .18 m off the flange 29 % of the valid forces are inside
+their band without it; with it 2 % of that log stay valid.
 """
 
 import numpy as np
@@ -18,8 +19,8 @@ from scipy.ndimage import uniform_filter1d
 
 from wrenchsight.models.numerics.arrays import Array, Flags
 
-WINDOW = 0.3  # s
-LARGEST = 3.0
+MEAN_TIME = 0.3  # s
+MAX_MISFIT_RATIO = 3.0
 
 
 def force_alone_explains(
@@ -48,6 +49,8 @@ def force_alone_explains(
     projected = (A @ y[..., None])[..., 0]
     explained = (projected * np.linalg.solve(gram, projected[..., None])[..., 0]).sum(axis=1)
     misfit[is_finite] = np.maximum((y**2).sum(axis=1) - explained, 0.0)
-    step = float(np.median(np.diff(t))) if N > 1 else WINDOW
-    size = max(1, min(N, round(WINDOW / step))) if step > 0.0 else 1
-    return np.asarray(uniform_filter1d(misfit, size, mode="nearest") <= LARGEST * max(n - 3, 1))
+    step = float(np.median(np.diff(t))) if N > 1 else MEAN_TIME
+    size = max(1, min(N, round(MEAN_TIME / step))) if step > 0.0 else 1
+    return np.asarray(
+        uniform_filter1d(misfit, size, mode="nearest") <= MAX_MISFIT_RATIO * max(n - 3, 1)
+    )

@@ -6,34 +6,34 @@ takes off the offset. The log's stretches without contact show how large the oth
 
     z = (tau - base) / sd,    s = |z|
 
-**Baseline**: the mean of the first FIRST s; then, without contact, a first-order low-pass of
-SLOW s. During contact it stays.
+**Baseline**: the mean of the first START_TIME s; then, without contact, a first-order low-pass of
+BASELINE_TIME s. During contact it stays.
 
-**Contact** begins where s has exceeded LEVEL for HOLD s and two samples. It ends where s is below
-RELEASE of that level. It also ends where less than LEFT remains of the largest z so far, p:
-z.p < LEFT p.p. A hand lets go within .1 s; the torque that remains then is an error of the arm. p
-fades within FADE, so that a force that falls slowly is followed.
-For PAUSE s after a contact none begins. Then the baseline starts again from the sample of smallest
-s in that time.
+**Contact** begins where s has exceeded CONTACT_LEVEL for ONSET_TIME s and two samples. It ends
+where s is below RELEASE_SHARE of that level. It also ends where less than MIN_PEAK_SHARE remains of
+the largest z so far, p: z.p < MIN_PEAK_SHARE p.p. A hand lets go within .1 s; the torque that
+remains then is an error of the arm. p fades within PEAK_TIME, so that a force that falls slowly is
+followed. For PAUSE_TIME s after a contact none begins. Then the baseline starts again from the
+sample of smallest s in that time.
 
 **Error.** Two sds for each joint, of an arm at rest and of one that moves. The arm moves where some
-entry of J has changed by more than MOTION a second over MOTION_TIME within the last STILL s. A
-touch shifts an arm less.
+entry of J has changed by more than MIN_JACOBIAN_RATE a second over MOTION_TIME within the last
+REST_TIME s. A touch shifts an arm less.
 At rest sd^2 is the sum of the squares of
 
     noise   1.48 times the median of |tau - base| in free samples; no less than the lower quartile
-            of the standard deviations within windows of WINDOW s
+            of the standard deviations within windows of SD_WINDOW s
     step    the same of the baselines' changes over a contact
     floor   the root mean square of both over the joints, since few contacts determine the error
             of a single joint
 
-They come from ROUNDS rounds of detection, the first with START times the windows' sd. In motion the
-sd is 1.48 times the median of |tau - its low-pass| over all moving samples, most of which are taken
-as free.
+They come from NUM_ROUNDS rounds of detection, the first with START_SD_RATIO times the windows' sd.
+In motion the sd is 1.48 times the median of |tau - its low-pass| over all moving samples, most of
+which are taken as free.
 
 The constants were chosen on five recordings of a Franka Panda that a hand touches (`link_contact`:
-f2, d3, c2, b6, a4) and checked on five others. After the check START was lowered from 3, and STILL
-was set.
+f2, d3, c2, b6, a4) and checked on five others. After the check START_SD_RATIO was lowered from 3,
+and REST_TIME was set.
 """
 
 from typing import NamedTuple
@@ -44,27 +44,27 @@ from numpy.typing import NDArray
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 
-FIRST = 0.15  # s
-SLOW = 1.0  # s
-LEVEL = 6.0
-HOLD = 0.005  # s
-RELEASE = 0.7
-LEFT = 0.15
-FADE = 1.0  # s
-PAUSE = 0.12  # s
-MOTION, MOTION_TIME = 0.05, 0.3  # 1/s (m/s where J is in metres), s
-STILL = 0.5  # s
-WINDOW = 0.15  # s
-ROUNDS = 3
-START = 2.0
-MEDIAN = 1.4826  # sd over median of |x|, of a Gaussian
-MOST_SAMPLES = 1 << 18  # from which the error is learnt
-_LEAST_SD = 1e-4  # N m, where a log shows no error
-_FEWEST = 20  # samples, of which a median is taken
-_SETTLED = 0.15  # s after a contact, from when a sample counts as free
+START_TIME = 0.15  # s
+BASELINE_TIME = 1.0  # s
+CONTACT_LEVEL = 6.0
+ONSET_TIME = 0.005  # s
+RELEASE_SHARE = 0.7
+MIN_PEAK_SHARE = 0.15
+PEAK_TIME = 1.0  # s
+PAUSE_TIME = 0.12  # s
+MIN_JACOBIAN_RATE, MOTION_TIME = 0.05, 0.3  # 1/s (m/s where J is in metres), s
+REST_TIME = 0.5  # s
+SD_WINDOW = 0.15  # s
+NUM_ROUNDS = 3
+START_SD_RATIO = 2.0
+SD_PER_MEDIAN = 1.4826  # sd over median of |x|, of a Gaussian
+MAX_SAMPLES = 1 << 18  # from which the error is learnt
+_MIN_SD = 1e-4  # N m, where a log shows no error
+_MIN_MEDIAN_SAMPLES = 20  # samples, of which a median is taken
+_SETTLING_TIME = 0.15  # s after a contact, from when a sample counts as free
 # Rows of the state after those of J's low-pass: (6 + NUM_ROWS, n).
 _BASE, _PEAK, _LOWEST, _SINGLE, NUM_ROWS = range(5)
-# Of `_SINGLE`; _TIME is NaN before the first sample, _ABOVE where s is not above LEVEL.
+# Of `_SINGLE`; _TIME is NaN before the first sample, _ABOVE where s is not above CONTACT_LEVEL.
 _TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _MOVED, _NUMBERS = range(7)
 
 
@@ -92,7 +92,7 @@ class TorqueContact(NamedTuple):
     """Detection at N samples.
 
     Attributes:
-        statistic: (N,) s / LEVEL; contact begins above 1.
+        statistic: (N,) s / CONTACT_LEVEL; contact begins above 1.
         contact: (N,) whether something touches the arm.
         moving: (N,) whether the arm moves.
         baseline: (N, n) N m.
@@ -111,7 +111,7 @@ class TorqueContactDetector:
 
     Args:
         error: of this arm, of `learn_torque_error`.
-        start: (n,) N m, the first baseline: the mean of the log's first FIRST s.
+        start: (n,) N m, the first baseline: the mean of the log's first START_TIME s.
     """
 
     def __init__(self, error: TorqueError, start: Array) -> None:
@@ -146,11 +146,13 @@ class TorqueContactDetector:
 
 
 def first_baseline(t: Array, tau_ext: Array) -> Array:
-    """(n,) N m, mean of the first FIRST s of a log's finite samples; zero where there is none."""
+    """(n,) N m, mean of the first START_TIME s of a log's finite samples; zero where there is
+    none.
+    """
     is_finite = np.isfinite(tau_ext).all(axis=1)
     if not is_finite.any():
         return np.zeros(tau_ext.shape[1])
-    return np.asarray(tau_ext[is_finite & (t <= t[is_finite][0] + FIRST)].mean(axis=0))
+    return np.asarray(tau_ext[is_finite & (t <= t[is_finite][0] + START_TIME)].mean(axis=0))
 
 
 def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
@@ -163,27 +165,27 @@ def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
     """
     is_finite = np.isfinite(tau_ext).all(axis=1) & np.isfinite(J).all(axis=(1, 2)) & np.isfinite(t)
     t, tau, J = (
-        t[is_finite][:MOST_SAMPLES],
-        tau_ext[is_finite][:MOST_SAMPLES],
-        J[is_finite][:MOST_SAMPLES],
+        t[is_finite][:MAX_SAMPLES],
+        tau_ext[is_finite][:MAX_SAMPLES],
+        J[is_finite][:MAX_SAMPLES],
     )
     n = tau_ext.shape[1]
-    if len(t) < _FEWEST:
-        least = np.full(n, _LEAST_SD)
+    if len(t) < _MIN_MEDIAN_SAMPLES:
+        least = np.full(n, _MIN_SD)
         return TorqueError(least, least)
     start = first_baseline(t, tau)
-    least = np.full(n, _LEAST_SD)
+    least = np.full(n, _MIN_SD)
     plain = TorqueContactDetector(TorqueError(np.full(n, np.inf), np.full(n, np.inf)), start)
     first_pass = plain.run(t, tau, J)
     moving_sd = _floored(_spread((tau - first_pass.baseline)[first_pass.moving], least))
     calm = np.maximum(_windows_sd(t, tau, ~first_pass.moving), least)
-    sd = _floored(START * calm)
-    for _ in range(ROUNDS):
+    sd = _floored(START_SD_RATIO * calm)
+    for _ in range(NUM_ROUNDS):
         contacts = TorqueContactDetector(TorqueError(sd, moving_sd), start).run(t, tau, J)
         free_torque = (tau - contacts.baseline)[_is_settled(t, contacts)]
         noise = np.maximum(_spread(free_torque, calm), calm)
         steps = _baseline_steps(t, contacts)
-        step = noise if len(steps) < 3 else MEDIAN * np.median(np.abs(steps), axis=0)
+        step = noise if len(steps) < 3 else SD_PER_MEDIAN * np.median(np.abs(steps), axis=0)
         sd = _floored(np.hypot(noise, step))
     if not first_pass.moving.any():
         moving_sd = sd
@@ -205,20 +207,20 @@ class _Edges(NamedTuple):
 
 
 def _is_settled(t: Array, contacts: TorqueContact) -> Flags:
-    """(N,) samples at rest, without contact, and _SETTLED after the last one."""
+    """(N,) samples at rest, without contact, and _SETTLING_TIME after the last one."""
     is_settled = np.asarray(~contacts.contact & ~contacts.moving)
     ends = _Edges.of(contacts.contact).ends
     if not len(ends):
         return is_settled
     last_end = np.searchsorted(ends, np.arange(len(t)), side="right") - 1
     since_end = np.where(last_end >= 0, t - t[ends[np.maximum(last_end, 0)]], np.inf)
-    return np.asarray(is_settled & (since_end >= _SETTLED))
+    return np.asarray(is_settled & (since_end >= _SETTLING_TIME))
 
 
 def _baseline_steps(t: Array, contacts: TorqueContact) -> Array:
     """(contacts, n) N m, change of the baseline over each contact that ends within the log."""
     begins, ends = _Edges.of(contacts.contact)
-    settled = np.searchsorted(t, t[ends] + _SETTLED)
+    settled = np.searchsorted(t, t[ends] + _SETTLING_TIME)
     steps = [
         contacts.baseline[settled[k]] - contacts.baseline[begin]
         for begin in begins
@@ -234,16 +236,18 @@ def _floored(sd: Array) -> Array:
 
 def _spread(x: Array, otherwise: Array) -> Array:
     """(n,) sd of x (N, n) by the median of |x|; `otherwise` where x has too few rows."""
-    return MEDIAN * np.median(np.abs(x), axis=0) if len(x) >= _FEWEST else otherwise
+    return (
+        SD_PER_MEDIAN * np.median(np.abs(x), axis=0) if len(x) >= _MIN_MEDIAN_SAMPLES else otherwise
+    )
 
 
 def _windows_sd(t: Array, tau: Array, used: Flags) -> Array:
-    """(n,) N m, lower quartile of the sds within windows of WINDOW s.
+    """(n,) N m, lower quartile of the sds within windows of SD_WINDOW s.
 
     The windows are those whose samples are all used; where there is none, all of them.
     """
     step = float(np.median(np.diff(t)))
-    size = max(4, round(WINDOW / step)) if step > 0.0 else 4
+    size = max(4, round(SD_WINDOW / step)) if step > 0.0 else 4
     count = len(t) // size
     windows = tau[: count * size].reshape(count, size, -1).std(axis=1, ddof=1)
     whole = used[: count * size].reshape(count, size).all(axis=1)
@@ -273,7 +277,7 @@ def torque_contact_log(
             sd = error.moving_sd if moves else error.rest_sd
             norms = _take_torque(rows, tau_ext[k], sd, T, z)
             _decide(rows, tau_ext[k], norms, T, z)
-            out[k, 0], out[k, 1] = np.sqrt(norms.square) / LEVEL, rows[_SINGLE, _CONTACT]
+            out[k, 0], out[k, 1] = np.sqrt(norms.square) / CONTACT_LEVEL, rows[_SINGLE, _CONTACT]
             out[k, 2] = 1.0 if moves else 0.0
         for j in range(tau_ext.shape[1]):
             base[k, j] = rows[_BASE, j]
@@ -314,14 +318,14 @@ def _period(state: Array, t: float, J: Array) -> float:
 
 @kernel
 def _moves(state: Array, J: Array, T: float) -> bool:
-    """Takes J (6, n) into its low-pass; returns whether the arm moves, or has within STILL."""
+    """Takes J (6, n) into its low-pass; returns whether the arm moves, or has within REST_TIME."""
     numbers = state[6 + _SINGLE]
     gain, change = 1.0 - np.exp(-T / MOTION_TIME), 0.0
     for i in range(6):
         for j in range(J.shape[1]):
             state[i, j] += gain * (J[i, j] - state[i, j])
             change = max(change, abs(J[i, j] - state[i, j]))
-    numbers[_MOVED] = STILL if change > MOTION * MOTION_TIME else numbers[_MOVED] - T
+    numbers[_MOVED] = REST_TIME if change > MIN_JACOBIAN_RATE * MOTION_TIME else numbers[_MOVED] - T
     return bool(numbers[_MOVED] > 0.0)
 
 
@@ -329,7 +333,7 @@ def _moves(state: Array, J: Array, T: float) -> bool:
 def _take_torque(rows: Array, tau_ext: Array, sd: Array, T: float, z: Array) -> _Norms:
     """Writes z (n,), and lets the peak fade."""
     square, along_peak, peak_square = 0.0, 0.0, 0.0
-    fade = np.exp(-T / FADE)
+    fade = np.exp(-T / PEAK_TIME)
     for j in range(tau_ext.shape[0]):
         z[j] = (tau_ext[j] - rows[_BASE, j]) / sd[j]
         square += z[j] * z[j]
@@ -349,10 +353,10 @@ def _decide(rows: Array, tau_ext: Array, norms: _Norms, T: float, z: Array) -> N
     elif norms.square >= norms.peak_square:
         rows[_PEAK, :n] = z
     else:
-        ends = norms.along_peak < LEFT * norms.peak_square
-    if ends or (numbers[_CONTACT] == 1.0 and s < RELEASE * LEVEL):
-        numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, PAUSE, np.inf
-    if s <= LEVEL or numbers[_CONTACT] == 1.0:
+        ends = norms.along_peak < MIN_PEAK_SHARE * norms.peak_square
+    if ends or (numbers[_CONTACT] == 1.0 and s < RELEASE_SHARE * CONTACT_LEVEL):
+        numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, PAUSE_TIME, np.inf
+    if s <= CONTACT_LEVEL or numbers[_CONTACT] == 1.0:
         numbers[_ABOVE] = np.nan
 
 
@@ -367,11 +371,11 @@ def _wait_for_contact(rows: Array, tau_ext: Array, s: float, T: float, z: Array)
             rows[_LOWEST, :n] = tau_ext
         if numbers[_WAIT] <= 0.0:
             rows[_BASE, :n] = rows[_LOWEST, :n]
-    elif s > LEVEL:
+    elif s > CONTACT_LEVEL:
         numbers[_ABOVE] = numbers[_ABOVE] + T if np.isfinite(numbers[_ABOVE]) else 0.0
-        if numbers[_ABOVE] >= HOLD:
+        if numbers[_ABOVE] >= ONSET_TIME:
             numbers[_CONTACT] = 1.0
             rows[_PEAK, :n] = z
     else:
         for j in range(n):
-            rows[_BASE, j] += (1.0 - np.exp(-T / SLOW)) * (tau_ext[j] - rows[_BASE, j])
+            rows[_BASE, j] += (1.0 - np.exp(-T / BASELINE_TIME)) * (tau_ext[j] - rows[_BASE, j])

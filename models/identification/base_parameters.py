@@ -23,7 +23,7 @@ from wrenchsight.models.numerics.arrays import Array
 
 # Dependent columns have pivots of 1e-15; a joint axis written as 1.57079632679 makes that 1e-11.
 # Determined columns lie above 1e-3 even for poor motions. No value in between has occurred.
-TOLERANCE = 1e-7
+RANK_TOLERANCE = 1e-7
 _ORDER_WEIGHT = 1e-6  # relative; how much a column's place counts against its length
 
 
@@ -57,14 +57,14 @@ def triangular_factor(W: Array) -> Array:
     return np.asarray(qr(W, mode="r", check_finite=False)[0][: min(W.shape)])
 
 
-def independent_columns(W: Array, tolerance: float = TOLERANCE) -> NDArray[np.intp]:
+def independent_columns(W: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:
     """Returns `BaseParameters.independent` of a regressor W (m, p) that is finite and not zero."""
     factor = _pivoted(W, tolerance)
     return np.sort(factor.present[factor.order[: int((factor.pivots > tolerance).sum())]])
 
 
 def find_base_parameters(
-    W: Array, names: Sequence[str], tolerance: float = TOLERANCE
+    W: Array, names: Sequence[str], tolerance: float = RANK_TOLERANCE
 ) -> BaseParameters:
     """Finds the base parameters of a regressor.
 

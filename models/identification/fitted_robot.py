@@ -11,7 +11,7 @@ import numpy as np
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
 
-_TOLERANCE = 1e-6  # of a number: YAML keeps what a person wrote
+_NUMBER_TOLERANCE = 1e-6  # of a number: YAML keeps what a person wrote
 
 
 @dataclass
@@ -74,7 +74,9 @@ class FittedRobot:
                 problem = f"{len(of_model)} numbers, expected {len(of_robot)}"
                 differences.append((key, problem))
                 continue
-            for j in np.flatnonzero(~np.isclose(of_model, of_robot, rtol=_TOLERANCE, atol=1e-12)):
+            for j in np.flatnonzero(
+                ~np.isclose(of_model, of_robot, rtol=_NUMBER_TOLERANCE, atol=1e-12)
+            ):
                 place = f"component {j + 1}" if key == "gravity" else robot.joint_names[j]
                 problem = f"the model was identified with {of_model[j]:g} ({place}), "
                 problem += f"{robot.source} has {of_robot[j]:g}"
@@ -118,4 +120,6 @@ class FittedRobot:
 
 
 def _same(a: list[list[float]], b: list[list[float]]) -> bool:
-    return np.shape(a) == np.shape(b) and bool(np.allclose(a, b, rtol=_TOLERANCE, atol=1e-12))
+    return np.shape(a) == np.shape(b) and bool(
+        np.allclose(a, b, rtol=_NUMBER_TOLERANCE, atol=1e-12)
+    )

@@ -27,15 +27,15 @@ from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.rigid_body.chain_kernels import place_links
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
-PARAMETERS = 5  # of a joint: mass, first moment [kg m], offset [N m (N)]
-MOST_DIRECTIONS = 6  # d_k that a tick can afford; the strongest ones
+NUM_PARAMETERS = 5  # of a joint: mass, first moment [kg m], offset [N m (N)]
+MAX_DIRECTIONS = 6  # d_k that a tick can afford; the strongest ones
 
 # Columns of the table, one row a joint: 0-15 of `SerialChain.table`, gravity in W, the square of
-# the largest spread fitted, then PARAMETERS a direction.
-_GRAVITY, _FITTED2, _DIRECTIONS = 16, 19, 20
+# the largest spread fitted, then NUM_PARAMETERS a direction.
+_GRAVITY_COLUMN, _FITTED2_COLUMN, _FIRST_DIRECTION = 16, 19, 20
 _BODY_COLUMNS = 18  # that `place_links` writes
-_ROUNDING = 1e-6  # of `scale`: directions below are none
-_POSTURES = 200  # random ones, in which the directions are weighed
+_MIN_DIRECTION_RATIO = 1e-6  # of `scale`: directions below are none
+_NUM_POSTURES = 200  # random ones, in which the directions are weighed
 
 
 def jackknife(parameters: ArrayLike) -> Array:
@@ -48,7 +48,7 @@ def jackknife(parameters: ArrayLike) -> Array:
 def strongest(chain: SerialChain, spread: Array, scale: ArrayLike) -> Array:
     """The same spread by fewer directions, the strongest first: (K', n, 5), K' <= K - 1.
 
-    Beyond MOST_DIRECTIONS the weakest are left out.
+    Beyond MAX_DIRECTIONS the weakest are left out.
 
     Args:
         chain: whose joints they are.
@@ -56,12 +56,12 @@ def strongest(chain: SerialChain, spread: Array, scale: ArrayLike) -> Array:
         scale: (n,) N m, the error's sd, by which the joints' torques are compared.
     """
     K, n, _ = spread.shape
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, n))
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_NUM_POSTURES, n))
     torque = np.stack(
         [_torque(chain, direction, q) / np.asarray(scale, float) for direction in spread]
     )
     U, s, _ = np.linalg.svd(torque.reshape(K, -1), full_matrices=False)
-    num_kept = min(K - 1, MOST_DIRECTIONS, int(np.sum(s > _ROUNDING)))
+    num_kept = min(K - 1, MAX_DIRECTIONS, int(np.sum(s > _MIN_DIRECTION_RATIO)))
     return np.asarray(np.tensordot(U[:, :num_kept].T, spread, axes=1))
 
 
@@ -84,11 +84,11 @@ def spread_table(chain: SerialChain, spread: Array, fitted: ArrayLike) -> Array:
     n = chain.num_joints
     if len(spread) == 0:
         return np.zeros((n, 0))
-    table = np.empty((n, _DIRECTIONS + PARAMETERS * len(spread)))
-    table[:, :_GRAVITY] = chain.table[:n, :_GRAVITY]
-    table[:, _GRAVITY:_FITTED2] = chain.gravity
-    table[:, _FITTED2] = np.square(fitted)
-    table[:, _DIRECTIONS:] = np.swapaxes(spread, 0, 1).reshape(n, -1)
+    table = np.empty((n, _FIRST_DIRECTION + NUM_PARAMETERS * len(spread)))
+    table[:, :_GRAVITY_COLUMN] = chain.table[:n, :_GRAVITY_COLUMN]
+    table[:, _GRAVITY_COLUMN:_FITTED2_COLUMN] = chain.gravity
+    table[:, _FITTED2_COLUMN] = np.square(fitted)
+    table[:, _FIRST_DIRECTION:] = np.swapaxes(spread, 0, 1).reshape(n, -1)
     return table
 
 
@@ -125,8 +125,12 @@ def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> N
         finite = finite and np.isfinite(q[i])
     if not finite:
         return
-    gx, gy, gz = table[0, _GRAVITY], table[0, _GRAVITY + 1], table[0, _GRAVITY + 2]
-    for column in range(_DIRECTIONS, table.shape[1], PARAMETERS):
+    gx, gy, gz = (
+        table[0, _GRAVITY_COLUMN],
+        table[0, _GRAVITY_COLUMN + 1],
+        table[0, _GRAVITY_COLUMN + 2],
+    )
+    for column in range(_FIRST_DIRECTION, table.shape[1], NUM_PARAMETERS):
         m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0  # of all that the joint carries, about W's origin
         for i in range(n - 1, -1, -1):
             link_mass = table[i, column]
@@ -142,7 +146,7 @@ def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> N
             torque = table[i, column + 4] - moment - m * force
             variance[i] += torque * torque
     for i in range(n):
-        variance[i] = max(0.0, variance[i] - table[i, _FITTED2])
+        variance[i] = max(0.0, variance[i] - table[i, _FITTED2_COLUMN])
 
 
 @kernel

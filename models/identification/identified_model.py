@@ -28,7 +28,7 @@ from wrenchsight.models.friction.velocity_friction import (
 )
 from wrenchsight.models.identification.contact_noise import ContactNoise, check_contact_noise
 from wrenchsight.models.identification.fitted_robot import FittedRobot
-from wrenchsight.models.identification.gravity_spread import PARAMETERS
+from wrenchsight.models.identification.gravity_spread import NUM_PARAMETERS
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -36,7 +36,7 @@ from wrenchsight.models.robot.arm import Arm
 from wrenchsight.models.robot.robot import Robot
 
 FORMAT = "wrenchsight-model"
-VERSION = 1
+FORMAT_VERSION = 1
 
 # Without an identification nothing is known of the model's error; a drive's effort limit is the one
 # scale of torque that every robot file states.
@@ -318,11 +318,11 @@ class IdentifiedModel:
                 f"expected '{FORMAT}', found '{block.format}'",
                 "give a model.yaml that 'identify' wrote",
             )
-        if block.version != VERSION:
+        if block.version != FORMAT_VERSION:
             raise InputError(
                 path,
                 "version",
-                f"the file has version {block.version}, this program reads version {VERSION}",
+                f"the file has version {block.version}, this program reads {FORMAT_VERSION}",
                 "identify the model again",
             )
         n = len(block.joint_names)
@@ -356,7 +356,7 @@ class IdentifiedModel:
     def _to_file(self) -> _ModelFile:
         return _ModelFile(
             format=FORMAT,
-            version=VERSION,
+            version=FORMAT_VERSION,
             robot=self.robot,
             joint_names=list(self.joint_names),
             kinematics_digest=self.kinematics_digest,
@@ -560,7 +560,7 @@ def _read_torque_error(
 ) -> TorqueErrorModel | None:
     if block is None:
         return None
-    shapes = {"correlation": (n, n), "spread": (-1, n, PARAMETERS)}
+    shapes = {"correlation": (n, n), "spread": (-1, n, NUM_PARAMETERS)}
     values: dict[str, Any] = {}
     for attribute in fields(block):
         value = getattr(block, attribute.name)

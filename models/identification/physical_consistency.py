@@ -28,9 +28,9 @@ from wrenchsight.models.friction.friction_terms import term_of
 from wrenchsight.models.identification.base_parameters import triangular_factor
 from wrenchsight.models.numerics.arrays import Array
 
-MARGIN = 1e-4  # least eigenvalue of a scaled pseudo-inertia: inside, whatever rounding does
+MIN_EIGENVALUE = 1e-4  # least eigenvalue of a scaled pseudo-inertia: inside, whatever rounding does
 DRIVE_PRIOR = 1e-3  # weight of the prior on rotor inertia and friction
-_INERTIAL = 10
+_NUM_INERTIAL = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def fit_consistent(
     n, p = structure.num_joints, A.shape[1]
     reduced = triangular_factor(np.column_stack([A * spread, b - A @ prior]))
     weight = np.full(p, DRIVE_PRIOR)
-    weight[: _INERTIAL * n] = 1.0
+    weight[: _NUM_INERTIAL * n] = 1.0
     rows = np.vstack([reduced[:, :-1], np.diag(weight)])
     right = np.concatenate([reduced[:, -1], np.zeros(p)])
     program = MathematicalProgram()
@@ -94,10 +94,10 @@ def fit_consistent(
     length = np.linalg.norm(right)
     program.AddL2NormCostUsingConicConstraint(rows / length, -right / length, y)
     for i in range(n):
-        link_columns = slice(_INERTIAL * i, _INERTIAL * (i + 1))
+        link_columns = slice(_NUM_INERTIAL * i, _NUM_INERTIAL * (i + 1))
         S = _scaling(spread[link_columns])
-        F = [S @ pseudo_inertia(prior[link_columns]) @ S - MARGIN * np.eye(4)]
-        F += [S @ _BASIS[k] @ S * spread[link_columns][k] for k in range(_INERTIAL)]
+        F = [S @ pseudo_inertia(prior[link_columns]) @ S - MIN_EIGENVALUE * np.eye(4)]
+        F += [S @ _BASIS[k] @ S * spread[link_columns][k] for k in range(_NUM_INERTIAL)]
         program.AddLinearMatrixInequalityConstraint([(f + f.T) / 2 for f in F], y[link_columns])
     for row, low, high in _friction_rows(structure, v_max, p):
         offset = float(row @ prior)
@@ -107,9 +107,9 @@ def fit_consistent(
     if not result.is_success():
         raise ValueError(f"the consistent fit has no solution: {result.get_solution_result()}")
     x = prior + spread * result.GetSolution(y)
-    inertial = x[: _INERTIAL * n].reshape(n, _INERTIAL)
+    inertial = x[: _NUM_INERTIAL * n].reshape(n, _NUM_INERTIAL)
     return ConsistentFit(
-        x, least_eigenvalues(inertial, spread[: _INERTIAL * n].reshape(n, _INERTIAL))
+        x, least_eigenvalues(inertial, spread[: _NUM_INERTIAL * n].reshape(n, _NUM_INERTIAL))
     )
 
 
@@ -118,7 +118,7 @@ def _friction_rows(
 ) -> list[tuple[Array, float, float]]:
     """Bounds low <= row x <= high: rotor inertia and friction that takes energy out of motion."""
     bounds = []
-    start = _INERTIAL * structure.num_joints
+    start = _NUM_INERTIAL * structure.num_joints
     for j, terms in enumerate(structure.terms):
         place = {term: start + 1 + k for k, term in enumerate(terms)}
 
@@ -154,7 +154,7 @@ def _scaling(spread: Array) -> Array:
 
 
 def _basis() -> Array:
-    out = np.zeros((_INERTIAL, 4, 4))
+    out = np.zeros((_NUM_INERTIAL, 4, 4))
     out[0, 3, 3] = 1.0
     for k in range(3):
         out[1 + k, k, 3] = out[1 + k, 3, k] = 1.0

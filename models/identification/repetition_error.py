@@ -18,7 +18,7 @@ slip
 friction is level z to a first approximation. The cycles differ by LP(level (z_before - z_now)),
 where LP is the low-pass that eq. 4's torque has passed. Where the cycles move alike it vanishes,
 also through turns. No log of the arm determines `reach` sharply, and a real joint has elements of
-several reaches: slip^2 is the mean over REACHES, half a decade apart.
+several reaches: slip^2 is the mean over REACH_CHOICES, half a decade apart.
 
 **read_load** states friction that grows with the load, N m per N m; no contact-free log has it.
 """
@@ -34,7 +34,7 @@ from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 
 # rad (m); settled on one run of the simulated arm, pushed along the initial path
-REACHES = (1e-5, 3e-5, 1e-4)
+REACH_CHOICES = (1e-5, 3e-5, 1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +80,13 @@ class RepetitionError:
 
         power = np.zeros((len(q) - period, q.shape[1]))
         z = np.empty_like(q)
-        for reach in REACHES:
+        for reach in REACH_CHOICES:
             slip_along(q, v, 0.5 * np.asarray(self.resolution, float), time_step, reach, z)
             torque = self.level * (z[:-period] - z[period:])
             if self.K_0 is not None:
                 pole = np.exp(-self.K_0 * time_step)
                 torque = lfilter([1.0 - pole], [1.0, -pole], torque, axis=0)
-            power += torque**2 / len(REACHES)
+            power += torque**2 / len(REACH_CHOICES)
         return power
 
 

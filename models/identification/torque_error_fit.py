@@ -41,14 +41,14 @@ from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 
 FEWEST_SAMPLES = 200  # of a joint, over all logs
-WINDOWS = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken, for the correlated error
+MEAN_TIMES = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken, for the correlated error
 CORRELATION_TIMES = (0.01, 5.0)  # s, least and largest
-_OUTLIER = 4.0  # sds, at which errors are clipped for the correlations
+_MAX_ERROR_SDS = 4.0  # sds, at which errors are clipped for the correlations
 _LEAST_SHARE = 1e-4  # of a joint's rms error: the smallest constant
-_BLOCK = 256  # samples
-REST = Rest()
-_SPAN = 18.0  # natural logarithm of the range of a coefficient
-_ENOUGH = 10_000  # samples that locate the highest likelihood roughly
+_BLOCK_SAMPLES = 256  # samples
+DEFAULT_REST = Rest()
+_LOG_COEFFICIENT_RANGE = 18.0  # natural logarithm of the range of a coefficient
+_ROUGH_FIT_SAMPLES = 10_000  # samples that locate the highest likelihood roughly
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class HeldOutReading:
 
 
 def fit_torque_error(
-    readings: Sequence[HeldOutReading], least: ArrayLike = 0.0, rest: Rest = REST
+    readings: Sequence[HeldOutReading], least: ArrayLike = 0.0, rest: Rest = DEFAULT_REST
 ) -> TorqueErrorModel:
     """Returns the model that explains the readings best.
 
@@ -114,7 +114,8 @@ def fit_torque_error(
         for f, rows in zip(features, used, strict=True)
     ]
     scaled = [
-        np.clip(tau_ext / sd, -_OUTLIER, _OUTLIER) for tau_ext, sd in zip(errors, sds, strict=True)
+        np.clip(tau_ext / sd, -_MAX_ERROR_SDS, _MAX_ERROR_SDS)
+        for tau_ext, sd in zip(errors, sds, strict=True)
     ]
     lasting, correlation_time = _averaging(scaled, readings[0].time_step)
     roots = np.sqrt(coefficients)
@@ -153,7 +154,7 @@ def _largest(signals: Sequence[Array], used: Sequence[Flags]) -> Array:
     return np.asarray(np.max(largest, axis=0))
 
 
-def unit_torque_error(n: int, K_0: Array, rest: Rest = REST) -> TorqueErrorModel:
+def unit_torque_error(n: int, K_0: Array, rest: Rest = DEFAULT_REST) -> TorqueErrorModel:
     """A model of which only the constants that turn motion into features and rest are used."""
     return TorqueErrorModel(
         **PLAIN | {"K_0": K_0},
@@ -207,18 +208,18 @@ def most_likely(F: Array, e: Array) -> Array:
         result = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
         return _Minimum(float(result.fun), result.x)
 
-    bounds = [(-_SPAN, np.log(10.0 * A.shape[1]))] * A.shape[1]
+    bounds = [(-_LOG_COEFFICIENT_RANGE, np.log(10.0 * A.shape[1]))] * A.shape[1]
     # The cost is not convex: one start splits the variance evenly, one has the constant alone.
     constant_alone = np.full(A.shape[1], -3.0)
     constant_alone[0] = 1.0
     # A part of many samples shows which minimum is the lower one, and about where it lies.
-    step = max(1, len(e) // _ENOUGH)
+    step = max(1, len(e) // _ROUGH_FIT_SAMPLES)
     minima = [minimum_from(start, step) for start in (np.zeros(A.shape[1]), constant_alone)]
     x = min(minima, key=lambda minimum: minimum.value).x
     if step > 1:
         x = minimum_from(x, 1).x
     # A term that the likelihood pushed to its bound, or that no sample excited, is zero.
-    is_determined = (x > -_SPAN + 1e-6) & (A.max(axis=0) > 0.0)
+    is_determined = (x > -_LOG_COEFFICIENT_RANGE + 1e-6) & (A.max(axis=0) > 0.0)
     return np.where(is_determined, scale * np.exp(x), 0.0)
 
 
@@ -235,10 +236,10 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
     N, M = A.shape
     value, part = 0.0, np.empty(M)
     slope[:] = 0.0
-    for start in range(0, N, _BLOCK):  # sums of sums: rounding does not grow with N
+    for start in range(0, N, _BLOCK_SAMPLES):  # sums of sums: rounding does not grow with N
         part[:] = 0.0
         logarithms, ratios, factor = 0.0, 0.0, 1.0
-        for k in range(start, min(N, start + _BLOCK)):
+        for k in range(start, min(N, start + _BLOCK_SAMPLES)):
             s = fixed[k]
             for m in range(M):
                 s += A[k, m] * c[m]
@@ -287,7 +288,7 @@ def _correlation_of_reading(scaled: Array) -> Array:
 
 
 def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]:
-    """Share of correlated error and correlation time (n,) each, from means over WINDOWS.
+    """Share of correlated error and correlation time (n,) each, from means over MEAN_TIMES.
 
     V(tau) = b + (1 - b) g(tau / T), with g of `averaged_share`, is fitted by least squares of the
     logarithm on a grid. Windows longer than half of the shortest log are left out.
@@ -295,7 +296,7 @@ def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]
     n = scaled[0].shape[1]
     power = np.mean(np.vstack(scaled) ** 2, axis=0)
     shortest = min(len(errors) for errors in scaled)
-    windows = [w for w in WINDOWS if 1 < round(w / time_step) <= shortest // 2]
+    windows = [w for w in MEAN_TIMES if 1 < round(w / time_step) <= shortest // 2]
     if not windows:
         return np.zeros(n), np.full(n, 0.1)
     shares = []

@@ -85,7 +85,7 @@ from wrenchsight.models.friction.slip_elements import (
     within_rounding,
 )
 from wrenchsight.models.identification.gravity_spread import (
-    PARAMETERS,
+    NUM_PARAMETERS,
     spread_beyond,
     spread_of_links,
     spread_table,
@@ -220,8 +220,8 @@ class TorqueErrorModel:
     def __post_init__(self) -> None:
         n = np.size(self.constant)
         if self.spread is None or np.size(self.spread) == 0:
-            object.__setattr__(self, "spread", np.zeros((0, n, PARAMETERS)))
-        shapes = {"correlation": (n, n), "spread": (len(self._directions), n, PARAMETERS)}
+            object.__setattr__(self, "spread", np.zeros((0, n, NUM_PARAMETERS)))
+        shapes = {"correlation": (n, n), "spread": (len(self._directions), n, NUM_PARAMETERS)}
         for attribute in fields(self):
             value = np.array(getattr(self, attribute.name), float)
             shape = () if attribute.name in _NUMBERS else shapes.get(attribute.name, (n,))

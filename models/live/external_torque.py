@@ -13,12 +13,12 @@ import numpy as np
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.link_odds import (
     AT_WORK,
-    DOUBT,
+    MAX_LINK_ODDS,
     PlaceOdds,
     place_evidence,
 )
 from wrenchsight.models.detection.torque_contact import (
-    FIRST,
+    START_TIME,
     TorqueContactDetector,
     TorqueError,
     first_baseline,
@@ -35,8 +35,9 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 JUDGE_TIME = 0.05  # s of a contact before its place is judged first, then at each doubling
-LATEST, STRONGEST = 20, 2  # samples of a contact: the latest, and of these the strongest that judge
-LOADED = 1.5  # as `place_evidence`, of torque sensors
+# samples of a contact: the latest, and of these the strongest that judge
+LATEST_SAMPLES, JUDGED_SAMPLES = 20, 2
+LOADED_SDS = 1.5  # as `place_evidence`, of torque sensors
 
 
 class ExternalTorqueEstimator:
@@ -75,7 +76,7 @@ class ExternalTorqueEstimator:
         self._t = 0.0
         self._first_torques: list[Array] = []  # until there is a baseline
         self._detector: TorqueContactDetector | None = None
-        self._contact_samples: deque[_ContactSample] = deque(maxlen=LATEST)
+        self._contact_samples: deque[_ContactSample] = deque(maxlen=LATEST_SAMPLES)
         self._contact_begin = self._judge_at = np.inf  # s
         self._place: PlaceOdds | None = None
 
@@ -97,7 +98,9 @@ class ExternalTorqueEstimator:
         on_link = place is not None and place.on_link
         link = place.named()[0] if place is not None and on_link else 0
         # A contact whose place is not judged yet may be anywhere.
-        may_be_elsewhere = state.contact if place is None else place.links[:-1].sum() > DOUBT
+        may_be_elsewhere = (
+            state.contact if place is None else place.links[:-1].sum() > MAX_LINK_ODDS
+        )
         batch = EstimateBatch(
             tau,
             estimate.wrench,
@@ -126,7 +129,7 @@ class ExternalTorqueEstimator:
         """Contact and motion of the next sample; judges the place of a contact where it is due."""
         if self._detector is None:
             self._first_torques.append(tau[0])
-            if self._t < FIRST:
+            if self._t < START_TIME:
                 return _NO_CONTACT
             torques = np.array(self._first_torques)
             times = self._step * np.arange(len(torques), dtype=float)
@@ -150,9 +153,9 @@ class ExternalTorqueEstimator:
         """The place of the present contact."""
         J = np.array([sample.J for sample in self._contact_samples])
         tau = np.array([sample.tau for sample in self._contact_samples])
-        strongest = np.argsort(-np.linalg.norm(tau / self._sd, axis=1))[:STRONGEST]
+        strongest = np.argsort(-np.linalg.norm(tau / self._sd, axis=1))[:JUDGED_SAMPLES]
         sd = np.broadcast_to(self._sd, (len(strongest), len(self._sd)))
-        evidence = place_evidence(J[strongest], tau[strongest], sd, loaded=LOADED)
+        evidence = place_evidence(J[strongest], tau[strongest], sd, loaded=LOADED_SDS)
         return PlaceOdds.of(evidence, AT_WORK)
 
 

@@ -49,9 +49,9 @@ SILENT_TIME = 0.05  # s without a sample, or
 SILENT_STEPS = 4.0  # steps, whichever is longer
 RESOLUTION_SAMPLES = 2000  # in which the encoders' step is looked for
 RESOLUTION_EVERY = 100
-ALIKE = 0.2  # share by which equal resolutions may differ
+RESOLUTION_TOLERANCE = 0.2  # share by which equal resolutions may differ
 _LEAST_PERIOD = 1e-9  # s
-_FAR = 10.0  # times the time of zeroing, after which a clock has jumped
+_CLOCK_JUMP_RATIO = 10.0  # times the time of zeroing, after which a clock has jumped
 
 
 def _estimator_of_streams() -> WrenchEstimatorConfig:
@@ -230,7 +230,9 @@ class LiveEstimator:
             return False
         self._resolution_q = None
         previous, self._resolution = self._resolution, resolution.tolist()
-        return previous is None or not np.allclose(resolution, previous, rtol=ALIKE, atol=0.0)
+        return previous is None or not np.allclose(
+            resolution, previous, rtol=RESOLUTION_TOLERANCE, atol=0.0
+        )
 
     def _look_at_resolution(self, sample: Sample, out: list[Reading | StreamEvent]) -> None:
         """Begins anew where the stream shows another encoder resolution than the one in use."""
@@ -337,7 +339,10 @@ class LiveEstimator:
         """Begins and ends the zeroing of a payload; the event of each."""
         if not self._config.zero_s or self._is_zeroed or self.tracked is None:
             return []
-        if self._zero_begin is None or not 0.0 <= t - self._zero_begin < _FAR * self._config.zero_s:
+        if (
+            self._zero_begin is None
+            or not 0.0 <= t - self._zero_begin < _CLOCK_JUMP_RATIO * self._config.zero_s
+        ):
             self._zero_begin, self._is_zeroing = t, True
             self.tracked.start_zero()
             text = "hold the payload untouched in one posture, or several, for "

@@ -26,17 +26,17 @@ _FIELDS = (
     "statistic",
     "condition_number",
 )
-_PLACE = {name: k for k, name in enumerate(_FIELDS)}
-_WRENCH = len(_FIELDS)
-_COVARIANCE = _WRENCH + 6
-_JOINTS = _COVARIANCE + 36
+_FIELD_PLACES = {name: k for k, name in enumerate(_FIELDS)}
+_WRENCH_COLUMN = len(_FIELDS)
+_COVARIANCE_COLUMN = _WRENCH_COLUMN + 6
+_JOINTS_COLUMN = _COVARIANCE_COLUMN + 36
 
 _Kind = TypeVar("_Kind")
 
 
 def row_size(num_joints: int) -> int:
     """Numbers of a reading of an arm with n joints."""
-    return _JOINTS + 2 * num_joints
+    return _JOINTS_COLUMN + 2 * num_joints
 
 
 class _Field(Generic[_Kind]):
@@ -46,7 +46,7 @@ class _Field(Generic[_Kind]):
         self._kind = kind
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self._place = _PLACE[name]
+        self._place = _FIELD_PLACES[name]
 
     def __get__(self, reading: "Reading", owner: type) -> _Kind:
         return self._kind(reading.row.item(self._place))
@@ -69,18 +69,18 @@ class Reading:
         """Makes a row; `fields` are numbers by name, 0 where one is left out."""
         row = np.zeros(row_size(len(q)))
         for name, value in fields.items():
-            row[_PLACE[name]] = value
-        row[_WRENCH:_COVARIANCE] = wrench
-        row[_COVARIANCE:_JOINTS] = covariance.ravel()
-        row[_JOINTS:] = np.concatenate([tau_ext, q])
+            row[_FIELD_PLACES[name]] = value
+        row[_WRENCH_COLUMN:_COVARIANCE_COLUMN] = wrench
+        row[_COVARIANCE_COLUMN:_JOINTS_COLUMN] = covariance.ravel()
+        row[_JOINTS_COLUMN:] = np.concatenate([tau_ext, q])
         return cls(row)
 
     def unusable(self, received: float) -> "Reading":
         """The same reading, not valid: the stream or the robot has stopped."""
         row = self.row.copy()
-        row[_PLACE["invalid"]] = self.invalid | STREAM_LATE
-        row[[_PLACE[name] for name in ("contact", "misfit")]] = 0.0
-        row[_PLACE["received"]] = received
+        row[_FIELD_PLACES["invalid"]] = self.invalid | STREAM_LATE
+        row[[_FIELD_PLACES[name] for name in ("contact", "misfit")]] = 0.0
+        row[_FIELD_PLACES["received"]] = received
         return Reading(row)
 
     t = _Field(float)
@@ -130,32 +130,32 @@ class Reading:
 
     def publish(self, now: float) -> None:
         """Notes the time of publication, s."""
-        self.row[_PLACE["published"]] = now
+        self.row[_FIELD_PLACES["published"]] = now
 
     @property
     def wrench(self) -> Array:
         """(6,) F_E_W = [mx my mz fx fy fz] in N m and N: by the environment, at E, axes of W."""
-        return self.row[_WRENCH:_COVARIANCE]
+        return self.row[_WRENCH_COLUMN:_COVARIANCE_COLUMN]
 
     @property
     def covariance(self) -> Array:
         """(6, 6) of the wrench."""
-        return self.row[_COVARIANCE:_JOINTS].reshape(6, 6)
+        return self.row[_COVARIANCE_COLUMN:_JOINTS_COLUMN].reshape(6, 6)
 
     @property
     def sd(self) -> Array:
         """(6,) of the wrench, rotation first."""
-        return np.asarray(np.sqrt(self.row[_COVARIANCE:_JOINTS:7]))
+        return np.asarray(np.sqrt(self.row[_COVARIANCE_COLUMN:_JOINTS_COLUMN:7]))
 
     @property
     def tau_ext(self) -> Array:
         """(n,) N m, positive along the motion it causes."""
-        return self.row[_JOINTS : (_JOINTS + len(self.row)) // 2]
+        return self.row[_JOINTS_COLUMN : (_JOINTS_COLUMN + len(self.row)) // 2]
 
     @property
     def q(self) -> Array:
         """(n,) rad or m."""
-        return self.row[(_JOINTS + len(self.row)) // 2 :]
+        return self.row[(_JOINTS_COLUMN + len(self.row)) // 2 :]
 
     @property
     def force_first(self) -> Array:

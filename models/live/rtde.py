@@ -16,8 +16,8 @@ import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 
-PORT = 30004
-VERSION = 2
+RTDE_PORT = 30004
+RTDE_VERSION = 2
 NOT_FOUND = "NOT_FOUND"
 MOST_NAMES = 256  # of a recipe
 LONGEST_NAME = 128
@@ -203,7 +203,7 @@ class Recipe:
         return numbers[begin:end]
 
 
-TYPES = {  # of the fields that a log can be played as
+FIELD_TYPES = {  # of the fields that a log can be played as
     "timestamp": "DOUBLE",
     "actual_q": "VECTOR6D",
     "actual_qd": "VECTOR6D",

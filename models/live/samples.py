@@ -11,7 +11,7 @@ import numpy as np
 from wrenchsight.models.files.input_error import one_line
 from wrenchsight.models.numerics.arrays import Array
 
-_NOTHING: Mapping[str, Array] = MappingProxyType({})
+_NO_SIGNALS: Mapping[str, Array] = MappingProxyType({})
 LONGEST_TEXT = 300  # characters of an event
 # What a log calls what its controller aimed at, by the controller's own words.
 CONTROLLER_SIGNALS = {"current_desired": "target_current", "tau_desired": "target_moment"}
@@ -102,5 +102,5 @@ class Sample:
     is_torque: bool = False
     running: bool = True
     state: str = ""
-    more: Mapping[str, Array] = field(default_factory=lambda: _NOTHING)
+    more: Mapping[str, Array] = field(default_factory=lambda: _NO_SIGNALS)
     is_external: bool = False

@@ -15,9 +15,10 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.resampling import DROPOUT_STEPS, ROUNDING, UNIFORM_TOLERANCE
 
 SAY_AGAIN = 1.0  # s between two events of one kind
-BEHIND = 3  # successive samples before the latest one that show that the clock jumped back
+# successive samples before the latest one that show that the clock jumped back
+MIN_LATE_SAMPLES = 3
 CLOCK_SLACK = 0.5  # s by which a gap of the controller's clock may exceed the computer's
-_DRIFT = 2e-4  # s/s by which two clocks may drift apart
+_MAX_CLOCK_DRIFT = 2e-4  # s/s by which two clocks may drift apart
 
 
 class SampleOrder(NamedTuple):
@@ -118,7 +119,7 @@ class StreamOrder:
         if self._behind and t <= self._behind[-1]:
             self._behind.clear()
         self._behind.append(t)
-        return len(self._behind) >= BEHIND
+        return len(self._behind) >= MIN_LATE_SAMPLES
 
     def _judge_lateness(self, sample: Sample, events: list[StreamEvent]) -> None:
         if not self.rate:
@@ -126,7 +127,7 @@ class StreamOrder:
         offset = sample.received - sample.t / self.rate
         self._offset = min(offset, self._offset)
         lateness = offset - self._offset
-        self._offset += _DRIFT * self.late * min(lateness / self.late, 1.0)
+        self._offset += _MAX_CLOCK_DRIFT * self.late * min(lateness / self.late, 1.0)
         if lateness > self.late:
             if not self.is_late:
                 text = (

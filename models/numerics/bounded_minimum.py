@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.ties import SAME
+from wrenchsight.models.numerics.ties import TIE_TOLERANCE
 
-_DIFFERENCE = 1e-5  # of the variables, for the second derivatives
+_DIFFERENCE_STEP = 1e-5  # of the variables, for the second derivatives
 _NEWTON_STEPS = 8
-_FLAT = 1e-9  # of the largest curvature; below it there is none to divide by
-_OPTIONS = {"ftol": 1e-14, "gtol": 1e-8, "maxiter": 1000, "maxfun": 5000, "maxcor": 20}
+_MIN_CURVATURE_RATIO = 1e-9  # of the largest curvature; below it there is none to divide by
+_DESCENT_OPTIONS = {"ftol": 1e-14, "gtol": 1e-8, "maxiter": 1000, "maxfun": 5000, "maxcor": 20}
 
 
 def bounded_minimum(
@@ -49,10 +49,10 @@ def bounded_minimum(
             method="L-BFGS-B",
             jac=True,
             bounds=limits,
-            options=_OPTIONS,
+            options=_DESCENT_OPTIONS,
         )
         x, value = np.asarray(descent.x), float(descent.fun)
-        if best_x is None or value < best_value - SAME * max(1.0, abs(best_value)):
+        if best_x is None or value < best_value - TIE_TOLERANCE * max(1.0, abs(best_value)):
             best_x, best_value = x, value
     if best_x is None:
         raise ValueError("no start")
@@ -61,7 +61,7 @@ def bounded_minimum(
     for i in np.flatnonzero(np.isfinite(limits[:, 0])):
         lower = x.copy()
         lower[i] = limits[i, 0]
-        if value_and_gradient(lower)[0] <= value + SAME * max(1.0, abs(value)):
+        if value_and_gradient(lower)[0] <= value + TIE_TOLERANCE * max(1.0, abs(value)):
             x = lower
     return x, value_and_gradient(x)[0]
 
@@ -79,11 +79,11 @@ def _newton(
         curvature = np.empty((len(free), len(free)))
         for row, i in enumerate(free):
             x_plus, x_minus = x.copy(), x.copy()
-            x_plus[i], x_minus[i] = x[i] + _DIFFERENCE, x[i] - _DIFFERENCE
+            x_plus[i], x_minus[i] = x[i] + _DIFFERENCE_STEP, x[i] - _DIFFERENCE_STEP
             change = value_and_gradient(x_plus)[1] - value_and_gradient(x_minus)[1]
-            curvature[row] = change[free] / (2.0 * _DIFFERENCE)
+            curvature[row] = change[free] / (2.0 * _DIFFERENCE_STEP)
         values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
-        if not values[0] > _FLAT * values[-1]:
+        if not values[0] > _MIN_CURVATURE_RATIO * values[-1]:
             break
         x_trial = x.copy()
         x_trial[free] -= vectors @ ((vectors.T @ gradient[free]) / values)

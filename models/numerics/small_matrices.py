@@ -8,7 +8,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
 # Two rows are orthogonal below this cosine: a few rounding errors of a dot product.
-ORTHOGONAL = 1e-14
+ORTHOGONAL_COSINE = 1e-14
 # Five to six sweeps are usual, and convergence is quadratic: only NaN would go on for ever.
 MAX_SWEEPS = 40
 
@@ -161,7 +161,7 @@ def turn_rows(B: Array, p: int, q: int, length: int) -> tuple[float, float]:
         pp += x * x
         qq += y * y
         pq += x * y
-    if not pq * pq > (ORTHOGONAL * ORTHOGONAL) * (pp * qq):
+    if not pq * pq > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (pp * qq):
         return 1.0, 0.0
     z = qq - pp
     t = 2.0 * pq / (z + math.copysign(math.sqrt(z * z + 4.0 * pq * pq), z))

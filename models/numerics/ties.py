@@ -14,11 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.numerics.arrays import Array
 
-SAME = 1e-9  # relative: a million times the rounding of sums and solvers, too little to matter
+# relative: a million times the rounding of sums and solvers, too little to matter
+TIE_TOLERANCE = 1e-9
 _HALF_TURN = 1e-9  # of a turn
 
 
-def first_of_least(costs: ArrayLike, axis: int = -1, tolerance: float = SAME) -> NDArray[np.intp]:
+def first_of_least(
+    costs: ArrayLike, axis: int = -1, tolerance: float = TIE_TOLERANCE
+) -> NDArray[np.intp]:
     """Index of the first cost (along `axis`) that no other beats by more than a tolerance.
 
     Args:
@@ -32,7 +35,7 @@ def first_of_least(costs: ArrayLike, axis: int = -1, tolerance: float = SAME) ->
     return np.asarray(np.argmax(costs <= upper, axis=axis))
 
 
-def in_order(costs: ArrayLike, tolerance: float = SAME) -> NDArray[np.intp]:
+def in_order(costs: ArrayLike, tolerance: float = TIE_TOLERANCE) -> NDArray[np.intp]:
     """Indices of costs (N,) from the smallest to the largest, equal ones in their own order.
 
     Equal are neighbours in that order that differ by less than the tolerance, relative to the
@@ -48,7 +51,7 @@ def in_order(costs: ArrayLike, tolerance: float = SAME) -> NDArray[np.intp]:
     return np.asarray(order[np.lexsort((order, group))])
 
 
-def better(cost: float, than: float, tolerance: float = SAME) -> bool:
+def better(cost: float, than: float, tolerance: float = TIE_TOLERANCE) -> bool:
     """Whether a cost is smaller than another by more than the tolerance."""
     return cost < than - tolerance * (abs(than) if math.isfinite(than) else 0.0)
 

@@ -18,17 +18,17 @@ from numpy.typing import ArrayLike
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.row_blocks import in_row_blocks
-from wrenchsight.models.numerics.small_matrices import MAX_SWEEPS, ORTHOGONAL, turn_rows
+from wrenchsight.models.numerics.small_matrices import MAX_SWEEPS, ORTHOGONAL_COSINE, turn_rows
 from wrenchsight.models.numerics.views import borrowed
 
 # A smallest singular value below this part of the largest, times the matrix's size, is rounding.
-_ROUNDING = float(np.finfo(np.float64).eps)
+_MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 # Samples turned side by side: two full vector registers at least, yet all fits the first cache.
-_LANES = 16
+_NUM_LANES = 16
 
 # Samples that are worth a thread: a millisecond.
-_BLOCK = 128 * _LANES
+_BLOCK_SAMPLES = 128 * _NUM_LANES
 
 
 @kernel
@@ -65,7 +65,7 @@ def _ratio(squares: Array, size: float) -> float:
         total += square
     if not math.isfinite(total):
         return math.nan
-    rounding = size * _ROUNDING
+    rounding = size * _MACHINE_EPSILON
     if smallest <= rounding * rounding * largest:
         return math.inf
     return math.sqrt(largest / smallest)
@@ -119,7 +119,7 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
                     b[m] += y[m] * y[m]
                     g[m] += x[m] * y[m]
             for m in range(lanes):
-                turn = g[m] * g[m] > (ORTHOGONAL * ORTHOGONAL) * (a[m] * b[m])
+                turn = g[m] * g[m] > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (a[m] * b[m])
                 z = b[m] - a[m]
                 root = math.sqrt(z * z + 4.0 * g[m] * g[m])
                 twice = 2.0 * g[m] if z >= 0.0 else -2.0 * g[m]
@@ -146,13 +146,13 @@ def _squared_singular_values(J: Array, squares: Array) -> None:
     """Squares (N, min(6, n)), in no order, of N Jacobians: in groups, the rest one by one."""
     n = J.shape[2]
     count, length = min(6, n), max(6, n)
-    grouped = J.shape[0] - J.shape[0] % _LANES
+    grouped = J.shape[0] - J.shape[0] % _NUM_LANES
     if grouped > 0:
-        rows = np.empty((count, length, _LANES))
-        a, b, g = np.empty(_LANES), np.empty(_LANES), np.empty(_LANES)
-        c, s = np.empty(_LANES), np.empty(_LANES)
-    for first in range(0, grouped, _LANES):
-        for m in range(_LANES):
+        rows = np.empty((count, length, _NUM_LANES))
+        a, b, g = np.empty(_NUM_LANES), np.empty(_NUM_LANES), np.empty(_NUM_LANES)
+        c, s = np.empty(_NUM_LANES), np.empty(_NUM_LANES)
+    for first in range(0, grouped, _NUM_LANES):
+        for m in range(_NUM_LANES):
             for i in range(count):
                 for k in range(length):
                     rows[i, k, m] = J[first + m, i, k] if n >= 6 else J[first + m, k, i]
@@ -160,12 +160,12 @@ def _squared_singular_values(J: Array, squares: Array) -> None:
             if not _turn_side_by_side(rows, a, b, g, c, s):
                 break
         for i in range(count):
-            for m in range(_LANES):
+            for m in range(_NUM_LANES):
                 a[m] = 0.0
             for k in range(length):
-                for m in range(_LANES):
+                for m in range(_NUM_LANES):
                     a[m] += rows[i, k, m] * rows[i, k, m]
-            for m in range(_LANES):
+            for m in range(_NUM_LANES):
                 squares[first + m, i] = a[m]
     if grouped < J.shape[0]:
         work = np.empty((6, length))
@@ -200,6 +200,8 @@ def condition_number(J: ArrayLike) -> Array:
     rows = np.ascontiguousarray(array).reshape(-1, 6, array.shape[-1])
     condition_numbers = np.empty(len(rows))
     in_row_blocks(
-        lambda part: condition_numbers_of(rows[part], condition_numbers[part]), len(rows), _BLOCK
+        lambda part: condition_numbers_of(rows[part], condition_numbers[part]),
+        len(rows),
+        _BLOCK_SAMPLES,
     )
     return condition_numbers.reshape(array.shape[:-2])

@@ -52,7 +52,7 @@ from wrenchsight.models.rigid_body.chain_kernels import (
 )
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
-_BLOCK = 1024  # samples that are worth a thread: a millisecond
+_BLOCK_SAMPLES = 1024  # samples that are worth a thread: a millisecond
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +334,7 @@ class SerialChain:
             blocks = [array[rows] for array in arrays]
             kernel(self.table, *blocks, np.empty(shape))
 
-        in_row_blocks(run, len(arrays[0]), _BLOCK)
+        in_row_blocks(run, len(arrays[0]), _BLOCK_SAMPLES)
 
 
 class StandingJoints(NamedTuple):

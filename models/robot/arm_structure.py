@@ -21,8 +21,8 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.mimic_joints import leader_of
 from wrenchsight.models.robot.rounded_angles import exact_angle
 
-_MOVING = ("revolute", "continuous", "prismatic")
-_FLANGES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_eef", "ee")
+_MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
+_FLANGE_NAMES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_eef", "ee")
 _TOOL_WORDS = ("tool0", "tcp", "ee", "eef", "tool", "flange", "effector", "tip", "grasp")
 _HAND_WORDS = ("gripper", "hand")
 _JAW_WORDS = ("gripper", "finger", "jaw", "claw", "thumb", "knuckle")
@@ -61,7 +61,7 @@ class DescribedJoint:
     @property
     def moves(self) -> bool:
         """Whether it is a joint of an arm's kind."""
-        return self.kind in _MOVING
+        return self.kind in _MOVING_JOINT_TYPES
 
     @property
     def unit(self) -> str:
@@ -321,7 +321,7 @@ class ArmStructure:
     def _tool_link(self, link: str) -> str:
         """The link that carries the tool, of those that are fixed to the last one."""
         group = self._rigid(link)
-        for name in _FLANGES:
+        for name in _FLANGE_NAMES:
             for candidate in group:
                 if candidate == name or candidate.endswith(("_" + name, "-" + name)):
                     return candidate

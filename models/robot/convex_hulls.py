@@ -19,10 +19,10 @@ from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.numerics.arrays import Array
 
 HULL_SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".off", ".glb")
-_VERSION = b"1"  # of the way that hulls are made; another one leaves those in the cache alone
+_HULL_VERSION = b"1"  # of the way that hulls are made; another one leaves those in the cache alone
 _LARGEST_FILE = 1 << 28  # bytes
 _MOST_VERTICES = 800  # Drake's distances take longer with every vertex
-_DIRECTIONS = 150  # of the supporting planes that bound a hull of more
+_MAX_DIRECTIONS = 150  # of the supporting planes that bound a hull of more
 
 
 class UnusableMeshError(Exception):
@@ -42,7 +42,7 @@ def hull_file(mesh: Path) -> Path:
     if mesh.stat().st_size > _LARGEST_FILE:
         raise UnusableMeshError(f"{suffix}, larger than {_LARGEST_FILE >> 20} MB")
     data = mesh.read_bytes()
-    digest = hashlib.sha256(_VERSION + suffix.encode() + data).hexdigest()[:32]
+    digest = hashlib.sha256(_HULL_VERSION + suffix.encode() + data).hexdigest()[:32]
     for folder in _cache_folders():
         path = folder / f"{digest}.obj"
         if path.is_file():
@@ -79,7 +79,7 @@ def convex_hull(points: Array) -> tuple[Array, Any]:
         hull = ConvexHull(points)
         if len(hull.vertices) > _MOST_VERTICES:
             corners = points[hull.vertices]
-            normals = _spread_directions(_DIRECTIONS)
+            normals = _spread_directions(_MAX_DIRECTIONS)
             heights = (normals @ corners.T).max(axis=1)
             inner_point = corners.mean(axis=0)
             planes = np.column_stack([normals, -heights])

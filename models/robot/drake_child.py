@@ -25,15 +25,15 @@ from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.limited_child import limit_process
 from wrenchsight.models.robot.urdf_elements import add_inertial, fixed_joint, set_pose, text_of
 
-_MEMORY = 2 << 30  # bytes
-_DEPTH = 100  # of nested elements
+_MEMORY_LIMIT = 2 << 30  # bytes
+_MAX_DEPTH = 100  # of nested elements
 _SHAPES = ("visual", "collision")
-_LARGEST = 1e6  # of a number of a pose, m or rad
+_MAX_NUMBER = 1e6  # of a number of a pose, m or rad
 
 
 def main(words: list[str]) -> int:
     """Converts FILE, whose root element is TAG; returns the exit code."""
-    limit_process(_MEMORY)
+    limit_process(_MEMORY_LIMIT)
     path, tag = Path(words[0]).resolve(), words[1]
     try:
         root = ET.parse(path).getroot()
@@ -50,11 +50,11 @@ def main(words: list[str]) -> int:
 def _check_depth(root: ET.Element) -> None:
     """Refuses what overflows a parser's stack."""
     level = [root]
-    for _ in range(_DEPTH):
+    for _ in range(_MAX_DEPTH):
         level = [child for element in level for child in element]
         if not level:
             return
-    raise ValueError(f"its elements are nested more than {_DEPTH} deep")
+    raise ValueError(f"its elements are nested more than {_MAX_DEPTH} deep")
 
 
 def urdf_of_sdf(root: ET.Element, path: Path) -> ET.Element:
@@ -257,7 +257,7 @@ def _sdf_pose(pose: ET.Element | None) -> RigidTransform | None:
         values = np.array([float(word) for word in (pose.text or "0 0 0 0 0 0").split()])
     except ValueError:
         return None
-    if not np.all(np.abs(values) <= _LARGEST):
+    if not np.all(np.abs(values) <= _MAX_NUMBER):
         return None
     is_quaternion = pose.get("rotation_format", "euler_rpy") == "quat_xyzw"
     if values.shape != ((7,) if is_quaternion else (6,)):

@@ -10,7 +10,7 @@ from pathlib import Path
 from wrenchsight.models.robot.limited_child import run_limited
 
 _CHILD = "wrenchsight.models.robot.drake_child"
-KINDS = {"sdf": "SDF", "mujoco": "MJCF"}
+DOCUMENT_KINDS = {"sdf": "SDF", "mujoco": "MJCF"}
 """Root elements of the documents that Drake reads here, and their names."""
 
 
@@ -29,4 +29,4 @@ def urdf_of_model(path: Path, tag: str, digest: str) -> bytes:
 
 @lru_cache(maxsize=8)
 def _urdf_of_model(file: Path, path: Path, tag: str, digest: str) -> bytes:
-    return run_limited(_CHILD, path, [tag], KINDS[tag], "correct it, or give a URDF")
+    return run_limited(_CHILD, path, [tag], DOCUMENT_KINDS[tag], "correct it, or give a URDF")

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from urllib.parse import unquote
 
-_LARGEST = 1 << 28  # bytes
+_MAX_BYTES = 1 << 28  # bytes
 _PICTURES = (".png", ".jpg", ".jpeg", ".ktx2")
 
 
@@ -16,7 +16,7 @@ def gltf_fault(path: Path) -> str:
     carry any other file of this machine.
     """
     try:
-        if path.stat().st_size > _LARGEST:
+        if path.stat().st_size > _MAX_BYTES:
             return ".gltf, too large"
         content = json.loads(path.read_text(encoding="utf-8"))
         uris = [

@@ -8,7 +8,7 @@ mass matrix by motor nor its friction by joint is what this package computes.
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
-_MOST = 1e6
+_MAX_NUMBER = 1e6
 
 
 def leader_of(joint: ET.Element) -> str:
@@ -53,6 +53,6 @@ def _number(joint: ET.Element, key: str, default: float) -> float:
         value = default if text is None else float(text)
     except ValueError:
         value = float("nan")
-    if not abs(value) <= _MOST:
+    if not abs(value) <= _MAX_NUMBER:
         raise ValueError(f'{key}="{text}" of <mimic>, expected a number')
     return value

@@ -22,8 +22,14 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 TIME_STEP = 0.001  # s
 INTEGRATOR = "implicitfast"  # damping implicitly: a wrist's is large beside its inertia
-PICTURE = {"type": "capsule", "contype": "0", "conaffinity": "0", "group": "2", "mass": "0"}
-THICKNESS = 0.025  # radius of the capsules, of the arm's length
+CAPSULE_ATTRIBUTES = {
+    "type": "capsule",
+    "contype": "0",
+    "conaffinity": "0",
+    "group": "2",
+    "mass": "0",
+}
+CAPSULE_RADIUS_SHARE = 0.025  # radius of the capsules, of the arm's length
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +77,7 @@ def chain_mjcf(
     option = {"timestep": repr(TIME_STEP), "integrator": INTEGRATOR}
     ET.SubElement(root, "option", option, gravity=_numbers(chain.gravity))
     parent = ET.SubElement(root, "worldbody")
-    thickness = THICKNESS * float(np.linalg.norm(chain.p_PJ, axis=1).sum())
+    thickness = CAPSULE_RADIUS_SHARE * float(np.linalg.norm(chain.p_PJ, axis=1).sum())
     actuators = ET.SubElement(root, "actuator")
     for i, joint_name in enumerate(chain.joint_names):
         link = link_names[i] if link_names else f"body_{i + 1}"
@@ -91,7 +97,7 @@ def chain_mjcf(
         end = chain.p_PJ[i + 1] if i + 1 < len(chain.joint_names) else chain.p_LE
         if np.linalg.norm(end) > thickness:
             ends = _numbers([0.0, 0.0, 0.0, *end])
-            ET.SubElement(parent, "geom", PICTURE, fromto=ends, size=repr(thickness))
+            ET.SubElement(parent, "geom", CAPSULE_ATTRIBUTES, fromto=ends, size=repr(thickness))
         motor = {"name": joint_name, "joint": joint_name}
         if math.isfinite(joints.effort[i]):
             motor["ctrlrange"] = _numbers([-joints.effort[i], joints.effort[i]])

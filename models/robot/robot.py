@@ -37,22 +37,22 @@ from wrenchsight.models.robot.truth_config import JointFrictionConfig, Simulated
 from wrenchsight.models.robot.urdf import read_urdf
 
 # Limits that no robot exceeds: a number beyond is a wrong unit or a typing error.
-_FAR = (-1e3, 1e3)  # m, rad, m/s^2
-_SIZE = (1e-9, 1e3)  # m
-_HEAVY = 1e5  # kg, kg m^2
-_WEAK, _STRONG = 1e-5, 1e6  # N m, N m/A
-_LIMITS = {
+_COORDINATE_RANGE = (-1e3, 1e3)  # m, rad, m/s^2
+_SIZE_RANGE = (1e-9, 1e3)  # m
+_MAX_MASS = 1e5  # kg, kg m^2
+_MIN_TORQUE, _MAX_TORQUE = 1e-5, 1e6  # N m, N m/A
+_KEY_RANGES = {
     "q_offset": (-7.0, 7.0),
-    **dict.fromkeys(("xyz", "rpy", "gravity", "floor", "locked_joints", "com"), _FAR),
-    **dict.fromkeys(("home", "mass", "inertia"), (-_HEAVY, _HEAVY)),
-    **dict.fromkeys(("sphere", "cylinder", "box"), _SIZE),
+    **dict.fromkeys(("xyz", "rpy", "gravity", "floor", "locked_joints", "com"), _COORDINATE_RANGE),
+    **dict.fromkeys(("home", "mass", "inertia"), (-_MAX_MASS, _MAX_MASS)),
+    **dict.fromkeys(("sphere", "cylinder", "box"), _SIZE_RANGE),
     **dict.fromkeys(("rotor_inertia", "current_resolution", "current_noise_sd"), (0.0, 1e3)),
     **dict.fromkeys(("rgba", "rest_friction_share"), (0.0, 1.0)),
-    "payload": (1e-3, _HEAVY),  # kg
+    "payload": (1e-3, _MAX_MASS),  # kg
     "position_resolution": (0.0, 0.1),  # rad (m)
     "gear_ratio": (1e-3, 1e5),
     "current_bandwidth": (1e-3, LARGEST),  # Hz
-    **dict.fromkeys(("effort_limit", "rest_torque_per_ampere"), (_WEAK, _STRONG)),
+    **dict.fromkeys(("effort_limit", "rest_torque_per_ampere"), (_MIN_TORQUE, _MAX_TORQUE)),
 }
 
 
@@ -327,7 +327,7 @@ def _urdf_path(config: RobotConfig, source: Path) -> Path:
 def _check_config(config: RobotConfig, source: Path) -> None:
     """Checks sizes of numbers and lengths of lists, which the YAML schema cannot state."""
     checked_config = replace(config, simulated_truth=SimulatedTruthConfig())  # which may hold inf
-    check_numbers(checked_config, str(source), _LIMITS)
+    check_numbers(checked_config, str(source), _KEY_RANGES)
 
     def expect(values: Sequence[float], length: int, key: str) -> None:
         if len(values) != length:
@@ -368,8 +368,8 @@ def _true_friction(
             values = np.full(num_joints, 1.0 if field.name == "stribeck_velocity" else 0.0)
         if values.shape != (num_joints,):
             raise InputError(source, key, f"{len(values)} numbers, expected {num_joints}")
-        if not np.all((values >= 0.0) & (values <= _STRONG)):
-            problem = f"{values.tolist()}, expected numbers of 0 to {_STRONG:g}"
+        if not np.all((values >= 0.0) & (values <= _MAX_TORQUE)):
+            problem = f"{values.tolist()}, expected numbers of 0 to {_MAX_TORQUE:g}"
             raise InputError(source, key, problem)
         checked[field.name] = frozen(values)
     if np.any(checked["stiction"] < checked["coulomb"]) and friction.stiction.size:

@@ -12,11 +12,20 @@ from functools import lru_cache
 from pathlib import Path
 
 _MAX_FOLDERS = 5_000  # that one search goes through
-_DEPTH = 4  # of a package below the folder that is gone through: src/repository/group/package
+_MAX_DEPTH = 4  # of a package below the folder that is gone through: src/repository/group/package
 _MAX_PARENTS = 6  # of the file that are gone through
 _LARGEST_FILE = 1 << 20  # bytes of a package.xml
 _NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
-_SKIPPED = {"build", "devel", "log", "node_modules", "__pycache__", "site-packages", "proc", "sys"}
+_SKIPPED_FOLDERS = {
+    "build",
+    "devel",
+    "log",
+    "node_modules",
+    "__pycache__",
+    "site-packages",
+    "proc",
+    "sys",
+}
 
 
 @lru_cache(maxsize=256)
@@ -66,11 +75,11 @@ def _packages_below(top: Path) -> Iterator[Path]:
             children = sorted(child for child in folder.iterdir() if child.is_dir())
         except OSError:
             continue
-        if depth < _DEPTH:
+        if depth < _MAX_DEPTH:
             waiting += [
                 (child, depth + 1)
                 for child in children
-                if not child.name.startswith(".") and child.name not in _SKIPPED
+                if not child.name.startswith(".") and child.name not in _SKIPPED_FOLDERS
             ]
 
 

@@ -6,7 +6,7 @@ an arm of seven joints has 70 base parameters at a condition number of 2e5 inste
 
 import math
 
-_STEP = math.pi / 12  # multiples of 15 degrees are what people write
+_ANGLE_STEP = math.pi / 12  # multiples of 15 degrees are what people write
 _LEAST_DECIMALS = 4  # of any multiple; 1.57 and 3.14 alone may have two
 _RIGHT_ANGLE = math.pi / 2
 
@@ -23,7 +23,7 @@ def exact_angle(text: str) -> float:
     value = float(text)
     mantissa, _, exponent = text.lower().partition("e")
     decimals = len(mantissa.partition(".")[2]) - int(exponent or "0")
-    step = _STEP if decimals >= _LEAST_DECIMALS else _RIGHT_ANGLE
+    step = _ANGLE_STEP if decimals >= _LEAST_DECIMALS else _RIGHT_ANGLE
     if decimals < 2 or not math.isfinite(value):
         return value
     exact = round(value / step) * step

@@ -10,9 +10,10 @@ from wrenchsight.models.robot.robot import Robot
 
 _MIN_JOINTS = 3  # of what is judged; two joints may cross in one point
 _USUAL_REACH = 0.8  # m
-_REACH = (0.05, 8.0)  # m, of arms; beyond it is doubted
+_REACH_RANGE = (0.05, 8.0)  # m, of arms; beyond it is doubted
 _MAX_REACH = 30.0  # m; no arm
-_DENSITY = (0.2, 300.0)  # kg of moving mass per m^3 of reach cubed: SO-100 14, UR10e 15, KR1000 143
+# kg of moving mass per m^3 of reach cubed: SO-100 14, UR10e 15, KR1000 143
+_DENSITY_RANGE = (0.2, 300.0)
 _MAX_DENSITY = 3000.0  # no arm
 _MAX_SPEED = 30.0  # rad/s (m/s); no drive of an arm
 _USUAL_DENSITY = 15.0
@@ -33,7 +34,7 @@ def unit_doubts(robot: Robot, postures: Array) -> tuple[str, ...]:
         return ()
     reach = reach_of(robot, postures)
     doubts: list[str] = []
-    if reach > _REACH[1] or reach < _REACH[0]:
+    if reach > _REACH_RANGE[1] or reach < _REACH_RANGE[0]:
         unit = _likeliest(_LENGTHS, reach, _USUAL_REACH)
         sentence = f"the arm reaches {reach:.3g} m"
         if unit != "metres":
@@ -46,7 +47,7 @@ def unit_doubts(robot: Robot, postures: Array) -> tuple[str, ...]:
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
     if robot.has_inertias and mass > 0.0 and reach > 0.0:
         density = mass / reach**3
-        if not _DENSITY[0] <= density <= _DENSITY[1]:
+        if not _DENSITY_RANGE[0] <= density <= _DENSITY_RANGE[1]:
             unit = _likeliest(_MASSES, density, _USUAL_DENSITY)
             sentence = f"{mass:.3g} kg move on an arm that reaches {reach:.2g} m"
             if unit != "kilograms":

@@ -33,11 +33,11 @@ from wrenchsight.models.robot.urdf_elements import (
 from wrenchsight.models.robot.urdf_pictures import drop_pictures
 from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
 
-_MOVING = ("revolute", "continuous", "prismatic")
-_KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
+_MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
+_KNOWN_TYPES = (*_MOVING_JOINT_TYPES, "fixed", "floating", "planar")
 _KEPT_TAGS = ("link", "joint", "material", "drake:collision_filter_group")
-_TILT = math.radians(1.0)  # between two directions of gravity that agree
-_LARGEST = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
+_MAX_TILT = math.radians(1.0)  # between two directions of gravity that agree
+_MAX_NUMBER = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
 
 
 def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> EffectiveUrdf:
@@ -127,7 +127,7 @@ class _Reader:
                     )
             self._origin(joint)
             self._snap_angles(joint)
-            if kind in _MOVING and np.linalg.norm(self._axis(joint)) < 1e-9:
+            if kind in _MOVING_JOINT_TYPES and np.linalg.norm(self._axis(joint)) < 1e-9:
                 self._fail(joint, f'joint "{name}" has an axis of length zero')
 
     def _renamed_world(self) -> str:
@@ -214,7 +214,7 @@ class _Reader:
             kind = joint.get("type", "")
             if kind == "fixed":
                 continue
-            if kind not in _MOVING:
+            if kind not in _MOVING_JOINT_TYPES:
                 self._fail(joint, f'joint "{name}" of type "{kind}" cannot be locked')
             if position != 0.0:
                 axis = self._axis(joint)
@@ -271,7 +271,7 @@ class _Reader:
         down_B = -X_RB.rotation().matrix()[2]
         gravity = np.array(self.config.gravity)
         length = float(np.linalg.norm(gravity))
-        if length > 0.0 and gravity @ down_B < math.cos(_TILT) * length:
+        if length > 0.0 and gravity @ down_B < math.cos(_MAX_TILT) * length:
             stated, mounted = (
                 "[" + ", ".join(f"{x:.3g}" for x in np.round(g, 3) + 0.0) + "]"
                 for g in (gravity, length * down_B)
@@ -297,7 +297,7 @@ class _Reader:
             raise InputError(self.config_source, "flange", f'no moving joint carries "{flange}"')
         for joint in chain:
             kind, name = joint.get("type"), joint.get("name")
-            if kind not in _MOVING:
+            if kind not in _MOVING_JOINT_TYPES:
                 self._fail(joint, f'joint "{name}": type "{kind}" is not supported in an arm')
             if leader_of(joint):
                 self._fail(
@@ -517,9 +517,9 @@ class _Reader:
         )
 
     def _limit(self, limit: ET.Element, key: str) -> float:
-        """A limit of a joint; inf beyond _LARGEST, and then removed for Drake, too."""
+        """A limit of a joint; inf beyond _MAX_NUMBER, and then removed for Drake, too."""
         value = self._number(limit, key, 0.0, math.inf)
-        if abs(value) > _LARGEST:
+        if abs(value) > _MAX_NUMBER:
             limit.attrib.pop(key)
             value = math.copysign(math.inf, value)
         return value
@@ -542,13 +542,13 @@ class _Reader:
             values = np.array([float(word) for word in text.split()])
         except ValueError:
             values = np.array([])
-        if values.shape != (3,) or not np.all(np.abs(values) <= _LARGEST):
+        if values.shape != (3,) or not np.all(np.abs(values) <= _MAX_NUMBER):
             problem = f'{key}="{text}" of <{element.tag}>, expected three numbers'
-            self._fail(element, f"{problem} of at most {_LARGEST:g}")
+            self._fail(element, f"{problem} of at most {_MAX_NUMBER:g}")
         return values
 
     def _number(
-        self, element: ET.Element, key: str, default: float, largest: float = _LARGEST
+        self, element: ET.Element, key: str, default: float, largest: float = _MAX_NUMBER
     ) -> float:
         text = element.get(key)
         try:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import read_limited
-from wrenchsight.models.robot.drake_document import KINDS, urdf_of_model
+from wrenchsight.models.robot.drake_document import DOCUMENT_KINDS, urdf_of_model
 from wrenchsight.models.robot.xacro_document import untrusted_xacro
 
 LARGEST_DOCUMENT = 1 << 26  # bytes
@@ -33,7 +33,7 @@ def read_document(
     remedy = f"see {named_by}" if named_by is not None else "check the path"
     data = read_limited(path, LARGEST_DOCUMENT, "a URDF", remedy)
     root, lines = _parsed(data, path)
-    if root.tag in KINDS:
+    if root.tag in DOCUMENT_KINDS:
         digest = hashlib.sha256(data).hexdigest()
         root, lines = _parsed(urdf_of_model(path, root.tag, digest), path)[0], {}
     if root.tag != "robot":

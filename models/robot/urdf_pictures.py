@@ -10,8 +10,16 @@ from wrenchsight.models.robot.gltf import gltf_fault
 from wrenchsight.models.robot.ros_packages import find_package
 from wrenchsight.models.robot.urdf_shapes import hull_fault, size_fault
 
-_MESHES = (".obj", ".gltf", ".vtk")
-_SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule", "drake:ellipsoid")
+_MESH_SUFFIXES = (".obj", ".gltf", ".vtk")
+_SHAPE_TAGS = (
+    "box",
+    "cylinder",
+    "sphere",
+    "capsule",
+    "ellipsoid",
+    "drake:capsule",
+    "drake:ellipsoid",
+)
 
 
 def drop_pictures(
@@ -60,7 +68,7 @@ def _undrawable(element: ET.Element, urdf: Path) -> str:
     shape = next(iter(geometry), None) if geometry is not None else None
     if shape is None:
         return "no geometry"
-    if shape.tag not in (*_SHAPES, "mesh"):
+    if shape.tag not in (*_SHAPE_TAGS, "mesh"):
         return f"<{shape.tag}>"
     if fault := size_fault(shape):
         return fault
@@ -68,7 +76,7 @@ def _undrawable(element: ET.Element, urdf: Path) -> str:
         return ""
     name = shape.get("filename", "")
     suffix = Path(name).suffix.lower()
-    if suffix not in _MESHES:
+    if suffix not in _MESH_SUFFIXES:
         return suffix or "no file name"
     mesh_file = resolved_mesh(name, urdf)
     if mesh_file is None:

@@ -10,7 +10,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 LARGEST_SHAPE = 1e3  # m; also the largest factor that a mesh may be scaled by
-_SIZES = {
+_SHAPE_SIZES = {
     "box": {"size": 3},
     "sphere": {"radius": 1},
     "cylinder": {"radius": 1, "length": 1},
@@ -29,7 +29,7 @@ def size_fault(shape: ET.Element) -> str:
         if len(scale) not in (1, 3) or not all(1e-9 < abs(x) <= LARGEST_SHAPE for x in scale):
             return "impossible scale"
         return ""
-    for key, count in _SIZES.get(name, {}).items():
+    for key, count in _SHAPE_SIZES.get(name, {}).items():
         values = _numbers(shape.get(key, ""))
         if len(values) != count or not all(0.0 < x <= LARGEST_SHAPE for x in values):
             return f"{name} without a size"

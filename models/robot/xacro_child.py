@@ -7,7 +7,7 @@ from pathlib import Path
 from wrenchsight.models.robot.limited_child import limit_process
 from wrenchsight.models.robot.ros_packages import find_package
 
-_MEMORY = 1 << 30  # bytes
+_MEMORY_LIMIT = 1 << 30  # bytes
 
 
 def _give_packages(start: Path) -> None:
@@ -32,7 +32,7 @@ def _give_packages(start: Path) -> None:
 
 def main(words: list[str]) -> int:
     """Expands FILE with its arguments; returns the exit code."""
-    limit_process(_MEMORY)
+    limit_process(_MEMORY_LIMIT)
     path, pairs = Path(words[0]).resolve(), [word.partition(":=") for word in words[1:]]
     _give_packages(path.parent)
     import xacro

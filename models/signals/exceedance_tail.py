@@ -5,8 +5,8 @@ of `level` + x happens
 
     rate (1 + shape x / scale)^(-1 / shape)
 
-times an hour. Samples of one excursion are one exceedance: excursions that begin less than GAP
-after another's end belong to it, and its largest sample counts.
+times an hour. Samples of one excursion are one exceedance: excursions that begin less than
+MIN_EXCURSION_GAP after another's end belong to it, and its largest sample counts.
 
 Scale and shape are the most likely ones, given that the shape is 0 within SHAPE_SD. The norms that
 are judged here have exponential tails. The most likely shape of some 30 excursions alone is known
@@ -25,12 +25,13 @@ from scipy.special import gammainccinv, gammaln, xlogy
 
 from wrenchsight.models.numerics.arrays import Array
 
-GAP = 0.5  # s
-SHARES = (0.02, 0.05, 0.1)  # of the samples above the level: the first with ENOUGH excursions
-ENOUGH, FEWEST = 25, 10  # excursions
+MIN_EXCURSION_GAP = 0.5  # s
+# of the samples above the level: the first with ENOUGH_EXCURSIONS excursions
+TAIL_SHARES = (0.02, 0.05, 0.1)
+ENOUGH_EXCURSIONS, MIN_EXCURSIONS = 25, 10  # excursions
 SHAPE_SD = 0.1
 LARGEST_SHAPE = 0.5  # beyond it the law has no variance; a few excursions do not show such a tail
-_RARE = 1e-3  # share of a Gaussian tail's level
+_GAUSSIAN_TAIL_SHARE = 1e-3  # share of a Gaussian tail's level
 
 
 @dataclass
@@ -62,7 +63,9 @@ def peaks_above(statistic: ArrayLike, level: float, time_step: float) -> Array:
     rows_above = np.flatnonzero(values > level)
     if not len(rows_above):
         return np.empty(0)
-    parts = np.split(rows_above, np.flatnonzero(np.diff(rows_above) * time_step > GAP) + 1)
+    parts = np.split(
+        rows_above, np.flatnonzero(np.diff(rows_above) * time_step > MIN_EXCURSION_GAP) + 1
+    )
     return np.array([values[part].max() for part in parts])
 
 
@@ -77,12 +80,12 @@ def fit_exceedances(runs: Sequence[ArrayLike], time_step: float) -> ExceedanceTa
     pooled = np.concatenate(values)
     if not len(pooled):
         return None
-    for share in SHARES:
+    for share in TAIL_SHARES:
         level = float(np.quantile(pooled, 1.0 - share))
         excess = np.concatenate([peaks_above(run, level, time_step) for run in values]) - level
-        if len(excess) >= ENOUGH:
+        if len(excess) >= ENOUGH_EXCURSIONS:
             break
-    if len(excess) < FEWEST:
+    if len(excess) < MIN_EXCURSIONS:
         return None
     shape, scale = _most_likely(excess)
     if shape < 1.0 / len(excess):
@@ -117,11 +120,12 @@ def gaussian_tail(size: int, correlation_time: float) -> ExceedanceTail:
     for correlation_time / u^2 at a time (Aldous, 1989). Beyond its level the tail is exponential,
     which is wider than Gaussian.
     """
-    level = float(np.sqrt(2.0 * gammainccinv(0.5 * size, _RARE)))  # as scipy.stats.chi has it
+    # as scipy.stats.chi has it
+    level = float(np.sqrt(2.0 * gammainccinv(0.5 * size, _GAUSSIAN_TAIL_SHARE)))
     log_density = np.log(2.0) - 0.5 * np.log(2.0) * size - gammaln(0.5 * size)
     density = np.exp(log_density + xlogy(size - 1.0, level) - 0.5 * level**2)
     return ExceedanceTail(
         level=level,
-        rate_per_hour=3600.0 * _RARE * level**2 / correlation_time,
-        scale=float(1.0 / (density / _RARE - 2.0 / level)),
+        rate_per_hour=3600.0 * _GAUSSIAN_TAIL_SHARE * level**2 / correlation_time,
+        scale=float(1.0 / (density / _GAUSSIAN_TAIL_SHARE - 2.0 / level)),
     )

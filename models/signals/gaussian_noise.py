@@ -7,7 +7,7 @@ import numpy as np
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_GOLDEN_INCREMENT = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2 = np.uint64(0x94D049BB133111EB)
 _TO_UNIT = 2.0**-53
@@ -29,11 +29,11 @@ def gaussian_noise(seed: int, tick: int, noise: Array) -> None:
     anywhere, any number of times, in any order, sees the same noise, and no generator state has to
     be carried along.
     """
-    stream = _mix(_mix(np.uint64(seed) + _GOLDEN) ^ np.uint64(tick)) + _GOLDEN
+    stream = _mix(_mix(np.uint64(seed) + _GOLDEN_INCREMENT) ^ np.uint64(tick)) + _GOLDEN_INCREMENT
     for i in range(0, noise.shape[0], 2):
         counter = np.uint64(i)
-        first = _mix(stream + counter * _GOLDEN)
-        second = _mix(stream + (counter + np.uint64(1)) * _GOLDEN)
+        first = _mix(stream + counter * _GOLDEN_INCREMENT)
+        second = _mix(stream + (counter + np.uint64(1)) * _GOLDEN_INCREMENT)
         # (0, 1]: the logarithm stays finite.
         uniform = (np.float64(first >> np.uint64(11)) + 1.0) * _TO_UNIT
         radius = math.sqrt(-2.0 * math.log(uniform))

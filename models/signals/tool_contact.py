@@ -11,7 +11,7 @@ from wrenchsight.models.numerics.kernel import kernel
 
 CONTACT_SIZE, NORMAL_SIZE = 10, 4
 WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array
-_SHORTEST = 1e-9  # m; a shorter vector has no direction
+_MIN_LENGTH = 1e-9  # m; a shorter vector has no direction
 
 
 @kernel
@@ -43,7 +43,7 @@ def add_contact(
         contact[3 + i] += force[i]
         contact[7 + i] = -tip_radius * R_WE[i, 2] - r[i]
         length += contact[7 + i] ** 2
-    length = max(np.sqrt(length), _SHORTEST)
+    length = max(np.sqrt(length), _MIN_LENGTH)
     push = 0.0
     for i in range(3):
         contact[7 + i] /= length

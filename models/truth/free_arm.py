@@ -57,7 +57,7 @@ from wrenchsight.models.truth.joint_kernels import (
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import true_robot
 
-_CHUNK = 50_000  # ticks for which the trajectory is sampled at a time: it is much memory
+_CHUNK_TICKS = 50_000  # ticks for which the trajectory is sampled at a time: it is much memory
 VELOCITY_STREAM = 3 * 2**32
 """Added to the seed for the noise of the velocity: another stream than the currents'."""
 WANDER_STREAM = 4 * 2**32
@@ -177,8 +177,8 @@ def simulate_free_arm(
     )
     control = _control(robot, servo, time_step)
     pushes = _Script(script.table, script.tones, float(trajectory.t[0]))
-    for first in range(0, ticks, _CHUNK):
-        reference = np.concatenate(trajectory.sample(times[first : first + _CHUNK]), axis=1)
+    for first in range(0, ticks, _CHUNK_TICKS):
+        reference = np.concatenate(trajectory.sample(times[first : first + _CHUNK_TICKS]), axis=1)
         _run(arm, control, pushes, _Reference(first, reference), memory, log)
     q_read, v_read, current, tau_f = log.logged
     q_true, v_true, tau_J, rise = truth_rows

@@ -63,10 +63,11 @@ from wrenchsight.models.truth.joint_kernels import (
     spring_torque,
 )
 
-_PLACE = "simulated_truth.mechanisms"
-_LEAST = 1e-9  # N m s/rad per tick, so that no element is without any stiffness
-_BEARABLE = 0.2  # of a gear's deflection, that an element may take back in one tick
-_PHASES, _DAY, _HARMONICS = 17, 18, 20  # streams of the individual's and the day's random numbers
+_CONFIG_PLACE = "simulated_truth.mechanisms"
+_MIN_STIFFNESS = 1e-9  # N m s/rad per tick, so that no element is without any stiffness
+_MAX_DEFLECTION_SHARE = 0.2  # of a gear's deflection, that an element may take back in one tick
+# streams of the individual's and the day's random numbers
+_PHASE_STREAM, _DAY_STREAM, _HARMONIC_STREAM = 17, 18, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +161,7 @@ class TrueJoints:
         if robot.is_coupled and robot.config.simulated_truth.mechanisms is not None:
             raise InputError(
                 robot.source,
-                _PLACE,
+                _CONFIG_PLACE,
                 "the motors of this arm are coupled, each mechanism is of one joint alone",
                 "leave mechanisms out",
             )
@@ -186,7 +187,9 @@ def _pack_friction(
     truth, n = robot.truth, robot.num_joints
     load = config.load
     lubrication = config.lubrication or LubricationConfig()
-    day = np.random.default_rng([config.day, config.individual, _DAY]).standard_normal((2, n))
+    day = np.random.default_rng([config.day, config.individual, _DAY_STREAM]).standard_normal(
+        (2, n)
+    )
     viscous_sd = reader.per_joint(lubrication, "day_sd")
     coulomb_sd = reader.per_joint(lubrication, "coulomb_day_sd")
     viscous_today = np.maximum(1.0 + viscous_sd * day[0], 0.2)
@@ -215,7 +218,9 @@ def _pack_friction(
 def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader: "_Reader") -> None:
     """Packs what depends on position: transmission error, ripple of two gear wheels, cogging."""
     truth, n = robot.truth, robot.num_joints
-    phases = np.random.default_rng([config.individual, _PHASES]).uniform(0.0, 2.0 * np.pi, (4, n))
+    phases = np.random.default_rng([config.individual, _PHASE_STREAM]).uniform(
+        0.0, 2.0 * np.pi, (4, n)
+    )
     error = config.transmission_error or TransmissionErrorConfig()
     amplitude = reader.per_joint(error, "amplitude")
     periods = reader.per_joint(error, "periods")
@@ -301,10 +306,10 @@ def _pack_elements(table: Array, slip: SlipConfig, reader: "_Reader", time_step:
         # gear an element is a spring, as stiff as the tick bears.
         is_bent = is_rigid & (table[:, COMPLIANCE] > 0.0)
         bending = (time_step * table[:, FREQUENCY]) ** 2 * table[:, COMPLIANCE]
-        bearable = _BEARABLE * weight[k] / np.where(is_bent, bending, 1.0)
+        bearable = _MAX_DEFLECTION_SHARE * weight[k] / np.where(is_bent, bending, 1.0)
         stiffness = np.where(is_bent, np.minimum(stiffness, bearable), stiffness)
         table[:, ELEMENTS + 3 * k] = weight[k]
-        table[:, ELEMENTS + 3 * k + 1] = np.maximum(stiffness, _LEAST / time_step)
+        table[:, ELEMENTS + 3 * k + 1] = np.maximum(stiffness, _MIN_STIFFNESS / time_step)
         decay = math.exp(-time_step / slip.creep_time[k])
         table[:, ELEMENTS + 3 * k + 2] = np.where(is_rigid & ~is_bent, 0.0, decay)
 
@@ -320,7 +325,7 @@ def _harmonics(ripple: RippleConfig, individual: int, reader: "_Reader") -> Arra
         raise reader.error(ripple, "motor_amplitudes", actual, expected)
     n = reader.num_joints
     shape = (len(periods), n)
-    phases = np.random.default_rng([individual, _HARMONICS]).uniform(0.0, 2.0 * np.pi, shape)
+    phases = np.random.default_rng([individual, _HARMONIC_STREAM]).uniform(0.0, 2.0 * np.pi, shape)
     columns = np.empty((n, 3 * len(periods)))
     for k, row in enumerate(amplitudes):
         columns[:, 3 * k] = reader.numbers(ripple, "motor_amplitudes", row)
@@ -382,5 +387,5 @@ class _Reader:
         key = type(config).__name__.removesuffix("Config").lower()
         key = {"loadfriction": "load", "transmissionerror": "transmission_error"}.get(key, key)
         return InputError(
-            self._robot.source, f"{_PLACE}.{key}.{name}", f"{actual}, expected {expected}"
+            self._robot.source, f"{_CONFIG_PLACE}.{key}.{name}", f"{actual}, expected {expected}"
         )

@@ -15,8 +15,8 @@ from wrenchsight.models.robot.truth_config import (
     SimulatedTruthConfig,
 )
 
-PLAIN, HARD = "plain_truth.yaml", "hard_truth.yaml"  # beside robot.yaml
-_FRAMES = 19  # stream of the individual's random numbers
+PLAIN_TRUTH_FILE, HARD_TRUTH_FILE = "plain_truth.yaml", "hard_truth.yaml"  # beside robot.yaml
+_FRAME_STREAM = 19  # stream of the individual's random numbers
 
 
 def with_truth_named(robot: Robot, name: str) -> Robot:
@@ -32,7 +32,7 @@ def with_truth_named(robot: Robot, name: str) -> Robot:
     """
     if name not in TRUTHS:
         raise InputError("--truth", "", f"is {name!r}, expected {', '.join(TRUTHS)}")
-    path = robot.source.parent / HARD
+    path = robot.source.parent / HARD_TRUTH_FILE
     if name == "hard" and path.is_file():
         return robot.with_truth(load_truth(path))
     return plain_truth(robot) if name == "plain" else robot
@@ -47,7 +47,7 @@ def plain_truth(robot: Robot) -> Robot:
     Raises:
         InputError: `plain_truth.yaml` has an unknown key, a wrong type or a value out of range.
     """
-    path = robot.source.parent / PLAIN
+    path = robot.source.parent / PLAIN_TRUTH_FILE
     if path.is_file():
         return robot.with_truth(load_truth(path))
     return robot.with_truth(replace(robot.config.simulated_truth, mechanisms=None))
@@ -107,7 +107,7 @@ def true_robot(robot: Robot) -> Robot:
         if not (math.isfinite(value) and value >= 0.0):
             key = f"simulated_truth.mechanisms.kinematics.{name}"
             raise InputError(robot.source, key, f"{value}, expected a number of 0 or more")
-    draws = np.random.default_rng([mechanisms.individual, _FRAMES]).standard_normal(
+    draws = np.random.default_rng([mechanisms.individual, _FRAME_STREAM]).standard_normal(
         (robot.num_joints, 6)
     )
     return robot.with_moved_joints(

@@ -28,7 +28,7 @@ from wrenchsight.models.robot.truth_config import (
 
 ARTICLE_ROBOT: Final = "sts_sre4_600"
 MOST_JOINTS: Final = 7
-_SEEDS: Final = 2**24  # experiments add to their seeds and double them
+_NUM_SEEDS: Final = 2**24  # experiments add to their seeds and double them
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class WorldRanges:
 
 SESSIONS: Final = ("friction", "combined", "cycles")
 """Experiments in which a hand pushes."""
-ABSOLUTE: Final = (
+ABSOLUTE_RANGES: Final = (
     "torque_constant",
     "start_rise",
     "latency",
@@ -347,12 +347,12 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
     ranges = source.ranges
     check_ranges(ranges)
     generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, number])))
-    noise_seed, individual, day = generator.integers(_SEEDS, size=3).tolist()
+    noise_seed, individual, day = generator.integers(_NUM_SEEDS, size=3).tolist()
     factors = {}
     for parameter in dataclasses.fields(ranges):
         shares = generator.random(MOST_JOINTS if parameter.name in PER_JOINT else 1)
         low, high = getattr(ranges, parameter.name)
-        middle = 0.5 * (low + high) if parameter.name in ABSOLUTE else 1.0
+        middle = 0.5 * (low + high) if parameter.name in ABSOLUTE_RANGES else 1.0
         factors[parameter.name] = tuple(_between(low, middle, high, float(u)) for u in shares)
     world = World(number, noise_seed, individual, day, factors)
     if source.posterior is None or source.posterior.num_arms == 0:
@@ -374,7 +374,7 @@ def check_ranges(ranges: WorldRanges) -> None:
         key = f"ranges.{parameter.name}"
         if not (math.isfinite(low) and math.isfinite(high) and 0.0 <= low <= high):
             raise InputError("world", key, f"{low}, {high}; expected 0 <= low <= high")
-        if parameter.name not in ABSOLUTE and not 0.0 < low <= 1.0 <= high:
+        if parameter.name not in ABSOLUTE_RANGES and not 0.0 < low <= 1.0 <= high:
             raise InputError(
                 "world", key, f"{low}, {high}; expected 0 < low <= 1 <= high, a range of factors"
             )

@@ -5,7 +5,7 @@ from pydrake.geometry import Meshcat
 
 from wrenchsight.systems.wrench_arrows import (
     HEAD_LENGTH,
-    PATH,
+    MESHCAT_PATH,
     ArrowStyle,
     WrenchArrows,
     arrow_pose,
@@ -76,21 +76,21 @@ def test_draws_each_force_from_E_in_its_colour_at_its_time(sts):
         ("force true", 0.2, [1, 0, 0]),
         ("force estimated", 0.1, [0, 0, -1]),
     ):
-        X, time = calls.set[f"{PATH}/{name}", "X"]
+        X, time = calls.set[f"{MESHCAT_PATH}/{name}", "X"]
         assert time == 1.5
         np.testing.assert_allclose(X.translation(), terms.p_WE)
         np.testing.assert_allclose(X.rotation().col(2), along, atol=1e-12)
-        scale, _ = calls.set[f"{PATH}/{name}/shaft", "scale"]
+        scale, _ = calls.set[f"{MESHCAT_PATH}/{name}/shaft", "scale"]
         assert scale[2] == pytest.approx(length - HEAD_LENGTH)
-        X_tip, _ = calls.set[f"{PATH}/{name}/head", "X"]
+        X_tip, _ = calls.set[f"{MESHCAT_PATH}/{name}/head", "X"]
         np.testing.assert_allclose(X_tip.translation(), [0, 0, length], atol=1e-12)
-    _, rgba = calls.objects[f"{PATH}/force estimated/shaft"]
+    _, rgba = calls.objects[f"{MESHCAT_PATH}/force estimated/shaft"]
     assert (rgba.b(), rgba.a()) == (1.0, 0.5)
 
 
 def test_twice_the_scale_twice_the_arrow(sts):
     tips = [
-        drawn(sts, [10.0, 0, 0], [0, 0, 0], scale)[0].set[f"{PATH}/force true/head", "X"][0]
+        drawn(sts, [10.0, 0, 0], [0, 0, 0], scale)[0].set[f"{MESHCAT_PATH}/force true/head", "X"][0]
         for scale in (0.01, 0.02)
     ]
     np.testing.assert_allclose(tips[1].translation(), 2 * tips[0].translation())
@@ -100,5 +100,5 @@ def test_meshcat_takes_it():
     meshcat = Meshcat()
     WrenchArrows(meshcat, STYLES, fps=30.0, metres_per_newton=0.01)
     for name in STYLES:
-        assert meshcat.HasPath(f"{PATH}/{name}/shaft")
-        assert meshcat.HasPath(f"{PATH}/{name}/head")
+        assert meshcat.HasPath(f"{MESHCAT_PATH}/{name}/shaft")
+        assert meshcat.HasPath(f"{MESHCAT_PATH}/{name}/head")

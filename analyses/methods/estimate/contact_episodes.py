@@ -1,7 +1,8 @@
 """Contacts of a log, gathered chunk by chunk: begin, end, force and place of each.
 
-A contact that begins less than GAP s after the last one ended belongs to that one. The tail of the
-exceedances is counted in the same way (`wrenchsight.models.signals.exceedance_tail`).
+A contact that begins less than MIN_EXCURSION_GAP s after the last one ended belongs to that one.
+The tail of the exceedances is counted in the same way
+(`wrenchsight.models.signals.exceedance_tail`).
 """
 
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ import numpy as np
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.link_odds import PlaceOdds
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.signals.exceedance_tail import GAP
+from wrenchsight.models.signals.exceedance_tail import MIN_EXCURSION_GAP
 
 LISTED = 1000  # contacts in metrics.json; further ones are only counted
 SHOWN = 8  # contacts that the command prints
@@ -147,7 +148,7 @@ class ContactEpisodes:
         num_contacts: of all that have ended.
     """
 
-    def __init__(self, num_joints: int, gap: float = GAP) -> None:
+    def __init__(self, num_joints: int, gap: float = MIN_EXCURSION_GAP) -> None:
         self._gap = gap
         self._num_joints = num_joints
         self.contacts: list[Contact] = []

@@ -5,7 +5,7 @@ of a part of a log is judged as a whole. Some of the strongest samples of each o
 evidence (`models.detection.link_odds`), which is added up.
 
 - A link before the last wins: the contact's samples are a misfit.
-- The links before the last have odds above DOUBT: the contact's readings are not valid.
+- The links before the last have odds above MAX_LINK_ODDS: the contact's readings are not valid.
 
 Both rules presuppose an arm at work, half of whose contacts are at E. The stated odds presuppose
 nothing: E and each link are equally likely beforehand.
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.link_odds import (
     AT_WORK,
-    DOUBT,
-    LOADED,
+    LOADED_SDS,
+    MAX_LINK_ODDS,
     PlaceOdds,
     place_evidence,
 )
@@ -104,7 +104,7 @@ def torque_of_contacts(contact: Flags, t: Array, tau_ext: Array) -> Array:
 
 
 def judge_places(
-    detection: Detection, torque: ContactTorque, loaded: float = LOADED
+    detection: Detection, torque: ContactTorque, loaded: float = LOADED_SDS
 ) -> PlacedContacts:
     """Finds the place of each contact.
 
@@ -130,7 +130,7 @@ def judge_places(
         odds[stretch] = np.append(stated.links, stated.at_E)
         misfit[stretch] = at_work.on_link
         link[stretch] = at_work.named()[0] if at_work.on_link else 0
-        may_be_valid[stretch] = at_work.links[:-1].sum() <= DOUBT
+        may_be_valid[stretch] = at_work.links[:-1].sum() <= MAX_LINK_ODDS
     return PlacedContacts(detection._replace(misfit=misfit, link=link), odds, may_be_valid)
 
 

@@ -19,8 +19,8 @@ from wrenchsight.analyses.methods.estimate.contact_places import (
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.torque_contact import (
-    MOST_SAMPLES,
-    PAUSE,
+    MAX_SAMPLES,
+    PAUSE_TIME,
     TorqueContact,
     TorqueContactDetector,
     first_baseline,
@@ -82,7 +82,7 @@ class TorqueTouches:
         t, tau, J = _beginning(log)
         self.error = learn_torque_error(t, tau, J)
         self._detector = TorqueContactDetector(self.error, first_baseline(t, tau))
-        self.episodes = ContactEpisodes(log.num_joints, PAUSE)
+        self.episodes = ContactEpisodes(log.num_joints, PAUSE_TIME)
         self._shifts: list[float] = []
 
     def take(self, chunk: Recording, J: Array, tau_ext: Array) -> PlacedContacts:
@@ -111,12 +111,12 @@ class TorqueTouches:
 
 
 def _beginning(log: TorqueLog) -> tuple[Array, Array, Array]:
-    """s, N m and Jacobians of at most MOST_SAMPLES rows."""
+    """s, N m and Jacobians of at most MAX_SAMPLES rows."""
     parts, count = [], 0
     for chunk, J, tau_ext in log.chunks(log.reader()):
         parts.append((chunk.t, tau_ext, J))
         count += chunk.num_samples
-        if count >= MOST_SAMPLES:
+        if count >= MAX_SAMPLES:
             break
     t, tau, J = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     return t, tau, J

@@ -50,7 +50,7 @@ from wrenchsight.models.identification.torque_regression import (
     split_terms,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.numerics.ties import SAME, first_of_least
+from wrenchsight.models.numerics.ties import TIE_TOLERANCE, first_of_least
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
@@ -342,7 +342,7 @@ class FrictionFit:
         excess = errors - np.take_along_axis(errors, lowest[None, None, :], axis=0)
         standard_error = excess.std(axis=1, ddof=1) / np.sqrt(errors.shape[1])
         # The same but for rounding is no worse: of equals the smoothest.
-        rounding = SAME * errors.mean(axis=1)
+        rounding = TIE_TOLERANCE * errors.mean(axis=1)
         good = excess.mean(axis=1) <= standard_error + rounding
         return np.asarray(len(errors) - 1 - np.argmax(good[::-1], axis=0))
 

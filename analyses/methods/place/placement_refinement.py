@@ -20,7 +20,7 @@ import numpy as np
 
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.ties import SAME, first_of_least
+from wrenchsight.models.numerics.ties import TIE_TOLERANCE, first_of_least
 from wrenchsight.models.planning.motion.posture_measures import smoothed
 from wrenchsight.models.planning.placement.placements import (
     Placement,
@@ -168,6 +168,6 @@ def _equal(program: PlacementProgram, placement: Placement, candidate: Placement
         return False
     profile = program.measure.values(placement.q)
     other_profile = program.measure.values(candidate.q)
-    return np.allclose(other_profile, profile, rtol=SAME, atol=0.0) or np.allclose(
-        other_profile[::-1], profile, rtol=SAME, atol=0.0
+    return np.allclose(other_profile, profile, rtol=TIE_TOLERANCE, atol=0.0) or np.allclose(
+        other_profile[::-1], profile, rtol=TIE_TOLERANCE, atol=0.0
     )

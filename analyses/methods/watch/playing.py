@@ -5,7 +5,7 @@ from collections.abc import Callable
 from wrenchsight.analyses.methods.watch.links import link
 from wrenchsight.analyses.methods.watch.rtde_controller import LOOPBACK, RtdeController
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.live.rtde import PORT
+from wrenchsight.models.live.rtde import RTDE_PORT
 from wrenchsight.models.live.source import SourceAddress
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
@@ -38,7 +38,7 @@ def _rtde(
     if recording.num_joints != _NUM_JOINTS:
         problem = f"the arm has {recording.num_joints} joints, a controller of RTDE {_NUM_JOINTS}"
         raise InputError("simulate", "--publish", problem)
-    host, port = address.host(PORT)
+    host, port = address.host(RTDE_PORT)
     with RtdeController([recording], host, port) as controller:
         where = f"rtde://{host}:{controller.port}"
         if host not in (LOOPBACK, "localhost", "::1"):

@@ -14,11 +14,11 @@ import numpy as np
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.rtde import (
+    FIELD_TYPES,
     NOT_FOUND,
-    PORT,
     ROBOT_RUNS,
-    TYPES,
-    VERSION,
+    RTDE_PORT,
+    RTDE_VERSION,
     PacketReader,
     PacketType,
     ProtocolError,
@@ -66,7 +66,7 @@ class RtdeController:
         self,
         parts: Iterable[Recording],
         host: str = LOOPBACK,
-        port: int = PORT,
+        port: int = RTDE_PORT,
         rate: float = 1.0,
         tamper: Tamper | None = None,
     ) -> None:
@@ -143,13 +143,13 @@ class RtdeController:
     def _answer(self, client: "_Client", kind: PacketType, payload: bytes) -> None:
         yes = b"\x01"
         if kind is PacketType.PROTOCOL_VERSION:
-            agreed = payload == VERSION.to_bytes(2, "big")
+            agreed = payload == RTDE_VERSION.to_bytes(2, "big")
             client.send(packet(kind, yes if agreed else b"\x00"))
         elif kind is PacketType.CONTROL_VERSION:
             client.send(packet(kind, b"".join(n.to_bytes(4, "big") for n in _SOFTWARE)))
         elif kind is PacketType.OUTPUTS:
             frequency, names = read_outputs_request(payload)
-            types = [TYPES[n] if n in self._names else NOT_FOUND for n in names]
+            types = [FIELD_TYPES[n] if n in self._names else NOT_FOUND for n in names]
             client.recipe = Recipe(1, tuple(names), tuple(types))
             client.period = 1.0 / frequency if frequency > 0.0 else 0.0
             client.send(client.recipe.answer())
@@ -272,7 +272,7 @@ def _signals(part: Recording) -> dict[str, Array]:
         signals["actual_current_as_torque"] = part.tau_J
     for extra_name, signal in part.extra.items():
         name = CONTROLLER_SIGNALS.get(extra_name, extra_name)
-        size = _SIZES.get(TYPES.get(name, ""))
+        size = _SIZES.get(FIELD_TYPES.get(name, ""))
         if size is not None and signal.size == size * len(part.t):
             signals[name] = signal
     return signals

@@ -16,13 +16,13 @@ import numpy as np
 
 from wrenchsight.models.files.input_error import InputError, printable
 from wrenchsight.models.live.rtde import (
-    PORT,
+    FIELD_TYPES,
     ROBOT_MODES,
     ROBOT_RUNS,
+    RTDE_PORT,
+    RTDE_VERSION,
     SAFE_TO_READ,
     SAFETY_MODES,
-    TYPES,
-    VERSION,
     PacketReader,
     PacketType,
     ProtocolError,
@@ -62,9 +62,9 @@ def _other_types(recipe: Recipe) -> dict[str, str]:
     """A few words on each field whose type is not that of RTDE's guide, by its name."""
     pairs = zip(recipe.names, recipe.types, strict=True)
     return {
-        name: f"{name} as {kind}, expected {TYPES[name]}"
+        name: f"{name} as {kind}, expected {FIELD_TYPES[name]}"
         for name, kind in pairs
-        if name not in recipe.missing and kind != TYPES[name]
+        if name not in recipe.missing and kind != FIELD_TYPES[name]
     }
 
 
@@ -103,7 +103,9 @@ class RtdeSource:
             problem = f"has {_NUM_JOINTS} joints, {robot.name} has {robot.num_joints}"
             raise InputError("rtde://", "", f"a robot of this kind {problem}", "name that robot")
         frequency = address.number("frequency", 500.0, 1.0, 500.0)
-        return cls(*address.host(PORT), frequency, address.choice("effort", ("current", "torque")))
+        return cls(
+            *address.host(RTDE_PORT), frequency, address.choice("effort", ("current", "torque"))
+        )
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
         """As the protocol."""
@@ -203,7 +205,7 @@ class RtdeSource:
         self._packets = PacketReader()
         self._socket = socket.create_connection(self._address, ANSWER_TIME)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        version = packet(PacketType.PROTOCOL_VERSION, VERSION.to_bytes(2, "big"))
+        version = packet(PacketType.PROTOCOL_VERSION, RTDE_VERSION.to_bytes(2, "big"))
         if not accepted(self._ask(version, PacketType.PROTOCOL_VERSION)):
             raise ProtocolError("a refusal of version 2")
         answer = self._ask(packet(PacketType.CONTROL_VERSION), PacketType.CONTROL_VERSION)

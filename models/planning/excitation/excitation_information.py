@@ -34,10 +34,11 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 Measure = Literal["condition_number", "log_det"]
 MEASURES: tuple[Measure, ...] = get_args(Measure)
 
-_POWER = (
+_BOUND_POWER = (
     12.0  # p of the smooth bound: at most 60^(1/12), a factor of 1.4, above the condition number
 )
-_STEP = 1e-4  # rad, of the differences of q: cut-off and rounding both below 1e-8 of the gradient
+# rad, of the differences of q: cut-off and rounding both below 1e-8 of the gradient
+_DIFFERENCE_STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +123,8 @@ class ExcitationInformation:
         # A motion that leaves something undetermined has a large cost, not an infinite one.
         eigenvalues = np.maximum(eigenvalues, 1e-13)
         if measure == "condition_number":
-            largest, by_largest = _log_sum(eigenvalues, _POWER)
-            smallest, by_smallest = _log_sum(eigenvalues, -_POWER)
+            largest, by_largest = _log_sum(eigenvalues, _BOUND_POWER)
+            smallest, by_smallest = _log_sum(eigenvalues, -_BOUND_POWER)
             value = 0.5 * (largest + smallest)
             by_eigenvalue = 0.5 * (by_largest - by_smallest)
             by_A = 2.0 * A @ ((V * by_eigenvalue) @ V.T)
@@ -157,7 +158,7 @@ def regressor_pull_back(
 ) -> tuple[Array, Array, Array]:
     """Gradients (N, n) by q, v and vdot of the sum over weights (N, n, 10 n) * chain.regressor."""
     n = chain.num_joints
-    steps = [_STEP] * n + [1.0] * (2 * n)
+    steps = [_DIFFERENCE_STEP] * n + [1.0] * (2 * n)
     stacked = np.concatenate([q, v, vdot], axis=1)  # (N, 3 n)
     shift = np.diag(steps)
     shifted = np.concatenate([stacked[:, None] + shift, stacked[:, None] - shift], axis=1)

@@ -38,10 +38,10 @@ from wrenchsight.models.robot.robot import Robot
 SlackFunction = Callable[[Array], tuple[float, Array]]
 """From q (n,) to a slack in m, at least zero where all is clear, and its gradient (n,)."""
 
-_STEP = 1e-4  # rad, of the differences of q in the torque
+_DIFFERENCE_STEP = 1e-4  # rad, of the differences of q in the torque
 
 
-_SHRINKS, _MORE_SHRINKS = 4, 9  # of a random motion, by .6 each
+_MAX_SHRINKS, _MAX_SHRINKS_PATIENT = 4, 9  # of a random motion, by .6 each
 _MOST_POSTURES = 2000  # that random motions are drawn about
 UNSTATED_SPEED = 3.0  # rad/s (m/s), of a joint whose URDF states no speed limit
 MAX_SPEED = 30.0  # rad/s (m/s); a limit beyond is a placeholder, and counts as not stated
@@ -148,7 +148,7 @@ class Reserve(NamedTuple):
     torque_share: float
 
 
-RESERVE = Reserve(slack=0.004, torque_share=0.02)
+DEFAULT_RESERVE = Reserve(slack=0.004, torque_share=0.02)
 
 
 class NoTrajectoryError(InputError):
@@ -187,7 +187,7 @@ class ExcitationProgram:
         information: ExcitationInformation,
         settings: ProgramSettings | None = None,
         slack: SlackFunction | None = None,
-        reserve: Reserve = RESERVE,
+        reserve: Reserve = DEFAULT_RESERVE,
     ) -> None:
         settings = ProgramSettings() if settings is None else settings
         self.chain, self.bounds, self.information = chain, bounds, information
@@ -249,7 +249,7 @@ class ExcitationProgram:
             if is_patient and self._broken(np.hstack([x[:, :1], np.zeros((n, 2 * H))])):
                 continue
             num_tried += 1
-            for _ in range(_MORE_SHRINKS if is_patient else _SHRINKS):
+            for _ in range(_MAX_SHRINKS_PATIENT if is_patient else _MAX_SHRINKS):
                 broken = self._broken(x)
                 if not broken:
                     return self._trajectory(x)
@@ -388,7 +388,7 @@ def torque_gradients(chain: SerialChain, q: Array, v: Array, vdot: Array) -> Arr
     Exact in v and vdot, in which the torque is quadratic and affine; in q by central differences.
     """
     n = chain.num_joints
-    steps = np.array([_STEP] * n + [1.0] * (2 * n))
+    steps = np.array([_DIFFERENCE_STEP] * n + [1.0] * (2 * n))
     stacked = np.concatenate([q, v, vdot], axis=1)[:, None]
     shifted = np.concatenate([stacked + np.diag(steps), stacked - np.diag(steps)], axis=1)
     rows = shifted.reshape(-1, 3 * n)

@@ -21,15 +21,15 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 
-GOLDEN = 0.381966  # 1 - 1 / golden ratio: places that keep apart
+GOLDEN_SECTION = 0.381966  # 1 - 1 / golden ratio: places that keep apart
 
 
 @dataclass
 class Stops:
     """Stops of a motion along its path, evenly spread over each period.
 
-    The places move on from period to period by GOLDEN of their distance, so that gravity loads the
-    joints differently at each.
+    The places move on from period to period by GOLDEN_SECTION of their distance, so that gravity
+    loads the joints differently at each.
     """
 
     number: int = 0  # in a period
@@ -39,7 +39,7 @@ class Stops:
     def times(self, period: float, num_periods: int) -> Array:
         """(K,) times of the series, s, at which it stands still."""
         places = (np.arange(self.number) + 0.5) / max(self.number, 1)
-        shift = GOLDEN * np.arange(num_periods) / max(self.number, 1)
+        shift = GOLDEN_SECTION * np.arange(num_periods) / max(self.number, 1)
         shift = (shift + 0.5 / max(self.number, 1)) % (1.0 / max(self.number, 1))
         shift -= 0.5 / max(self.number, 1)
         room = 1.0 - self.ramp / period  # no stop across the end of a period

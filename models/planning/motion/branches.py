@@ -24,12 +24,12 @@ from wrenchsight.models.planning.motion.damped_least_squares import (
 from wrenchsight.models.planning.motion.path_postures import wrap_within
 from wrenchsight.models.robot.robot import Robot
 
-_TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
-_ROUNDING = 1e-13  # of that pose; not worth another step
-_PARALLEL = 1e-8  # rad; axes nearer than this are meant to be parallel
+_POSE_TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
+_POSE_ROUNDING = 1e-13  # of that pose; not worth another step
+_PARALLEL_ANGLE = 1e-8  # rad; axes nearer than this are meant to be parallel
 _AT_LIMIT = 1e-10  # rad or m; what a solution exceeds a limit by in rounding
-_POLISH = ApproachSettings(max_steps=6, aim=_ROUNDING)
-_SEARCH = ApproachSettings(max_steps=100, aim=_ROUNDING)
+_POLISH_SETTINGS = ApproachSettings(max_steps=6, aim=_POSE_ROUNDING)
+_SEARCH_SETTINGS = ApproachSettings(max_steps=100, aim=_POSE_ROUNDING)
 _NUM_SEEDS = 12
 
 
@@ -71,7 +71,7 @@ def _same_directions(axes: Array) -> Array:
     directions = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     for i in range(1, len(directions)):
         for j in range(i):
-            if np.linalg.norm(np.cross(directions[i], directions[j])) < _PARALLEL:
+            if np.linalg.norm(np.cross(directions[i], directions[j])) < _PARALLEL_ANGLE:
                 directions[i] = math.copysign(1.0, directions[i] @ directions[j]) * directions[j]
                 break
     return np.asarray(directions)
@@ -108,7 +108,7 @@ def all_branches(
     if solver is not None:
         q, row = _from_closed_form(robot, solver, R, p)
         q = _nearest_to_middle(robot, q)
-        errors = approach(robot.chain, R[row], p[row], q, _POLISH)
+        errors = approach(robot.chain, R[row], p[row], q, _POLISH_SETTINGS)
         q = _nearest_to_middle(robot, q)
     else:
         starts = np.array(_starts(robot) if seeds is None else seeds, float)
@@ -117,8 +117,8 @@ def all_branches(
         q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
         q[~np.all(np.isfinite(q), axis=1)] = robot.home
         limits = lower, upper
-        errors = approach(robot.chain, R[row], p[row], q, _SEARCH, limits)
-    is_reached = errors < _TOLERANCE
+        errors = approach(robot.chain, R[row], p[row], q, _SEARCH_SETTINGS, limits)
+    is_reached = errors < _POSE_TOLERANCE
     if turns_of is not None:
         q, row, is_reached = _with_turns(robot, q, row, is_reached, turns_of)
     is_valid = is_reached & np.all((q >= lower - _AT_LIMIT) & (q <= upper + _AT_LIMIT), axis=1)

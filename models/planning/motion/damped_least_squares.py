@@ -18,11 +18,11 @@ from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_an
 from wrenchsight.models.rigid_body.rotations import rotation_vector
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
-_LARGEST_DAMPING = 1e-4
-_LONGEST_STEP = 0.5  # rad or m, of a joint in one step
-_SAME = 1e-15  # rad or m; a shorter step changes nothing
-_SINGULAR = 1e-20  # least pivot of the matrix
-_BLOCK = 8  # postures that a thread takes at a time
+_MAX_DAMPING = 1e-4
+_MAX_STEP = 0.5  # rad or m, of a joint in one step
+_MIN_STEP = 1e-15  # rad or m; a shorter step changes nothing
+_MIN_PIVOT = 1e-20  # least pivot of the matrix
+_BLOCK_POSTURES = 8  # postures that a thread takes at a time
 
 
 @kernel
@@ -66,7 +66,7 @@ def damped_step(J: Array, error: Array, damping: float, step: Array, A: Array) -
                 total += J[i, k] * J[j, k]
             A[i, j] = total
         A[6, i] = error[i]
-    if not factorise_in_place(A, 6, _SINGULAR):
+    if not factorise_in_place(A, 6, _MIN_PIVOT):
         return False
     solve_factorised(A, 6, A[6])
     for k in range(n):
@@ -146,26 +146,26 @@ def _approach(
     M, n = q.shape
     R_goal, p_goal, lower, upper = goals.R, goals.p, bounds.lower, bounds.upper
     max_steps, aim, damped = settings.max_steps, settings.aim, settings.damped
-    for b in prange((M + _BLOCK - 1) // _BLOCK):
+    for b in prange((M + _BLOCK_POSTURES - 1) // _BLOCK_POSTURES):
         R, p, turn, J = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((6, n))
         error, step, A = np.empty(6), np.empty(n), np.empty((7, 6))
         scratch = np.empty((n, SCRATCH_COLUMNS))
-        for m in range(b * _BLOCK, min(M, (b + 1) * _BLOCK)):
+        for m in range(b * _BLOCK_POSTURES, min(M, (b + 1) * _BLOCK_POSTURES)):
             pose_and_jacobian(table, q[m], R, p, J, scratch)
             size = pose_error(R, p, R_goal[m], p_goal[m], error, turn)
             for _ in range(max_steps):
                 if size < aim or not math.isfinite(size):
                     break
-                damping = min(_LARGEST_DAMPING, size * size) if damped else 0.0
+                damping = min(_MAX_DAMPING, size * size) if damped else 0.0
                 if not damped_step(J, error, damping, step, A):
                     size = math.inf
                     break
                 largest = 0.0
                 for j in range(n):
                     largest = max(largest, abs(step[j]))
-                if largest < _SAME:
+                if largest < _MIN_STEP:
                     break
-                scale = _LONGEST_STEP / largest if largest > _LONGEST_STEP else 1.0
+                scale = _MAX_STEP / largest if largest > _MAX_STEP else 1.0
                 for j in range(n):
                     q[m, j] = min(max(q[m, j] + scale * step[j], lower[j]), upper[j])
                 pose_and_jacobian(table, q[m], R, p, J, scratch)

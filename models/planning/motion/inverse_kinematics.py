@@ -13,8 +13,8 @@ from wrenchsight.models.numerics.ties import first_of_least, whole_turns
 from wrenchsight.models.planning.motion.branches import all_branches, is_closed_form
 from wrenchsight.models.robot.robot import Robot
 
-_STEP = 0.35  # rad or m; a larger step of a joint between two samples is bisected
-_BISECTIONS = 7  # of the path between two samples, before the step counts as a jump
+_MAX_JOINT_STEP = 0.35  # rad or m; a larger step of a joint between two samples is bisected
+_MAX_BISECTIONS = 7  # of the path between two samples, before the step counts as a jump
 
 
 @one_thread()
@@ -43,7 +43,7 @@ def follow_path(robot: Robot, R_WE: Array, p_WE: Array, q_seed: Array) -> Array:
     q[0] = _first(robot, R_WE[0], p_WE[0], np.asarray(q_seed, dtype=np.float64))
     for i in range(1, len(q)):
         start, end = _Pose(R_WE[i - 1], p_WE[i - 1]), _Pose(R_WE[i], p_WE[i])
-        q[i] = _advance(robot, q[i - 1], start, end, i, _BISECTIONS)
+        q[i] = _advance(robot, q[i - 1], start, end, i, _MAX_BISECTIONS)
     return q
 
 
@@ -74,7 +74,7 @@ def _advance(
     if q_end is None:
         raise _unreachable(robot, sample, end.p_WE)
     step = np.abs(q_end - q)
-    if np.max(step) <= _STEP:
+    if np.max(step) <= _MAX_JOINT_STEP:
         return q_end
     if bisections == 0:
         joint = robot.joint_names[int(np.argmax(step))]

@@ -19,12 +19,13 @@ from wrenchsight.models.planning.motion.damped_least_squares import (
 )
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
-_REACHED = 1e-11  # m and rad of the pose
+_POSE_AIM = 1e-11  # m and rad of the pose
 # Far from W's origin rounding may stand above the aim; an arm's length is not.
-_ARRIVED = 10.0 * _REACHED
+_POSE_TOLERANCE = 10.0 * _POSE_AIM
 # From one point to the next: Newton's method doubles the digits each time.
-_NEXT_POINT = ApproachSettings(max_steps=12, aim=_REACHED, damped=False)
-_FAR = ApproachSettings(max_steps=60, aim=_REACHED)  # from a start that may lie far off
+_NEXT_POINT = ApproachSettings(max_steps=12, aim=_POSE_AIM, damped=False)
+# from a start that may lie far off
+_FAR_START_SETTINGS = ApproachSettings(max_steps=60, aim=_POSE_AIM)
 
 
 def track_paths(
@@ -63,7 +64,7 @@ def track_paths(
             goal = p_WM[rows] + (i / k - 0.5) * path_length * n_W[rows]
             errors = approach(chain, R_WE[rows], goal, q_point, _NEXT_POINT)
             step = np.abs(q_point - previous[rows])
-            is_reached[rows] = (errors < _ARRIVED) & np.all(step <= max_joint_step, axis=1)
+            is_reached[rows] = (errors < _POSE_TOLERANCE) & np.all(step <= max_joint_step, axis=1)
             last_but_one, previous = previous, previous.copy()
             previous[rows] = q[rows, i] = q_point
             step_ratio = 2.0 if i == side[0] and k % 2 == 1 else 1.0
@@ -85,7 +86,7 @@ def solve_poses(
         and angles may have made whole turns.
     """
     q = np.array(q_start, dtype=np.float64)
-    return q, approach(chain, R_WE, p_WE, q, _FAR) < _ARRIVED
+    return q, approach(chain, R_WE, p_WE, q, _FAR_START_SETTINGS) < _POSE_TOLERANCE
 
 
 def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) -> Array:
@@ -121,4 +122,4 @@ def correct_paths(
     flat = q.reshape(-1, q.shape[2])
     errors = approach(chain, R, p_WE.reshape(-1, 3), flat, _NEXT_POINT)
     q[:] = flat.reshape(q.shape)
-    return np.asarray((errors < _ARRIVED).reshape(q.shape[:2]).all(axis=1))
+    return np.asarray((errors < _POSE_TOLERANCE).reshape(q.shape[:2]).all(axis=1))

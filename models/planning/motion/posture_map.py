@@ -12,15 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.numerics.ties import SAME, first_of_least
+from wrenchsight.models.numerics.ties import TIE_TOLERANCE, first_of_least
 from wrenchsight.models.planning.motion.branches import all_branches
 from wrenchsight.models.planning.motion.posture_measures import PostureMeasure
 from wrenchsight.models.planning.motion.surface_path import frame_about, rotation_about
 from wrenchsight.models.robot.robot import Robot
 
-_DIRECTIONS, _TURNS = 37, 8  # tried at each point: directions in the cone, turns about the tool
-_REFINED_DIRECTIONS, _REFINEMENTS = 6, 3  # round the best one, and how often, each time nearer
-_BLOCK = 20_000  # poses solved at a time
+# tried at each point: directions in the cone, turns about the tool
+_NUM_DIRECTIONS, _NUM_TURNS = 37, 8
+# round the best one, and how often, each time nearer
+_NUM_REFINED_DIRECTIONS, _NUM_REFINEMENTS = 6, 3
+_BLOCK_POSES = 20_000  # poses solved at a time
 _MOST_CHECKED = 60  # postures of a point, best first, that may hit something
 
 
@@ -78,10 +80,10 @@ def best_postures(
     """
     points = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
     search = _Search(robot, measure, points, cone, is_free)
-    turns = 1 if turns_with_last_joint(robot, cone.tool_axis_E) else _TURNS
-    spread = _cap(_DIRECTIONS if cone.angle > 0.0 else 1, cone.angle)
-    rounds = 1 + (_REFINEMENTS if cone.angle > 0.0 or turns > 1 else 0)
-    size = cone.angle / math.sqrt(_DIRECTIONS)
+    turns = 1 if turns_with_last_joint(robot, cone.tool_axis_E) else _NUM_TURNS
+    spread = _cap(_NUM_DIRECTIONS if cone.angle > 0.0 else 1, cone.angle)
+    rounds = 1 + (_NUM_REFINEMENTS if cone.angle > 0.0 or turns > 1 else 0)
+    size = cone.angle / math.sqrt(_NUM_DIRECTIONS)
     turn_size = 2.0 * math.pi / turns
     N = len(points)
     for index in range(rounds):
@@ -95,7 +97,7 @@ def best_postures(
                 search.tilt[rows], search.turn[rows], size, turn_size, cone.angle, turns
             )
             size, turn_size = 0.5 * size, 0.5 * turn_size
-        per_block = max(1, _BLOCK // tilts.shape[1])
+        per_block = max(1, _BLOCK_POSES // tilts.shape[1])
         for start in range(0, len(rows), per_block):
             block = slice(start, start + per_block)
             search.try_orientations(rows[block], tilts[block], angles[block])
@@ -160,7 +162,7 @@ class _Search:
         choice = first_of_least(values)
         indices = np.arange(len(rows))
         lowest = values[indices, choice]
-        is_better = lowest < np.where(np.isnan(best), np.inf, best * (1.0 - SAME))
+        is_better = lowest < np.where(np.isnan(best), np.inf, best * (1.0 - TIE_TOLERANCE))
         target, source = rows[is_better], indices[is_better]
         pose = choice[is_better] // (values.shape[1] // num_tries)
         self.best[target] = lowest[is_better]
@@ -219,7 +221,7 @@ def _around(
     tilt: Array, turn: Array, size: float, turn_size: float, limit: float, turns: int
 ) -> tuple[Array, Array]:
     """Tilts (M, D, 2) and turns (M, D) near those given, the tilts within the cone."""
-    azimuth = np.arange(_REFINED_DIRECTIONS) * 2.0 * math.pi / _REFINED_DIRECTIONS
+    azimuth = np.arange(_NUM_REFINED_DIRECTIONS) * 2.0 * math.pi / _NUM_REFINED_DIRECTIONS
     offsets = size * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     tilts = tilt[:, np.newaxis] + offsets
     if turns > 1:

@@ -28,8 +28,8 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.rigid_body.structural_rank import parallel_columns, structural_rank
 
 # Starting threads costs more than a path's postures.
-_BLOCK = 128  # postures that are worth a thread: a millisecond
-_UNREADABLE = 1e12  # stands for infinity, where a solver needs a number
+_BLOCK_POSTURES = 128  # postures that are worth a thread: a millisecond
+_MAX_MEASURE = 1e12  # stands for infinity, where a solver needs a number
 
 
 class PostureMeasure(Protocol):
@@ -87,7 +87,7 @@ class ConditionNumber:
     def values(self, q: ArrayLike) -> Array:
         """The measure (...) at q (..., n)."""
         if self._sharpness is None:
-            return np.minimum(self._chain.condition_number(q), _UNREADABLE)
+            return np.minimum(self._chain.condition_number(q), _MAX_MEASURE)
         return self.values_and_gradients(q)[0]
 
     def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
@@ -218,7 +218,9 @@ def _of_rows(
         raise ValueError(f"expected q of shape (..., {chain.num_joints}), got {array.shape}")
     rows = np.ascontiguousarray(array).reshape(-1, chain.num_joints)
     values, gradients = np.empty(len(rows)), np.empty(rows.shape)
-    in_row_blocks(lambda part: run(rows[part], values[part], gradients[part]), len(rows), _BLOCK)
+    in_row_blocks(
+        lambda part: run(rows[part], values[part], gradients[part]), len(rows), _BLOCK_POSTURES
+    )
     return values.reshape(array.shape[:-1]), gradients.reshape(array.shape)
 
 
@@ -261,10 +263,10 @@ def _condition_number_gradient(J: Array, B: Array, Q: Array, G: Array, gradient:
         if total < smallest:
             smallest_row, smallest = m, total
     value = math.sqrt(largest / smallest) if smallest > 0.0 else math.inf
-    if not value < _UNREADABLE:
+    if not value < _MAX_MEASURE:
         for j in range(n):
             gradient[j] = 0.0
-        return _UNREADABLE
+        return _MAX_MEASURE
     # u_m = Q[m], v_m = B[m] / sigma_m: d JCN / JCN = d sigma_1 / sigma_1 - d sigma_6 / sigma_6.
     for i in range(6):
         for k in range(n):
@@ -304,8 +306,8 @@ def _smooth_rows(table: Array, sharpness: float, q: Array, values: Array, gradie
                 squares[m] += B[m, j] * B[m, j]
             largest, smallest = max(largest, squares[m]), min(smallest, squares[m])
         gradients[k] = 0.0
-        values[k] = _UNREADABLE
-        if not smallest > 0.0 or not math.sqrt(largest / smallest) < _UNREADABLE:
+        values[k] = _MAX_MEASURE
+        if not smallest > 0.0 or not math.sqrt(largest / smallest) < _MAX_MEASURE:
             continue
         # The extremes are divided out first: their 1e5th powers would overflow.
         sum_of_powers, sum_of_inverse_powers = 0.0, 0.0
@@ -462,6 +464,6 @@ def _force_sd_rows(
             trace = _posterior_trace(reading, J, G, reconstructed)
         contract(J, G, gradients[k])
         value = math.sqrt(trace)
-        values[k] = min(value, _UNREADABLE)
+        values[k] = min(value, _MAX_MEASURE)
         for j in range(n):
-            gradients[k, j] = gradients[k, j] / (2.0 * value) if value < _UNREADABLE else 0.0
+            gradients[k, j] = gradients[k, j] / (2.0 * value) if value < _MAX_MEASURE else 0.0

@@ -39,10 +39,10 @@ from wrenchsight.models.robot.robot import Robot
 
 _ON_TASK = 1e-10  # m and rad; a posture this close to the task needs no further step
 _ON_TASK_LIMIT = 1e-9  # m and rad; a posture farther from the task is not used
-_TIED = 1e-12  # relative; two ways to a posture that differ by rounding cost the same
-_PENALTY = 100.0  # of a violated bound in the merit of a refinement, per rad
+_TIE_TOLERANCE = 1e-12  # relative; two ways to a posture that differ by rounding cost the same
+_VIOLATION_PENALTY = 100.0  # of a violated bound in the merit of a refinement, per rad
 _FIRST_RADIUS, _LAST_RADIUS = 0.1, 1e-6  # rad, trust region
-_SLACK = 1e-7  # rad; what a refined trajectory may exceed a bound by
+_BOUND_SLACK = 1e-7  # rad; what a refined trajectory may exceed a bound by
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +204,7 @@ def refine(
         q: keeps to the bounds and to the task.
     """
     q, cost, radius = q.copy(), problem.cost(q), _FIRST_RADIUS
-    merit = cost + _PENALTY * problem.violation(q)
+    merit = cost + _VIOLATION_PENALTY * problem.violation(q)
     best, best_cost = q.copy(), cost
     model = _Quadratic(problem, q)
     for iteration in range(max_iterations):
@@ -220,14 +220,14 @@ def refine(
         q_trial, on_task = onto_task(problem, q + step)
         trial_merit = math.inf
         if on_task:
-            trial_merit = problem.cost(q_trial) + _PENALTY * problem.violation(q_trial)
+            trial_merit = problem.cost(q_trial) + _VIOLATION_PENALTY * problem.violation(q_trial)
         gain = (merit - trial_merit) / predicted
         radius = radius * (0.3 if gain < 0.25 else 2.0 if gain > 0.75 else 1.0)
         if gain > 0.05:
             q, merit = q_trial, trial_merit
             model = _Quadratic(problem, q)
             cost = problem.cost(q)
-            if cost < best_cost and problem.violation(q) <= _SLACK:
+            if cost < best_cost and problem.violation(q) <= _BOUND_SLACK:
                 best, best_cost = q.copy(), cost
         if radius < _LAST_RADIUS:
             break
@@ -254,7 +254,11 @@ def local_descent(problem: RedundancyProblem, q_start: Array, num_inner: int = 5
         low = np.maximum(problem.lower, q_last - largest_step)
         high = np.minimum(problem.upper, q_last + largest_step)
         q_here, on_task = onto_task(problem, q_last[np.newaxis], i)
-        if not on_task or np.any(q_here[0] < low - _SLACK) or np.any(q_here[0] > high + _SLACK):
+        if (
+            not on_task
+            or np.any(q_here[0] < low - _BOUND_SLACK)
+            or np.any(q_here[0] > high + _BOUND_SLACK)
+        ):
             raise InputError(
                 problem.path.source,
                 f"sample {i}",
@@ -385,7 +389,7 @@ class _Quadratic:
         predicted = -float(solution @ (0.5 * self._Q @ solution + self._b))
         q_step = (self._to_q @ solution).reshape(q.shape)
         violation_drop = problem.violation(q) - problem.violation(q + q_step)
-        return q_step, predicted + _PENALTY * max(0.0, violation_drop)
+        return q_step, predicted + _VIOLATION_PENALTY * max(0.0, violation_drop)
 
 
 def _descend(
@@ -540,7 +544,7 @@ def _advance(
                             break
                         squares += step * step
                     total = previous_value + weight * squares
-                    if total < best * (1.0 - _TIED):
+                    if total < best * (1.0 - _TIE_TOLERANCE):
                         best = total
                         parent[k, b] = previous_angle * B + c
             next_value[k, b] = best + cost[k, b]

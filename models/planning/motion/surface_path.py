@@ -20,11 +20,12 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.workpieces import Surface
 
 COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
-_UNIT = 1e-3  # how far from 1 the length of a normal may be: CAM prints four digits or more
+# how far from 1 the length of a normal may be: CAM prints four digits or more
+_NORMAL_TOLERANCE = 1e-3
 MOST_SAMPLES = 10_000  # of a path
 LARGEST_FILE = 1 << 24  # bytes of a CAM file
-_FARTHEST = 1e3  # m, of a point; no workpiece reaches as far
-_DENSE = 40  # evaluations of the surface per sample, to space the samples evenly
+_MAX_COORDINATE = 1e3  # m, of a point; no workpiece reaches as far
+_EVALUATIONS_PER_SAMPLE = 40  # evaluations of the surface per sample, to space the samples evenly
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class SurfacePath:
             raise InputError(
                 source, "start, end", f"{ends.tolist()} leaves the surface, (u, v) in [0, 1]"
             )
-        s = np.linspace(0.0, 1.0, _DENSE * num_samples)
+        s = np.linspace(0.0, 1.0, _EVALUATIONS_PER_SAMPLE * num_samples)
         u, v = ends[0][:, np.newaxis] + np.outer(ends[1] - ends[0], s)
         dense = surface.at(u, v)
         steps = np.linalg.norm(np.diff(dense.p, axis=0), axis=1)
@@ -204,14 +205,14 @@ def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
     bad = np.flatnonzero(~np.all(np.isfinite(p), axis=1) | ~np.all(np.isfinite(n), axis=1))
     if bad.size:
         raise InputError(source, locations[bad[0]], "a coordinate is not a finite number")
-    bad = np.flatnonzero(np.any(np.abs(p) > _FARTHEST, axis=1))
+    bad = np.flatnonzero(np.any(np.abs(p) > _MAX_COORDINATE, axis=1))
     if bad.size:
         farthest = np.abs(p[bad[0]]).max()
-        problem = f"a coordinate of {farthest:g} m, expected {_FARTHEST:g} at most"
+        problem = f"a coordinate of {farthest:g} m, expected {_MAX_COORDINATE:g} at most"
         raise InputError(source, locations[bad[0]], problem, "write metres")
     with np.errstate(over="ignore"):
         length = np.linalg.norm(n, axis=1)
-    bad = np.flatnonzero(np.abs(length - 1.0) > _UNIT)
+    bad = np.flatnonzero(np.abs(length - 1.0) > _NORMAL_TOLERANCE)
     if bad.size:
         raise InputError(
             source,

@@ -19,7 +19,7 @@ Indices = NDArray[np.int32]
 _Complex = NDArray[np.complex128]
 
 # Radius of a blade's trailing edge, as how far the circle passes outside of the singular point.
-_EDGE = 0.06
+_TRAILING_EDGE_RADIUS = 0.06
 _PITCH_AXIS = 0.35  # where a blade's profiles turn, along the chord; 0 at the leading edge
 
 
@@ -130,10 +130,10 @@ class BladeSection:
                 raise InputError("blade", name, f"{value:g}, expected {low:g} to {high:g}")
         self._shape = shape
         self._twist = math.radians(shape.root_twist_deg), math.radians(shape.tip_twist_deg)
-        # b = 1. The circle passes _EDGE outside of +1; its middle lies to the left for thickness
-        # (a Joukowsky profile of offset e is about 1.3 e thick) and up for camber.
+        # b = 1. The circle passes _TRAILING_EDGE_RADIUS outside of +1; its middle lies to the left
+        # for thickness (a Joukowsky profile of offset e is about 1.3 e thick) and up for camber.
         self._middle = complex(-0.77 * shape.thickness, 2.0 * shape.camber)
-        self._radius = abs(1.0 + _EDGE - self._middle)
+        self._radius = abs(1.0 + _TRAILING_EDGE_RADIUS - self._middle)
         x = self._joukowsky(np.linspace(0.0, 2.0 * math.pi, 4001))[0].real
         # The profile begins (u = 0) where it reaches farthest back, and has unit chord.
         self._chord = float(np.max(x)) - float(np.min(x))

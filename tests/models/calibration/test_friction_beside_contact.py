@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.calibration.friction_beside_contact import refresh_beside_contact
-from wrenchsight.models.calibration.friction_disagreement import CLEAR, TOGETHER
+from wrenchsight.models.calibration.friction_disagreement import (
+    MIN_STANDARD_ERRORS,
+    NEIGHBOUR_STANDARD_ERRORS,
+)
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
@@ -79,8 +82,8 @@ def test_drift_is_told_from_a_force_that_comes_and_goes() -> None:
     beside_contact = refresh_beside_contact(rows, J, LAW, WRENCH_SD)
     error, found = errors(rows, J, drift)
     assert (np.abs(error) < 3.5).all()  # 12 errors: one beyond 3.5 sd in 180 logs
-    assert np.abs(found).max() > CLEAR
-    assert (np.abs(found).max(axis=1) > TOGETHER).all()
+    assert np.abs(found).max() > MIN_STANDARD_ERRORS
+    assert (np.abs(found).max(axis=1) > NEIGHBOUR_STANDARD_ERRORS).all()
     # A third of the log is free; no segment with the whole force in it counts as free.
     assert 0.15 < beside_contact.is_free.mean() < 0.5
     size = np.linalg.norm(steps()[: len(rows.t)], axis=1)
@@ -97,7 +100,7 @@ def test_a_tool_that_slides_is_no_drift(friction: float) -> None:
     force[:, 2] += 50.0
     rows, J = log(np.zeros((N, 2)), force)
     _, found = errors(rows, J, np.zeros((N, 2)))
-    assert (np.abs(found) < CLEAR).all()
+    assert (np.abs(found) < MIN_STANDARD_ERRORS).all()
 
 
 def test_a_log_without_a_force_is_free_and_without_drift() -> None:

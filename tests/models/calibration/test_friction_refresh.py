@@ -65,8 +65,8 @@ def test_independent_rows_would_state_errors_that_are_too_small(monkeypatch):
         rng = np.random.default_rng(seed)
         rows = noisy(quiet_rows(duration=8.0, seed=seed), np.zeros((2, 3)), rng)
         with monkeypatch.context() as white:
-            white.setattr(residual_noise, "WHITE", 0.8)
-            for name in ("SLOW", "REVERSAL", "COULOMB", "VISCOUS"):
+            white.setattr(residual_noise, "WHITE_SHARE", 0.8)
+            for name in ("SLOW_SHARE", "REVERSAL_RATIO", "COULOMB_SHARE", "VISCOUS_SHARE"):
                 white.setattr(residual_noise, name, 0.0)
             refresh = refresh_friction(rows, LAW, drift)
         misses.append(np.abs(refresh.standard_errors) > 1.96)

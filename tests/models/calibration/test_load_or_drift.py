@@ -9,7 +9,7 @@ from ur10e_logs import LAW, quiet_rows
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import LoadPrior
 from wrenchsight.models.calibration.load_or_drift import (
-    FEWEST,
+    MIN_ROWS,
     loaded_from,
     weigh,
     weigh_begin,
@@ -101,7 +101,7 @@ def test_a_force_that_ends_again_is_no_load_taken_up(ur10e):
 
 
 def test_too_short_on_either_side_of_a_beginning(ur10e):
-    assert weigh_begin(log_of(ur10e, 1, LOAD)[: 2 * FEWEST], LAW, PRIOR) is None
+    assert weigh_begin(log_of(ur10e, 1, LOAD)[: 2 * MIN_ROWS], LAW, PRIOR) is None
 
 
 def test_a_lifting_force_is_no_load(ur10e):
@@ -130,4 +130,4 @@ def test_errors_of_the_arms_own_model_are_no_load(ur10e):
 
 def test_a_log_of_seconds_is_not_judged(ur10e):
     log = log_of(ur10e, 5, LOAD)
-    assert weigh(log[: FEWEST - 1], LAW, PRIOR) is None
+    assert weigh(log[: MIN_ROWS - 1], LAW, PRIOR) is None

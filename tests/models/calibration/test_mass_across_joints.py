@@ -8,7 +8,7 @@ import pytest
 from ur10e_logs import LAW, quiet_rows
 
 from wrenchsight.models.calibration.load_identification import LoadPrior, estimate_load
-from wrenchsight.models.calibration.load_or_drift import UNLIKELY, weigh
+from wrenchsight.models.calibration.load_or_drift import MAX_OTHER_PROBABILITY, weigh
 from wrenchsight.models.calibration.load_parameters import body_parameters
 from wrenchsight.models.calibration.mass_across_joints import mass_sd_across_joints
 
@@ -43,7 +43,7 @@ def test_torque_of_one_joint_alone_is_no_load(ur10e, joint):
     weighed = weigh(log, LAW, PRIOR)
     assert weighed.load.is_present
     assert weighed.is_steady
-    assert weighed.probability["load"] + weighed.probability["both"] > 1.0 - UNLIKELY
+    assert weighed.probability["load"] + weighed.probability["both"] > 1.0 - MAX_OTHER_PROBABILITY
     assert not weighed.is_shown
 
 

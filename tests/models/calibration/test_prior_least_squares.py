@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrenchsight.models.calibration.prior_least_squares import FREEDOM, fit_with_prior
+from wrenchsight.models.calibration.prior_least_squares import COVARIANCE_ROWS, fit_with_prior
 
 RNG = np.random.default_rng(5)
 A = [RNG.normal(size=(60, 3)), RNG.normal(size=(40, 3))]
@@ -23,7 +23,10 @@ def test_closed_form_with_the_scale_that_it_states():
     np.testing.assert_allclose(fit.values, np.linalg.solve(information, right), rtol=1e-6)
     np.testing.assert_allclose(fit.covariance, np.linalg.inv(information), rtol=1e-6, atol=1e-12)
     errors = [np.sum((columns @ fit.values - b) ** 2) for columns, b in zip(A, B, strict=True)]
-    expected = [np.sqrt((FREEDOM + e) / (FREEDOM + len(b))) for e, b in zip(errors, B, strict=True)]
+    expected = [
+        np.sqrt((COVARIANCE_ROWS + e) / (COVARIANCE_ROWS + len(b)))
+        for e, b in zip(errors, B, strict=True)
+    ]
     # The scale follows the values of the pass before; its changes shrink a hundredfold a pass.
     np.testing.assert_allclose(fit.scale, expected, rtol=1e-6)
 
@@ -38,7 +41,11 @@ def test_the_evidence_is_that_of_the_integral():
     def integral(a):
         x, s = np.linspace(-3.0, 3.0, 2001)[:, None], np.exp(np.linspace(-0.7, 0.7, 501))
         squares = b @ b - 2.0 * x * (a @ b) + x**2 * (a @ a)
-        log = -(FREEDOM + m) * np.log(s) - 0.5 * (FREEDOM + squares) / s**2 - 0.5 * (x / sd) ** 2
+        log = (
+            -(COVARIANCE_ROWS + m) * np.log(s)
+            - 0.5 * (COVARIANCE_ROWS + squares) / s**2
+            - 0.5 * (x / sd) ** 2
+        )
         largest = log.max()
         return largest + np.log(np.exp(log - largest).sum())
 
@@ -47,7 +54,7 @@ def test_the_evidence_is_that_of_the_integral():
         for a in columns.T
     ]
     expected = integral(columns[:, 0]) - integral(columns[:, 1])
-    # Laplace's method, and the scale at its mode: a share of 1 / (FREEDOM + m).
+    # Laplace's method, and the scale at its mode: a share of 1 / (COVARIANCE_ROWS + m).
     assert evidence[0] - evidence[1] == pytest.approx(expected, abs=0.05)
     assert evidence[0] - evidence[1] > 3.0
     without_prior = fit_with_prior(ROWS, np.full(3, np.inf), np.zeros(3))

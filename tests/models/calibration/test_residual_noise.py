@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.calibration import residual_noise
-from wrenchsight.models.calibration.residual_noise import BLOCK, V_REST, ResidualRows
+from wrenchsight.models.calibration.residual_noise import DEPENDENT_ROWS, V_REST, ResidualRows
 
 
 def rows(m=40, n=2, seed=0, **changes):
@@ -33,7 +33,8 @@ def test_covariance_by_hand(monkeypatch):
         sliding=np.zeros((2, 1, 3)),
         sd=np.array([1.5]),
     )
-    shares = {"WHITE": 0.5, "REVERSAL": 3.0, "COULOMB": 0.03, "CORRELATION_TIME": 0.4}
+    shares = {"WHITE_SHARE": 0.5, "REVERSAL_RATIO": 3.0, "COULOMB_SHARE": 0.03}
+    shares["CORRELATION_TIME"] = 0.4
     for name, share in shares.items():
         monkeypatch.setattr(residual_noise, name, share)
     reversal = 1.0 + 3.0 * np.exp(-((np.array([0.5, 0.04]) / 0.08) ** 2))
@@ -89,12 +90,12 @@ def test_at_rest_only_the_offset_can_drift():
 
 
 def test_long_logs_are_taken_block_by_block():
-    residual_rows = rows(BLOCK + 50)
-    none = np.zeros((BLOCK + 50, 0))
+    residual_rows = rows(DEPENDENT_ROWS + 50)
+    none = np.zeros((DEPENDENT_ROWS + 50, 0))
     whole = residual_rows.whitened(0, none)[:, 0]
     parts = [
         residual_rows[part].whitened(0, none[part])[:, 0]
-        for part in (slice(0, BLOCK), slice(BLOCK, None))
+        for part in (slice(0, DEPENDENT_ROWS), slice(DEPENDENT_ROWS, None))
     ]
     np.testing.assert_allclose(whole, np.concatenate(parts))
 

@@ -18,12 +18,12 @@ from wrenchsight.models.detection.contact_noise_fit import fit_contact_noise
 from wrenchsight.models.detection.contact_statistic import (
     MEAN_LEVEL,
     MEAN_PAUSE,
+    MEAN_TIME,
     MISFIT_LEVEL,
     POWER_LEVEL,
-    QUIET,
+    RELEASE_TIME,
     SAMPLE_LENGTH,
     SAMPLE_RELEASE,
-    WINDOW,
     ArmSamples,
 )
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -159,9 +159,9 @@ def test_a_push_is_found_at_once_and_ends_when_it_ends(sts, model):
     _, detection = judged(detector, model, sts, tau_ext)
     touched = np.flatnonzero(detection.contact)
     assert touched[0] == 2000  # of 90 sds
-    # QUIET after the end, or a little more where noise looks like what is left of the mean: the
-    # mean itself would take a second to fall to half of its level.
-    assert 2100 <= touched[-1] <= 2100 + 4 * round(QUIET / T)
+    # RELEASE_TIME after the end, or a little more where noise looks like what is left of the mean:
+    # the mean itself would take a second to fall to half of its level.
+    assert 2100 <= touched[-1] <= 2100 + 4 * round(RELEASE_TIME / T)
     assert not detection.misfit.any()
     assert (np.diff(touched) == 1).all()
 
@@ -190,7 +190,7 @@ def test_the_sample_that_follows_a_contact_is_no_mean(sts, model):
     _, detection = judged(detector, model, sts, tau_ext)
     end = np.flatnonzero(detection.contact)[-1] + 1
     size = 0.98 * detector.settings[SAMPLE_RELEASE]
-    scale = np.sqrt(CORRELATION_TIME / (CORRELATION_TIME + WINDOW))
+    scale = np.sqrt(CORRELATION_TIME / (CORRELATION_TIME + MEAN_TIME))
     assert size / scale > 1.1 * detector.settings[MEAN_LEVEL]
     tau_ext[end] = -size * direction * SD  # nothing of the contact is left
     _, detection = judged(detector, model, sts, tau_ext)

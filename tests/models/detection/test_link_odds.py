@@ -7,8 +7,8 @@ from scipy.stats import multivariate_normal, norm
 from wrenchsight.models.detection import link_odds
 from wrenchsight.models.detection.link_odds import (
     AT_WORK,
-    RADII,
-    REACH,
+    HOUSING_OVERHANG,
+    SURFACE_RADII,
     PlaceOdds,
     axis_feet,
     place_evidence,
@@ -69,7 +69,7 @@ def test_the_surface_lies_around_axes_and_the_lines_between_them(J: np.ndarray) 
         ends = [(first[k], last[k]), (last[k], first[k + 1] if k < 6 else np.zeros(3))]
         ends += [(first[k + 1], last[k + 1])] if k < 6 else []
         distance = np.min([_apart(surface.point, *pair) for pair in ends], axis=0)
-        assert distance.max() < REACH + float(np.mean(RADII))  # the rim of a cap
+        assert distance.max() < HOUSING_OVERHANG + float(np.mean(SURFACE_RADII))  # the rim of a cap
 
 
 def _apart(point: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -188,7 +188,7 @@ def test_the_evidence_is_that_of_the_densities_written_out() -> None:
     B, y = rng.normal(size=(3, 4, 5)), rng.normal(size=5)
     log_likelihood = link_odds._log_likelihood(B, y, inwards=True)
     for m in range(3):
-        for k, F in enumerate(link_odds.SIZES):
+        for k, F in enumerate(link_odds.FORCE_SIZES):
             C = np.eye(5) + F**2 * B[m].T @ B[m]
             alone = multivariate_normal(np.zeros(5)).logpdf(y)
             expected = multivariate_normal(cov=C).logpdf(y) - alone

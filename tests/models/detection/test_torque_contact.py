@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.detection.torque_contact import (
-    LEVEL,
+    CONTACT_LEVEL,
     TorqueContactDetector,
     first_baseline,
     learn_torque_error,
@@ -86,7 +86,7 @@ def test_one_wild_sample_is_no_contact(touched) -> None:
     tau = np.full_like(tau, 0.4)
     tau[500, 2] += 50.0
     contacts = found_in(t, tau, J, error)
-    assert contacts.statistic[500] > LEVEL
+    assert contacts.statistic[500] > CONTACT_LEVEL
     assert not contacts.contact.any()
 
 

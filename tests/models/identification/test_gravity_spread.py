@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.identification.gravity_spread import (
-    MOST_DIRECTIONS,
+    MAX_DIRECTIONS,
     jackknife,
     largest_spread,
     spread_beyond,
@@ -82,7 +82,7 @@ def test_fewer_directions_hold_the_same_spread(
         rtol=1e-6,
     )
     many = np.concatenate([fits + k * 0.1 * fits for k in range(4)])
-    assert len(strongest(ur10e.chain, jackknife(many), zero + 1.0)) <= MOST_DIRECTIONS
+    assert len(strongest(ur10e.chain, jackknife(many), zero + 1.0)) <= MAX_DIRECTIONS
 
 
 def test_fits_that_agree_leave_no_direction(ur10e: Robot, fits: np.ndarray) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.identification.repetition_error import (
-    REACHES,
+    REACH_CHOICES,
     RepetitionError,
     repetition_error,
     slip_along,
@@ -91,17 +91,17 @@ def test_of_an_encoder_s_displacement_half_a_step_may_be_rounding():
     moved[4:] = 2.0 * step  # at the least 6e-6 from where it was
     q = np.vstack([still, moved])
     sd = error(resolution=(step, step)).sd(q, 0.0 * q, np.zeros((10, 2)), 10, STEP)
-    share = np.mean((1.5 * step / np.array(REACHES)) ** 2)
+    share = np.mean((1.5 * step / np.array(REACH_CHOICES)) ** 2)
     np.testing.assert_allclose(sd[4:], np.sqrt(NOISE**2 + LEVEL**2 * share) * np.ones((6, 1)))
 
 
 def test_a_sample_that_is_not_finite_leaves_the_slip_as_it_was():
     q = np.cumsum(np.full((8, 1), 4e-6), axis=0)
     z, whole = np.empty_like(q), np.empty_like(q)
-    slip_along(q, 0.0 * q, np.zeros(1), STEP, REACHES[1], whole)
+    slip_along(q, 0.0 * q, np.zeros(1), STEP, REACH_CHOICES[1], whole)
     broken = q.copy()
     broken[3] = np.nan
-    slip_along(broken, 0.0 * q, np.zeros(1), STEP, REACHES[1], z)
+    slip_along(broken, 0.0 * q, np.zeros(1), STEP, REACH_CHOICES[1], z)
     assert z[3] == whole[2]
     np.testing.assert_allclose(z[4:], whole[4:], rtol=1e-9)
 

@@ -116,8 +116,8 @@ def test_a_part_of_many_samples_locates_the_minimum(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(torque_error_fit, "_minus_log_likelihood", counted)
     sds, work = [], []
-    for enough in (10**9, torque_error_fit._ENOUGH):
-        monkeypatch.setattr(torque_error_fit, "_ENOUGH", enough)
+    for enough in (10**9, torque_error_fit._ROUGH_FIT_SAMPLES):
+        monkeypatch.setattr(torque_error_fit, "_ROUGH_FIT_SAMPLES", enough)
         looked_at.clear()
         fitted_model = fitted(many)
         new = reading(9)

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi, genpareto
 
 from wrenchsight.models.signals.exceedance_tail import (
-    GAP,
+    MIN_EXCURSION_GAP,
     SHAPE_SD,
     ExceedanceTail,
     fit_exceedances,
@@ -36,7 +36,7 @@ def test_the_level_of_a_rate_is_that_of_scipy():
 def test_an_excursion_counts_once():
     series = np.zeros(100)
     series[[10, 12, 40, 41]] = [4.0, 5.0, 6.0, 3.5]
-    assert pytest.approx(5 * T) == GAP
+    assert pytest.approx(5 * T) == MIN_EXCURSION_GAP
     np.testing.assert_array_equal(peaks_above(series, 3.0, T), [5.0, 6.0])
     assert len(peaks_above(series, 9.0, T)) == 0
 

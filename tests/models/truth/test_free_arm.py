@@ -95,7 +95,7 @@ def test_the_same_seed_gives_the_same_log_and_another_another(robot):
 def test_a_log_is_the_same_in_parts_and_without_what_nobody_asked_for(robot, monkeypatch):
     servo = drive_servo(robot, IdentifiedModel.nominal(robot))
     log = simulate_free_arm(robot, swing(robot), servo, seed=1, every=3)
-    monkeypatch.setattr(free_arm, "_CHUNK", 97)
+    monkeypatch.setattr(free_arm, "_CHUNK_TICKS", 97)
     parts = simulate_free_arm(robot, swing(robot), servo, seed=1, every=3, whole=False)
     for field in dataclasses.fields(log):
         simulated, expected = getattr(parts, field.name), getattr(log, field.name)

@@ -39,7 +39,7 @@ from wrenchsight.models.truth.joint_kernels import (
     tick_work,
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
-from wrenchsight.models.truth.true_robot import PLAIN, plain_truth
+from wrenchsight.models.truth.true_robot import PLAIN_TRUTH_FILE, plain_truth
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +171,8 @@ def test_a_parameter_out_of_range_is_named(robot, mechanism, place):
 
 
 @pytest.mark.parametrize(
-    "name", [n for n in bundled_robots() if (Robot.load(n).source.parent / PLAIN).is_file()]
+    "name",
+    [n for n in bundled_robots() if (Robot.load(n).source.parent / PLAIN_TRUTH_FILE).is_file()],
 )
 def test_a_truth_beside_a_plain_one_has_every_mechanism(name):
     hard = Robot.load(name)

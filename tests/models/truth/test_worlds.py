@@ -10,7 +10,7 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.truth_config import JointFrictionConfig, SimulatedTruthConfig
 from wrenchsight.models.truth.true_robot import with_truth_named
 from wrenchsight.models.truth.worlds import (
-    ABSOLUTE,
+    ABSOLUTE_RANGES,
     MOST_JOINTS,
     PER_JOINT,
     SESSIONS,
@@ -51,7 +51,7 @@ def test_every_draw_lies_in_its_range_with_the_truth_s_own_as_the_median():
         # Both ends are come near to: of 400 even draws the outermost 3 % hold none with 5e-6.
         assert values.min() < low + 0.03 * (high - low)
         assert values.max() > high - 0.03 * (high - low)
-        middle = 0.5 * (low + high) if field.name in ABSOLUTE else 1.0
+        middle = 0.5 * (low + high) if field.name in ABSOLUTE_RANGES else 1.0
         assert abs((values < middle).mean() - 0.5) < 0.1  # four standard deviations
 
 

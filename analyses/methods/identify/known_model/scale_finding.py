@@ -12,7 +12,7 @@ from wrenchsight.analyses.methods.identify.known_model.load_calibration import k
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.effort_scale import (
-    DETERMINED,
+    MAX_SCALE_ERROR,
     EffortScale,
     scale_from_gravity,
     scale_from_weight,
@@ -126,9 +126,9 @@ def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
     if hidden:
         cause = "the weight" if by_weight else "gravity"
         notes.append(
-            f"{cause} does not determine {hidden} to {100 * DETERMINED:.0f} %: kept as stated; "
-            "take it from the drive's data sheet, or put a weight on a lever across that axis: "
-            "--load LOG=KG,X,Y,Z"
+            f"{cause} does not determine {hidden} to {100 * MAX_SCALE_ERROR:.0f} %: kept as "
+            "stated; take it from the drive's data sheet, or put a weight on a lever across that "
+            "axis: --load LOG=KG,X,Y,Z"
         )
     if by_weight:
         notes.append(

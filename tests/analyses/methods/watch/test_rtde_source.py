@@ -18,8 +18,8 @@ from wrenchsight.analyses.methods.watch.rtde_controller import RtdeController
 from wrenchsight.analyses.methods.watch.sources import open_source
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.rtde import (
+    FIELD_TYPES,
     NOT_FOUND,
-    TYPES,
     PacketType,
     Recipe,
     packet,
@@ -256,7 +256,7 @@ class OtherTypes(RtdeController):
             super()._answer(client, kind, payload)
             return
         frequency, names = read_outputs_request(payload)
-        types = [TYPES[n] if n in self._names else NOT_FOUND for n in names]
+        types = [FIELD_TYPES[n] if n in self._names else NOT_FOUND for n in names]
         types = [self.other.get(n, kind) for n, kind in zip(names, types, strict=True)]
         client.recipe, client.period = Recipe(1, tuple(names), tuple(types)), 1.0 / frequency
         client.send(client.recipe.answer())
@@ -280,7 +280,7 @@ def test_a_needed_field_of_another_type_is_refused_also_at_a_reconnect(ur10e, na
         controller.drop_clients()
         _, events = read_until(source, lambda _, e: len(e) == 2)
         assert [event.kind for event in events] == [EventKind.LOST, EventKind.REFUSED]
-        assert f"{name} as {kind}, expected {TYPES[name]}" in events[1].text
+        assert f"{name} as {kind}, expected {FIELD_TYPES[name]}" in events[1].text
         controller.other = {}
         _, events = read_until(source, lambda s, _: len(s) >= 20)
         source.close()

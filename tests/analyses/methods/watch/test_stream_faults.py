@@ -22,7 +22,7 @@ from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.rtde import PacketType, packet
 from wrenchsight.models.live.samples import EventKind, Sample
-from wrenchsight.models.live.stream_order import BEHIND, SAY_AGAIN
+from wrenchsight.models.live.stream_order import MIN_LATE_SAMPLES, SAY_AGAIN
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
 
@@ -182,7 +182,7 @@ def check_faults(robot, model, recording, kind, count, seed=0):
         clean = [*stream[:at], *stream[first:fed]]
         missing = sum(np.min(np.abs(np.array(read) - s.t)) > H / 4 for s in clean)
         # That a clock went back is known by the third sample.
-        assert missing < BEHIND, f"{where}: {missing} samples have no reading"
+        assert missing < MIN_LATE_SAMPLES, f"{where}: {missing} samples have no reading"
         findings.lost += missing
         last_report = events[-1].received if events else last_report
         assert kind not in ALWAYS_SAID or last_report > over - SAY_AGAIN - LONGEST_FAULT, where
