@@ -45,9 +45,17 @@ from wrenchsight.systems.pose_reference import PoseReference
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
-_READINGS = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid")
-_PASS = ("reference", "force_setpoint", "phase", "fault", "progress", "feed_time", "pose_error")
-_FREED = ("freed_torque", "freed_sd", "tool_vibration")  # after an air pass
+_READING_SIGNALS = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid")
+_PASS_SIGNALS = (
+    "reference",
+    "force_setpoint",
+    "phase",
+    "fault",
+    "progress",
+    "feed_time",
+    "pose_error",
+)
+_FREED_SIGNALS = ("freed_torque", "freed_sd", "tool_vibration")  # after an air pass
 
 
 @dataclass(frozen=True)
@@ -342,7 +350,7 @@ def _add_loop_estimator(parts: _LoopParts, estimator: LoopEstimator) -> Diagram:
 
 def _readings(estimator: Diagram) -> dict[str, OutputPort]:
     """The estimator's outputs that are logged, by their names."""
-    return {name: estimator.GetOutputPort(name) for name in _READINGS}
+    return {name: estimator.GetOutputPort(name) for name in _READING_SIGNALS}
 
 
 def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
@@ -433,8 +441,8 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstima
         controller=block,
         tau_command=ports["tau_command"],
         terms=block.GetOutputPort("terms"),
-        signals={name: ports[name] for name in (*_PASS, *_FREED) if name in ports},
-        readings={name: ports[name] for name in _READINGS},
+        signals={name: ports[name] for name in (*_PASS_SIGNALS, *_FREED_SIGNALS) if name in ports},
+        readings={name: ports[name] for name in _READING_SIGNALS},
     )
 
 

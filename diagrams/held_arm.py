@@ -31,7 +31,7 @@ from wrenchsight.systems.joint_tracking_controller import (
 from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor
 
 # Stiff enough that the arm hardly moves under the wrench, slow enough for a 1 ms drive.
-_HOLD = JointTrackingConfig(law="computed_torque", kp=[1e4], kd=[200.0])
+_HOLD_CONTROL = JointTrackingConfig(law="computed_torque", kp=[1e4], kd=[200.0])
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,9 @@ def _add_holding_controller(
     """Adds a joint controller that keeps the arm at rest at q; returns the torque it commands."""
     controller = builder.AddNamedSystem(
         "controller",
-        JointTrackingController(model.friction.feedforward, robot.effort_limit, time_step, _HOLD),
+        JointTrackingController(
+            model.friction.feedforward, robot.effort_limit, time_step, _HOLD_CONTROL
+        ),
     )
     at_rest = np.concatenate([q, np.zeros(2 * robot.num_joints)])
     reference = builder.AddNamedSystem("reference", ConstantVectorSource(at_rest))

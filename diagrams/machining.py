@@ -34,9 +34,10 @@ from wrenchsight.models.robot.robot import Robot
 
 NUM_ANGLES = 36
 _MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next
-_MARGIN = math.radians(5.0)  # kept from every joint limit
-_SMOOTHNESS = 0.05  # N per rad^2: a smooth motion matters more here than the last millinewton
-AFTER = 0.2  # s at rest, after the pass
+_LIMIT_MARGIN = math.radians(5.0)  # kept from every joint limit
+# N per rad^2: a smooth motion matters more here than the last millinewton
+_SMOOTHNESS_WEIGHT = 0.05
+REST_AFTER_PASS = 0.2  # s at rest, after the pass
 
 
 def make_machining_path(
@@ -86,7 +87,7 @@ def posture_problem(
     Raises:
         InputError: narrower limits of a joint that the robot does not have, or that are no range.
     """
-    lower, upper = robot.position_lower + _MARGIN, robot.position_upper - _MARGIN
+    lower, upper = robot.position_lower + _LIMIT_MARGIN, robot.position_upper - _LIMIT_MARGIN
     lower, upper = narrowed_limits(robot, machining.joint_ranges_deg, lower, upper, source)
     return RedundancyProblem(
         robot=robot,
@@ -100,7 +101,7 @@ def posture_problem(
         lower=lower,
         upper=upper,
         max_step=np.full(robot.num_joints, _MAX_STEP),
-        smoothness=_SMOOTHNESS,
+        smoothness=_SMOOTHNESS_WEIGHT,
         num_angles=NUM_ANGLES,
         first_angle=math.radians(machining.angle_deg or 0.0),
     )
@@ -164,7 +165,7 @@ def longest_duration(plan: MachiningPath, phases: PhasesConfig) -> float:
     approach = (phases.standoff + phases.search) / phases.approach_speed
     lift = phases.lift / phases.lift_speed
     contact_time = phases.rise + phases.settle + plan.trajectory.duration + phases.release
-    return approach + contact_time + lift + 2.0 * RAMP + AFTER
+    return approach + contact_time + lift + 2.0 * RAMP + REST_AFTER_PASS
 
 
 def view_of(path: SurfacePath) -> Array:

@@ -17,9 +17,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from wrenchsight.analyses.campaign.campaign_report import table_row
-from wrenchsight.analyses.campaign.campaign_store import TABLE, CampaignRecord, read_table
+from wrenchsight.analyses.campaign.campaign_store import TABLE_FILE, CampaignRecord, read_table
 from wrenchsight.analyses.campaign.distributions import Distribution, distributions
-from wrenchsight.analyses.experiments.setups.machining_runs.machining import FEEDS, feed_key
+from wrenchsight.analyses.experiments.setups.machining_runs.machining import FEED_TIMES, feed_key
 from wrenchsight.analyses.study.readme_table import (
     TABLE_BEGIN,
     TABLE_END,
@@ -161,17 +161,17 @@ def machining_table(record: CampaignRecord) -> str:
     Args:
         record: the worlds of `polishing` and `grinding` at all feeds.
     """
-    heads = " | ".join(f"`{task}` {feed:g} s" for task in MACHINING for feed in FEEDS)
-    lines = [f"| | key | {heads} |", "|---|---|" + "---:|" * (len(MACHINING) * len(FEEDS))]
+    heads = " | ".join(f"`{task}` {feed:g} s" for task in MACHINING for feed in FEED_TIMES)
+    lines = [f"| | key | {heads} |", "|---|---|" + "---:|" * (len(MACHINING) * len(FEED_TIMES))]
     for row in machining_rows():
-        shown = row.key.removesuffix(".{k}").format(feed=feed_key(FEEDS[0]))
+        shown = row.key.removesuffix(".{k}").format(feed=feed_key(FEED_TIMES[0]))
         cells = [
             range_of(figures(record, task, row.key.format(k=k, feed=feed_key(feed))), row)
             for task in MACHINING
-            for k, feed in enumerate(FEEDS)
+            for k, feed in enumerate(FEED_TIMES)
         ]
         lines.append(f"| {row.label} | `{shown}` | {' | '.join(cells)} |")
-    ahead = [ours_ahead(record, task, k) for task in MACHINING for k in range(len(FEEDS))]
+    ahead = [ours_ahead(record, task, k) for task in MACHINING for k in range(len(FEED_TIMES))]
     lines.insert(4, f"| ours ahead in | `share_of_worlds_ours_ahead` | {' | '.join(ahead)} |")
     return "\n".join(lines)
 
@@ -250,7 +250,7 @@ def run(folders: Sequence[Path]) -> None:
     """
     sources = {name: committed(name) for name in TABLES}
     for folder in folders:
-        sources[table_of(read_worlds(folder / TABLE), folder)] = folder / TABLE
+        sources[table_of(read_worlds(folder / TABLE_FILE), folder)] = folder / TABLE_FILE
     page = text_of(PAGE)
     for name, (_, table) in TABLES.items():
         markers = TABLE_BEGIN.format(name), TABLE_END.format(name)

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from wrenchsight.analyses.campaign.campaign_report import write_campaign_report
 from wrenchsight.analyses.campaign.campaign_store import (
-    TABLE,
+    TABLE_FILE,
     CampaignRecord,
     WorldParts,
     read_table,
@@ -168,7 +168,7 @@ class _Campaign:
 
     def _read(self, software: dict[str, str]) -> None:
         """Reads the worlds that the folder holds, if settings and software are the same."""
-        stored = read_table(self._folder.path / TABLE)
+        stored = read_table(self._folder.path / TABLE_FILE)
         if stored is not None:
             self._check(stored.settings, stored.software, software)
             stored.settings = self.record.settings
@@ -293,7 +293,7 @@ class _Campaign:
         self, folder: OutputFolder, spread: Sequence[Distribution], order: Sequence[str]
     ) -> None:
         """Writes table, metrics, timings and report."""
-        write_table(self.record, folder / TABLE, order)
+        write_table(self.record, folder / TABLE_FILE, order)
         folder.write_text(METRICS, json_text(self._metrics(spread)))
         timings = self._timings()
         folder.write_text(TIMINGS, json_text(timings))

@@ -14,8 +14,8 @@ from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.report import decimals_of_three_digits, number, page_templates
 
 REPORT_NAME: Final = "campaign.html"
-_FEWEST: Final = 8  # worlds; with fewer a density shows nothing, and each is a dot
-_WIDEST: Final = 12.0  # times the article's number; what lies beyond is drawn at the edge
+_MIN_DENSITY_WORLDS: Final = 8  # worlds; with fewer a density shows nothing, and each is a dot
+_MAX_DRAWN_RATIO: Final = 12.0  # times the article's number; what lies beyond is drawn at the edge
 
 
 def write_campaign_report(
@@ -108,10 +108,10 @@ def violin_figure(spread: Sequence[Distribution]) -> Figure:
     figure, ((axes,),) = new_figure(1, 1, height=0.9 + 0.34 * len(shown))
     for place, row in enumerate(reversed(shown)):
         assert row.article is not None
-        ratio = np.clip(row.values / row.article, -_WIDEST, _WIDEST)
+        ratio = np.clip(row.values / row.article, -_MAX_DRAWN_RATIO, _MAX_DRAWN_RATIO)
         low, median, high = np.percentile(ratio, [5.0, 50.0, 95.0])
         colour = COLOUR["estimate"]
-        if len(ratio) >= _FEWEST and np.ptp(ratio) > 1e-9 * abs(median):
+        if len(ratio) >= _MIN_DENSITY_WORLDS and np.ptp(ratio) > 1e-9 * abs(median):
             (body,) = axes.violinplot(
                 ratio, [place], orientation="horizontal", widths=0.85, showextrema=False
             )["bodies"]

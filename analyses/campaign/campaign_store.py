@@ -27,10 +27,10 @@ from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 
-TABLE: Final = "campaign.parquet"
-PARTS: Final = ".campaign"
+TABLE_FILE: Final = "campaign.parquet"
+PARTS_FOLDER: Final = ".campaign"
 _METADATA: Final = b"wrenchsight"
-_FORMAT: Final = 1
+_FORMAT_VERSION: Final = 1
 
 
 @dataclass
@@ -105,7 +105,7 @@ def write_table(record: CampaignRecord, path: Path, order: Collection[str]) -> N
     columns["key"] = pa.array([row.key for row in rows], pa.string())
     columns["value"] = pa.array([row.value for row in rows], pa.float64())
     content = {
-        "format": _FORMAT,
+        "format": _FORMAT_VERSION,
         "settings": record.settings,
         "software": record.software,
         "described": {name: record.described[name] for name in sorted(record.described)},
@@ -125,7 +125,7 @@ def read_table(path: Path) -> CampaignRecord | None:
     try:
         table = pq.read_table(path)
         content = json.loads(table.schema.metadata[_METADATA])
-        if content["format"] != _FORMAT:
+        if content["format"] != _FORMAT_VERSION:
             raise ValueError(f"format {content['format']}")
         record = CampaignRecord(content["settings"], content["software"], content["described"])
         drawn = table.column_names[2:-3]
@@ -168,7 +168,7 @@ class WorldParts:
     """
 
     def __init__(self, out: Path) -> None:
-        self._folder = out / PARTS
+        self._folder = out / PARTS_FOLDER
 
     def add(self, outcome: WorldOutcome, record: CampaignRecord) -> None:
         """Keeps a world's outcome, with what it depends on.

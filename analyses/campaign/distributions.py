@@ -12,8 +12,8 @@ from wrenchsight.analyses.campaign.influences import Influence, influences
 from wrenchsight.analyses.study.readme_table import FEWEST_WORLDS
 from wrenchsight.models.numerics.arrays import Array
 
-LOW: Final = 5.0  # percentile
-HIGH: Final = 95.0  # percentile
+LOW_PERCENTILE: Final = 5.0  # percentile
+HIGH_PERCENTILE: Final = 95.0  # percentile
 _GAIN: Final = "ours_against_article."  # metrics by how much ours is better than the article's
 _REDUCTION: Final = "reduction_"  # in the keys of what the article claims most
 
@@ -42,7 +42,7 @@ class Distribution:
     @property
     def range(self) -> tuple[float, float]:
         """The 5 % and the 95 % point."""
-        low, high = np.percentile(self.values, [LOW, HIGH])
+        low, high = np.percentile(self.values, [LOW_PERCENTILE, HIGH_PERCENTILE])
         return float(low), float(high)
 
     @property

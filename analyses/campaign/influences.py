@@ -3,9 +3,9 @@
 Where the article's figure lies outside the worlds' range, the question is which assumption would
 bring it back. Spearman's rank correlation of the figure with each drawn parameter shows which of
 them moves it, whatever the curve. Holm's step-down rule holds the chance of naming any that does
-not below LEVEL, over all parameters of a figure (S. Holm, Scand. J. Stat. 6, 1979). The strongest
-of those named stay. Where a straight line (Theil and Sen's) explains enough of the spread, it gives
-the parameter's value at which the figure would be the article's.
+not below SIGNIFICANCE_LEVEL, over all parameters of a figure (S. Holm, Scand. J. Stat. 6, 1979).
+The strongest of those named stay. Where a straight line (Theil and Sen's) explains enough of the
+spread, it gives the parameter's value at which the figure would be the article's.
 
 Draws of which 1 means that nothing is wrong (PAYLOAD, TORQUE_CONSTANT) may err either way: their
 distance from 1 stands beside them, `|payload - 1|`.
@@ -20,10 +20,10 @@ from scipy.stats import linregress, spearmanr, theilslopes
 
 from wrenchsight.models.numerics.arrays import Array
 
-LEVEL: Final = 0.05
-MOST: Final = 3  # parameters named for a figure
+SIGNIFICANCE_LEVEL: Final = 0.05
+MAX_NAMED_PARAMETERS: Final = 3  # parameters named for a figure
 LEAST_EXPLAINED: Final = 0.25  # share of the variance that a line must explain to be used
-_SEEDS: Final = ("individual", "day")  # drawn, but of no order
+_SEED_PARAMETERS: Final = ("individual", "day")  # drawn, but of no order
 _EITHER_WAY: Final = ("payload", "torque_constant_")
 
 
@@ -75,7 +75,7 @@ def influences(
     strongest = sorted(range(len(names)), key=lambda k: -abs(float(tests[k].statistic)))
     return tuple(
         _influence(names[k], draws[k], values, float(tests[k].statistic), corrected[k], article)
-        for k in [k for k in strongest if corrected[k] < LEVEL][:MOST]
+        for k in [k for k in strongest if corrected[k] < SIGNIFICANCE_LEVEL][:MAX_NAMED_PARAMETERS]
     )
 
 
@@ -97,7 +97,7 @@ def influences_text(moved_by: Sequence[Influence] | None) -> str:
 
 def _candidates(parameters: Mapping[str, Sequence[float]]) -> Iterator[tuple[str, Array]]:
     for name, drawn in parameters.items():
-        if name in _SEEDS:
+        if name in _SEED_PARAMETERS:
             continue
         values = np.asarray(drawn, dtype=np.float64)
         yield name, values

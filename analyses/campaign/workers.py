@@ -21,8 +21,8 @@ from wrenchsight.analyses.output.interruption import begin_worker, for_this_proc
 from wrenchsight.analyses.study.study import ONE_THREAD
 from wrenchsight.models.files.input_error import InputError
 
-KILLED: Final = "its process was killed, or crashed, each time"
-_CONNECT: Final = 10  # s in which a scheduler answers
+KILLED_MESSAGE: Final = "its process was killed, or crashed, each time"
+_CONNECT_TIMEOUT: Final = 10  # s in which a scheduler answers
 _ADDRESS: Final = re.compile(
     r"((tcp|tls)://)?(?P<host>\[[0-9a-fA-F:.]+\]|[\w.-]+):(?P<port>\d{1,5})"
 )
@@ -90,7 +90,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
     for library in ("distributed", "tornado", "asyncio"):
         logging.getLogger(library).setLevel(logging.CRITICAL + 1)  # one line reports a failure
     try:
-        client = Client(address, timeout=_CONNECT, set_as_default=False)
+        client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except Exception as error:  # of the transport's kind: no certificates, another protocol
         reason = f"{type(error).__name__}: {error}"
         problem = f"no scheduler answers at {address} ({reason[:200]})"
@@ -131,7 +131,7 @@ def refuse_silent(address: str) -> None:
         raise InputError("--cluster", "", problem, _START_ONE)
     place = match["host"].strip("[]"), int(match["port"])
     try:
-        with socket.create_connection(place, _CONNECT) as connection:
+        with socket.create_connection(place, _CONNECT_TIMEOUT) as connection:
             if not address.startswith("tls:") and not connection.recv(
                 1
             ):  # a scheduler speaks first
@@ -144,7 +144,7 @@ def refuse_silent(address: str) -> None:
 def killed(task: WorldTask) -> WorldOutcome:
     """The outcome of a world whose workers die."""
     world = task.world()
-    failures = dict.fromkeys(task.modules, KILLED)
+    failures = dict.fromkeys(task.modules, KILLED_MESSAGE)
     return WorldOutcome(world.number, world.seed, world.parameters(), failures=failures)
 
 

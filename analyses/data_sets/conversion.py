@@ -19,13 +19,13 @@ from wrenchsight.models.numerics.arrays import Array
 
 _NUM_JOINTS: Final = 6
 # N m/A, the exact tau_des / i_des of a joint that stands still.
-_K: Final = np.array([11.976, 11.976, 9.839, 10.763, 10.763, 11.333])
+_TORQUE_PER_AMPERE: Final = np.array([11.976, 11.976, 9.839, 10.763, 10.763, 11.333])
 _SIGNALS: Final = ("q", "v", "i", "i_des", "tau_des", "tau_res")
 # s from the first row. A push begins where a joint leaves its mean by 6 6 4 1.2 1.2 0.5 N m, and
 # ends where the change is below 30 % of the largest.
-_PUSHES: Final = ((1.932, 2.704), (4.694, 5.744), (8.414, 9.358), (11.89, 13.1))
+_PUSH_TIMES: Final = ((1.932, 2.704), (4.694, 5.744), (8.414, 9.358), (11.89, 13.1))
 _PUSHES_FORMAT: Final = Path(__file__).with_name("ur10e_pushes_format.yaml")
-_SETTLING, _MARGIN = 1.5, 0.2  # s after a push, before the next: not `still`
+_SETTLING_TIME, _PUSH_MARGIN = 1.5, 0.2  # s after a push, before the next: not `still`
 
 
 def convert_pushes(folder: Path) -> dict[str, str]:
@@ -39,12 +39,14 @@ def convert_pushes(folder: Path) -> dict[str, str]:
     tau_desired, current = rows[:, 25:31], rows[:, 13:19]
     push = np.zeros(len(t), int)
     is_still = np.ones(len(t), bool)
-    for number, (begin, end) in enumerate(_PUSHES, start=1):
+    for number, (begin, end) in enumerate(_PUSH_TIMES, start=1):
         push[(begin <= t) & (t <= end)] = number
-        is_still[(begin - _MARGIN < t) & (t < end + _SETTLING)] = False
-    columns = np.column_stack([t, rows[:, 1:31], tau_desired - _K * current, push, is_still])
+        is_still[(begin - _PUSH_MARGIN < t) & (t < end + _SETTLING_TIME)] = False
+    columns = np.column_stack(
+        [t, rows[:, 1:31], tau_desired - _TORQUE_PER_AMPERE * current, push, is_still]
+    )
     header = ["t", *(f"{key}{j + 1}" for key in _SIGNALS for j in range(_NUM_JOINTS))]
-    spans = [(1, number, *span) for number, span in enumerate(_PUSHES, start=1)]
+    spans = [(1, number, *span) for number, span in enumerate(_PUSH_TIMES, start=1)]
     return {
         "push_pose_1.csv": _csv([*header, "push", "still"], columns),
         "pushes.csv": _csv(["pose", "push", "t_start", "t_end"], np.array(spans)),
@@ -57,7 +59,7 @@ def _csv(header: list[str], rows: Array) -> str:
     return "\n".join(lines) + "\n"
 
 
-_DROPPED: Final = ("measurement_tool_joint", "measurement_tool", "tcp_joint", "tcp")
+_DROPPED_JOINTS: Final = ("measurement_tool_joint", "measurement_tool", "tcp_joint", "tcp")
 _BASE_INERTIA: Final = {"ixx": "0.01", "iyy": "0.01", "izz": "0.01"}  # kg m^2, of no effect
 _LARA8_ROBOT: Final = Path(__file__).with_name("lara8_robot.yaml")
 
@@ -70,7 +72,7 @@ def convert_lara8(folder: Path) -> dict[str, str]:
     """
     root = ET.parse(folder / "lara8.urdf").getroot()
     for element in list(root):
-        if element.tag == "material" or element.get("name") in _DROPPED:
+        if element.tag == "material" or element.get("name") in _DROPPED_JOINTS:
             root.remove(element)
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:

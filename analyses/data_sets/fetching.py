@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 PUBLIC_HOST: Final = "https://raw.githubusercontent.com"
 MIRROR_VARIABLE: Final = "WRENCHSIGHT_DATA_MIRROR"
-_TIMEOUT: Final = (10.0, 30.0)  # s to connect, and between two pieces
-_PIECE: Final = 1 << 12  # bytes; a cut connection loses the last, incomplete one
-_RETRIES: Final = 1
+_TIMEOUTS: Final = (10.0, 30.0)  # s to connect, and between two pieces
+_PIECE_BYTES: Final = 1 << 12  # bytes; a cut connection loses the last, incomplete one
+_MAX_RETRIES: Final = 1
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[i
         base_url="",
         registry={file.name: f"sha256:{file.sha256}"},
         urls={file.name: address},
-        retry_if_failed=_RETRIES,
+        retry_if_failed=_MAX_RETRIES,
     )
     pooch.get_logger().setLevel("ERROR")
     try:
@@ -192,7 +192,7 @@ def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
     headers = {"Accept-Encoding": "identity"} | (
         {"Range": f"bytes={received}-"} if received else {}
     )
-    with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUT) as response:
+    with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUTS) as response:
         if response.status_code == requests.codes.requested_range_not_satisfiable:
             part.truncate(0)
             raise requests.ConnectionError(
@@ -202,7 +202,7 @@ def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
         if received and not _continues(response, received):
             part.truncate(0)
             received = 0
-        for piece in response.iter_content(_PIECE):
+        for piece in response.iter_content(_PIECE_BYTES):
             part.write(piece)
             received += len(piece)
             yield received
@@ -220,7 +220,7 @@ def _copied(path: Path, part: IO[bytes], received: int) -> Iterator[int]:
     try:
         with path.open("rb") as source:
             source.seek(received)
-            while piece := source.read(_PIECE):
+            while piece := source.read(_PIECE_BYTES):
                 part.write(piece)
                 received += len(piece)
                 yield received

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 # Multiples of a power of ten at which ticks may stand, from few to many.
-_STEPS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
+_TICK_MULTIPLES = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
 _ENOUGH_TICKS, _MANY_TICKS = 4, 9
 
 
@@ -19,7 +19,7 @@ def log_ticks(low: float, high: float) -> list[float]:
     from matplotlib.ticker import MaxNLocator
 
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for steps in _STEPS:
+    for steps in _TICK_MULTIPLES:
         every = [float(f"{step * 10.0**decade:.6g}") for decade in decades for step in steps]
         ticks = [tick for tick in every if low <= tick <= high]
         if len(ticks) >= _ENOUGH_TICKS:

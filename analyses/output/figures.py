@@ -36,7 +36,7 @@ COLOUR: Final[dict[Meaning, str]] = {
 SERIES: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1a1a1a")
 BAND_ALPHA: Final = 0.2  # of an uncertainty band in the colour of its estimate
 
-WIDTH: Final = 8.0  # inches; the report shows it 960 CSS pixels wide
+FIGURE_WIDTH: Final = 8.0  # inches; the report shows it 960 CSS pixels wide
 ROW_HEIGHT: Final = 2.6  # inches
 DOTS_PER_INCH: Final = 170
 
@@ -85,7 +85,7 @@ def new_figure(
     cols: int = 1,
     *,
     height: float | None = None,
-    width: float = WIDTH,
+    width: float = FIGURE_WIDTH,
     share_x: bool = False,
     share_y: bool = False,
 ) -> "tuple[Figure, NDArray[np.object_]]":

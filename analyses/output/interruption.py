@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any
 
 _ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_AGAIN = 0.01  # s after which an end that was lost is raised once more
+_REPEAT_DELAY = 0.01  # s after which an end that was lost is raised once more
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -52,7 +52,7 @@ def ends_are_interrupts() -> Iterator[list[int]]:
             earlier_hook(unraisable)
 
     def end_again(signum: int) -> None:
-        time.sleep(_AGAIN)
+        time.sleep(_REPEAT_DELAY)
         if sys.unraisablehook is resume_dropped:  # the block goes on
             signal.pthread_kill(main_thread, signum)
 

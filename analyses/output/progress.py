@@ -17,7 +17,7 @@ State = Literal["waiting", "running", "done", "earlier", "skipped", "failed", "i
 ProgressCallback = Callable[[float, str], None]
 """Takes the share that is done, 0 to 1, and what is being done."""
 
-_HEARTBEAT = 20.0  # s between lines in a log
+_HEARTBEAT_PERIOD = 20.0  # s between lines in a log
 _ENDS = {
     "done": "done",
     "earlier": "kept",
@@ -116,7 +116,11 @@ class ProgressDisplay:
         elif message == ANNOUNCEMENT:
             text = message
         else:
-            text = f"{100 * progress.fraction:.0f} %  {message}" if now - last > _HEARTBEAT else ""
+            text = (
+                f"{100 * progress.fraction:.0f} %  {message}"
+                if now - last > _HEARTBEAT_PERIOD
+                else ""
+            )
         self._states[name] = progress.state
         if text:
             self._last_line[name] = now

@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 MARKER: Final = ".wrenchsight.json"
-_FORMAT: Final = 1
+_FORMAT_VERSION: Final = 1
 _NOTE: Final = "wrenchsight replaces and removes only the files that are listed here"
 
 
@@ -34,7 +34,7 @@ class ResultMarker:
             if not stat.S_ISREG(path.lstat().st_mode):
                 return None
             content = json.loads(path.read_text(encoding="utf-8"))
-            if content["format"] != _FORMAT or not isinstance(content["command"], str):
+            if content["format"] != _FORMAT_VERSION or not isinstance(content["command"], str):
                 return None
             files = {str(name): str(checksum) for name, checksum in content["files"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -46,7 +46,7 @@ class ResultMarker:
         content = {
             "command": self.command,
             "files": dict(self.files),
-            "format": _FORMAT,
+            "format": _FORMAT_VERSION,
             "note": _NOTE,
         }
         return json.dumps(content, indent=2, sort_keys=True, ensure_ascii=False) + "\n"

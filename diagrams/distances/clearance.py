@@ -20,17 +20,17 @@ from wrenchsight.models.planning.placement.placement_task import ObstacleConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import pose_of
 
-INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count
-SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs
-_FINEST = 1e-4  # s, shortest interval of a motion that is looked at
+INFLUENCE_DISTANCE = 0.12  # m, beyond which a pair of shapes does not count
+MINIMUM_SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs
+_MIN_INTERVAL = 1e-4  # s, shortest interval of a motion that is looked at
 FLOOR, WORKPIECE = "floor", "workpiece"  # names of shapes that are none of the robot's
-_SLAB = (10.0, 10.0, 1.0)  # m, of the floor
+_FLOOR_SIZE = (10.0, 10.0, 1.0)  # m, of the floor
 # m that a program of postures requires beyond what must be kept, for what happens between them;
 # distances are exact to some micrometres.
-PAD = 1e-3
-_COVER = 3e-3  # m, by which a shape may stand out beyond the part that it covers
+DISTANCE_ROUNDING = 1e-3
+_MAX_PROTRUSION = 3e-3  # m, by which a shape may stand out beyond the part that it covers
 _SAME_DISTANCE = 1e-6  # m; distances of curved shapes are exact to that
-_CORNERS = tuple(itertools.product((-1.0, 1.0), repeat=3))  # of a box
+_BOX_CORNERS = tuple(itertools.product((-1.0, 1.0), repeat=3))  # of a box
 _LARGEST_SCALE = 10.0  # of a pair that must keep little, so that its gradient stays smooth
 
 
@@ -98,8 +98,8 @@ class Clearance:
     ) -> None:
         def add_all(plant: MultibodyPlant) -> None:
             if floor is not None:
-                slab = Box(*_SLAB)  # Drake has no distance of half space and cylinder
-                X_WF = RigidTransform([0.0, 0.0, floor - 0.5 * _SLAB[2]])
+                slab = Box(*_FLOOR_SIZE)  # Drake has no distance of half space and cylinder
+                X_WF = RigidTransform([0.0, 0.0, floor - 0.5 * _FLOOR_SIZE[2]])
                 _fix(plant, X_WF, slab, FLOOR)
             for obstacle in obstacles:
                 _fix(plant, pose_of(obstacle.pose), Box(*obstacle.size), obstacle.name)
@@ -130,7 +130,7 @@ class Clearance:
         obstacle_names = {obstacle.name for obstacle in obstacles} - {FLOOR}
         self._obstacle_shapes = {shape for shape, name in others.items() if name in obstacle_names}
         counted = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
-        for pair in shapes.pairs(robot.home, 1.5 * INFLUENCE):
+        for pair in shapes.pairs(robot.home, 1.5 * INFLUENCE_DISTANCE):
             key = (pair.id_A, pair.id_B)
             if not counted.issuperset(key):
                 continue
@@ -225,7 +225,7 @@ class Clearance:
         return all(pair.slack >= 0.0 for pair in self.slacks(q, self.margin))
 
     def worst(
-        self, q: ArrayLike, influence: float = INFLUENCE, pose: ArrayLike = ()
+        self, q: ArrayLike, influence: float = INFLUENCE_DISTANCE, pose: ArrayLike = ()
     ) -> ClosestPair | None:
         """The pair with the least slack over postures q (N, n); None where nothing is near.
 
@@ -237,7 +237,7 @@ class Clearance:
         return min(pairs, key=lambda pair: pair.slack, default=None)
 
     def slacks(
-        self, q: ArrayLike, influence: float = INFLUENCE, pose: ArrayLike = ()
+        self, q: ArrayLike, influence: float = INFLUENCE_DISTANCE, pose: ArrayLike = ()
     ) -> list[ClosestPair]:
         """The pairs of shapes within `influence` (m) at q (n,), with their slacks; time 0."""
         pairs = []
@@ -256,27 +256,31 @@ class Clearance:
         return pairs
 
     def slack(self, q: ArrayLike) -> float:
-        """Smallest slack at q (n,), m; INFLUENCE where nothing is near."""
+        """Smallest slack at q (n,), m; INFLUENCE_DISTANCE where nothing is near."""
         slacks = [
-            pair.distance - self._requirement(pair) for pair in self.shapes.pairs(q, INFLUENCE)
+            pair.distance - self._requirement(pair)
+            for pair in self.shapes.pairs(q, INFLUENCE_DISTANCE)
         ]
-        return float(min([INFLUENCE, *slacks]))
+        return float(min([INFLUENCE_DISTANCE, *slacks]))
 
     def smooth_slack(self, q: ArrayLike) -> tuple[float, Array]:
         """A smooth value (m), positive where `slack` is, and its gradient (n,) by q.
 
-        -1/k ln sum exp(-k slack_i), k = SHARPNESS, over all pairs and one that is always at
-        INFLUENCE. A pair that must keep less than the margin, as the parts of a wrist, counts in
-        its own measure, margin / required: what a caller keeps in reserve then fits it too.
+        -1/k ln sum exp(-k slack_i), k = MINIMUM_SHARPNESS, over all pairs and one that is always at
+        INFLUENCE_DISTANCE. A pair that must keep less than the margin, as the parts of a wrist,
+        counts in its own measure, margin / required: what a caller keeps in reserve then fits it
+        too.
         """
         plant, context = self.shapes.plant, self.shapes.context
-        pairs = [p for p in self.shapes.pairs(q, INFLUENCE) if np.isfinite(self._requirement(p))]
+        pairs = [
+            p for p in self.shapes.pairs(q, INFLUENCE_DISTANCE) if np.isfinite(self._requirement(p))
+        ]
         required = np.array([self._requirement(pair) for pair in pairs] + [self.margin])
         scale = np.clip(self.margin / np.maximum(required, 1e-9), 1.0, _LARGEST_SCALE)
-        distance = np.array([pair.distance for pair in pairs] + [INFLUENCE + self.margin])
+        distance = np.array([pair.distance for pair in pairs] + [INFLUENCE_DISTANCE + self.margin])
         slack = scale * (distance - required)
         lowest = float(slack.min())
-        share = np.exp(-SHARPNESS * (slack - lowest))
+        share = np.exp(-MINIMUM_SHARPNESS * (slack - lowest))
         total = float(share.sum())
         share *= scale
         gradient = np.zeros(plant.num_velocities())
@@ -291,7 +295,7 @@ class Clearance:
                     context, JacobianWrtVariable.kQDot, frame, X_FG @ point, world, world
                 )
                 gradient += part * sign * (pair.nhat_BA_W @ J)
-        return lowest - float(np.log(total)) / SHARPNESS, gradient[self.shapes.order]
+        return lowest - float(np.log(total)) / MINIMUM_SHARPNESS, gradient[self.shapes.order]
 
     def certify(
         self,
@@ -306,7 +310,8 @@ class Clearance:
         the farthest that it can be from joint j. Between two times with slack s_0 and s_1 the slack
         therefore stays above (s_0 + s_1 - speed * time between) / 2, with twice that speed for two
         moving links. Where this bound
-        proves less, the interval is halved. It counts as not clear once it is shorter than _FINEST.
+        proves less, the interval is halved. It counts as not clear once it is shorter than
+        _MIN_INTERVAL.
 
         Args:
             position: from time in s to q (n,).
@@ -325,7 +330,7 @@ class Clearance:
             nonlocal worst
             pairs = self.slacks(position(t))
             if not pairs:
-                return INFLUENCE
+                return INFLUENCE_DISTANCE
             pair = min(pairs, key=lambda pair: pair.slack)
             if worst is None or pair.slack < worst.slack:
                 worst = replace(pair, time=t)
@@ -343,7 +348,7 @@ class Clearance:
             length = interval.end - interval.start
             if interval.first_slack + interval.last_slack + 2.0 * allowance >= fastest * length:
                 continue
-            if length < _FINEST:
+            if length < _MIN_INTERVAL:
                 is_clear = False
                 break
             middle = 0.5 * (interval.start + interval.end)
@@ -385,7 +390,7 @@ def _working_shapes(shapes: ArmShapes, margin: float) -> set[Any]:
         X_WF = shapes.body[shape].EvalPoseInWorld(shapes.context)
         corners = box_corners(shapes.inspector, shape)
         end = (X_WE.inverse() @ X_WF @ corners)[2].max() if corners.size else np.inf
-        if abs(end) <= margin + PAD + _COVER:
+        if abs(end) <= margin + DISTANCE_ROUNDING + _MAX_PROTRUSION:
             working.add(shape)
     return working
 
@@ -395,7 +400,7 @@ def box_corners(inspector: Any, shape: Any) -> Array:
     box = inspector.GetObbInGeometryFrame(shape)
     if box is None:
         return np.empty((3, 0))
-    corners = (np.array(_CORNERS) * box.half_width()).T
+    corners = (np.array(_BOX_CORNERS) * box.half_width()).T
     return np.asarray(inspector.GetPoseInFrame(shape) @ box.pose() @ corners)
 
 

@@ -17,7 +17,7 @@ from wrenchsight.models.machining.machining_phases import PhasesConfig
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
-_POSTURES = 60  # of the pass
+_NUM_POSTURES = 60  # of the pass
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) ->
             f"{robot.name} cannot lift {phases.lift:g} m off the end of the pass",
             "move the workpiece, or lift less",
         ) from error
-    rows = np.unique(np.linspace(0, len(q) - 1, _POSTURES).round().astype(int))
+    rows = np.unique(np.linspace(0, len(q) - 1, _NUM_POSTURES).round().astype(int))
     return {"approach": approach, "pass": q[rows], "lift": lift}
 
 

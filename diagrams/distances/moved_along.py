@@ -6,7 +6,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
 from wrenchsight.models.robot.robot import Robot
 
-_STEPS = 5  # postures
+_NUM_POSTURES = 5  # postures
 
 
 def moved_along(robot: Robot, q: Array, direction_W: Array, distance: float) -> Array:
@@ -16,5 +16,5 @@ def moved_along(robot: Robot, q: Array, direction_W: Array, distance: float) -> 
         InputError: out of reach, or only by a jump.
     """
     R_WE, p_WE = robot.chain.pose(q)
-    offsets = np.outer(np.linspace(0.0, distance, _STEPS), direction_W)
+    offsets = np.outer(np.linspace(0.0, distance, _NUM_POSTURES), direction_W)
     return follow_path(robot, R_WE, p_WE + offsets, q)

@@ -13,9 +13,9 @@ from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, w
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
-_RADIUS = 0.006  # m, of the tube along the path
-_AROUND = 8  # its corners
-_PAUSE = 0.7  # s, between two motions
+_TUBE_RADIUS = 0.006  # m, of the tube along the path
+_TUBE_CORNERS = 8  # its corners
+_PAUSE_TIME = 0.7  # s, between two motions
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def write_path_page(
         indices = np.linspace(0.0, len(motion.q) - 1.0, num_frames)
         for frame in range(num_frames):
             picture.show(_between(motion.q, float(indices[frame])), start + frame / fps)
-        start += seconds + _PAUSE
+        start += seconds + _PAUSE_TIME
         if index + 1 < len(motions):  # the arm waits for the next motion
             picture.show(motion.q[-1], start - 1.0 / fps)
     names = ", then ".join(motion.name for motion in motions)
@@ -113,16 +113,17 @@ def _between(q: Array, index: float) -> Array:
 
 
 def _draw_tube(meshcat: Meshcat, meshcat_path: str, points: Array, colours: Array) -> None:
-    """A tube of `_RADIUS` through points (N, 3), coloured at each (N, 3)."""
+    """A tube of `_TUBE_RADIUS` through points (N, 3), coloured at each (N, 3)."""
     along = np.gradient(points, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     axis = np.eye(3)[int(np.argmin(np.sum(np.abs(along), axis=0)))]
     first = np.cross(along, axis)
     first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-12)
     second = np.cross(along, first)
-    angle = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)[:, np.newaxis, np.newaxis]
-    rings = points + _RADIUS * (np.cos(angle) * first + np.sin(angle) * second)  # (_AROUND, N, 3)
-    index = np.arange(_AROUND * len(points)).reshape(_AROUND, len(points))
+    angle = np.linspace(0.0, 2.0 * np.pi, _TUBE_CORNERS, endpoint=False)[:, np.newaxis, np.newaxis]
+    # (_TUBE_CORNERS, N, 3)
+    rings = points + _TUBE_RADIUS * (np.cos(angle) * first + np.sin(angle) * second)
+    index = np.arange(_TUBE_CORNERS * len(points)).reshape(_TUBE_CORNERS, len(points))
     a, b = index[:, :-1], index[:, 1:]
     d, c = np.roll(a, -1, axis=0), np.roll(b, -1, axis=0)
     triangles = np.concatenate(
@@ -132,5 +133,5 @@ def _draw_tube(meshcat: Meshcat, meshcat_path: str, points: Array, colours: Arra
         meshcat_path,
         np.ascontiguousarray(rings.reshape(-1, 3).T),
         np.ascontiguousarray(triangles.T.astype(np.int32)),
-        np.ascontiguousarray(np.tile(colours, (_AROUND, 1)).T),
+        np.ascontiguousarray(np.tile(colours, (_TUBE_CORNERS, 1)).T),
     )

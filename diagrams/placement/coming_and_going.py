@@ -10,7 +10,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.planning.placement.placements import Placement
 from wrenchsight.models.robot.robot import Robot
 
-APPROACH = 0.05  # m, that E comes and goes along its z axis at both ends of a path
+APPROACH_DISTANCE = 0.05  # m, that E comes and goes along its z axis at both ends of a path
 
 
 def distance_of_ends(robot: Robot, cell: PlacementCell, path: Placement) -> float:
@@ -18,7 +18,7 @@ def distance_of_ends(robot: Robot, cell: PlacementCell, path: Placement) -> floa
     try:
         q = np.vstack(
             [
-                moved_along(robot, end, -robot.chain.pose(end)[0][:, 2], APPROACH)
+                moved_along(robot, end, -robot.chain.pose(end)[0][:, 2], APPROACH_DISTANCE)
                 for end in (path.q[0], path.q[-1])
             ]
         )
@@ -31,6 +31,6 @@ def distance_of_ends(robot: Robot, cell: PlacementCell, path: Placement) -> floa
 def sentence_of_ends(distance: float) -> str:
     """A sentence for the user on the arm's approach to a path, by `distance_of_ends`, m."""
     if distance == -math.inf:
-        return f"the arm cannot reach {1e3 * APPROACH:.0f} mm off the path's ends"
+        return f"the arm cannot reach {1e3 * APPROACH_DISTANCE:.0f} mm off the path's ends"
     lack = -1e3 * distance
     return f"the arm is nearer by {lack:.0f} mm to itself or its surroundings than it may be"

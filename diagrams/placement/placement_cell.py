@@ -18,8 +18,8 @@ from pydrake.multibody.inverse_kinematics import (
 from pydrake.multibody.plant import MultibodyPlant
 
 from wrenchsight.diagrams.distances.clearance import (
+    DISTANCE_ROUNDING,
     FLOOR,
-    PAD,
     WORKPIECE,
     Clearance,
     ClosestPair,
@@ -36,11 +36,12 @@ from wrenchsight.models.planning.placement.placements import Placement
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import pose_of
 
-_INFLUENCE = 0.04  # m beyond the distance to keep, where a pair begins to count in the program
+# m beyond the distance to keep, where a pair begins to count in the program
+_INFLUENCE_DISTANCE = 0.04
 _SMALL_PAD = 0.1  # of what a pair must keep that keeps less than the distance
-_ROUNDING = 1e-12  # m
-_FAR = 1.0  # m, beyond which no distance is stated
-_ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1))  # the corners of a face
+_DISTANCE_ROUNDING = 1e-12  # m
+_MAX_DISTANCE = 1.0  # m, beyond which no distance is stated
+_FACE_CORNERS = ((1, 1), (-1, 1), (-1, -1), (1, -1))  # the corners of a face
 
 
 class PlacementCell:
@@ -92,7 +93,9 @@ class PlacementCell:
         plant, distance = self._shapes.plant, self._config.distance
         yield (
             "clearance",
-            MinimumDistanceLowerBoundConstraint(plant, distance + PAD, context, None, _INFLUENCE),
+            MinimumDistanceLowerBoundConstraint(
+                plant, distance + DISTANCE_ROUNDING, context, None, _INFLUENCE_DISTANCE
+            ),
         )
         for pair, required in self._small.items():
             names = " and ".join(self._shapes.name(shape) for shape in pair)
@@ -106,7 +109,9 @@ class PlacementCell:
 
     def worst(self, q: Array, placement: Placement) -> ClosestPair | None:
         """The pair with the least slack over postures q (N, n), the workpiece under a path."""
-        return self.clearance.worst(q, self._config.distance + _INFLUENCE, path_pose(placement))
+        return self.clearance.worst(
+            q, self._config.distance + _INFLUENCE_DISTANCE, path_pose(placement)
+        )
 
     def deficit(self, placement: Placement) -> float:
         """m, that the worst pair along a placed path lacks; 0 where all keep what they must."""
@@ -116,10 +121,11 @@ class PlacementCell:
     def smallest_distance(self, q: Array, placement: Placement) -> float:
         """m, of pairs that must keep the whole distance, over postures q (N, n); at most 1 m."""
         pose = path_pose(placement)
-        least = self._config.distance - _ROUNDING
-        pairs = (pair for row in q for pair in self.clearance.slacks(row, _FAR, pose))
+        least = self._config.distance - _DISTANCE_ROUNDING
+        pairs = (pair for row in q for pair in self.clearance.slacks(row, _MAX_DISTANCE, pose))
         return min(
-            (pair.distance for pair in pairs if pair.distance - pair.slack >= least), default=_FAR
+            (pair.distance for pair in pairs if pair.distance - pair.slack >= least),
+            default=_MAX_DISTANCE,
         )
 
 
@@ -128,7 +134,9 @@ def workpiece_corners(config: ClearanceConfig, placement: Placement) -> Array:
     assert config.workpiece is not None
     length, width, thickness = config.workpiece.size
     corners = [
-        [0.5 * sx * length, 0.5 * sy * width, z] for z in (0.0, -thickness) for sx, sy in _ROUND
+        [0.5 * sx * length, 0.5 * sy * width, z]
+        for z in (0.0, -thickness)
+        for sx, sy in _FACE_CORNERS
     ]
     R_WP = path_rotation(placement.n_W, placement.R_WE)
     return np.asarray(placement.p_WM + np.array(corners) @ R_WP.T)
@@ -137,7 +145,7 @@ def workpiece_corners(config: ClearanceConfig, placement: Placement) -> Array:
 def obstacle_corners(obstacle: ObstacleConfig) -> Array:
     """(8, 3) corners of an obstacle in W, m, in the order of `workpiece_corners`."""
     x, y, z = 0.5 * np.array(obstacle.size)
-    corners = [[sx * x, sy * y, sz * z] for sz in (1, -1) for sx, sy in _ROUND]
+    corners = [[sx * x, sy * y, sz * z] for sz in (1, -1) for sx, sy in _FACE_CORNERS]
     X_WO = pose_of(obstacle.pose)
     return np.asarray(X_WO.translation() + np.array(corners) @ X_WO.rotation().matrix().T)
 

@@ -48,7 +48,7 @@ from wrenchsight.models.planning.placement.placements import (
 from wrenchsight.models.robot.robot import Robot
 
 SOLVERS = ("snopt", "ipopt")
-_SNOPT = {
+_SNOPT_OPTIONS = {
     "Major feasibility tolerance": 1e-9,
     "Major optimality tolerance": 2e-5,
     "Major iterations limit": 250,
@@ -58,7 +58,7 @@ _SNOPT = {
     # Poses are kept from the start: constraints are broken by little, and weigh little.
     "Elastic weight": 10.0,
 }
-_IPOPT = {
+_IPOPT_OPTIONS = {
     "tol": 1e-6,
     "constr_viol_tol": 1e-9,
     "max_iter": 300,
@@ -285,7 +285,9 @@ class PlacementProgram:
             # Distances between curved shapes are found iteratively. Taken as exact, the last digits
             # of their differences stop the solver short of a place that keeps them.
             settings.SetOption(engine.solver_id(), "Function precision", 1e-9)
-        for name, value in ((_SNOPT if solver == "snopt" else _IPOPT) | (options or {})).items():
+        for name, value in (
+            (_SNOPT_OPTIONS if solver == "snopt" else _IPOPT_OPTIONS) | (options or {})
+        ).items():
             settings.SetOption(engine.solver_id(), name, value)
         guess = np.empty(len(self._variables))
         guess[self._order] = self._pack(start)  # Drake numbers matrices column by column

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.campaign.campaign_store import (
-    TABLE,
+    TABLE_FILE,
     CampaignRecord,
     read_table,
     write_table,
@@ -74,7 +74,7 @@ def machining(figures):
 
 def kept_in(folder, record):
     folder.mkdir()
-    write_table(record, folder / TABLE, [])
+    write_table(record, folder / TABLE_FILE, [])
     return str(folder)
 
 
@@ -179,7 +179,7 @@ def machining_figures(loaded, task, key):
     """This figure of a task in each of the committed worlds, over its feeds: (worlds, feeds)."""
     record = read_table(loaded.committed("machining"))
     assert record is not None
-    feeds = enumerate(loaded.FEEDS)
+    feeds = enumerate(loaded.FEED_TIMES)
     keys = [key.format(k=k, feed=loaded.feed_key(feed)) for k, feed in feeds]
     worlds = [record.worlds[number].values[task] for number in sorted(record.worlds)]
     figures = [[values[key] for key in keys] for values in worlds]

@@ -22,14 +22,14 @@ from wrenchsight.analyses.experiments.air_pass.repeated_pass import (
     loaded_pass,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
-    MASS,
+    PAYLOAD_MASS,
     force_of_load,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
-    LOADED,
-    VALIDATED,
+    LOADED_LOG,
+    VALIDATION_LOGS,
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
@@ -68,18 +68,23 @@ def run(context: ExperimentContext) -> ExperimentResult:
     folder = data_set_folder(FOLDER, context.data)
     pairs = {
         key: (
-            Pass.of(folder / VALIDATED["14harm50sec"], robot, model),
-            Pass.of(folder / LOADED, robot, model),
+            Pass.of(folder / VALIDATION_LOGS["14harm50sec"], robot, model),
+            Pass.of(folder / LOADED_LOG, robot, model),
         )
         for key, model in models.items()
     }
     richest = list(LAWS)[-1]
     loaded_richest, Sigma_tau = pairs[richest][1], models[richest].residual_covariance
     p_EP, _ = force_of_load(
-        robot, loaded_richest.recording, loaded_richest.J, loaded_richest.tau_ext, Sigma_tau, MASS
+        robot,
+        loaded_richest.recording,
+        loaded_richest.J,
+        loaded_richest.tau_ext,
+        Sigma_tau,
+        PAYLOAD_MASS,
     )
     passes = {
-        key: loaded_pass(robot, models[key].residual_covariance, empty, loaded, p_EP, MASS)
+        key: loaded_pass(robot, models[key].residual_covariance, empty, loaded, p_EP, PAYLOAD_MASS)
         for key, (empty, loaded) in pairs.items()
     }
     metrics: dict[str, Any] = {key: _metrics(entry) for key, entry in passes.items()}

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
+    END_MARGIN,
     LEARNING_TIME,
-    MARGIN,
     REFERENCE_CUTOFF,
     TIME_STEP,
     estimate_run,
@@ -31,7 +31,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-REVERSAL: Final = 0.3  # s about a joint's turning
+REVERSAL_TIME: Final = 0.3  # s about a joint's turning
 _LARGEST_SHIFT = 0.1  # s between the starts of two logs that are cut alike
 _SHIFT_TOLERANCE = 1e-5  # s
 
@@ -95,14 +95,14 @@ class LoadedPass:
 
         `repeated`: removed by the correction. `grows_with_load`: further removed by friction in
         proportion to the load's growth, fitted in hindsight. `reversals`: of the remainder, within
-        REVERSAL of a joint's turning. `other`: all else.
+        REVERSAL_TIME of a joint's turning. `other`: all else.
         """
         error, whole = self.corrected.torque_error, self.plain.mean_square
         pull = np.sign(self.v) * self.load_growth
         # Friction that is missing in the model reads as a torque against the motion.
         share = np.sum(pull * error, axis=0) / np.sum(pull**2, axis=0)
         without = error - share * pull
-        window = np.ones(2 * round(REVERSAL / TIME_STEP) + 1)
+        window = np.ones(2 * round(REVERSAL_TIME / TIME_STEP) + 1)
         turns = np.abs(np.diff(np.sign(self.v), axis=0, prepend=np.sign(self.v[:1]))) > 0.0
         near = np.stack([np.convolve(turn, window, "same") > 0.0 for turn in turns.T], axis=1)
         reversal = np.mean(np.where(near, without, 0.0) ** 2, axis=0)
@@ -144,7 +144,7 @@ class Pass:
 
 def alignment(early: Recording, late: Recording) -> float:
     """s by which the pass `early` is ahead of the pass `late`, by their positions."""
-    margin = round(MARGIN / TIME_STEP)
+    margin = round(END_MARGIN / TIME_STEP)
     inner = slice(margin, -margin)
     t = late.t[inner] - late.t[0]
 
@@ -171,7 +171,7 @@ def loaded_pass(
         mass: kg.
     """
     recording = loaded.recording
-    rows = slice(round(LEARNING_TIME / TIME_STEP), -round(MARGIN / TIME_STEP))
+    rows = slice(round(LEARNING_TIME / TIME_STEP), -round(END_MARGIN / TIME_STEP))
     t = recording.t - recording.t[0]
     lead = alignment(empty.recording, recording)
     first_pass = _at(empty.recording, empty.tau_ext, t + lead)

@@ -58,12 +58,12 @@ from wrenchsight.models.robot.robot import Robot
 ComplexArray = NDArray[np.complex128]
 Progress = Callable[[float, str], None]
 
-GAINS = (5.0, 20.0, 50.0, 100.0)  # K_0, 1/s
+OBSERVER_GAINS = (5.0, 20.0, 50.0, 100.0)  # K_0, 1/s
 TIME_STEP = 1e-3  # s
 LOWEST_FREQUENCY, LOWEST_FREQUENCY_QUICK = 0.1, 0.5  # Hz
 INTEGRATION_ACCURACY = 1e-4  # of Drake's error control
 HIGHEST_RATIO = 5.0  # highest frequency over K_0 / (2 pi)
-SETTLING = 18.0  # time constants before the fit: exp(-18) is 2e-8
+SETTLING_TIME_CONSTANTS = 18.0  # time constants before the fit: exp(-18) is 2e-8
 
 # Amplitudes of each tone, chosen so that every joint feels some tenths of a newton metre.
 TONE_FORCE = [3.0, 4.0, 5.0]  # N
@@ -162,7 +162,7 @@ def sweep_frequencies(gains: Sequence[float], lowest: float) -> Array:
 
 def measure_response(
     robot: Robot,
-    gains: Sequence[float] = GAINS,
+    gains: Sequence[float] = OBSERVER_GAINS,
     lowest_frequency: float = LOWEST_FREQUENCY,
     *,
     time_step: float = TIME_STEP,
@@ -187,7 +187,7 @@ def measure_response(
         ]
     )
     arm = make_held_arm(robot, _estimators(gains, time_step), script, robot.home)
-    settling = SETTLING / min(gains)
+    settling = SETTLING_TIME_CONSTANTS / min(gains)
     context = _simulate(arm, settling + 1.0 / lowest_frequency, progress, smooth=True)
     q, wrench = _log(arm.q, context), _log(arm.wrench_true, context)
     late = slice(round(settling / time_step), None)
@@ -230,8 +230,8 @@ def measure_signals(
         seed: of the current noise.
 
     Returns:
-        t (T,) s, the true force (T, 3) N, and for each of GAINS the force (T, 3) N that is read
-        under noise, and its metrics.
+        t (T,) s, the true force (T, 3) N, and for each of OBSERVER_GAINS the force (T, 3) N that is
+        read under noise, and its metrics.
     """
     segments: list[WrenchSegment] = [
         WrenchStep(start=SIGNAL_START, force=[STEP_FORCE, 0.0, 0.0]),
@@ -242,7 +242,7 @@ def measure_signals(
     for noise in (False, True):
         arm = make_held_arm(
             robot,
-            _estimators(GAINS, TIME_STEP),
+            _estimators(OBSERVER_GAINS, TIME_STEP),
             WrenchScript(segments),
             robot.home,
             current_noise=noise,
@@ -255,11 +255,13 @@ def measure_signals(
             lambda fraction, action, done=done: progress(done + 0.5 * fraction, action),  # type: ignore[misc]
             smooth=False,
         )
-        forces.append({K_0: _log(arm.wrench[_name(K_0)], context)[:, 3:] for K_0 in GAINS})
+        forces.append({K_0: _log(arm.wrench[_name(K_0)], context)[:, 3:] for K_0 in OBSERVER_GAINS})
     true = _log(arm.wrench_true, context)[:, 3:]
     t = _ticks(len(true), TIME_STEP)
     clean, noisy = forces
-    metrics = {K_0: _signal_metrics(robot, K_0, t, true, clean[K_0], noisy[K_0]) for K_0 in GAINS}
+    metrics = {
+        K_0: _signal_metrics(robot, K_0, t, true, clean[K_0], noisy[K_0]) for K_0 in OBSERVER_GAINS
+    }
     return t, true, noisy, metrics
 
 
@@ -275,7 +277,7 @@ def _signal_metrics(
 
     bounds = (0.1 / K_0, 10.0 / K_0)
     fit = minimize_scalar(step_misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9})
-    settled = 1.0 / K_0 * SETTLING
+    settled = 1.0 / K_0 * SETTLING_TIME_CONSTANTS
     on_the_ramp = (since > min(settled, 0.8 * RAMP_RISE)) & (since <= RAMP_RISE)
     late = since > settled
     tone = np.array([SINE_FREQUENCY])
@@ -367,7 +369,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     lowest = LOWEST_FREQUENCY_QUICK if context.quick else LOWEST_FREQUENCY
     duration = SIGNAL_DURATION_QUICK if context.quick else SIGNAL_DURATION
     responses = measure_response(
-        robot, GAINS, lowest, seed=context.seed, progress=context.part(0.0, 0.6, "sweep: ")
+        robot, OBSERVER_GAINS, lowest, seed=context.seed, progress=context.part(0.0, 0.6, "sweep: ")
     )
     t, true, forces, signals = measure_signals(
         robot, duration, context.seed, context.part(0.6, 0.95, "signals: ")
@@ -376,7 +378,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     for response in responses:
         metrics[_name(response.K_0)] = response.metrics() | signals[response.K_0]
     for key in ("amplitude_error_pct", "phase_error_deg", "deviation_from_sampled_pct"):
-        metrics[f"max_{key}"] = max(metrics[_name(K_0)][f"max_{key}"] for K_0 in GAINS)
+        metrics[f"max_{key}"] = max(metrics[_name(K_0)][f"max_{key}"] for K_0 in OBSERVER_GAINS)
     return ExperimentResult(
         metrics=metrics,
         figures=[
@@ -405,7 +407,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     rows = []
-    for K_0 in GAINS:
+    for K_0 in OBSERVER_GAINS:
         near = f"{_name(K_0)}.near_corner"
         frequency = metrics[_name(K_0)]["near_corner"]["frequency_hz"]
         where = f"at {frequency:.1f} Hz, K_0 = {K_0:g}"
@@ -478,11 +480,13 @@ NOTES = (
     "Deviation from the low-pass of eq. 30, K_0 from 5 to 100 1/s: at most "
     "<max_amplitude_error_pct:.4f> % and <max_phase_error_deg:.3f> deg; from the sampled filter's "
     "own formula <max_deviation_from_sampled_pct:.4f> %.",
-    f"K_0 = {GAINS[0]:g} and {GAINS[-1]:g} 1/s: time constant of a step "
-    f"<{_name(GAINS[0])}.step.time_constant_s:1e3 .0f> and "
-    f"<{_name(GAINS[-1])}.step.time_constant_s:1e3 .1f> ms, lag of a ramp "
-    f"<{_name(GAINS[0])}.ramp.lag_n:.2f> and <{_name(GAINS[-1])}.ramp.lag_n:.2f> N, noise in fx "
-    f"<{_name(GAINS[0])}.noise_sd_n.0:.2f> and <{_name(GAINS[-1])}.noise_sd_n.0:.2f> N.",
+    f"K_0 = {OBSERVER_GAINS[0]:g} and {OBSERVER_GAINS[-1]:g} 1/s: time constant of a step "
+    f"<{_name(OBSERVER_GAINS[0])}.step.time_constant_s:1e3 .0f> and "
+    f"<{_name(OBSERVER_GAINS[-1])}.step.time_constant_s:1e3 .1f> ms, lag of a ramp "
+    f"<{_name(OBSERVER_GAINS[0])}.ramp.lag_n:.2f> and "
+    f"<{_name(OBSERVER_GAINS[-1])}.ramp.lag_n:.2f> N, noise in fx "
+    f"<{_name(OBSERVER_GAINS[0])}.noise_sd_n.0:.2f> and "
+    f"<{_name(OBSERVER_GAINS[-1])}.noise_sd_n.0:.2f> N.",
     "No friction and the true model: the errors are the observer's alone.",
 )
 

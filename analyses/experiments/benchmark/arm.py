@@ -20,7 +20,7 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import TIME_STEP
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
+    FITTED_LOGS,
     identify_ur10e,
     log_file,
 )
@@ -117,7 +117,7 @@ class Ur10eArm:
 
     def __init__(self, data: Path | None, progress: Callable[[float, str], None]) -> None:
         self.data, self.robot = data, Robot.load("ur10e")
-        self.fitted = tuple(self.read(name.removesuffix(".csv")) for name in FITTED)
+        self.fitted = tuple(self.read(name.removesuffix(".csv")) for name in FITTED_LOGS)
         self.models = {}
         for k, (method, law) in enumerate(LAWS.items()):
             progress(k / len(LAWS), f"UR10e, friction law {law}")

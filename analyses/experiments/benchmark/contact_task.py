@@ -20,8 +20,8 @@ from wrenchsight.analyses.experiments.benchmark.arm import CurrentLog, Reading, 
 from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, reader_of
 from wrenchsight.analyses.experiments.benchmark.scores import spread
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
+    ANGLE_RESOLUTION,
     OBSERVER_GAIN,
-    RESOLUTION,
     PreparedRun,
     air_refits,
     block_mean,
@@ -49,7 +49,7 @@ from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
 
-QUICK: Final = 4  # every such run, shortened
+QUICK_STRIDE: Final = 4  # every such run, shortened
 KINDS: Final = {"slide": ("slide",), "rest": ("hold1", "hold2")}
 _LEAST_AIR: Final = 0.2  # s, of a stretch that a method of others is given
 ReadRun = Callable[[PreparedRun], ForceReading]
@@ -60,7 +60,7 @@ class ContactTask:
 
     def __init__(self, arm: Ur10eArm, quick: bool, progress: Callable[[float, str], None]) -> None:
         self._arm = arm
-        self.files = find_runs(arm.data)[:: QUICK if quick else 1]
+        self.files = find_runs(arm.data)[:: QUICK_STRIDE if quick else 1]
         robots = {controller: tooled(arm.robot, controller) for controller in CONTROLLERS}
         self._runs = []
         for k, path in enumerate(self.files):
@@ -133,7 +133,7 @@ class ContactTask:
                 v=_bridged(log.v),
                 current=log.current,
                 target=run.run.current_desired,
-                resolution=np.full(log.num_joints, RESOLUTION),
+                resolution=np.full(log.num_joints, ANGLE_RESOLUTION),
                 used=np.ones(log.num_samples, bool),
                 time_step=step,
                 is_rebuilt=True,
@@ -179,7 +179,7 @@ def _estimated(
     config = WrenchEstimatorConfig(
         replace(observer, time_step=log.time_step, torque_samples="trapezoidal"),
         WrenchReconstructionConfig(method),
-        position_resolution=[RESOLUTION] * log.num_joints,
+        position_resolution=[ANGLE_RESOLUTION] * log.num_joints,
         check_samples=False,  # velocities are rebuilt, and jump
     )
     estimator = WrenchEstimator(run.robot, model, config)

@@ -9,10 +9,10 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings import contact_run
 
 _MODEL: Final = ur10e_logs.FOLDER
 TASKS: Final = {
-    "torque": (_MODEL, ur10e_logs.MORE),
-    "load": (_MODEL, ur10e_logs.MORE),
+    "torque": (_MODEL, ur10e_logs.FURTHER_FOLDER),
+    "load": (_MODEL, ur10e_logs.FURTHER_FOLDER),
     "contact": (_MODEL, contact_runs.FOLDER),
-    "detection": (_MODEL, ur10e_logs.MORE),
+    "detection": (_MODEL, ur10e_logs.FURTHER_FOLDER),
     "touches": (touch_logs.FOLDER,),
     "link": (touch_logs.FOLDER,),
     "wrench": (pose_logs.FOLDER,),

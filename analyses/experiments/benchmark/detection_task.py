@@ -8,7 +8,7 @@ compare the external torque of each joint with a level: the largest that this jo
 fitted runs. Above it they raise an alarm. (A method of others that states a wrench alone has a
 level for the force, in units of its covariance where it states one.) `quiet_missed` raises all
 levels by one factor until no contact-free log has an alarm, and counts the pushes that are missed.
-Alarms less than GAP apart are one.
+Alarms less than PUSH_GAP apart are one.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,14 +23,14 @@ from wrenchsight.analyses.experiments.benchmark.arm import CurrentLog, Reader, R
 from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, reader_of
 from wrenchsight.analyses.experiments.benchmark.scores import share
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import (
-    ALONE,
     COLLISION_LOG,
-    COLLISIONS,
-    FREE,
-    OLDER,
-    RATE,
-    ROUNDS,
-    STILL,
+    COLLISION_TIMES,
+    FALSE_ALARM_RATE,
+    FREE_MOTION_LOGS,
+    NUM_ROUNDS,
+    OLDER_LOGS,
+    REST_LOGS,
+    SINGLE_JOINT_LOGS,
     TIME_STEP,
     Tally,
     TrialLog,
@@ -46,13 +46,13 @@ from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
 
-SIZE: Final = 30.0  # N
-DURATION: Final = 0.5  # s
-GAP: Final = 0.5  # s
-SETTLED: Final = 1.0  # s after a log's begin
-AFTER: Final = 1.0  # s after a collision in which an alarm is its own
-_LEAST: Final = 1e-9
-_DETECTED: Final = 2.0
+PUSH_FORCE: Final = 30.0  # N
+PUSH_TIME: Final = 0.5  # s
+PUSH_GAP: Final = 0.5  # s
+SETTLING_TIME: Final = 1.0  # s after a log's begin
+ALARM_TIME: Final = 1.0  # s after a collision in which an alarm is its own
+_MIN_STATISTIC: Final = 1e-9
+_DETECTED_RATIO: Final = 2.0
 # (N,) of a log with a torque from outside put in: an alarm above 1
 Statistic = Callable[[str, Array | None], Array]
 
@@ -61,8 +61,14 @@ class DetectionTask:
     """Contacts found, contacts missed and false alarms."""
 
     def __init__(self, arm: Ur10eArm, quick: bool) -> None:
-        self._arm, self._rounds = arm, 1 if quick else ROUNDS
-        files = FREE | ALONE | OLDER | STILL | {"collision_wrist": COLLISION_LOG}
+        self._arm, self._rounds = arm, 1 if quick else NUM_ROUNDS
+        files = (
+            FREE_MOTION_LOGS
+            | SINGLE_JOINT_LOGS
+            | OLDER_LOGS
+            | REST_LOGS
+            | {"collision_wrist": COLLISION_LOG}
+        )
         paths = {name: log_file(arm.data, Path(file).stem) for name, file in files.items()}
         self._recordings = {
             name: read_recording(path, robot=arm.robot)
@@ -105,9 +111,9 @@ class DetectionTask:
         return self._counted(self._by_level(reader), list(self._logs))
 
     def _by_level(self, reader: Reader) -> Statistic:
-        settled = round(SETTLED / TIME_STEP)
+        settled = round(SETTLING_TIME / TIME_STEP)
         sizes = [_sizes(reader(log))[settled:].max(axis=0) for log in self._fitted]
-        level = np.maximum(np.max(sizes, axis=0), _LEAST)
+        level = np.maximum(np.max(sizes, axis=0), _MIN_STATISTIC)
 
         def statistic(name: str, tau: Array | None) -> Array:
             log = self._logs[name] if tau is None else self._with(name, tau)
@@ -129,7 +135,9 @@ class DetectionTask:
 
         def statistic(name: str, tau: Array | None) -> Array:
             log = trials[name]
-            return np.where(log.detect(log.detector(RATE), tau).contact, _DETECTED, 0.0)
+            return np.where(
+                log.detect(log.detector(FALSE_ALARM_RATE), tau).contact, _DETECTED_RATIO, 0.0
+            )
 
         return statistic
 
@@ -144,21 +152,21 @@ class DetectionTask:
                 hours += len(alarm) * TIME_STEP / 3600.0
                 inside += float(alarm.sum()) * TIME_STEP / 3600.0
         pushes, quietly, collisions = Tally(), Tally(), Tally()
-        for number, name in enumerate(FREE):
+        for number, name in enumerate(FREE_MOTION_LOGS):
             if name not in names:
                 continue
             log = self._logs[name]
             J = np.asarray(self._arm.robot.chain.jacobian(log.q))[:, 3:]
             for turn in range(self._rounds):
                 rng = np.random.default_rng((number, turn))
-                spans = spans_of(log.v, DURATION, turn)
-                largest = statistic(name, put_in(spans, J, SIZE, rng))
+                spans = spans_of(log.v, PUSH_TIME, turn)
+                largest = statistic(name, put_in(spans, J, PUSH_FORCE, rng))
                 _tallied(pushes, np.asarray(largest > 1.0), spans)
                 _tallied(quietly, np.asarray(largest > quiet), spans)
         scores = {"pushes": _shares(pushes), "quiet": _shares(quietly)}
         if "collision_wrist" in names:
             log = self._logs["collision_wrist"]
-            spans = samples_of(COLLISIONS, log.t)
+            spans = samples_of(COLLISION_TIMES, log.t)
             alarm = np.asarray(statistic("collision_wrist", None) > 1.0)
             _tallied(collisions, alarm, spans)
             scores["collisions"] = _shares(collisions) | {"alarms_between": _between(alarm, spans)}
@@ -203,11 +211,11 @@ def _shares(tally: Tally) -> dict[str, Any]:
 
 
 def _joined(alarm: Flags) -> Flags:
-    """The alarm with pauses shorter than GAP filled."""
+    """The alarm with pauses shorter than PUSH_GAP filled."""
     joined = alarm.copy()
     for pause in stretches(~alarm):
         inner = pause.start > 0 and pause.stop < len(alarm)
-        if inner and (pause.stop - pause.start) * TIME_STEP < GAP:
+        if inner and (pause.stop - pause.start) * TIME_STEP < PUSH_GAP:
             joined[pause] = True
     return joined
 
@@ -216,7 +224,7 @@ def _between(alarm: Flags, spans: list[tuple[int, int]]) -> int:
     """Alarms that begin apart from any contact."""
     apart = np.ones(len(alarm), bool)
     for begin, end in spans:
-        apart[begin : end + round(AFTER / TIME_STEP)] = False
+        apart[begin : end + round(ALARM_TIME / TIME_STEP)] = False
     begins: NDArray[np.intp] = onsets(_joined(alarm))
     return int(apart[begins].sum())
 

@@ -17,7 +17,7 @@ from wrenchsight.models.observers.observer_kinds import kind_of
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-_SYMMETRY = 1e-6  # relative, of a covariance
+_SYMMETRY_TOLERANCE = 1e-6  # relative, of a covariance
 
 
 class FaultError(Exception):
@@ -145,7 +145,7 @@ def _reading(call: str, method: Callable[..., Any], *signals: Array) -> Reading:
         return Reading(wrench)
     covariance = checked("covariance", covariance, (N, 6, 6))
     largest = np.abs(covariance).max(axis=(1, 2), keepdims=True)
-    uneven = np.abs(covariance - covariance.transpose(0, 2, 1)) > _SYMMETRY * largest
+    uneven = np.abs(covariance - covariance.transpose(0, 2, 1)) > _SYMMETRY_TOLERANCE * largest
     if uneven.any() or (np.diagonal(covariance, axis1=1, axis2=2) < 0.0).any():
         raise FaultError("covariance: expected symmetric matrices with variances of zero or more")
     return Reading(wrench, covariance)

@@ -23,8 +23,8 @@ from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.signals.bands import SIGMA_95
 
-MARGIN: Final = 1.0  # s left out at a log's ends
-PIECE: Final = 5.0  # s, of which each has a score
+END_MARGIN: Final = 1.0  # s left out at a log's ends
+PIECE_TIME: Final = 5.0  # s, of which each has a score
 
 
 class LoadTask:
@@ -71,7 +71,7 @@ class LoadTask:
             reading = reader(log)
             error = reading.wrench[:, 3:] - scene.truth
             whole = log.used.copy()
-            margin = round(MARGIN / TIME_STEP)
+            margin = round(END_MARGIN / TIME_STEP)
             whole[:margin] = whole[-margin:] = False
             judged = whole & (log.t >= LEARNING_TIME)
             log_pieces = _pieces(error, judged)
@@ -89,7 +89,7 @@ class LoadTask:
 def _pieces(error: Array, judged: Flags) -> list[float]:
     """RMS length of the error (N, 3) over successive pieces."""
     rows = np.flatnonzero(judged)
-    count = max(1, len(rows) // round(PIECE / TIME_STEP))
+    count = max(1, len(rows) // round(PIECE_TIME / TIME_STEP))
     return [
         float(np.sqrt(np.mean(np.sum(error[part] ** 2, axis=1))))
         for part in np.array_split(rows, count)

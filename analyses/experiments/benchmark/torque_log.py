@@ -14,7 +14,7 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
 
 FILTER: Final = IdentificationConfig()
-SHORTEST: Final = 5.0  # periods of the cutoff, of a log that is only read
+MIN_CUTOFF_PERIODS: Final = 5.0  # periods of the cutoff, of a log that is only read
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ def torque_log(
         added: (T, n) N m at the recording's samples, which the measured torque gets on top.
     """
     config = replace(FILTER, time_step=min(0.01, float(f"{recording.time_step:.3g}")))
-    run = low_pass_log("", recording, robot, config, SHORTEST)
+    run = low_pass_log("", recording, robot, config, MIN_CUTOFF_PERIODS)
     rigid = np.asarray(model.chain(robot).inverse_dynamics(run.q, run.v, run.vdot))
     friction = model.friction.torque_along(run.q, run.v, rigid)
     tau = run.tau

@@ -1,11 +1,13 @@
 """Tasks `touches` and `link`: touches of a Panda at rest, their times and their links.
 
 Both read the external torque that the arm reports. A touch is found if a contact begins between
-EARLY before its label and LATE after its end. A contact apart from every label is false. Of a found
-touch the labelled link should be among those named. No link before the last loaded joint should be
+LABEL_TOLERANCE before its label and MAX_DELAY after its end. A contact apart from every label is
+false. Of a found touch the labelled link should be among those named. No link before the last
+loaded joint should be
 named: statics rule it out.
 
-    plain   contact where any joint's torque leaves a slow baseline by LEVEL, and the last joint
+    plain   contact where any joint's torque leaves a slow baseline by TORQUE_LEVEL, and the last
+    joint
             that is loaded names the link: the data set's own reference
     ours    `estimate --torque external`
 
@@ -33,12 +35,12 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.robot import Robot
 
-LATE: Final = 0.2  # s
-LEVEL: Final = 0.5  # N m
-FIRST: Final = 0.15  # s that the baseline begins with
-SLOW: Final = 1.0  # s of its low-pass
-EARLY: Final = 0.05  # s before its label that a contact may begin: the label is no surer
-LOADED: Final = np.array([0.15, 0.15, 0.15, 0.15, 0.08, 0.08, 0.05])  # N m
+MAX_DELAY: Final = 0.2  # s
+TORQUE_LEVEL: Final = 0.5  # N m
+START_TIME: Final = 0.15  # s that the baseline begins with
+BASELINE_TIME: Final = 1.0  # s of its low-pass
+LABEL_TOLERANCE: Final = 0.05  # s before its label that a contact may begin: the label is no surer
+LOADED_TORQUE: Final = np.array([0.15, 0.15, 0.15, 0.15, 0.08, 0.08, 0.05])  # N m
 LOADED_SHARE: Final = 0.02  # of the peak
 
 
@@ -93,7 +95,7 @@ class TouchTasks:
         episodes = []
         for log in self._logs:
             alone = log.tau_ext - _baseline(log)
-            contact = np.asarray((np.abs(alone) > LEVEL).any(axis=1))
+            contact = np.asarray((np.abs(alone) > TORQUE_LEVEL).any(axis=1))
             link = np.zeros(len(log.t))
             for part in stretches(contact):
                 link[part] = _last_of(alone[part])
@@ -133,7 +135,7 @@ class TouchTasks:
             num_found += len(late)
             delays += late
             num_false += sum(
-                all(episode.end < begin or episode.begin > end + LATE for begin, end in spans)
+                all(episode.end < begin or episode.begin > end + MAX_DELAY for begin, end in spans)
                 for episode in reported
             )
             found_pct.append(100.0 * len(late) / len(spans))
@@ -160,16 +162,21 @@ class TouchTasks:
 def _hit(episodes: Sequence[Episode], begin: float, end: float) -> Episode | None:
     """The first episode that begins during a touch."""
     return next(
-        (episode for episode in episodes if begin - EARLY <= episode.begin <= end + LATE), None
+        (
+            episode
+            for episode in episodes
+            if begin - LABEL_TOLERANCE <= episode.begin <= end + MAX_DELAY
+        ),
+        None,
     )
 
 
 def _episodes(t: Array, contact: Flags, link: Array) -> list[Episode]:
-    """Stretches of contact, pauses shorter than LATE filled, by the link most often named."""
+    """Stretches of contact, pauses shorter than MAX_DELAY filled, by the link most often named."""
     joined = contact.copy()
     for pause in stretches(~contact):
         inner = pause.start > 0 and pause.stop < len(t)
-        if inner and t[pause.stop] - t[pause.start - 1] < 0.5 * LATE:
+        if inner and t[pause.stop] - t[pause.start - 1] < 0.5 * MAX_DELAY:
             joined[pause] = True
     episodes = []
     for part in stretches(joined):
@@ -180,21 +187,23 @@ def _episodes(t: Array, contact: Flags, link: Array) -> list[Episode]:
 
 
 def _baseline(log: TouchLog) -> Array:
-    """(N, 7) N m: the mean of the first FIRST s, low-passed slowly while no contact is found."""
-    base = log.tau_ext[log.t <= log.t[0] + FIRST].mean(axis=0)
+    """(N, 7) N m: the mean of the first START_TIME s, low-passed slowly while no contact is
+    found.
+    """
+    base = log.tau_ext[log.t <= log.t[0] + START_TIME].mean(axis=0)
     baseline = np.empty_like(log.tau_ext)
     steps = np.diff(log.t, prepend=log.t[0])
     for k, (tau, step) in enumerate(zip(log.tau_ext, steps, strict=True)):
         baseline[k] = base
-        if (np.abs(tau - base) <= LEVEL).all():
-            base = base + (1.0 - np.exp(-step / SLOW)) * (tau - base)
+        if (np.abs(tau - base) <= TORQUE_LEVEL).all():
+            base = base + (1.0 - np.exp(-step / BASELINE_TIME)) * (tau - base)
     return baseline
 
 
 def _last_of(alone: Array) -> int:
     """The last joint, 1 to 7, that is loaded at the peak of a contact (K, 7) N m; at least 1."""
     peak = np.abs(alone[int(np.linalg.norm(alone, axis=1).argmax())])
-    loaded = np.flatnonzero(peak > np.maximum(LOADED, LOADED_SHARE * peak.max()))
+    loaded = np.flatnonzero(peak > np.maximum(LOADED_TORQUE, LOADED_SHARE * peak.max()))
     return int(loaded[-1]) + 1 if len(loaded) else 1
 
 

@@ -29,7 +29,7 @@ from wrenchsight.models.signals.bands import SIGMA_95
 READ_BY: Final = {"plain_tools": "damped", "article": "inverse", "ours": "bayesian"}
 """Method of `wrenchsight.models.estimation.wrench`."""
 _STATES_ERROR: Final = ("article", "ours")
-_STEP: Final = 1.0 / 80.0  # s
+_TIME_STEP: Final = 1.0 / 80.0  # s
 
 
 class WrenchTask:
@@ -56,7 +56,7 @@ class WrenchTask:
             FaultError: it fails.
         """
         robot = Robot.load("panda")
-        made = entrant.made("wrench", robot, IdentifiedModel.nominal(robot), (), _STEP)
+        made = entrant.made("wrench", robot, IdentifiedModel.nominal(robot), (), _TIME_STEP)
         forces, covariances = [], []
         for log in self._logs:
             reading = wrench_of_torque(made, log.J, log.tau_ext)

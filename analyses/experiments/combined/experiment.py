@@ -27,7 +27,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     task_path,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
-    FAST,
+    FAST_GAIN,
     EstimatorVariant,
     axes_figure,
     known_friction,
@@ -54,14 +54,16 @@ VARIANTS = (
     EstimatorVariant("initial_semi_parametric", "+ semi-parametric", "initial", SP),
     EstimatorVariant("optimised_coulomb_viscous", "or optimised path", "optimised", CV),
     EstimatorVariant(AFTER, "article: both", "optimised", SP),
-    EstimatorVariant("faster", f"+ K$_0$ = {FAST:g}", "optimised", SP, "inverse", FAST),
-    EstimatorVariant("bayesian", "+ bayesian (B)", "optimised", SP, "bayesian", FAST),
+    EstimatorVariant("faster", f"+ K$_0$ = {FAST_GAIN:g}", "optimised", SP, "inverse", FAST_GAIN),
+    EstimatorVariant("bayesian", "+ bayesian (B)", "optimised", SP, "bayesian", FAST_GAIN),
     EstimatorVariant(
-        "force_only", "B with force_only instead", "optimised", SP, "force_only", FAST
+        "force_only", "B with force_only instead", "optimised", SP, "force_only", FAST_GAIN
     ),
-    EstimatorVariant("presliding", "B, presliding", "optimised", "presliding", "bayesian", FAST),
-    EstimatorVariant("least_jcn", "B, path of least JCN", "found", SP, "bayesian", FAST),
-    EstimatorVariant(OURS, "B, path of least force sd: ours", "placed", SP, "bayesian", FAST),
+    EstimatorVariant(
+        "presliding", "B, presliding", "optimised", "presliding", "bayesian", FAST_GAIN
+    ),
+    EstimatorVariant("least_jcn", "B, path of least JCN", "found", SP, "bayesian", FAST_GAIN),
+    EstimatorVariant(OURS, "B, path of least force sd: ours", "placed", SP, "bayesian", FAST_GAIN),
 )
 
 
@@ -117,7 +119,7 @@ NOTES = (
     f"RMSE in X, Y, Z: {_errors(BEFORE)} (article, initial path, Coulomb-viscous), "
     f"{_errors(AFTER)} (article, both measures; reduced by <reduction_rmse_x_pct:.1f> "
     "<reduction_rmse_y_pct:.1f> <reduction_rmse_z_pct:.1f> %).",
-    f"Ours (K_0 = {FAST:g}, bayesian, path of least force sd): {_errors(OURS)}, "
+    f"Ours (K_0 = {FAST_GAIN:g}, bayesian, path of least force sd): {_errors(OURS)}, "
     "<ours_against_article.reduction_rmse_x_pct:.1f> "
     "<ours_against_article.reduction_rmse_y_pct:.1f> "
     "<ours_against_article.reduction_rmse_z_pct:.1f> % below the article's. On the article's "
@@ -125,7 +127,7 @@ NOTES = (
     f"{_errors('force_only')}; on the path of least mean condition number {_errors('least_jcn')}.",
     f"With the true friction: {_errors('known_friction')} at K_0 = 20, of which the lag makes "
     f"{_errors('lag_alone')}; {_errors('known_friction_fast')} and {_errors('lag_alone_fast')} at "
-    f"K_0 = {FAST:g}.",
+    f"K_0 = {FAST_GAIN:g}.",
     "Inside the stated 95 % band: "
     + ", ".join(
         f"<{variant.key}.share_in_95_band:100 .0f> % ({variant.key})" for variant in VARIANTS
@@ -141,16 +143,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
     scenarios = {path: on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
     speed = highest_speed(list(scenarios.values()), robot)
     context.progress(0.35, "placing the path")
-    bayesian = models.estimator(SP, speed, FAST, WrenchReconstructionConfig("bayesian"))
+    bayesian = models.estimator(SP, speed, FAST_GAIN, WrenchReconstructionConfig("bayesian"))
     scenarios["placed"] = on_path(scenario, robot, *found_path(robot, 0, bayesian.model))
     runs = pushed_runs(context, models, scenarios, 0.45)
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
     initial, optimised = metrics[BEFORE], metrics[AFTER]
     metrics["known_friction"] = known_friction(models, runs["optimised"])
-    metrics["known_friction_fast"] = known_friction(models, runs["optimised"], FAST)
+    metrics["known_friction_fast"] = known_friction(models, runs["optimised"], FAST_GAIN)
     metrics["lag_alone"] = lag_alone(runs["optimised"])
-    metrics["lag_alone_fast"] = lag_alone(runs["optimised"], FAST)
+    metrics["lag_alone_fast"] = lag_alone(runs["optimised"], FAST_GAIN)
     metrics["ours_against_article"] = reductions(optimised, metrics[OURS])
     metrics["bayesian_against_article"] = reductions(optimised, metrics["bayesian"])
     metrics["correlation_gain"] = {
@@ -206,7 +208,7 @@ def _figures(readings: dict[str, ForceReading]) -> Iterator[Drawing]:
             "ours",
             OURS,
             COLOUR["estimate"],
-            f"Ours: path of least force sd, bayesian, K$_0$ = {FAST:g}",
+            f"Ours: path of least force sd, bayesian, K$_0$ = {FAST_GAIN:g}",
             "Force read by this program, to the same scale.",
         ),
     ):

@@ -45,7 +45,7 @@ from wrenchsight.models.robot.robot import Robot
 
 # Rotation first; as the article prints it: -3 0 25 N, 0.5 1.5 1 N m. Which of the two bodies it
 # acts on (the article's sign is the opposite of ours) changes no error.
-WRENCH = np.array([0.5, 1.5, 1.0, -3.0, 0.0, 25.0])
+SCRIPTED_WRENCH = np.array([0.5, 1.5, 1.0, -3.0, 0.0, 25.0])
 AXES = ("mx_nm", "my_nm", "mz_nm", "fx_n", "fy_n", "fz_n")
 ERROR_WIDTH = 0.15  # peak to peak, as a fraction of each joint's own |torque|
 SAMPLES_ONE_WAY = 1500
@@ -74,7 +74,7 @@ class PathReadings:
     @property
     def error(self) -> Array:
         """(T, 6) reading of the first draw minus the true wrench."""
-        return np.asarray(self.wrench - WRENCH)
+        return np.asarray(self.wrench - SCRIPTED_WRENCH)
 
 
 def read_along(
@@ -98,7 +98,7 @@ def read_along(
     q = np.concatenate([q_forward, q_forward[-2::-1]])  # the way back meets the same configurations
     s = there_and_back(uniform_acceleration)(np.linspace(0.0, 1.0, 2 * SAMPLES_ONE_WAY + 1)).s
     J = chain.jacobian(q)
-    tau_ext = np.einsum("tij,i->tj", J, WRENCH)
+    tau_ext = np.einsum("tij,i->tj", J, SCRIPTED_WRENCH)
     half_width = 0.5 * ERROR_WIDTH * np.abs(tau_ext)
     # Only the stated covariance needs this; eq. 22 itself does not.
     torque_covariance = np.diag(np.mean(half_width**2, axis=0) / 3.0 + 1e-12)
@@ -241,7 +241,9 @@ def _wrench_figure(readings: Mapping[str, PathReadings]) -> Figure:
                 ax.plot(
                     wrench[:, first_column + axis], color=colour, linewidth=0.7, label=component
                 )
-                ax.axhline(WRENCH[first_column + axis], color=COLOUR["truth"], linewidth=0.8)
+                ax.axhline(
+                    SCRIPTED_WRENCH[first_column + axis], color=COLOUR["truth"], linewidth=0.8
+                )
             ax.set_title(f"{label} path")
             ax.set_ylabel(f"{name} read [{unit}]")
             legend_above(ax, ncols=3)

@@ -18,8 +18,8 @@ In sight when the statistic was settled: the fitted runs, 15harm50sec, 10harm an
 3 and 5; the stop that ends 7harm (the rule for jumps of motor torque); the pushes at rest (the rule
 for rest); the stops of the logs of joints 1 and 2, simulated (the rule for a joint that stops).
 
-Nobody labelled the collisions. COLLISIONS are the stretches in which the current of joints 1 to 3
-differs from that of `collision_free` at the same place of the path by far more than elsewhere.
+Nobody labelled the collisions. COLLISION_TIMES are the stretches in which the current of joints 1
+to 3 differs from that of `collision_free` at the same place of the path by far more than elsewhere.
 """
 
 from pathlib import Path
@@ -40,14 +40,14 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
     identify_simulated_arm,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import (
-    ALONE,
     COLLISION_LOG,
-    COLLISIONS,
-    FREE,
-    OLDER,
-    RATE,
-    ROUNDS,
-    STILL,
+    COLLISION_TIMES,
+    FALSE_ALARM_RATE,
+    FREE_MOTION_LOGS,
+    NUM_ROUNDS,
+    OLDER_LOGS,
+    REST_LOGS,
+    SINGLE_JOINT_LOGS,
     TIME_STEP,
     Tally,
     TrialLog,
@@ -59,7 +59,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials imp
     spans_of,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
+    FITTED_LOGS,
     FOLDER,
     log_file,
     presliding_arm,
@@ -67,7 +67,11 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
 from wrenchsight.analyses.methods.identify.identification import identify
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.simulate.fast_runs import run_free
-from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT, TRACKING, stored_excitation
+from wrenchsight.analyses.methods.simulate.simulated_logs import (
+    ROBOT,
+    TRACKING_CONFIG,
+    stored_excitation,
+)
 from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -84,10 +88,10 @@ from wrenchsight.models.robot.robot import Robot
 
 PUSHES = "ur10e_pushes"
 TWIN_DAYS = 3
-RATES = (0.1, 1.0, 10.0, 60.0, 360.0)  # for the threshold
-SIZES = (5.0, 10.0, 20.0, 30.0, 60.0)  # N
-DURATIONS = (0.1, 0.5, 2.0)  # s
-SIMULATED = (10.0, 30.0)  # N
+FALSE_ALARM_RATES = (0.1, 1.0, 10.0, 60.0, 360.0)  # for the threshold
+PUSH_FORCES = (5.0, 10.0, 20.0, 30.0, 60.0)  # N
+PUSH_TIMES = (0.1, 0.5, 2.0)  # s
+SIMULATED_FORCES = (10.0, 30.0)  # N
 SIMULATED_DURATION = 0.5  # s
 SIMULATED_STEP = 1e-3  # s
 NO_CONTACTS = {"contacts": 0, "missed": 0, "delay_median_s": None, "delay_max_s": None}
@@ -97,38 +101,45 @@ JUDGED = "push_30n_500ms_at_e"
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log, puts pushes in, and counts."""
     robot, model = presliding_arm(context, 0.2)
-    rounds = 1 if context.quick else ROUNDS
+    rounds = 1 if context.quick else NUM_ROUNDS
     recordings = {
         name: read_recording(log_file(context.data, Path(file).stem), robot=robot)
-        for name, file in (FREE | ALONE | OLDER | STILL).items()
+        for name, file in (FREE_MOTION_LOGS | SINGLE_JOINT_LOGS | OLDER_LOGS | REST_LOGS).items()
     }
     every = {name: TrialLog(recording, robot, model) for name, recording in recordings.items()}
-    logs = {name: every[name] for name in FREE}
+    logs = {name: every[name] for name in FREE_MOTION_LOGS}
     ur10e = data_set_folder(FOLDER, context.data)
-    fitted = [read_recording(ur10e / name, robot=robot) for name in FITTED]
+    fitted = [read_recording(ur10e / name, robot=robot) for name in FITTED_LOGS]
     every |= _held_out(fitted, robot, context)
     metrics: dict[str, Any] = {"levels": _levels(logs)}
     context.progress(0.35, "contact-free logs")
     metrics |= _free(every)
-    sets = [(size, duration, place) for size in SIZES for duration in DURATIONS for place in PLACES]
+    sets = [
+        (size, duration, place)
+        for size in PUSH_FORCES
+        for duration in PUSH_TIMES
+        for place in PUSHED_LINKS
+    ]
     for k, (size, duration, place) in enumerate(sets):
         context.progress(0.4 + 0.3 * k / len(sets), f"pushes of {size:g} N")
-        tally = _pushed(logs, size, duration, PLACES[place], RATE, rounds)
+        tally = _pushed(logs, size, duration, PUSHED_LINKS[place], FALSE_ALARM_RATE, rounds)
         metrics[push_key(size, duration, place)] = tally.metrics()
     for link in OFF_E:
-        metrics[f"link_{link}_30n"] = _pushed(logs, 30.0, 0.5, (link,), RATE, rounds).metrics()
-    for rate in RATES:
+        metrics[f"link_{link}_30n"] = _pushed(
+            logs, 30.0, 0.5, (link,), FALSE_ALARM_RATE, rounds
+        ).metrics()
+    for rate in FALSE_ALARM_RATES:
         metrics[f"threshold_{rate:g}_per_hour"] = _at_rate(every, logs, rate, rounds)
     context.progress(0.7, "hand collisions")
     metrics["collision_wrist"] = _labelled(
-        log_file(context.data, Path(COLLISION_LOG).stem), COLLISIONS, robot, model
+        log_file(context.data, Path(COLLISION_LOG).stem), COLLISION_TIMES, robot, model
     )
     pushed = data_set_folder(PUSHES, context.data)
     pushes = np.genfromtxt(pushed / "pushes.csv", delimiter=",", names=True)
     spans = tuple((float(row["t_start"]), float(row["t_end"])) for row in pushes)
     metrics["push_pose_1"] = _labelled(pushed / "push_pose_1.csv", spans, robot, model)
     context.progress(0.72, "simulated days")
-    moving = {name: entry for name, entry in recordings.items() if name not in STILL}
+    moving = {name: entry for name, entry in recordings.items() if name not in REST_LOGS}
     metrics |= _twins(fitted, moving, robot, context)
     context.progress(0.75, "simulated pushes")
     metrics |= _simulated()
@@ -156,16 +167,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 OFF_E = (2, 3, 4)  # a force on link 5, by the next joint's axis, is one at E
 # Links, in turn, on which pushes act; none: at E
-PLACES: dict[str, tuple[int, ...]] = {"at_e": (), "off_e": OFF_E}
+PUSHED_LINKS: dict[str, tuple[int, ...]] = {"at_e": (), "off_e": OFF_E}
 
 
 def push_key(size: float, duration: float, place: str) -> str:
-    """Key of the metrics of pushes of `size` N for `duration` s at one of PLACES."""
+    """Key of the metrics of pushes of `size` N for `duration` s at one of PUSHED_LINKS."""
     return f"push_{size:g}n_{1e3 * duration:g}ms_{place}"
 
 
 def _levels(logs: dict[str, TrialLog]) -> dict[str, float]:
-    levels = next(iter(logs.values())).detector(RATE).levels
+    levels = next(iter(logs.values())).detector(FALSE_ALARM_RATE).levels
     return dict(levels._asdict())
 
 
@@ -174,7 +185,7 @@ def _free(logs: dict[str, TrialLog]) -> dict[str, Any]:
     result: dict[str, Any] = {}
     alarms, hours = 0, 0.0
     for name, log in logs.items():
-        detection = log.detect(log.detector(RATE))
+        detection = log.detect(log.detector(FALSE_ALARM_RATE))
         begins = onsets(detection.contact)
         result[name] = {
             **NO_CONTACTS,
@@ -197,7 +208,7 @@ def _held_out(
         context.progress(0.2 + 0.05 * k, "identifying without one run")
         others = fitted[:k] + fitted[k + 1 :]
         model = identify(others, robot, [], IdentificationConfig(friction="presliding")).model
-        logs[Path(FITTED[k]).stem] = TrialLog(entry, robot, model)
+        logs[Path(FITTED_LOGS[k]).stem] = TrialLog(entry, robot, model)
     return logs
 
 
@@ -207,12 +218,12 @@ def _twins(
     """False alarms in simulated hours of the same motions."""
     days = 1 if context.quick else TWIN_DAYS
     model = model_of_twins(fitted, robot)
-    hours, alarms, by_log = alarms_of_twins(moving, robot, model, RATES[1:], days)
+    hours, alarms, by_log = alarms_of_twins(moving, robot, model, FALSE_ALARM_RATES[1:], days)
     result: dict[str, Any] = {
         f"at_{rate:g}_per_hour": {**false_alarm_metrics(count, hours), "expected": rate * hours}
         for rate, count in alarms.items()
     }
-    return {"simulated_days": {**result, f"by_log_at_{RATE:g}_per_hour": by_log}}
+    return {"simulated_days": {**result, f"by_log_at_{FALSE_ALARM_RATE:g}_per_hour": by_log}}
 
 
 def _pushed(
@@ -249,7 +260,7 @@ def _at_rate(
         "by_log": result,
     }
     for size in (10.0, 30.0):
-        pushed = _pushed(logs, size, 0.5, PLACES["at_e"], rate, rounds).metrics()
+        pushed = _pushed(logs, size, 0.5, PUSHED_LINKS["at_e"], rate, rounds).metrics()
         alarms[f"missed_pct_{size:g}n"] = pushed["missed_pct"]
         for key in ("delay_median_s", "delay_p95_s", "within_50ms_pct"):
             alarms[f"{key}_{size:g}n"] = pushed[key]
@@ -266,7 +277,7 @@ def _labelled(
     described = file.with_name("recording.yaml")
     recording = read_recording(file, described if described.exists() else None, robot)
     log = TrialLog(recording, robot, model)
-    detection = log.detect(log.detector(RATE))
+    detection = log.detect(log.detector(FALSE_ALARM_RATE))
     tally = Tally()
     apart = np.ones(len(log.t), bool)
     for begin, stop in samples_of(spans, log.t):
@@ -299,11 +310,11 @@ def _simulated() -> dict[str, Any]:
     result, logs = identify_simulated_arm(robot, config=config)
     model = result.model
     free = TrialLog(logs[1].recording, robot, model, SIMULATED_STEP)
-    alarms = free.alarms(RATE)
+    alarms = free.alarms(FALSE_ALARM_RATE)
     outcome: dict[str, Any] = {
         "simulated_free": {**NO_CONTACTS, **false_alarm_metrics(len(alarms), free.hours)}
     }
-    for size in SIMULATED:
+    for size in SIMULATED_FORCES:
         rng = np.random.default_rng(17)
         starts = np.arange(2.0, 18.0, 2.0)
         directions = rng.normal(size=(len(starts), 3))
@@ -315,7 +326,7 @@ def _simulated() -> dict[str, Any]:
             robot=robot.name,
             duration=trajectory.duration,
             seed=23,
-            controller=TRACKING,
+            controller=TRACKING_CONFIG,
             wrench=[
                 WrenchStep(float(start), SIMULATED_DURATION, force)
                 for start, force in zip(starts, forces, strict=True)
@@ -326,7 +337,7 @@ def _simulated() -> dict[str, Any]:
             t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="pushed"
         )
         log = TrialLog(recording, robot, model, SIMULATED_STEP)
-        detection = log.detect(log.detector(RATE))
+        detection = log.detect(log.detector(FALSE_ALARM_RATE))
         tally = Tally()
         size_of = round(SIMULATED_DURATION / SIMULATED_STEP)
         for start in starts:
@@ -351,18 +362,20 @@ def _comparison() -> list[ComparisonRow]:
 
 def _figure(metrics: dict[str, Any]) -> Figure:
     figure, ((pushes, alarms),) = new_figure(1, 2, height=3.4)
-    for k, duration in enumerate(DURATIONS):
-        for place, style in zip(PLACES, ("-", "--"), strict=True):
-            missed = [metrics[push_key(size, duration, place)]["missed_pct"] for size in SIZES]
+    for k, duration in enumerate(PUSH_TIMES):
+        for place, style in zip(PUSHED_LINKS, ("-", "--"), strict=True):
+            missed = [
+                metrics[push_key(size, duration, place)]["missed_pct"] for size in PUSH_FORCES
+            ]
             label = f"{duration:g} s, {place.replace('_e', ' E')}"
-            pushes.plot(SIZES, missed, style, marker="o", ms=3, color=SERIES[k], label=label)
+            pushes.plot(PUSH_FORCES, missed, style, marker="o", ms=3, color=SERIES[k], label=label)
     pushes.set_xlabel("force [N]")
     pushes.set_ylabel("missed [%]")
-    counted = [metrics[f"threshold_{rate:g}_per_hour"] for rate in RATES]
-    alarms.loglog(RATES, RATES, color=SERIES[6], lw=0.8, label="as stated")
+    counted = [metrics[f"threshold_{rate:g}_per_hour"] for rate in FALSE_ALARM_RATES]
+    alarms.loglog(FALSE_ALARM_RATES, FALSE_ALARM_RATES, color=SERIES[6], lw=0.8, label="as stated")
     for key, marker, label in (("", "o", "counted"), ("_upper", "v", "most that agrees (95 %)")):
         result = [entry[f"false_alarms_per_hour{key}"] or np.nan for entry in counted]
-        alarms.loglog(RATES, result, marker, label=label)
+        alarms.loglog(FALSE_ALARM_RATES, result, marker, label=label)
     alarms.set_xlabel("stated false alarms per hour")
     alarms.set_ylabel(f"in {60 * metrics['contact_free']['hours']:.1f} free minutes, per h")
     for panel in (pushes, alarms):
@@ -371,7 +384,7 @@ def _figure(metrics: dict[str, Any]) -> Figure:
 
 
 NOTES = (
-    f"At {RATE:g} false alarm an hour: <contact_free.false_alarms:.0f> in "
+    f"At {FALSE_ALARM_RATE:g} false alarm an hour: <contact_free.false_alarms:.0f> in "
     "<contact_free.hours:60 .1f> contact-free minutes, which agrees with up to "
     "<contact_free.false_alarms_per_hour_upper:.0f> an hour.",
     f"Pushes of 30 N for 0.5 s at E while moving: <{JUDGED}.missed:.0f> of <{JUDGED}.contacts:.0f> "
@@ -381,13 +394,13 @@ NOTES = (
     + "; ".join(
         f"<threshold_{rate:g}_per_hour.false_alarms:.0f> "
         f"(<threshold_{rate:g}_per_hour.expected:.1f> expected) at {rate:g} an hour"
-        for rate in RATES
+        for rate in FALSE_ALARM_RATES
     )
     + "; simulated: "
     + "; ".join(
         f"<simulated_days.at_{rate:g}_per_hour.false_alarms:.0f> "
         f"(<simulated_days.at_{rate:g}_per_hour.expected:.1f> expected) at {rate:g}"
-        for rate in RATES[1:]
+        for rate in FALSE_ALARM_RATES[1:]
     )
     + ".",
     "Pushes of 30 N for 0.5 s off E recognised as off E: "

@@ -26,15 +26,15 @@ from wrenchsight.analyses.output.figures import SERIES, Figure, legend_on_top, n
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
-BINS = {
+ODDS_BINS = {
     "below_50": (0.0, 0.5),
     "50_70": (0.5, 0.7),
     "70_85": (0.7, 0.85),
     "85_95": (0.85, 0.95),
     "above_95": (0.95, 1.0 + 1e-9),
 }
-SURE = 0.85  # odds that are called 90 % and more
-_LATE = 0.3  # s that a contact may begin before or after its label
+SURE_ODDS = 0.85  # odds that are called 90 % and more
+_LABEL_TOLERANCE = 0.3  # s that a contact may begin before or after its label
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def touches_of(log: TouchLog) -> tuple[list[Touch], int, int]:
     touches, matched, false = [], set[int](), 0
     for contact in reading.episodes.contacts:
         nearest = int(np.argmin(np.abs(begins - contact.begin)))
-        if abs(begins[nearest] - contact.begin) > _LATE or nearest in matched:
+        if abs(begins[nearest] - contact.begin) > _LABEL_TOLERANCE or nearest in matched:
             false += 1
         elif contact.place is not None:
             matched.add(nearest)
@@ -118,7 +118,7 @@ def calibration(touches: Sequence[Touch]) -> dict[str, Any]:
     """Stated against counted odds: by bin, of the sure touches, and the mean error (%) over all."""
     bins = {
         name: _bin([touch for touch in touches if low <= touch.stated < high])
-        for name, (low, high) in BINS.items()
+        for name, (low, high) in ODDS_BINS.items()
     }
     off = [
         entry["touches"] * abs(entry["stated_pct"] - entry["right_pct"])
@@ -127,7 +127,7 @@ def calibration(touches: Sequence[Touch]) -> dict[str, Any]:
     ]
     return {
         "odds": bins,
-        "sure": _bin([touch for touch in touches if touch.stated >= SURE]),
+        "sure": _bin([touch for touch in touches if touch.stated >= SURE_ODDS]),
         "calibration_error_pct": float(np.sum(off)) / max(len(touches), 1),
         "named_pct": 100.0 * _share([touch.link in touch.named for touch in touches]),
     }

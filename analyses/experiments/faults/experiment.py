@@ -7,9 +7,10 @@ damaged in each of the ways of `damages` and read by `estimate` with its default
 the arm, so that every reading beyond its band is wrong. For each kind, over all logs:
 
     named               share of the logs in which a hypothesis names a fault
-    recognised_after_s  length of the log from which on it is named, tried at LENGTHS; the longest
+    recognised_after_s  length of the log from which on it is named, tried at LOG_TIMES; the longest
                         of the logs in which it is named at all
-    valid_and_wrong_s   longest time in which a valid reading is more than BEYOND outside its band
+    valid_and_wrong_s   longest time in which a valid reading is more than MAX_FORCE_ERROR outside
+    its band
     largest_n           by how much it is outside, at most
     valid_pct           of the readings
 """
@@ -44,8 +45,8 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
 
 LOGS = ("ur-20_02_19_15harm50sec", "ur-20_01_17-ptp_10_points", "ur-20_02_05-20sec_8harm")
-LENGTHS = (4.0, 10.0)  # s of a log, from its begin
-BEYOND = 10.0  # N
+LOG_TIMES = (4.0, 10.0)  # s of a log, from its begin
+MAX_FORCE_ERROR = 10.0  # N
 NOTES = ()
 
 
@@ -75,7 +76,7 @@ def _kind_metrics(
     """The figures of one kind of damage over all logs."""
     named, after, longest, largest, valid = [], [], [], [], []
     for log in logs:
-        lengths = [length for length in LENGTHS if length < log.duration]
+        lengths = [length for length in LOG_TIMES if length < log.duration]
         parts = [log[log.t - log.t[0] <= length] for length in lengths]
         faults = [_is_named(part, robot, model) for part in (*parts, log)]
         named.append(float(faults[-1]))
@@ -119,7 +120,7 @@ def _wrongness(
         table = np.genfromtxt(result.table, delimiter=",", names=True)
     excess = np.max([np.abs(table[f"f{x}"]) - SIGMA_95 * table[f"sd_f{x}"] for x in "xyz"], axis=0)
     is_valid = table["valid"] > 0.0
-    is_wrong = is_valid & (excess > BEYOND)
+    is_wrong = is_valid & (excess > MAX_FORCE_ERROR)
     edges = np.flatnonzero(np.diff(np.r_[False, is_wrong, False].astype(int)))
     lengths = (edges[1::2] - edges[::2]) * float(np.median(np.diff(table["t"])))
     largest = float(excess[is_valid].max(initial=0.0))

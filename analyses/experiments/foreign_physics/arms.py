@@ -23,10 +23,10 @@ FRICTION_SPREAD = 0.25
 CURRENT_NOISE = (0.05, 0.08)  # A
 # Of an arm whose file states no rotors, relative to the largest inertia about a joint at home
 ROTOR_SHARE = 0.05
-BUNDLED = ("ur10e", "panda")
-STRANGER = "z1"
+BUNDLED_ARMS = ("ur10e", "panda")
+DRAFTED_ARM = "z1"
 """An arm without a robot.yaml of ours: drafted from its URDF in the example-robot-data package."""
-ARMS = (*BUNDLED, STRANGER)
+ARMS = (*BUNDLED_ARMS, DRAFTED_ARM)
 _STRANGER_URDF = "cmeel.prefix/share/example-robot-data/robots/z1_description/urdf/z1.urdf"
 
 
@@ -65,7 +65,7 @@ def robot_file(arm: str, folder: Path) -> str:
     Raises:
         importlib.metadata.PackageNotFoundError: the package that has the URDF is not installed.
     """
-    if arm in BUNDLED:
+    if arm in BUNDLED_ARMS:
         return arm
     path = folder / f"{arm}.yaml"
     if not path.exists():
@@ -74,7 +74,7 @@ def robot_file(arm: str, folder: Path) -> str:
 
 
 def has_stranger() -> bool:
-    """Whether the package that has the URDF of STRANGER is installed."""
+    """Whether the package that has the URDF of DRAFTED_ARM is installed."""
     try:
         return stranger_urdf().is_file()
     except metadata.PackageNotFoundError:
@@ -82,7 +82,7 @@ def has_stranger() -> bool:
 
 
 def stranger_urdf() -> Path:
-    """The URDF of STRANGER.
+    """The URDF of DRAFTED_ARM.
 
     Raises:
         importlib.metadata.PackageNotFoundError: the package that has it is not installed.

@@ -30,23 +30,23 @@ CONTACT_SECONDS = 16.0
 SINE_SECONDS = 10.0
 FIRST_CONTACT = 3.0  # s
 LAST_FREE = 1.5  # s
-FORCE = 30.0  # N
+PUSH_FORCE = 30.0  # N
 STEP_SECONDS = 1.0  # of a step of the force, and between two
 PUSH_RISE = 0.05  # s, of a constant force
-LOAD = 2.0  # kg
+LOAD_MASS = 2.0  # kg
 LOAD_CENTRE = (0.02, -0.01, 0.05)  # m, in E
 DRIFT_VISCOUS, DRIFT_COULOMB = 1.2, 1.1
 RIPPLE_SHARE = 0.12  # of Coulomb friction
-STIFFNESS = 1e4  # N m/rad
-BALL = Tool("ball", 0.02, 0.06)
-FLAT = Tool("flat", 0.02, 0.06)
-GAP = 0.010  # m, between tool and plane at home
-DEPTH = 0.003  # m, that the path goes below the plane, so that it is met
-CIRCLE = 0.06  # m, radius of the path on the plane
+JOINT_STIFFNESS = 1e4  # N m/rad
+BALL_TOOL = Tool("ball", 0.02, 0.06)
+FLAT_TOOL = Tool("flat", 0.02, 0.06)
+PLANE_GAP = 0.010  # m, between tool and plane at home
+PATH_DEPTH = 0.003  # m, that the path goes below the plane, so that it is met
+PATH_RADIUS = 0.06  # m, radius of the path on the plane
 TOUCH_AT, LIFT_BEFORE_END = 2.0, 2.5  # s
-SLIDES: Final = (20, 40, 80, 110, 150)  # N
+SLIDING_FORCES: Final = (20, 40, 80, 110, 150)  # N
 FLAT_SLIDES: Final = (60,)
-SINES: Final = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0)  # Hz
+SINE_FREQUENCIES: Final = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0)  # Hz
 
 
 def scale(robot: Robot) -> float:
@@ -69,7 +69,7 @@ def constant(robot: Robot, coulomb: Array, seed: int) -> Scene:
     t = grid(CONTACT_SECONDS)
     size = smooth_step((t - FIRST_CONTACT) / PUSH_RISE)[0]
     size = size * (1.0 - smooth_step((t - t[-1] + LAST_FREE) / PUSH_RISE)[0])
-    force = scale(robot) * FORCE * size[:, None] * _way(seed)
+    force = scale(robot) * PUSH_FORCE * size[:, None] * _way(seed)
     return replace(Scene(*wave(robot, CONTACT_SECONDS, seed)), wrench=_at_E(force))
 
 
@@ -93,7 +93,7 @@ def sine(frequency: float) -> "Case":
         t = grid(SINE_SECONDS)
         runs = (t >= FIRST_CONTACT) & (t < t[-1] - LAST_FREE)
         angle = 2.0 * np.pi * frequency * (t - FIRST_CONTACT)
-        force = scale(robot) * FORCE * (runs * np.sin(angle))[:, None] * _way(seed)
+        force = scale(robot) * PUSH_FORCE * (runs * np.sin(angle))[:, None] * _way(seed)
         return replace(Scene(*wave(robot, SINE_SECONDS, seed)), wrench=_at_E(force))
 
     return make
@@ -103,7 +103,7 @@ def slide(force: float, tool: Tool) -> "Case":
     """The tool goes round on a plane and presses on it with a force in N."""
 
     def make(robot: Robot, coulomb: Array, seed: int) -> Scene:
-        return _on_plane(robot, tool, _constant_push(robot, force), CIRCLE)
+        return _on_plane(robot, tool, _constant_push(robot, force), PATH_RADIUS)
 
     return make
 
@@ -117,20 +117,20 @@ def press(robot: Robot, coulomb: Array, seed: int) -> Scene:
         begin = TOUCH_AT + k * span
         asked[(t >= begin) & (t < begin + span)] = scale(robot) * force
     asked[t >= t[-1] - LIFT_BEFORE_END] = 0.0
-    return _on_plane(robot, BALL, asked, 0.0)
+    return _on_plane(robot, BALL_TOOL, asked, 0.0)
 
 
 def slow_reversal(robot: Robot, coulomb: Array, seed: int) -> Scene:
     """Slow motion to and fro, with a constant force in the middle."""
     t = grid(CONTACT_SECONDS)
     on = (t >= FIRST_CONTACT) & (t < t[-1] - 2.0 * LAST_FREE)
-    force = 0.5 * scale(robot) * FORCE * on[:, None] * _way(seed)
+    force = 0.5 * scale(robot) * PUSH_FORCE * on[:, None] * _way(seed)
     return replace(Scene(*slow_reversals(robot, CONTACT_SECONDS, seed)), wrench=_at_E(force))
 
 
 def payload(robot: Robot, coulomb: Array, seed: int) -> Scene:
     """A load at the tool through the whole log, which the model does not know."""
-    load = scale(robot) * LOAD, np.array(LOAD_CENTRE)
+    load = scale(robot) * LOAD_MASS, np.array(LOAD_CENTRE)
     return replace(Scene(*wave(robot, FREE_SECONDS, seed)), load=load)
 
 
@@ -151,7 +151,7 @@ def ripple(robot: Robot, coulomb: Array, seed: int) -> Scene:
 
 def elastic(robot: Robot, coulomb: Array, seed: int) -> Scene:
     """The gears are springs, the encoders at the motors; a force of 2 Hz."""
-    return replace(sine(2.0)(robot, coulomb, seed), stiffness=STIFFNESS)
+    return replace(sine(2.0)(robot, coulomb, seed), stiffness=JOINT_STIFFNESS)
 
 
 def _drifted(scene: Scene) -> Scene:
@@ -182,7 +182,7 @@ def _on_plane(robot: Robot, tool: Tool, push: Array, radius: float) -> Scene:
     t = via_instants(CONTACT_SECONDS)
     end = CONTACT_SECONDS - LIFT_BEFORE_END
     down = smooth_step((t - 0.5) / (TOUCH_AT - 0.5))[0] - smooth_step((t - end) / 1.0)[0]
-    p = (GAP + DEPTH) * down[:, None] * z
+    p = (PLANE_GAP + PATH_DEPTH) * down[:, None] * z
     if radius:
         turns = smooth_step((t - TOUCH_AT - 0.7) / (end - TOUCH_AT - 1.4))[0]
         angle = 4.0 * np.pi * turns[:, None]
@@ -191,7 +191,7 @@ def _on_plane(robot: Robot, tool: Tool, push: Array, radius: float) -> Scene:
     return replace(
         Scene(*motion),
         push=push,
-        plane_point=p_WE + (tool.length + GAP) * z,
+        plane_point=p_WE + (tool.length + PLANE_GAP) * z,
         plane_normal=-z,
         tool=tool,
     )
@@ -211,9 +211,9 @@ CASES: Final[dict[str, Case]] = {
     "pick_and_place": picks,
     "constant": constant,
     "steps": steps,
-    **{f"sine_{frequency:g}": sine(frequency) for frequency in SINES},
-    **{f"slide_{force}": slide(force, BALL) for force in SLIDES},
-    **{f"slide_flat_{force}": slide(force, FLAT) for force in FLAT_SLIDES},
+    **{f"sine_{frequency:g}": sine(frequency) for frequency in SINE_FREQUENCIES},
+    **{f"slide_{force}": slide(force, BALL_TOOL) for force in SLIDING_FORCES},
+    **{f"slide_flat_{force}": slide(force, FLAT_TOOL) for force in FLAT_SLIDES},
     "press": press,
     "slow_reversal": slow_reversal,
     "payload": payload,
@@ -224,5 +224,5 @@ CASES: Final[dict[str, Case]] = {
     "tilted": constant,
 }
 """By name; `tilted` is `constant` on a base that is tilted, which robot.yaml says."""
-TURNING: Final = {*(name for name in CASES if name.startswith("sine")), "elastic"}
+SMOOTH_CASES: Final = {*(name for name in CASES if name.startswith("sine")), "elastic"}
 """Cases whose force is smooth, however fast: nothing in it is an edge."""

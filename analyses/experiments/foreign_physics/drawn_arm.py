@@ -9,10 +9,10 @@ import numpy as np
 from pydrake.math import RollPitchYaw
 
 from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm, draw_arm, robot_file
-from wrenchsight.analyses.experiments.foreign_physics.cases import CASES, TURNING
+from wrenchsight.analyses.experiments.foreign_physics.cases import CASES, SMOOTH_CASES
 from wrenchsight.analyses.experiments.foreign_physics.identified_arms import (
     EXCITATION_SEEDS,
-    PERIODS,
+    NUM_PERIODS,
     excitation_motions,
     identification_logs,
     identified,
@@ -28,8 +28,8 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
-TILT = (0.5, -0.3, 0.0)  # rad, roll and pitch of the base in the case `tilted`
-TILTED = "tilted"
+BASE_TILT = (0.5, -0.3, 0.0)  # rad, roll and pitch of the base in the case `tilted`
+TILTED_CASE = "tilted"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class DrawnArm:
 
     @classmethod
     def identify(
-        cls, name: str, draw: int, folder: Path, periods: int = PERIODS, keeps: bool = False
+        cls, name: str, draw: int, folder: Path, periods: int = NUM_PERIODS, keeps: bool = False
     ) -> Self:
         """Draws an arm, records two motions of `excite` and identifies it.
 
@@ -121,14 +121,14 @@ class DrawnArm:
     ) -> dict[str, Any]:
         """The figures of a case's log, with those of plain tools beside."""
         plain = self._of(case).plain if with_plain else None
-        return figures(log, reading, plain, case not in TURNING)
+        return figures(log, reading, plain, case not in SMOOTH_CASES)
 
     def write(self, case: str, log: WorldLog) -> None:
         """Writes the log of a case."""
         write_recording(log.recording, self._folder(case) / "log.parquet")
 
     def _of(self, case: str) -> "DrawnArm":
-        return self.tilted if case == TILTED else self
+        return self.tilted if case == TILTED_CASE else self
 
     def _folder(self, case: str) -> Path:
         folder = self.folder / case
@@ -142,7 +142,7 @@ def _log_paths(folder: Path) -> list[Path]:
 
 def _tilted_file(robot: Robot, folder: Path) -> str:
     path = folder / "robot.yaml"
-    R_AW = RollPitchYaw(TILT).ToRotationMatrix().matrix().T
+    R_AW = RollPitchYaw(BASE_TILT).ToRotationMatrix().matrix().T
     urdf = robot.config.urdf
     urdf = urdf if urdf.is_absolute() else (robot.source.parent / urdf).resolve()
     gravity = (R_AW @ np.asarray(robot.gravity)).tolist()

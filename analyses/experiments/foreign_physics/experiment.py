@@ -3,8 +3,9 @@
 Experiment `foreign-physics`: drawn arms in MuJoCo, identified and read as a user does it, 20 draws.
 
 Each draw of an arm is identified from two motions of `excite`; then its logs are read by `estimate`
-with its defaults and held against MuJoCo's truth. CORE cases run for all draws of all arms, the
-others for the first FURTHER_DRAWS of the UR10e. Figures are the median and the worst of the draws.
+with its defaults and held against MuJoCo's truth. CORE_CASES cases run for all draws of all arms,
+the others for the first FURTHER_DRAWS of the UR10e. Figures are the median and the worst of the
+draws.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +29,7 @@ from wrenchsight.analyses.study.experiment import (
 if TYPE_CHECKING:
     from wrenchsight.analyses.experiments.foreign_physics.drawn_arm import DrawnArm
 
-CORE: Final = (
+CORE_CASES: Final = (
     "free",
     "pick_and_place",
     "constant",
@@ -41,12 +42,12 @@ CORE: Final = (
     "drift_steps",
 )
 FIRST_ARM: Final = "ur10e"
-DRAWS: Final = {"ur10e": 20, "panda": 3, "z1": 3}
+NUM_DRAWS: Final = {"ur10e": 20, "panda": 3, "z1": 3}
 QUICK_DRAWS: Final = {"ur10e": 2}
 FURTHER_DRAWS: Final = 4
 QUICK_CASES: Final = ("free", "pick_and_place", "steps")
 QUICK_PERIODS: Final = 2
-SHOWN: Final = ("free", "constant", "steps", "sine_2", "slide_40", "slide_110")
+README_CASES: Final = ("free", "constant", "steps", "sine_2", "slide_40", "slide_110")
 """Cases of which the README states the worst draw."""
 _WORST: Final = {  # whether the least is the worst
     "inside_95_pct": True,
@@ -101,7 +102,7 @@ def result_of(
         for arm, by_case in read.items()
     }
     for cases in metrics.values():
-        shown = [cases[case] for case in SHOWN if case in cases]
+        shown = [cases[case] for case in README_CASES if case in cases]
         cases["worst_inside_pct"] = [float(np.min(c["inside_95_pct"]["worst"][:3])) for c in shown]
     return ExperimentResult(
         metrics=metrics,
@@ -114,7 +115,7 @@ def result_of(
 
 def _plans(quick: bool) -> tuple[list[_Plan], list[str]]:
     """What is read, and a sentence on what is left out."""
-    from wrenchsight.analyses.experiments.foreign_physics.arms import STRANGER, has_stranger
+    from wrenchsight.analyses.experiments.foreign_physics.arms import DRAFTED_ARM, has_stranger
     from wrenchsight.analyses.experiments.foreign_physics.cases import CASES
 
     if quick:
@@ -122,22 +123,24 @@ def _plans(quick: bool) -> tuple[list[_Plan], list[str]]:
             _Plan(arm, k, QUICK_CASES) for arm, draws in QUICK_DRAWS.items() for k in range(draws)
         ]
         return plans, []
-    further = tuple(case for case in CASES if case not in CORE)
-    arms = [arm for arm in DRAWS if arm != STRANGER or has_stranger()]
+    further = tuple(case for case in CASES if case not in CORE_CASES)
+    arms = [arm for arm in NUM_DRAWS if arm != DRAFTED_ARM or has_stranger()]
     plans = [
-        _Plan(arm, k, CORE + further * (arm == FIRST_ARM and k < FURTHER_DRAWS))
+        _Plan(arm, k, CORE_CASES + further * (arm == FIRST_ARM and k < FURTHER_DRAWS))
         for arm in arms
-        for k in range(DRAWS[arm])
+        for k in range(NUM_DRAWS[arm])
     ]
-    without = f"{STRANGER} is left out: python -m pip install 'wrenchsight[study]' brings its URDF."
-    return plans, [] if STRANGER in arms else [without]
+    without = (
+        f"{DRAFTED_ARM} is left out: python -m pip install 'wrenchsight[study]' brings its URDF."
+    )
+    return plans, [] if DRAFTED_ARM in arms else [without]
 
 
 def _drawn(plan: _Plan, scratch: Path, context: ExperimentContext) -> "DrawnArm":
     from wrenchsight.analyses.experiments.foreign_physics.drawn_arm import DrawnArm
-    from wrenchsight.analyses.experiments.foreign_physics.identified_arms import PERIODS
+    from wrenchsight.analyses.experiments.foreign_physics.identified_arms import NUM_PERIODS
 
-    periods = QUICK_PERIODS if context.quick else PERIODS
+    periods = QUICK_PERIODS if context.quick else NUM_PERIODS
     seed = 100 * context.seed + plan.draw
     return DrawnArm.identify(plan.arm, seed, scratch / f"{plan.arm}_{plan.draw}", periods)
 
@@ -240,7 +243,7 @@ def _table(arm: str, cases: dict[str, Any]) -> ResultTable:
 
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
-    cases = ", ".join(SHOWN)
+    cases = ", ".join(README_CASES)
     rows = []
     for arm, figures in metrics.items():
         draws = figures[next(iter(figures))]["draws"]

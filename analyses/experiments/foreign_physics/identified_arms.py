@@ -24,12 +24,12 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
 EXCITATION_SEEDS = (0, 1)
-NUM_STARTS, ITERATIONS = 2, 10  # of `excite`, as in the tutorial
-PERIODS = 4  # of a motion, 10 s each
+NUM_STARTS, NUM_ITERATIONS = 2, 10  # of `excite`, as in the tutorial
+NUM_PERIODS = 4  # of a motion, 10 s each
 _IDENTIFICATION_SEED = 1000  # of the noise, beside the seeds of other logs
 
 
-def excitation_motions(robot: Robot, file: str, periods: int = PERIODS) -> tuple[Motion, ...]:
+def excitation_motions(robot: Robot, file: str, periods: int = NUM_PERIODS) -> tuple[Motion, ...]:
     """The motions that `excite` plans for an arm, on the controller's grid.
 
     Args:
@@ -48,7 +48,7 @@ def _excitation(file: str, seed: int, periods: int) -> Motion:
     with TemporaryDirectory() as folder:
         out = Path(folder) / "excite"
         config = ExcitationConfig(
-            seed=seed, num_periods=periods, num_starts=NUM_STARTS, iterations=ITERATIONS
+            seed=seed, num_periods=periods, num_starts=NUM_STARTS, iterations=NUM_ITERATIONS
         )
         excite_robot(file, out, config, validation=False, page=False)
         table = np.loadtxt(out / "trajectory.csv", delimiter=",", skiprows=1)

@@ -9,8 +9,8 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.mjcf import TIME_STEP
 from wrenchsight.models.robot.robot import Robot
 
-REACH = 0.35  # rad, of joints about home
-_MARGIN = 0.1  # rad, from the joints' limits
+MAX_DEPARTURE = 0.35  # rad, of joints about home
+_LIMIT_MARGIN = 0.1  # rad, from the joints' limits
 _VIA_STEP = 0.02  # s, between the postures that a path is made of
 
 
@@ -34,7 +34,7 @@ def smooth_step(x: Array) -> tuple[Array, Array, Array]:
     return s, 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
 
 
-def wave(robot: Robot, duration: float, seed: int, reach: float = REACH) -> Motion:
+def wave(robot: Robot, duration: float, seed: int, reach: float = MAX_DEPARTURE) -> Motion:
     """All joints on sines of two incommensurate periods about home, from rest and to it."""
     rng = np.random.default_rng([seed, 2])
     n, t = robot.num_joints, grid(duration)
@@ -131,6 +131,10 @@ def via_instants(duration: float) -> Array:
 
 def _room(robot: Robot, reach: float) -> tuple[Array, Array]:
     """Least and largest position, `reach` about home and within the limits."""
-    low = np.maximum(robot.home - reach, np.minimum(robot.position_lower + _MARGIN, robot.home))
-    high = np.minimum(robot.home + reach, np.maximum(robot.position_upper - _MARGIN, robot.home))
+    low = np.maximum(
+        robot.home - reach, np.minimum(robot.position_lower + _LIMIT_MARGIN, robot.home)
+    )
+    high = np.minimum(
+        robot.home + reach, np.maximum(robot.position_upper - _LIMIT_MARGIN, robot.home)
+    )
     return low, high

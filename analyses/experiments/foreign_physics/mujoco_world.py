@@ -27,15 +27,15 @@ LOG_STEP = 0.01  # s
 POSITION_STEP = 1e-4  # rad
 VELOCITY_NOISE_SD = 0.002  # rad/s
 CURRENT_STEP = 0.005  # A
-STIFFNESS = 2500.0  # 1/s^2, k_p
-DAMPING = 100.0  # 1/s, k_d
+CONTACT_STIFFNESS = 2500.0  # 1/s^2, k_p
+CONTACT_DAMPING = 100.0  # 1/s, k_d
 PUSH_DAMPING = 25.0  # 1/s, of the axis that a force is asked for along
 FORCE_GAIN = 4.0  # 1/s, of the integrator on the measured force
 LARGEST_CORRECTION = 100.0  # N
 ELASTIC_DAMPING = 8.0  # N m s/rad, of a gear's spring: less rings at 1 kHz
 # Of a touch, softer than MuJoCo's own, with which an arm bounces
-SOLIMP = (0.5, 0.95, 0.003, 0.5, 2.0)
-SOLREF = (0.04, 1.0)  # s, and share of critical damping
+TOUCH_SOLIMP = (0.5, 0.95, 0.003, 0.5, 2.0)
+TOUCH_SOLREF = (0.04, 1.0)  # s, and share of critical damping
 MOTOR_MASS = 1e-6  # kg, of a rotor that has its inertia as armature; MuJoCo wants a body
 
 # `require_stable` says what is wrong; MuJoCo would write MUJOCO_LOG.TXT into the working folder
@@ -157,7 +157,11 @@ class _World:
     def _control(self, k: int) -> Array:
         scene, nominal = self._scene, self._nominal_data
         q, v = self.q, self.v
-        vdot = scene.vdot[k] + STIFFNESS * (scene.q[k] - q) + DAMPING * (scene.v[k] - v)
+        vdot = (
+            scene.vdot[k]
+            + CONTACT_STIFFNESS * (scene.q[k] - q)
+            + CONTACT_DAMPING * (scene.v[k] - v)
+        )
         nominal.qpos[:], nominal.qvel[:] = q, v
         push = 0.0
         if scene.push is not None and scene.push[k] > 0.0 and self._has_touched:
@@ -232,8 +236,8 @@ def _true_model(arm: TrueArm, scene: Scene) -> mujoco.MjModel:
             pos=scene.plane_point,
             quat=_turn_of_z(scene.plane_normal),
             friction=[scene.plane_friction, 0.0, 0.0],
-            solimp=SOLIMP,
-            solref=SOLREF,
+            solimp=TOUCH_SOLIMP,
+            solref=TOUCH_SOLREF,
         )
         for radius, centre_E in tool.balls():
             last.add_geom(
@@ -241,8 +245,8 @@ def _true_model(arm: TrueArm, scene: Scene) -> mujoco.MjModel:
                 size=[radius, 0.0, 0.0],
                 pos=arm.chain.p_LE + R_LE @ centre_E,
                 friction=[scene.plane_friction, 0.0, 0.0],
-                solimp=SOLIMP,
-                solref=SOLREF,
+                solimp=TOUCH_SOLIMP,
+                solref=TOUCH_SOLREF,
             )
     if scene.load is not None:
         mass, centre_E = scene.load

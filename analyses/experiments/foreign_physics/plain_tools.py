@@ -1,8 +1,9 @@
 """What anyone has without this project: least squares, a first-order observer, pinv(J^T).
 
 Least squares of inertial parameters, rotors, Coulomb (sign of the velocity) and viscous friction on
-the identification logs, low-passed at CUTOFF both ways; the momentum observer of the same gain as
-that of `estimate`; eq. 22 of the article. Only the chain's regressor and its kinematics are ours.
+the identification logs, low-passed at CUTOFF_FREQUENCY both ways; the momentum observer of the same
+gain as that of `estimate`; eq. 22 of the article. Only the chain's regressor and its kinematics are
+ours.
 """
 
 from dataclasses import dataclass
@@ -16,11 +17,11 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
-CUTOFF = 7.5  # Hz
-DECIMATION = 4
+CUTOFF_FREQUENCY = 7.5  # Hz
+ROW_STRIDE = 4
 K_0 = 20.0  # 1/s, the default of `estimate`
-NOTHING = 1e-9  # of the largest column of the regressor
-SLOW = 0.02  # rad/s, below which the sign of the velocity is not used for the fit
+MIN_COLUMN_RATIO = 1e-9  # of the largest column of the regressor
+MIN_SIGN_SPEED = 0.02  # rad/s, below which the sign of the velocity is not used for the fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,21 +45,21 @@ class PlainModel:
         n = robot.num_joints
         rows, torques = [], []
         for log in logs:
-            b, a = butter(4, CUTOFF, fs=1.0 / log.time_step)
+            b, a = butter(4, CUTOFF_FREQUENCY, fs=1.0 / log.time_step)
             q, v, tau = (filtfilt(b, a, x, axis=0) for x in (log.q, log.v, _torque(robot, log)))
             vdot = np.gradient(v, log.time_step, axis=0)
-            part = slice(20, -20, DECIMATION)
+            part = slice(20, -20, ROW_STRIDE)
             A = robot.chain.regressor(q[part], v[part], vdot[part]).reshape(-1, n, 10 * n)
             joint = np.eye(n)
             columns = (vdot[part], np.sign(v[part]), v[part])
             drives = [column[:, :, None] * joint for column in columns]
-            moves = (np.abs(v[part]) > SLOW).reshape(-1)
+            moves = (np.abs(v[part]) > MIN_SIGN_SPEED).reshape(-1)
             all_columns = np.concatenate([A, *drives], axis=2).reshape(-1, 13 * n)
             rows.append(all_columns[moves])
             torques.append(tau[part].reshape(-1)[moves])
         system, y = np.concatenate(rows), np.concatenate(torques)
         size = np.linalg.norm(system, axis=0)
-        size[size < NOTHING * size.max()] = np.inf  # no torque depends on these
+        size[size < MIN_COLUMN_RATIO * size.max()] = np.inf  # no torque depends on these
         x = np.linalg.lstsq(system / size, y, rcond=1e-8)[0] / size
         inertial, rest = x[: 10 * n].reshape(n, 10), x[10 * n :].reshape(3, n)
         chain = robot.chain.with_inertial_parameters(inertial, rest[0])

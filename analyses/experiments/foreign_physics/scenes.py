@@ -6,7 +6,7 @@ import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 
-FOOT = 0.003  # m, radius of a flat tool's feet
+FOOT_RADIUS = 0.003  # m, radius of a flat tool's feet
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Tool:
             return [(self.radius, np.array([0.0, 0.0, self.reach]))]
         angles = 2.0 * np.pi * np.arange(3) / 3.0
         x, y = self.radius * np.cos(angles), self.radius * np.sin(angles)
-        return [(FOOT, np.array([x[k], y[k], self.reach - FOOT])) for k in range(3)]
+        return [(FOOT_RADIUS, np.array([x[k], y[k], self.reach - FOOT_RADIUS])) for k in range(3)]
 
 
 @dataclass(frozen=True, eq=False)

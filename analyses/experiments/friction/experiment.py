@@ -25,7 +25,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     line_of,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
-    FAST,
+    FAST_GAIN,
     EstimatorVariant,
     against_lagged,
     known_friction,
@@ -49,7 +49,7 @@ from wrenchsight.analyses.study.experiment import (
 )
 
 SCENARIO = "FrictionAtReversal"
-NEAR = 0.02  # of the time, to either side of the middle: "near the reversal"
+REVERSAL_SHARE = 0.02  # of the time, to either side of the middle: "near the reversal"
 BEFORE, AFTER = "coulomb-viscous", "semi-parametric"
 VARIANTS = (
     EstimatorVariant("coulomb_viscous", "article: Coulomb-viscous", "initial", BEFORE),
@@ -58,7 +58,12 @@ VARIANTS = (
     EstimatorVariant("bayesian", "semi-parametric, bayesian", "initial", AFTER, "bayesian"),
     EstimatorVariant("force_only", "semi-parametric, force_only", "initial", AFTER, "force_only"),
     EstimatorVariant(
-        "ours", f"semi-parametric, bayesian, K$_0$ = {FAST:g}", "initial", AFTER, "bayesian", FAST
+        "ours",
+        f"semi-parametric, bayesian, K$_0$ = {FAST_GAIN:g}",
+        "initial",
+        AFTER,
+        "bayesian",
+        FAST_GAIN,
     ),
 )
 
@@ -99,14 +104,15 @@ NOTES = (
     "(reduced by <reduction_rmse_z_pct:.1f> %); largest error "
     "<coulomb_viscous.max_error_z_n:.1f> and <semi_parametric.max_error_z_n:.1f> N (by "
     "<reduction_max_z_pct:.1f> %).",
-    f"Within {100 * NEAR:g} % of the time of the reversal the RMSE is reduced by "
+    f"Within {100 * REVERSAL_SHARE:g} % of the time of the reversal the RMSE is reduced by "
     "<near_reversal.reduction_rmse_z_pct:.1f> %, the largest error by "
     "<near_reversal.reduction_max_z_pct:.1f> %. Against the true force behind "
     "the same low-pass: <without_lag.reduction_rmse_z_pct:.1f> and "
     "<without_lag.reduction_max_z_pct:.1f> %.",
     "The lag of K_0 = 20 behind the hand is <lag_alone.rmse_z_n:.2f> N RMS in Z, the error with "
     "the true friction <known_friction.rmse_z_n:.2f> N.",
-    f"Bayesian with K_0 = {FAST:g}: <ours.rmse_x_n:.2f> <ours.rmse_y_n:.2f> <ours.rmse_z_n:.2f> N; "
+    f"Bayesian with K_0 = {FAST_GAIN:g}: <ours.rmse_x_n:.2f> <ours.rmse_y_n:.2f> "
+    "<ours.rmse_z_n:.2f> N; "
     "the article's law and reading: <semi_parametric.rmse_x_n:.2f> "
     "<semi_parametric.rmse_y_n:.2f> <semi_parametric.rmse_z_n:.2f> N (X Y Z).",
     "Inside the stated 95 % band: "
@@ -169,7 +175,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
     middle = 0.5 * motion.one_way
     for key, entry in readings.items():
-        near = np.abs(entry.t - middle) <= NEAR * motion.one_way
+        near = np.abs(entry.t - middle) <= REVERSAL_SHARE * motion.one_way
         part = entry.part(near).metrics()
         metrics[key]["near_reversal"] = {
             name: value for name, value in part.items() if name.startswith(("rmse", "max"))

@@ -30,7 +30,7 @@ import numpy as np
 
 from wrenchsight.analyses.data_sets.places import data_set_folder, find_data_set
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
-    POSTURES,
+    HOME_DEPARTURES,
     SeparatedFriction,
     reversal_recordings,
     semi_parametric_model,
@@ -159,7 +159,9 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
         if law not in results:
             config = replace(plain, friction=law)
             results[law] = identify([log.recording], robot, [other.recording], config)
-    postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if context.quick else POSTURES)
+    postures = np.asarray(robot.home) + np.asarray(
+        HOME_DEPARTURES[-2:] if context.quick else HOME_DEPARTURES
+    )
     context.progress(0.6 * share, "simulated arm, reversals")
     recordings = reversal_recordings(robot, postures, seed=context.seed)
     separated = separate_recordings(

@@ -17,7 +17,7 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
 )
 from wrenchsight.analyses.methods.identify.identification_figures import torque_figure
 from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit, rms
-from wrenchsight.analyses.methods.simulate.simulated_logs import PERIODS, ROBOT
+from wrenchsight.analyses.methods.simulate.simulated_logs import NUM_PERIODS, ROBOT
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -63,7 +63,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=_figures(fit, robot.joint_names),
         comparison=_comparison(),
         notes=NOTES,
-        configuration={"periods": 1 if context.quick else PERIODS, "identification": result.config},
+        configuration={
+            "periods": 1 if context.quick else NUM_PERIODS,
+            "identification": result.config,
+        },
     )
 
 

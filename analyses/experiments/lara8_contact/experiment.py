@@ -60,10 +60,10 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.signals.bands import SIGMA_95
 
 SWEEP: Final = "joint3_sweep"
-_JOINT: Final = 2  # joint 3, counted from 0
+_SWEPT_JOINT: Final = 2  # joint 3, counted from 0
 _THESIS: Final = "thesis of the data's source"
 _BY_URDF: Final = "summary.joint3_urdf_rmse_nm"
-_LOADED = 20.0  # N m, from which a joint's friction shows its share of the load
+_LOADED_TORQUE = 20.0  # N m, from which a joint's friction shows its share of the load
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -92,7 +92,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     if sweep is not None:
         metrics["source"] = _source(context.data, readings)
         metrics["summary"] = {
-            f"joint3_{variant}_rmse_nm": metrics[SWEEP]["moving"][variant]["rmse_nm"][_JOINT]
+            f"joint3_{variant}_rmse_nm": metrics[SWEEP]["moving"][variant]["rmse_nm"][_SWEPT_JOINT]
             for variant in variants
         }
     context.progress(0.9, "figures")
@@ -160,8 +160,8 @@ def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) ->
     J = log.robot.chain.jacobian(raw.q)
     halves = raw.extra["sensor"].reshape(-1, 2, 3)[:, ::-1]  # moment, force
     wrench = np.einsum("kij,kpj->kpi", R_WE, halves).reshape(-1, 6)
-    truth = np.einsum("ki,ki->k", J[:, :, _JOINT], wrench)
-    moving = np.abs(raw.v[:, _JOINT]) > REST_SPEED
+    truth = np.einsum("ki,ki->k", J[:, :, _SWEPT_JOINT], wrench)
+    moving = np.abs(raw.v[:, _SWEPT_JOINT]) > REST_SPEED
 
     def errors(tau: Array) -> dict[str, float]:
         error = tau - truth
@@ -171,10 +171,10 @@ def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) ->
         }
 
     by_current = raw.extra["tau_target"] - raw.current
-    result = {"current": errors(by_current[:, _JOINT])}
+    result = {"current": errors(by_current[:, _SWEPT_JOINT])}
     for variant in log.variants:
         reading = readings[SWEEP, variant]
-        tau = np.interp(raw.t, reading.log.recording.t, reading.batch.tau_ext[:, _JOINT])
+        tau = np.interp(raw.t, reading.log.recording.t, reading.batch.tau_ext[:, _SWEPT_JOINT])
         result[variant] = errors(tau)
     return result
 
@@ -221,7 +221,7 @@ def _load_share(log: Lara8Log) -> list[float | None]:
     """
     law = controller_friction(log.name, load_share=np.zeros(NUM_JOINTS))
     reading = read_log(log, "urdf", law)
-    rows = log.moving & (np.abs(reading.transmitted) > _LOADED)
+    rows = log.moving & (np.abs(reading.transmitted) > _LOADED_TORQUE)
     rows[: round(5.0 / K_0 / log.recording.time_step)] = False
 
     def share(error: Array, v: Array, load: Array) -> Any:
@@ -303,9 +303,11 @@ NOTES = (
     "<source.controller_model.all_rows_rmse_nm:.2f> N m; the source states 6.483 N m by current "
     "(here <source.current.all_rows_rmse_nm:.3f>) and 2.671 N m by a network.",
     "The same joint without friction's share of the load: "
-    f"<parts.{SWEEP}.friction_without_load.{_JOINT}:.1f> N m; with friction fitted to this sensor "
-    f"<parts.{SWEEP}.friction_fitted_to_this_sensor.{_JOINT}:.1f> N m.",
-    f"Nothing was fitted on this arm. Friction's share of the load, {LOAD_SHARE[_JOINT]:g} N m per "
+    f"<parts.{SWEEP}.friction_without_load.{_SWEPT_JOINT}:.1f> N m; with friction fitted to this "
+    "sensor "
+    f"<parts.{SWEEP}.friction_fitted_to_this_sensor.{_SWEPT_JOINT}:.1f> N m.",
+    f"Nothing was fitted on this arm. Friction's share of the load, {LOAD_SHARE[_SWEPT_JOINT]:g} "
+    "N m per "
     "N m, and the observer's gain are a UR10e's; the rest is stated with the data.",
 )
 

@@ -23,7 +23,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
 )
 from wrenchsight.analyses.methods.place.particle_swarm import SwarmConfig
 from wrenchsight.analyses.methods.place.placement import (
-    EFFORT,
+    DEFAULT_EFFORT,
     EFFORT_WITH_CLEARANCE,
     PlacementRequest,
     place,
@@ -48,10 +48,12 @@ from wrenchsight.models.planning.placement.placement_task import load_task
 from wrenchsight.models.robot.robot import Robot
 
 NUM_SEEDS, NUM_SEEDS_QUICK = 10, 2
-_OPTIMA = 2  # stated: the narrow one, and the wide one beside it
-SWARM, SWARM_QUICK = SwarmConfig(), SwarmConfig(num_iterations=15)
+_NUM_OPTIMA = 2  # stated: the narrow one, and the wide one beside it
+SWARM_CONFIG, SWARM_CONFIG_QUICK = SwarmConfig(), SwarmConfig(num_iterations=15)
 # Only to compile the kernels, so that times tell of the search alone.
-_FIRST = SearchEffort(num_samples=500, num_poses=2, num_starts=2, num_rounds=1, num_solves=1)
+_COMPILING_EFFORT = SearchEffort(
+    num_samples=500, num_poses=2, num_starts=2, num_rounds=1, num_solves=1
+)
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     task, source = load_task("linear_path")
     seeds = range(context.seed, context.seed + (NUM_SEEDS_QUICK if context.quick else NUM_SEEDS))
     context.progress(0.0, "first run")
-    place(task, source, robot, PlacementRequest(effort=_FIRST, may_overlap=True))
+    place(task, source, robot, PlacementRequest(effort=_COMPILING_EFFORT, may_overlap=True))
     short_swarm = PlacementRequest(
         solver="pso-ga", swarm=SwarmConfig(num_iterations=1), may_overlap=True
     )
@@ -88,7 +90,7 @@ def linear_path(context: ExperimentContext) -> LinearPath:
         from_seeds.append(place(unguided, source, robot, replace(kinematic, seed=seed)))
     for index, seed in enumerate(seeds):
         context.progress(0.4 + 0.4 * index / len(seeds), f"PSO-GA, seed {seed}")
-        swarm = SWARM_QUICK if context.quick else SWARM
+        swarm = SWARM_CONFIG_QUICK if context.quick else SWARM_CONFIG
         request = replace(kinematic, solver="pso-ga", seed=seed, swarm=swarm)
         swarms.append(place(unguided, source, robot, request))
     context.progress(0.8, "with table and clearance")
@@ -145,7 +147,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "with_table": table.figures(),
     }
     # Later optima are not met by every search; at a table only the best one is met by all.
-    metrics["optima"] = metrics["optima"][:_OPTIMA]
+    metrics["optima"] = metrics["optima"][:_NUM_OPTIMA]
     metrics["with_table"]["optima"] = metrics["with_table"]["optima"][:1]
     metrics["optimised"]["smallest_own_distance_m"] = outcome.link_distance["optimised"]
     metrics["article"]["smallest_own_distance_m"] = {
@@ -168,9 +170,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "seed": context.seed,
             "task": main.task,
             "table_task": table.task,
-            "effort": EFFORT,
+            "effort": DEFAULT_EFFORT,
             "effort_with_clearance": EFFORT_WITH_CLEARANCE,
-            "swarm": SWARM_QUICK if context.quick else SWARM,
+            "swarm": SWARM_CONFIG_QUICK if context.quick else SWARM_CONFIG,
             "seeds": [result.seed for result in outcome.from_seeds],
         },
     )

@@ -4,10 +4,10 @@ Experiment `live`: wrench error, rate and latency of a UR10e read by `watch --tr
 
 The model is fitted on the three unloaded runs. Two other contact-free logs of the same arm, and one
 with a known load, are read as `watch replay://LOG?rate=0 --track` reads them,
-sample by sample, with all its defaults. All samples from FROM on are judged, valid or not. Below
-`valid` are those that a controller may use; below `untracked` the same without `--track`. Where
-nothing touches the arm the truth is zero. A load's truth is its weight and inertia at its point of
-action, found from the first 10 s of the untracked reading.
+sample by sample, with all its defaults. All samples from START_TIME on are judged, valid or not.
+Below `valid` are those that a controller may use; below `untracked` the same without `--track`.
+Where nothing touches the arm the truth is zero. A load's truth is its weight and inertia at its
+point of action, found from the first 10 s of the untracked reading.
 
 `replay` and `rtde` are one log at real time: from its file, and from a controller of ours on this
 computer that plays it at 500 Hz. The process that `watch` starts reads them. Latency is the time
@@ -30,7 +30,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import
     bar_rows,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    LOADS,
+    LOAD_MASSES,
     log_file,
     presliding_arm,
 )
@@ -61,20 +61,20 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
 
-FROM = 5.0  # s
-MARGIN = 1.0  # s at the end, in which the reference's filter has an edge
+START_TIME = 5.0  # s
+END_MARGIN = 1.0  # s at the end, in which the reference's filter has an edge
 QUICK_TIME = 12.0  # s of a log, in a shortened run
-PLAYED = "ur-20_02_19_14harm50sec"
+PLAYED_LOG = "ur-20_02_19_14harm50sec"
 PLAYED_TIME = 15.0, 6.0  # s; in a shortened run
-STEP = 0.002  # s, of the controller
-SETTLED = 2.0  # s, after which latency counts
+CONTROLLER_PERIOD = 0.002  # s, of the controller
+SETTLING_TIME = 2.0  # s, after which latency counts
 LOGS = ("ur-20_02_19_15harm50sec", "ur-19_12_23_free", "ur-19_12_23_load")
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log with and without tracking, and two sources at real time."""
     robot, model = presliding_arm(context, 0.3)
-    masses = {name: LOADS[name] for name in LOGS}
+    masses = {name: LOAD_MASSES[name] for name in LOGS}
     metrics: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "model.yaml"
@@ -90,7 +90,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             metrics[log] = {**judged(tracked, truth), "untracked": judged(plain, truth)}
         context.progress(0.9, "at real time")
         seconds = PLAYED_TIME[context.quick]
-        metrics |= sources(log_file(context.data, PLAYED), path, robot, seconds)
+        metrics |= sources(log_file(context.data, PLAYED_LOG), path, robot, seconds)
     rows = {
         "inside [%]": [metrics[log] for log in masses],
         "inside, without --track [%]": [metrics[log]["untracked"] for log in masses],
@@ -99,7 +99,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         label: axes_of([log_metrics["inside_95_pct"] for log_metrics in by_log])
         for label, by_log in rows.items()
     }
-    conditions = f"by log, as `watch --track` reads them after {FROM:g} s, and without."
+    conditions = f"by log, as `watch --track` reads them after {START_TIME:g} s, and without."
     return ExperimentResult(
         metrics=metrics,
         figures=[
@@ -155,7 +155,7 @@ def truth_of(readings: list[Reading], robot: Robot, model: IdentifiedModel, mass
 def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
     """Coverage, RMSE and share of valid samples of the force, against a truth (N, 3) N, by axis."""
     t = np.array([r.t for r in readings])
-    judged_rows = (t >= t[0] + FROM) & (t <= t[-1] - MARGIN)
+    judged_rows = (t >= t[0] + START_TIME) & (t <= t[-1] - END_MARGIN)
     judged_rows &= np.array([not r.dropout for r in readings])
     valid = np.array([r.valid for r in readings])
     error = np.array([r.wrench[3:] for r in readings]) - truth
@@ -182,7 +182,7 @@ def sources(log: Path, model: Path, robot: Robot, seconds: float) -> dict[str, A
     recording = read_recording(log, robot=robot)
     recording = recording[recording.t < recording.t[0] + seconds + 1.0]
     metrics = {"replay": source_metrics(f"replay://{quote(str(log))}", model, seconds)}
-    uniform = resampled(recording, STEP)
+    uniform = resampled(recording, CONTROLLER_PERIOD)
     with RtdeController([uniform], port=0) as controller:
         url = f"rtde://127.0.0.1:{controller.port}"
         metrics["rtde"] = source_metrics(url, model, seconds)
@@ -205,7 +205,7 @@ def source_metrics(url: str, model: Path, seconds: float) -> dict[str, Any]:
     t = np.array(times)
     steps = np.diff(t)
     step = float(np.median(steps))
-    p50, p99 = 1e3 * np.percentile(np.array(latencies)[t > t[0] + SETTLED], [50, 99])
+    p50, p99 = 1e3 * np.percentile(np.array(latencies)[t > t[0] + SETTLING_TIME], [50, 99])
     return {
         "rate_hz": 1.0 / step,
         "lost": bridged + int(np.round(steps / step - 1.0).clip(0.0).sum()),
@@ -216,7 +216,8 @@ def source_metrics(url: str, model: Path, seconds: float) -> dict[str, Any]:
 
 def _comparison() -> list[ComparisonRow]:
     inside = (
-        f"Inside the stated 95 % band, x y z, read live with friction followed, after {FROM:g} s"
+        "Inside the stated 95 % band, x y z, read live with friction followed, "
+        f"after {START_TIME:g} s"
     )
     rows = {
         "a week after the fit": "ur-20_02_19_15harm50sec.inside_95_pct",

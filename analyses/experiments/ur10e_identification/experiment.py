@@ -15,7 +15,7 @@ from typing import Any
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    VALIDATED,
+    VALIDATION_LOGS,
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.identify.identification import IdentificationResult
@@ -160,7 +160,7 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-_HARMONIC, _RESTS = VALIDATED
+_HARMONIC, _RESTS = VALIDATION_LOGS
 NOTES = (
     "Held-out RMSE of the law that cross-validation chose, `<best.law:>`: "
     f"<best.validation.{_HARMONIC}.rmse_nm:.2f> N m, joints 1 to 6 (plain Coulomb-viscous "

@@ -41,9 +41,9 @@ import numpy as np
 
 from wrenchsight.analyses.data_sets.places import data_set_folder
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
-    INNER,
-    MASS,
+    INNER_ROWS,
     METHODS,
+    PAYLOAD_MASS,
     REFERENCE_CUTOFF,
     AtLoad,
     estimate_run,
@@ -54,8 +54,8 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
-    LOADED,
-    VALIDATED,
+    LOADED_LOG,
+    VALIDATION_LOGS,
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
@@ -86,7 +86,7 @@ from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
 
-UNLOADED = VALIDATED["14harm50sec"]
+UNLOADED_LOG = VALIDATION_LOGS["14harm50sec"]
 # Whether the force at the point of action has a mean, and the noise a scale of its own.
 POINT_RULES = {
     "mean_and_noise": (True, True),  # the one in use
@@ -101,25 +101,25 @@ def run(context: ExperimentContext) -> ExperimentResult:
     model = identify_ur10e(context.data, robot, progress=context.part(0.0, 0.3)).model
     context.progress(0.3, "estimating over the loaded run")
     ur10e = data_set_folder(FOLDER, context.data)
-    loaded, batch = estimate_run(ur10e / LOADED, robot, model)
-    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF)[INNER]
+    loaded, batch = estimate_run(ur10e / LOADED_LOG, robot, model)
+    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF)[INNER_ROWS]
 
     context.progress(0.4, "finding the prior")
     Sigma_tau = model.residual_covariance
-    J, tau_ext = batch.J[INNER], batch.tau_ext[INNER]
+    J, tau_ext = batch.J[INNER_ROWS], batch.tau_ext[INNER_ROWS]
     prior = evidence_prior(J, tau_ext, Sigma_tau)
     *free, noise_scale = evidence_prior_and_noise(J, tau_ext, Sigma_tau)
     priors = dict.fromkeys(METHODS, prior) | {"bayesian_live_prior": live_prior(robot.payload)}
     readings = _at_flange(batch, Sigma_tau, priors)
 
     context.progress(0.7, "the same over an unloaded run")
-    _, empty = estimate_run(ur10e / UNLOADED, robot, model)
+    _, empty = estimate_run(ur10e / UNLOADED_LOG, robot, model)
     unloaded = _at_flange(empty, Sigma_tau, {"bayesian": prior})["bayesian"]
     metrics: dict[str, Any] = {
         name: payload_metrics(estimate, direction) for name, estimate in readings.items()
     }
     metrics |= {
-        "true_mass_kg": MASS,
+        "true_mass_kg": PAYLOAD_MASS,
         "prior": {
             "force_sd_n": prior[0],
             "moment_sd_nm": prior[1],
@@ -132,18 +132,18 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "noise_factor": noise_scale,
         },
         "unloaded": {
-            "observed_torque_rms_nm": rms(empty.tau_ext[INNER]),
+            "observed_torque_rms_nm": rms(empty.tau_ext[INNER_ROWS]),
             "stated_torque_sd_nm": np.sqrt(np.diag(Sigma_tau)),
             "bayesian_force_rms_n": rms(unloaded.wrench[:, 3:]),
         },
         "condition_number": {
-            "median": float(np.median(batch.condition_number[INNER])),
-            "max": float(np.max(batch.condition_number[INNER])),
+            "median": float(np.median(batch.condition_number[INNER_ROWS])),
+            "max": float(np.max(batch.condition_number[INNER_ROWS])),
         },
     }
     context.progress(0.72, "the best friction law")
     best_model = identify_ur10e(context.data, robot, IdentificationConfig(friction="best"))
-    at_load, best_readings = _with_best_law(ur10e / LOADED, robot, best_model.model, direction)
+    at_load, best_readings = _with_best_law(ur10e / LOADED_LOG, robot, best_model.model, direction)
     metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics}
     context.progress(0.9, "figures")
     return ExperimentResult(
@@ -151,7 +151,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=(
             (
                 "payload_force",
-                _figure(loaded.t[INNER] - loaded.t[0], readings["bayesian"], direction),
+                _figure(loaded.t[INNER_ROWS] - loaded.t[0], readings["bayesian"], direction),
                 "Force on the flange over the loaded run: Bayesian reading with its 95 % band, and "
                 "the payload's weight and inertia.",
             ),
@@ -178,7 +178,7 @@ def _at_flange(
     readings = {}
     for name, prior in priors.items():
         reconstruction = WrenchReconstruction(METHODS[name].with_prior(*prior), Sigma_tau)
-        readings[name] = reconstruction.reconstruct(batch.J[INNER], batch.tau_ext[INNER])
+        readings[name] = reconstruction.reconstruct(batch.J[INNER_ROWS], batch.tau_ext[INNER_ROWS])
     return readings
 
 
@@ -188,7 +188,7 @@ def _with_best_law(
     """Readings at the point of action, and the metrics of those at the flange."""
     loaded, batch = estimate_run(log, robot, model)
     Sigma_tau = model.residual_covariance
-    prior = evidence_prior(batch.J[INNER], batch.tau_ext[INNER], Sigma_tau)
+    prior = evidence_prior(batch.J[INNER_ROWS], batch.tau_ext[INNER_ROWS], Sigma_tau)
     flange: dict[str, Any] = {"force_sd_n": prior[0], "moment_sd_nm": prior[1]}
     readings = _at_flange(batch, Sigma_tau, dict.fromkeys(("bayesian", "force_only"), prior))
     flange |= {name: payload_metrics(estimate, direction) for name, estimate in readings.items()}
@@ -211,7 +211,11 @@ def _with_best_law(
 def _figure(t: Array, reading: WrenchEstimate, direction: Array) -> Figure:
     """The force's components with their 95 % band, and the truth; where invalid, shaded."""
     figure, axes = new_figure(3, 1, height=7.4, share_x=True)
-    signals = reading.wrench[:, 3:].T, reading.standard_deviation[:, 3:].T, MASS * direction.T
+    signals = (
+        reading.wrench[:, 3:].T,
+        reading.standard_deviation[:, 3:].T,
+        PAYLOAD_MASS * direction.T,
+    )
     for panel, name, force, sd, truth in zip(axes[:, 0], AXES, *signals, strict=True):
         style = {"step": "mid", "color": COLOUR["invalid"], "lw": 0, "zorder": 0}
         whole = panel.get_xaxis_transform()
@@ -284,7 +288,8 @@ NOTES = (
     "`<best.law:>` that the unloaded runs chose.",
     "Mass read there: <best.at_load.bayesian.mass_kg:.3f> kg (bayesian), "
     "<best.at_load.force_only.mass_kg:.3f> kg (`force_only`), "
-    f"<best.at_load.bayesian_zero_mean.mass_kg:.2f> kg (prior of mean zero); true: {MASS} kg.",
+    "<best.at_load.bayesian_zero_mean.mass_kg:.2f> kg (prior of mean zero); true: "
+    f"{PAYLOAD_MASS} kg.",
     f"With plain friction: {_errors('bayesian')} N (bayesian), {_errors('inverse')} N (eq. 22, "
     "<inverse.share_valid_pct:.0f> % of its samples valid); condition number up to "
     "<condition_number.max:.3g>.",

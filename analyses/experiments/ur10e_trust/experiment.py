@@ -37,7 +37,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import
     bar_rows,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    LOADS,
+    LOAD_MASSES,
     log_file,
     presliding_arm,
 )
@@ -85,8 +85,8 @@ TRACKED_FROM = 5.0  # s
 REST_SPEED = 0.01  # rad/s
 REST_TIME = 0.3  # s
 REVERSAL_TIME = 0.15  # s
-MARGIN = 100  # samples left out at both ends
-FEWEST = 30  # samples of a regime
+END_MARGIN_SAMPLES = 100  # samples left out at both ends
+MIN_REGIME_SAMPLES = 30  # samples of a regime
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -94,11 +94,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     robot, model = presliding_arm(context, 0.6)
     metrics: dict[str, Any] = {}
     renewed: dict[str, IdentifiedModel] = {}
-    for k, (log, mass) in enumerate(LOADS.items()):
-        context.progress(0.6 + 0.35 * k / len(LOADS), log)
+    for k, (log, mass) in enumerate(LOAD_MASSES.items()):
+        context.progress(0.6 + 0.35 * k / len(LOAD_MASSES), log)
         recording = read_recording(log_file(context.data, log), robot=robot)
-        log_metrics = _log_metrics(recording, mass, robot, _Reader(model), MARGIN)
-        begin = MARGIN
+        log_metrics = _log_metrics(recording, mass, robot, _Reader(model), END_MARGIN_SAMPLES)
+        begin = END_MARGIN_SAMPLES
         if mass == 0.0 and "sliding" in log_metrics:
             config = RefreshConfig(part=[0.0, REFRESH_SECONDS])
             renewed[log] = refresh_model(recording, robot, model, config).model
@@ -108,7 +108,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 error = replace(model.torque_error, drift_shown=drift)
                 model_with_drift = replace(model, torque_error=error)
                 reader = _Reader(model, model_with_drift)
-                widened = _log_metrics(recording, mass, robot, reader, MARGIN)
+                widened = _log_metrics(recording, mass, robot, reader, END_MARGIN_SAMPLES)
                 log_metrics["widened"] = {"drift": drift, **widened}
         if "sliding" in log_metrics:
             tracked_from = round(TRACKED_FROM / TIME_STEP)
@@ -276,7 +276,7 @@ def _log_metrics(
     """
     uniform = resampled(recording, TIME_STEP)
     judged = ~uniform.dropout
-    judged[:begin] = judged[-MARGIN:] = False
+    judged[:begin] = judged[-END_MARGIN_SAMPLES:] = False
     metrics: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
         config = _config(recording, method)
@@ -295,7 +295,7 @@ def _log_metrics(
         parts = {}
         for name, in_regime in regimes(uniform.v).items():
             rows = in_regime & judged
-            if rows.sum() >= FEWEST:
+            if rows.sum() >= MIN_REGIME_SAMPLES:
                 parts[name] = _counted(error[rows], sd[rows], reading.valid[rows])
         metrics |= parts if method == "force_only" else {method: parts}
     return metrics

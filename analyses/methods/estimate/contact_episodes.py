@@ -15,8 +15,8 @@ from wrenchsight.models.detection.link_odds import PlaceOdds
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.signals.exceedance_tail import MIN_EXCURSION_GAP
 
-LISTED = 1000  # contacts in metrics.json; further ones are only counted
-SHOWN = 8  # contacts that the command prints
+MAX_LISTED_CONTACTS = 1000  # contacts in metrics.json; further ones are only counted
+MAX_PRINTED_CONTACTS = 8  # contacts that the command prints
 FAR_CLOCK = 1e6  # s; with a clock that shows more, times are since the first sample
 
 
@@ -144,7 +144,7 @@ class ContactEpisodes:
         gap: s, between two contacts that count as one.
 
     Attributes:
-        contacts: the first LISTED ones that have ended.
+        contacts: the first MAX_LISTED_CONTACTS ones that have ended.
         num_contacts: of all that have ended.
     """
 
@@ -203,7 +203,7 @@ class ContactEpisodes:
         if self._open is None:
             return
         self.num_contacts += 1
-        if len(self.contacts) < LISTED:
+        if len(self.contacts) < MAX_LISTED_CONTACTS:
             self.contacts.append(self._open.finish())
         self._open = None
 
@@ -227,12 +227,12 @@ class ContactEpisodes:
         }
 
     def lines(self) -> list[str]:
-        """Sentences for the user: the first SHOWN contacts, and how many follow."""
+        """Sentences for the user: the first MAX_PRINTED_CONTACTS contacts, and how many follow."""
         if not self.contacts:
             return ["no contact found"]
         log_begin = self._log_begin or 0.0
         origin = log_begin if abs(log_begin) >= FAR_CLOCK else 0.0
-        lines = [contact.sentence(origin) for contact in self.contacts[:SHOWN]]
+        lines = [contact.sentence(origin) for contact in self.contacts[:MAX_PRINTED_CONTACTS]]
         num_further = self.num_contacts - len(lines)
         if num_further > 0:
             lines.append(f"{num_further} further contacts: see metrics.json")

@@ -27,9 +27,10 @@ from wrenchsight.models.detection.link_odds import (
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
 
-BEFORE, GUARD = 0.3, 0.05  # s before a contact, between which its baseline is read
-SAMPLES = 5  # of a contact, evenly spread over those of at least half of its largest size
-LONGEST = 2.0  # s, of a contact's piece: its error shows little about that of the next piece
+# s before a contact, between which its baseline is read
+BASELINE_TIME, CONTACT_GUARD_TIME = 0.3, 0.05
+NUM_SAMPLES = 5  # of a contact, evenly spread over those of at least half of its largest size
+MAX_PIECE_TIME = 2.0  # s, of a contact's piece: its error shows little about that of the next piece
 MOST_PIECES = 20
 
 
@@ -72,16 +73,19 @@ def stretches(flag: Flags) -> list[slice]:
 
 
 def _pieces(stretch: slice, t: Array) -> list[slice]:
-    """A stretch in equal pieces of at most LONGEST s; longer ones where MOST_PIECES are too few."""
+    """A stretch in equal pieces of at most MAX_PIECE_TIME s; longer ones where MOST_PIECES are too
+    few.
+    """
     begin, end = float(t[stretch.start]), float(t[stretch.stop - 1])
-    count = min(max(1, int(np.ceil((end - begin) / LONGEST))), MOST_PIECES)
+    count = min(max(1, int(np.ceil((end - begin) / MAX_PIECE_TIME))), MOST_PIECES)
     cuts = np.searchsorted(t, np.linspace(begin, end, count + 1)[1:-1])
     limits = [stretch.start] + [int(cut) for cut in cuts] + [stretch.stop]
     return [slice(start, stop) for start, stop in pairwise(limits) if stop > start]
 
 
 def torque_of_contacts(contact: Flags, t: Array, tau_ext: Array) -> Array:
-    """Torque (N, n) less its mean right before the contact, in the first LONGEST s of each; N m.
+    """Torque (N, n) less its mean right before the contact, in the first MAX_PIECE_TIME s of each;
+    N m.
 
     The errors of a model last longer than a push takes to come. Later they have changed: the torque
     stays as it is, as it does where a contact begins with the first sample.
@@ -94,11 +98,11 @@ def torque_of_contacts(contact: Flags, t: Array, tau_ext: Array) -> Array:
     result = tau_ext.copy()
     for stretch in stretches(contact):
         begin = t[stretch.start]
-        start, stop = np.searchsorted(t, (begin - BEFORE, begin - GUARD))
+        start, stop = np.searchsorted(t, (begin - BASELINE_TIME, begin - CONTACT_GUARD_TIME))
         baseline = tau_ext[start:stop][~contact[start:stop]]
         baseline = baseline[np.isfinite(baseline).all(axis=1)]
         if len(baseline):
-            end = min(int(np.searchsorted(t, begin + LONGEST)), stretch.stop)
+            end = min(int(np.searchsorted(t, begin + MAX_PIECE_TIME)), stretch.stop)
             result[stretch.start : end] -= baseline.mean(axis=0)
     return result
 
@@ -135,10 +139,10 @@ def judge_places(
 
 
 def _strong_rows(piece: slice, is_finite: Flags, size: Array) -> NDArray[np.int64]:
-    """At most SAMPLES indices of a piece, evenly spread over those of half its largest size."""
+    """At most NUM_SAMPLES indices of a piece, evenly spread over those of half its largest size."""
     indices = np.arange(piece.start, piece.stop)[is_finite[piece]]
     if not len(indices):
         return indices
     strong = indices[size[indices] >= 0.5 * size[indices].max()]
-    chosen = np.linspace(0, len(strong) - 1, min(SAMPLES, len(strong))).astype(int)
+    chosen = np.linspace(0, len(strong) - 1, min(NUM_SAMPLES, len(strong))).astype(int)
     return np.asarray(strong[chosen])

@@ -29,10 +29,17 @@ TORQUES = ("found", "currents", "external")
 SIGNS = ("found", ROBOT, ENVIRONMENT)
 LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a smaller prior means that nothing acts
 LEAST_TORQUE_SD = 1e-6  # N m
-LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat the log
+MIN_TIME_STEP, MAX_TIME_STEP = 1e-4, 10.0  # s; finer grids only repeat the log
 PRIORS = ("live", "log")
 FLOOR_SHARE = 1.0 / 3.0
-_POSITIVE = ("force_rate", "across_sd", "standing_across_sd", "moment_sd", "error_time", "block")
+_POSITIVE_KEYS = (
+    "force_rate",
+    "across_sd",
+    "standing_across_sd",
+    "moment_sd",
+    "error_time",
+    "block",
+)
 
 
 def _estimator_of_logs() -> WrenchEstimatorConfig:
@@ -165,8 +172,8 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     for name, number, least, largest in (
         ("damping", reconstruction.damping, 0.0, np.inf),
         ("truncation", reconstruction.truncation, 0.0, np.inf),
-        ("time_step", observer.time_step, LEAST_STEP, LONGEST),
-        ("max_gap", config.max_gap, 0.0, LONGEST),
+        ("time_step", observer.time_step, MIN_TIME_STEP, MAX_TIME_STEP),
+        ("max_gap", config.max_gap, 0.0, MAX_TIME_STEP),
     ):
         is_valid = bool(np.isfinite(number) and number >= 0)
         _require(is_valid, name, f"is {number}, expected zero or more", default)
@@ -181,7 +188,7 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     _require(are_valid, "torque_sd", problem, "give N m, one for all joints or one each")
     if config.contact.axis:
         ContactFrame.of(config.contact)
-        for name in _POSITIVE:
+        for name in _POSITIVE_KEYS:
             number = getattr(config.contact, name)
             is_valid = bool(np.isfinite(number) and number > 0.0)
             problem = f"is {number:g}, expected a positive number"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 FOLDER = "data_set"
 WRENCH, SD, VALID = "observation.wrench", "observation.wrench_sd", "observation.wrench_valid"
-_LATE = 1.5  # steps of the table that a frame may be later than its reading
+_MAX_FRAME_DELAY = 1.5  # steps of the table that a frame may be later than its reading
 
 
 def data_set_of(log: Path) -> DataSet | None:
@@ -75,7 +75,9 @@ def write_data_set(
         rows_before = np.searchsorted(t, stamps + 0.25 * step, side="right")
         row = np.maximum(rows_before - 1, 0)
         values = numbers[row]
-        is_read = np.isfinite(values).all(axis=1) & (np.abs(stamps - t[row]) < _LATE * step)
+        is_read = np.isfinite(values).all(axis=1) & (
+            np.abs(stamps - t[row]) < _MAX_FRAME_DELAY * step
+        )
         values[~is_read] = no_reading
         values_of_episode[episode.index] = values
     is_valid = {index: values[:, 12] > 0.5 for index, values in values_of_episode.items()}

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
 FAR_CLOCK = 1e6  # s; with a clock that shows more, time is drawn since the first sample
-_SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
+_MAX_CONDITION_NUMBER = 1e12  # condition number: beyond, rounding alone decides its digits
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
 _FAULTS = {
     BEYOND: "a position, speed, current or torque is beyond its joint's limits; check the log's "
@@ -137,7 +137,7 @@ class EstimateSummary:
         valid, sd = batch.valid, batch.standard_deviation
         condition = batch.condition_number
         self._condition.add(condition)
-        regular = condition < _SINGULAR
+        regular = condition < _MAX_CONDITION_NUMBER
         self._num_singular += int((~regular).sum())
         largest = float(condition.max(initial=0.0, where=regular))
         self._largest_condition = max(self._largest_condition, largest)

@@ -38,10 +38,12 @@ from wrenchsight.models.signals.first_order import low_pass
 LIVE_PAYLOAD = 10.0  # kg, of a wrench at an arm whose payload is not looked at
 ROW_TIME = 0.1  # s
 MOST_ROWS = 6000  # ten minutes
-MARGIN = 0.5  # s before and after a contact that are not contact-free
-SHORTEST = 4.0  # s of free motion that suffice for a refresh
-LITTLE = 0.5  # share of the model's unexplained torque, below which a joint's drift is not listed
-MOSTLY = 0.5  # share of contact beyond which the flag itself is doubtful: all rows are judged, with
+CONTACT_MARGIN = 0.5  # s before and after a contact that are not contact-free
+MIN_FREE_TIME = 4.0  # s of free motion that suffice for a refresh
+# share of the model's unexplained torque, below which a joint's drift is not listed
+MIN_LISTED_SHARE = 0.5
+# share of contact beyond which the flag itself is doubtful: all rows are judged, with
+MAX_CONTACT_SHARE = 0.5
 # a wrench at E among the explanations
 _ROW_COLUMNS = ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
 
@@ -142,14 +144,14 @@ class FrictionMonitor:
         return torque
 
     def _clear_of_contact(self, t: Array, is_free: Flags) -> Flags:
-        """(N,) samples MARGIN away from contact; also notes the longest stretch of them."""
-        reach = max(1, round(MARGIN / self._time_step))
+        """(N,) samples CONTACT_MARGIN away from contact; also notes the longest stretch of them."""
+        reach = max(1, round(CONTACT_MARGIN / self._time_step))
         touched = np.flatnonzero(~is_free)
         padded = np.zeros(len(t) + 1)
         np.add.at(padded, np.maximum(touched - reach, 0), 1.0)
         np.add.at(padded, np.minimum(touched + reach + 1, len(t)), -1.0)
         is_clear = np.cumsum(padded)[:-1] == 0.0
-        remaining_margin = max(MARGIN - self._time_since_contact, 0.0)
+        remaining_margin = max(CONTACT_MARGIN - self._time_since_contact, 0.0)
         is_clear[: round(remaining_margin / self._time_step)] = False
         if len(touched):
             self._time_since_contact = (len(t) - 1 - touched[-1]) * self._time_step
@@ -289,7 +291,7 @@ class FrictionMonitor:
     def _mostly_free(self) -> bool:
         """Whether the flags leave enough rows without contact."""
         is_free = np.concatenate(self._is_free)
-        return bool(len(is_free) and is_free.mean() >= 1.0 - MOSTLY)
+        return bool(len(is_free) and is_free.mean() >= 1.0 - MAX_CONTACT_SHARE)
 
     def _rows_of(self, is_chosen: Flags) -> ResidualRows | None:
         """The chosen rows; None where there is none."""
@@ -354,7 +356,7 @@ class FrictionMonitor:
         part = ""
         if load is not None and load.is_shown:
             log = "LOG (some seconds of free motion without the load)"
-        elif is_touched and end - begin >= SHORTEST:
+        elif is_touched and end - begin >= MIN_FREE_TIME:
             part = f" --part {np.ceil(10.0 * begin) / 10.0:g},{np.floor(10.0 * end) / 10.0:g}"
         elif is_touched:
             log = "LOG (some seconds of free motion)"
@@ -369,7 +371,7 @@ class FrictionMonitor:
         names = self._model.joint_names
         shares = [
             f"{names[j]} {100.0 * allowed_drift[j]:.0f} %"
-            for j in np.flatnonzero(added > LITTLE * rows.sd)
+            for j in np.flatnonzero(added > MIN_LISTED_SHARE * rows.sd)
         ]
         drift = "less than the model's unexplained torque"
         if shares:

@@ -19,7 +19,7 @@ from wrenchsight.analyses.methods.reference_sensor.comparison import (
 )
 from wrenchsight.analyses.methods.reference_sensor.reference_config import REFERENCE
 from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
-    BLOCK,
+    BLOCK_TIME,
     SensorLogCollector,
     SensorSamples,
 )
@@ -197,7 +197,7 @@ class LogReadings:
             return None
         log = self._sensor_log.log()
         if log is None:
-            problem = f"the log has no {BLOCK:g} s with readings to compare with"
+            problem = f"the log has no {BLOCK_TIME:g} s with readings to compare with"
             raise InputError("estimate", "--reference", problem, "record a longer log")
         return compare_with_sensor(log, self._settings.estimate.reference)
 

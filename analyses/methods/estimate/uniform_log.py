@@ -20,7 +20,7 @@ from wrenchsight.models.recordings.resampling import plausible_step, resample_ch
 from wrenchsight.models.robot.robot import Robot
 
 CHUNK_SAMPLES = 1 << 16  # samples of one chunk
-FAULT = "sample fault"
+FAULT_SIGNAL = "sample fault"
 """Signal of `Recording.extra`: 1 where a sample is missing because it is impossible; resampled,
 above 0 wherever such a sample would have counted."""
 
@@ -91,7 +91,7 @@ class SampleScreen:
                 v=v,
                 current=current,
                 dropout=chunk.dropout | is_impossible,
-                extra={**chunk.extra, FAULT: fault},
+                extra={**chunk.extra, FAULT_SIGNAL: fault},
             )
 
 
@@ -149,7 +149,7 @@ def completed(
 
 def fault_of(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
     """(N,) as `EstimateBatch.fault`, with the faults from before the log was resampled."""
-    log_fault = chunk.extra.get(FAULT)
+    log_fault = chunk.extra.get(FAULT_SIGNAL)
     if log_fault is None:
         return batch.fault
     # An interpolated sample beside a missing one is missing, too.
@@ -158,7 +158,7 @@ def fault_of(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
 
 def marked_current(chunk: Recording) -> Array:
     """(N, n) A, inf in samples that were BEYOND before the log was resampled."""
-    log_fault = chunk.extra.get(FAULT)
+    log_fault = chunk.extra.get(FAULT_SIGNAL)
     if log_fault is None:
         return chunk.current
     return np.asarray(np.where(log_fault[:, None] > LESS, np.inf, chunk.current))

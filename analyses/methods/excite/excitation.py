@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 # What a trajectory must keep in reserve at the samples, tried in this order.
 # The second goes on where the first ended, the others start from the next best random ones.
-RESERVES = (
+SOLVE_RESERVES = (
     Reserve(slack=0.004, torque_share=0.02),
     Reserve(slack=0.008, torque_share=0.05),
     Reserve(slack=0.008, torque_share=0.05),
@@ -54,12 +54,12 @@ RESERVES = (
 )
 # Where all of the solver's ends break a limit: parts of the way to the last one, from the random
 # motion that it came from. Where a solver ends depends on rounding; whether it finds one must not.
-RETREATS = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
+RETREAT_SHARES = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
 LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
-UNDETERMINED = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
-RAMPS = (0.5, 1.0, 1.5, 2.0)  # s, tried for a stop in this order
-_NAMED = 3  # lost shapes that a note names, or pairs that are in the way
+MIN_PIVOT_RATIO = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
+RAMP_TIMES = (0.5, 1.0, 1.5, 2.0)  # s, tried for a stop in this order
+_MAX_NAMED_SHAPES = 3  # lost shapes that a note names, or pairs that are in the way
 _HELD_POSTURES, _MIN_HELD = 1000, 0.01  # random ones, and the share that must be held at rest
 _ROOM_POSTURES = 100  # random ones, in which shapes that are too near are counted
 
@@ -205,7 +205,7 @@ def excite(
         slack = clearance.smooth_slack if clearance.has_shapes else None
         return ExcitationProgram(robot.chain, bounds, information, settings, slack, reserve)
 
-    first_program = program(RESERVES[0])
+    first_program = program(SOLVE_RESERVES[0])
     try:
         starts = _random_starts(first_program, config, progress)
     except NoTrajectoryError as error:
@@ -215,7 +215,9 @@ def excite(
     exact = replace(information, friction_velocity=0.0)
     random = np.array([exact.condition_number(*_period(start)) for start in starts])
     ranked = [starts[i] for i in np.argsort(random, kind="stable")]
-    programs = (first_program if k == 0 else program(reserve) for k, reserve in enumerate(RESERVES))
+    programs = (
+        first_program if k == 0 else program(reserve) for k, reserve in enumerate(SOLVE_RESERVES)
+    )
     for candidate in _candidates(programs, ranked, config, progress):
         checked = _checked(
             robot, clearance, candidate.solution, candidate.trajectory, config.time_step
@@ -226,7 +228,7 @@ def excite(
         _refuse(checked)
     trajectory = _with_stops(robot, checked, bounds, config)
     q, v, vdot = checked.motion
-    undetermined = tuple(exact.undetermined(q, v, vdot, UNDETERMINED))
+    undetermined = tuple(exact.undetermined(q, v, vdot, MIN_PIVOT_RATIO))
     unweighted = replace(exact, weight=np.ones(robot.num_joints))
     result = ExcitationResult(
         trajectory=trajectory,
@@ -254,11 +256,11 @@ def _with_stops(
 ) -> FourierTrajectory:
     """The trajectory with stops on its path, as many as its period and the limits leave room for.
 
-    Slowing down and speeding up add acceleration along the path: the shortest of RAMPS is taken
-    that keeps within the limits.
+    Slowing down and speeding up add acceleration along the path: the shortest of RAMP_TIMES is
+    taken that keeps within the limits.
     """
     for number in range(config.num_stops, 0, -1):
-        for ramp in RAMPS:
+        for ramp in RAMP_TIMES:
             if 2.0 * number * ramp > checked.trajectory.period:
                 break
             stops = Stops(number, config.stop_time, ramp)
@@ -305,10 +307,11 @@ def _candidates(
     config: ExcitationConfig,
     progress: ProgressCallback,
 ) -> Iterator[_Candidate]:
-    """The solver's ends, one for each of RESERVES, then parts of the way back (RETREATS).
+    """The solver's ends, one for each of SOLVE_RESERVES, then parts of the way back
+    (RETREAT_SHARES).
 
     Args:
-        programs: to solve, one for each of RESERVES.
+        programs: to solve, one for each of SOLVE_RESERVES.
         ranked: random motions, the best first.
     """
     expected_evaluations = 1.6 * config.iterations
@@ -325,7 +328,7 @@ def _candidates(
         solution = program.solve(start, config.iterations, report)
         yield _Candidate(solution, solution.trajectory)
         start = solution.trajectory
-    for share in RETREATS:
+    for share in RETREAT_SHARES:
         yield _Candidate(solution, _between(origin, solution.trajectory, share))
 
 
@@ -493,7 +496,7 @@ def _check(config: ExcitationConfig) -> None:
     for name, value, least, largest in ranges:
         if not least <= value <= largest:
             raise InputError("excite", name, f"{value:g}, expected {least:g} to {largest:g}")
-    stopped = config.num_stops * (config.stop_time + RAMPS[-1])
+    stopped = config.num_stops * (config.stop_time + RAMP_TIMES[-1])
     rows = config.num_periods * (1.0 / config.base_frequency + stopped) / config.time_step
     if rows > LONGEST_TABLE:
         problem = f"{config.num_periods} periods make {rows:.3g} rows, at most {LONGEST_TABLE:g}"
@@ -529,7 +532,7 @@ def _no_room(robot: Robot, clearance: Clearance, bounds: MotionBounds) -> InputE
         counts.update({(pair.first, pair.second) for pair in near})
     listed = ", ".join(
         f"{first} and {second} in {100 * count / len(postures):.0f} %"
-        for (first, second), count in counts.most_common(_NAMED)
+        for (first, second), count in counts.most_common(_MAX_NAMED_SHAPES)
     )
     problem = f"no trajectory found: too near each other in random postures are {listed}"
     remedy = f"lower clearance (now {clearance.margin:g} m) or the floor"
@@ -582,9 +585,14 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
         warnings.append(f"{robot.name} has no collision shapes: clearance is not checked")
     unusable = robot.unusable_collisions
     if unusable:
-        others = f" and {len(unusable) - _NAMED} more" if len(unusable) > _NAMED else ""
+        others = (
+            f" and {len(unusable) - _MAX_NAMED_SHAPES} more"
+            if len(unusable) > _MAX_NAMED_SHAPES
+            else ""
+        )
         warnings.append(
-            f"no usable collision shape for {', '.join(unusable[:_NAMED])}{others}: clearance from "
+            f"no usable collision shape for {', '.join(unusable[:_MAX_NAMED_SHAPES])}{others}: "
+            "clearance from "
             "these is not checked"
         )
     warnings += [

@@ -8,7 +8,7 @@ from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.numerics.arrays import Array
 
-_SENSOR = 22  # numbers of a row before the sensor's: t, force, covariance, axes
+_SENSOR_COLUMN = 22  # numbers of a row before the sensor's: t, force, covariance, axes
 _FORCE_COLUMNS = 3
 
 
@@ -44,7 +44,7 @@ class RowsBesideSensor:
     def hold_against(self, mounting: Mounting, force: float) -> None:
         """Compares the forces where the sensor's is larger than `force` (N)."""
         rows = self._rows.values()
-        t, estimate, covariance, R_WE, sensor = np.split(rows, (1, 4, 13, _SENSOR), axis=1)
+        t, estimate, covariance, R_WE, sensor = np.split(rows, (1, 4, 13, _SENSOR_COLUMN), axis=1)
         truth = mounting.on_robot(t[:, 0], sensor, R_WE.reshape(-1, 3, 3))[:, :_FORCE_COLUMNS]
         is_sensed = np.asarray(np.isfinite(truth).all(axis=1))
         truth = np.where(is_sensed[:, None], truth, 0.0)

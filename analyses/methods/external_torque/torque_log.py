@@ -22,7 +22,7 @@ from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
 from wrenchsight.models.robot.robot import Robot
 
-_CHUNK = 1 << 15  # rows of one chunk
+_CHUNK_ROWS = 1 << 15  # rows of one chunk
 
 
 def is_torque_log(log: Path, log_format: str | Path | None, torque: str) -> bool:
@@ -110,8 +110,8 @@ class TorqueLog:
             yield from self._sensed(reader)
             return
         for whole in reader.chunks():
-            for begin in range(0, whole.num_samples, _CHUNK):
-                chunk = whole[begin : begin + _CHUNK]
+            for begin in range(0, whole.num_samples, _CHUNK_ROWS):
+                chunk = whole[begin : begin + _CHUNK_ROWS]
                 if self.has_jacobian:
                     J = jacobians(chunk)
                 else:
@@ -138,8 +138,8 @@ class TorqueLog:
                 estimator = WrenchEstimator(robot, IdentifiedModel.nominal(robot), config)
                 state = estimator.initial_state()
                 settled = whole.t[0] + estimator.observer.settling_time
-            for begin in range(0, whole.num_samples, _CHUNK):
-                chunk = whole[begin : begin + _CHUNK]
+            for begin in range(0, whole.num_samples, _CHUNK_ROWS):
+                chunk = whole[begin : begin + _CHUNK_ROWS]
                 batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
                 is_read = batch.fresh & (chunk.t >= settled)
                 tau_ext = np.where(is_read[:, None], self._factor * batch.tau_ext, np.nan)

@@ -47,7 +47,7 @@ from wrenchsight.analyses.methods.reference_sensor.reference_config import (
     ReferenceConfig,
 )
 from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
-    BLOCK,
+    BLOCK_TIME,
     SensorLog,
     SensorLogCollector,
     SensorSamples,
@@ -76,7 +76,7 @@ from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.models.robot.robot import Robot
 
 _WRENCH_NUMBERS = 6
-_ROWS = 1 << 16  # of all logs for the evidence, and of each log for the comparison
+_MAX_ROWS = 1 << 16  # of all logs for the evidence, and of each log for the comparison
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,7 +397,7 @@ def _states_prior(reconstruction: WrenchReconstructionConfig) -> bool:
 
 def _evidence(logs: Sequence[TorqueLog], torque_sd: Array | None) -> Knowledge:
     """Prior and torque noise that the torques of all logs show; `torque_sd` as stated, if it is."""
-    J, tau_ext = EvenSample(_ROWS), EvenSample(_ROWS)
+    J, tau_ext = EvenSample(_MAX_ROWS), EvenSample(_MAX_ROWS)
     for log in logs:
         for _, J_rows, torque in log.chunks(log.reader()):
             J.add(J_rows)
@@ -435,7 +435,7 @@ class _Run:
         observer = replace(estimator.observer, time_step=step)
         self.config = replace(self.config, estimator=replace(estimator, observer=observer))
         if self.config.reference.columns:
-            self.sensor_log, self.rows = SensorLogCollector(step), RowsBesideSensor(_ROWS)
+            self.sensor_log, self.rows = SensorLogCollector(step), RowsBesideSensor(_MAX_ROWS)
 
     def loaded_rows(self) -> LogReading | None:
         """The rows beside the sensor; None where no sensor is named or none is in contact."""
@@ -533,7 +533,7 @@ def _compared(
             continue
         sensor_log = run.sensor_log.log()
         if sensor_log is None:
-            problem = f"{run.name} is shorter than {BLOCK:g} s: too short to compare with"
+            problem = f"{run.name} is shorter than {BLOCK_TIME:g} s: too short to compare with"
             raise InputError("estimate", "--reference", problem, "record a longer log")
         sensor_logs.append(sensor_log)
     mounting, notices = None, tuple[str, ...]()

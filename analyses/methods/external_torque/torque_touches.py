@@ -29,10 +29,10 @@ from wrenchsight.models.detection.torque_contact import (
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 
-_BEFORE = (0.2, 0.08)  # s before a contact, between which the arm's place of rest is read
-_FEWEST = 3  # contacts that determine the sign
-_AGREES = 0.5  # least size of the correlation that determines it
-_LOADED = 1.5  # sds of a torque sensor's reading, beyond which a joint is loaded
+_REST_TIMES = (0.2, 0.08)  # s before a contact, between which the arm's place of rest is read
+_MIN_CONTACTS = 3  # contacts that determine the sign
+_MIN_CORRELATION = 0.5  # least size of the correlation that determines it
+_LOADED_SDS = 1.5  # sds of a torque sensor's reading, beyond which a joint is loaded
 _LEAST_YIELD = 2e-6  # rad (m); less is rounding
 
 
@@ -51,7 +51,7 @@ class TorqueSign:
     @property
     def contradicts(self) -> bool:
         """Whether the arm moves against the logged torque."""
-        return self.correlation < -_AGREES
+        return self.correlation < -_MIN_CORRELATION
 
     def sentence(self, name: str, exerted_on: str) -> str:
         """The contradiction, and what to do, for the user.
@@ -101,13 +101,15 @@ class TorqueTouches:
         if chunk.num_joints:
             self._shifts += _shifts(chunk, contact, contact_torque)
         torque = ContactTorque(chunk.t, J, contact_torque, contact.sd)
-        return judge_places(detection, torque, loaded=_LOADED)
+        return judge_places(detection, torque, loaded=_LOADED_SDS)
 
     @property
     def sign(self) -> TorqueSign:
         """The sign that all contacts so far show."""
         count = len(self._shifts)
-        return TorqueSign(count, float(np.median(self._shifts)) if count >= _FEWEST else np.nan)
+        return TorqueSign(
+            count, float(np.median(self._shifts)) if count >= _MIN_CONTACTS else np.nan
+        )
 
 
 def _beginning(log: TorqueLog) -> tuple[Array, Array, Array]:
@@ -127,7 +129,7 @@ def _shifts(chunk: Recording, contact: TorqueContact, contact_torque: Array) -> 
     correlations = []
     for stretch in stretches(contact.contact):
         begin = chunk.t[stretch.start]
-        start, stop = np.searchsorted(chunk.t, (begin - _BEFORE[0], begin - _BEFORE[1]))
+        start, stop = np.searchsorted(chunk.t, (begin - _REST_TIMES[0], begin - _REST_TIMES[1]))
         if start == stop or contact.moving[start : stretch.stop].any():
             continue
         shift = chunk.q[stretch] - chunk.q[start:stop].mean(axis=0)

@@ -20,7 +20,7 @@ from wrenchsight.models.identification.torque_regression import TorqueFactors
 from wrenchsight.models.numerics.arrays import Array, Flags
 
 LARGEST_ERROR = 1.0  # of a joint's RMS torque: a prediction that is off by more says nothing
-_UNDETERMINED = 1e-7  # singular value, relative to the largest; as `base_parameters.TOLERANCE`
+_UNDETERMINED = 1e-7  # singular value, relative to the largest; as `base_parameters.RANK_TOLERANCE`
 _USED = 1e-3  # part of a fold's rows along such a direction, from which it counts
 _LAW = "coulomb-viscous-offset"  # the least that every law has
 

@@ -32,12 +32,12 @@ from wrenchsight.models.planning.motion.posture_measures import ConditionNumber,
 from wrenchsight.models.planning.motion.surface_path import frame_about
 from wrenchsight.models.robot.robot import Robot
 
-THRESHOLD = 11.0  # the article's figure of a good configuration
+GOOD_CONDITION_NUMBER = 11.0  # the article's figure of a good configuration
 MOST_SAMPLES = 10_000_000  # of q alone 0.6 GB
 _NUM_CHECKED = 1000  # configurations that are checked for collisions: their share to 1.5 %
-_CHUNK = 250_000  # samples between two reports of progress
-_SCALE = (9.0, 100.0)  # of the colours
-_CLOUD, _SCATTER = 40_000, 20_000  # points that a picture shows
+_CHUNK_SAMPLES = 250_000  # samples between two reports of progress
+_COLOUR_RANGE = (9.0, 100.0)  # of the colours
+_CLOUD_POINTS, _SCATTER_POINTS = 40_000, 20_000  # points that a picture shows
 _PLANES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -50,13 +50,15 @@ class Samples:
     p_WE: Array
 
     def metrics(self) -> dict[str, Any]:
-        """Mean, median, smallest, share above THRESHOLD; infinite ones count as `singular`."""
+        """Mean, median, smallest, share above GOOD_CONDITION_NUMBER; infinite ones count as
+        `singular`.
+        """
         finite = self.jcn[np.isfinite(self.jcn)]
         return {
             "mean": float(np.mean(finite)),
             "median": float(np.median(self.jcn)),
             "min": float(np.min(self.jcn)),
-            "above_11_pct": 100.0 * float(np.mean(self.jcn > THRESHOLD)),
+            "above_11_pct": 100.0 * float(np.mean(self.jcn > GOOD_CONDITION_NUMBER)),
             "samples": len(self.jcn),
             "singular": int(len(self.jcn) - len(finite)),
         }
@@ -98,7 +100,7 @@ class Slice:
                 "median": float(np.median(best[reached])),
                 "best_place_m": self.postures.p_WE[i].tolist(),
                 "best_direction": self.postures.direction_W[i].tolist(),
-                "below_11_m2": float(np.count_nonzero(best[reached] < THRESHOLD))
+                "below_11_m2": float(np.count_nonzero(best[reached] < GOOD_CONDITION_NUMBER))
                 * float((self.u[1] - self.u[0]) * (self.v[1] - self.v[0])),
             }
         return metrics
@@ -133,11 +135,11 @@ def sample(
     rng = np.random.default_rng(seed)
     q = rng.uniform(lower, upper, (num_samples, robot.num_joints))
     jcn, p_WE = np.empty(num_samples), np.empty((num_samples, 3))
-    for start in range(0, num_samples, _CHUNK):
-        rows = slice(start, start + _CHUNK)
+    for start in range(0, num_samples, _CHUNK_SAMPLES):
+        rows = slice(start, start + _CHUNK_SAMPLES)
         jcn[rows] = chain.condition_number(q[rows])
         p_WE[rows] = chain.pose(q[rows])[1]
-        progress(min(1.0, (start + _CHUNK) / num_samples), "condition numbers")
+        progress(min(1.0, (start + _CHUNK_SAMPLES) / num_samples), "condition numbers")
     return Samples(q, jcn, p_WE)
 
 
@@ -319,8 +321,8 @@ def free_figures(samples: Samples, clearance: Clearance) -> dict[str, Any]:
 
 def record(robot: Robot, samples: Samples, path: Path) -> None:
     """Writes the point cloud with the arm in it: the half behind the arm, so that both are seen."""
-    behind = np.flatnonzero(samples.p_WE[:, 1] > 0.0)[:_CLOUD]
-    low, high = _SCALE
+    behind = np.flatnonzero(samples.p_WE[:, 1] > 0.0)[:_CLOUD_POINTS]
+    low, high = _COLOUR_RANGE
     write_cloud_page(
         robot,
         samples.p_WE[behind],
@@ -338,9 +340,9 @@ def draw_cloud(samples: Samples, path: Path) -> None:
 
     figure, _ = new_figure(1, 2, height=4.0)
     figure.clear()
-    norm = LogNorm(*_SCALE)
+    norm = LogNorm(*_COLOUR_RANGE)
     ax = figure.add_subplot(1, 2, 1, projection="3d")
-    shown = slice(0, _SCATTER)
+    shown = slice(0, _SCATTER_POINTS)
     p = samples.p_WE[shown]
     # Good ones last, so that they are not covered by the many that are not.
     order = np.argsort(-samples.jcn[shown], kind="stable")
@@ -381,7 +383,7 @@ def draw_distribution(samples: Samples, path: Path) -> None:
     edges = np.geomspace(5.0, 1e4, 100)
     ax.hist(np.clip(finite, 5.0, 9.999e3), edges, color=COLOUR["estimate"])
     for value, name, style in (
-        (THRESHOLD, f"{THRESHOLD:g}, good in the article", ":"),
+        (GOOD_CONDITION_NUMBER, f"{GOOD_CONDITION_NUMBER:g}, good in the article", ":"),
         (float(np.median(samples.jcn)), f"median {np.median(samples.jcn):.1f}", "-"),
         (float(np.mean(finite)), f"mean {np.mean(finite):.0f}", "--"),
     ):
@@ -400,14 +402,25 @@ def draw_slice(plane: Slice, path: Path) -> None:
     figure, axes = new_figure(1, 1, height=5.2, width=6.4)
     ax = axes[0, 0]
     cells = ax.pcolormesh(
-        plane.u, plane.v, plane.jcn, norm=LogNorm(*_SCALE), cmap="viridis", shading="nearest"
+        plane.u, plane.v, plane.jcn, norm=LogNorm(*_COLOUR_RANGE), cmap="viridis", shading="nearest"
     )
     if plane.postures.hits.any():
         hit = np.where(plane.postures.hits.reshape(plane.jcn.shape), 1.0, np.nan)
         ax.pcolormesh(plane.u, plane.v, hit, cmap="Greys", vmin=0.0, vmax=2.5, shading="nearest")
         ax.plot([], [], "s", color="#b8b8b8", label="no collision-free posture")
-    if np.nanmin(plane.jcn, initial=np.inf) < THRESHOLD < np.nanmax(plane.jcn, initial=-np.inf):
-        ax.contour(plane.u, plane.v, plane.jcn, levels=[THRESHOLD], colors="white", linewidths=1.2)
+    if (
+        np.nanmin(plane.jcn, initial=np.inf)
+        < GOOD_CONDITION_NUMBER
+        < np.nanmax(plane.jcn, initial=-np.inf)
+    ):
+        ax.contour(
+            plane.u,
+            plane.v,
+            plane.jcn,
+            levels=[GOOD_CONDITION_NUMBER],
+            colors="white",
+            linewidths=1.2,
+        )
     if np.any(np.isfinite(plane.postures.best)):
         p = plane.postures.p_WE[plane.best_point()]
         i, j = ("xyz".index(name) for name in plane.axes)

@@ -32,7 +32,7 @@ from wrenchsight.models.recordings.rosbag.table import RosbagTable
 from wrenchsight.models.recordings.text_table import TextTable
 from wrenchsight.models.robot.robot import Robot
 
-_ROWS = 50_000  # in which encodings of words are looked for
+_ENCODING_ROWS = 50_000  # in which encodings of words are looked for
 _PRINTED_COLUMNS = 40
 
 
@@ -222,7 +222,7 @@ def _encodings(reader: RecordingReader) -> dict[str, RawWords]:
         if signal.name in ("current", "tau_J", "v") and not signal.encoding:
             columns = sorted(signal.columns)
             for values, _ in reader.table.blocks(columns, None, columns):
-                complete = values[np.isfinite(values).all(axis=1)][:_ROWS]
+                complete = values[np.isfinite(values).all(axis=1)][:_ENCODING_ROWS]
                 encoding = raw_words(complete)
                 if encoding is not None:
                     found[signal.name] = encoding

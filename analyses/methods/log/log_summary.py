@@ -11,7 +11,7 @@ from wrenchsight.models.recordings.recording import Recording, concatenated
 from wrenchsight.models.recordings.resampling import DROPOUT_STEPS
 
 REST_SPEED = 0.01  # rad/s or m/s, below which a joint rests
-_DRAWN = 20_000  # samples that are kept for a figure, at most twice as many
+_MAX_DRAWN_SAMPLES = 20_000  # samples that are kept for a figure, at most twice as many
 _STEP_SHARES = (0.01, 0.99)  # of the steps, whose range is stated
 
 
@@ -105,7 +105,7 @@ def summarised(chunks: Iterable[Recording]) -> LogSummary:
         first = -num_samples % stride
         kept.append(chunk[first::stride])
         num_samples += chunk.num_samples
-        if sum(part.num_samples for part in kept) > 2 * _DRAWN:
+        if sum(part.num_samples for part in kept) > 2 * _MAX_DRAWN_SAMPLES:
             kept, stride = [concatenated(kept)[::2]], 2 * stride
     t = np.concatenate(times)
     steps = np.diff(t)

@@ -51,11 +51,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
+NUM_PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
 LARGEST_COM_SD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
 LEAST_INERTIA_SHARE = 0.5  # of the prior's variance, that the motion must remove
-SCATTER = 2.0  # times what the model states; more is not caused by a load
+MAX_SCATTER_RATIO = 2.0  # times what the model states; more is not caused by a load
 
 
 def com_determined(load: LoadEstimate) -> NDArray[np.bool_]:
@@ -199,8 +199,8 @@ def identify_payload(
     prior = LoadPrior(mass=robot.payload, gain=config.gain_sd)
     law = model.friction.coulomb_viscous
     parameters = np.zeros(10)
-    for k in range(PASSES):
-        progress((k + 0.5) / PASSES, "finding the load")
+    for k in range(NUM_PASSES):
+        progress((k + 0.5) / NUM_PASSES, "finding the load")
         rows = LoadRows.joined([residual.load_rows(parameters) for residual in residuals])
         load = estimate_load(rows, law, prior, empty_rows)
         parameters = load.parameters
@@ -340,7 +340,7 @@ def _warnings(result: PayloadResult, robot: Robot) -> list[str]:
         )
     scattered = [
         f"{robot.joint_names[j]} {load.scale[j]:.1f} times"
-        for j in np.flatnonzero(load.scale > SCATTER)
+        for j in np.flatnonzero(load.scale > MAX_SCATTER_RATIO)
     ]
     if scattered:
         warnings.append(

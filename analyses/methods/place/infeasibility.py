@@ -20,11 +20,11 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.placement.placement_task import PlacementTask
 from wrenchsight.models.planning.placement.placements import PlacementBounds, pose_errors
 
-_KEPT = 1e-4  # m and rad, of a constraint at the end of a solve
+_CONSTRAINT_TOLERANCE = 1e-4  # m and rad, of a constraint at the end of a solve
 _TRIED_ENDS = 2  # of the search, from which the program without a constraint is solved
 _WIDE_STEP = math.pi / 3.0  # rad, the task's default
-_NAMED = 3  # constraints in the sentence
-_OPTIONS = {
+_MAX_NAMED_CONSTRAINTS = 3  # constraints in the sentence
+_SOLVER_OPTIONS = {
     "Major feasibility tolerance": 1e-6,
     "Major iterations limit": 60,
     "Iterations limit": 3000,
@@ -68,8 +68,9 @@ def infeasible(
         source,
         loosened[0] if loosened else "path_length",
         f"{name} has no placement that keeps all constraints (searched from {search.num_starts} "
-        f"starts); the best that was reached misses {'; '.join(shortfalls[:_NAMED])} "
-        f"(not kept: {', '.join(best.infeasible_names[:_NAMED])})",
+        "starts); the best that was reached misses "
+        f"{'; '.join(shortfalls[:_MAX_NAMED_CONSTRAINTS])} "
+        f"(not kept: {', '.join(best.infeasible_names[:_MAX_NAMED_CONSTRAINTS])})",
         remedy,
     )
 
@@ -85,13 +86,13 @@ def _shortfalls(program: PlacementProgram, end: Solution) -> list[str]:
     k = len(errors) - 1
     found: list[tuple[float, str]] = []
     turn, offset = np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)
-    if offset.max() > _KEPT:
+    if offset.max() > _CONSTRAINT_TOLERANCE:
         share = 100.0 * float(np.argmax(offset)) / k
         found.append(
             (float(offset.max()),
              f"the path (position of E) by {1e3 * offset.max():.0f} mm at {share:.0f} % of it")
         )  # fmt: skip
-    if turn.max() > _KEPT:
+    if turn.max() > _CONSTRAINT_TOLERANCE:
         share = 100.0 * float(np.argmax(turn)) / k
         found.append(
             (float(turn.max()),
@@ -100,14 +101,14 @@ def _shortfalls(program: PlacementProgram, end: Solution) -> list[str]:
         )  # fmt: skip
     bounds = _coarse_bounds(program, program.bounds)
     for key, value in bounds.violations(placement).items():
-        if value > _KEPT:
+        if value > _CONSTRAINT_TOLERANCE:
             amount = f"{math.degrees(value):.1f} degrees"
             if key.startswith("midpoint"):
                 amount = f"{1e3 * value:.0f} mm"
             found.append((value, f"{key} by {amount}"))
     if program.cell is not None:
         pair = program.cell.closest(placement)
-        if pair is not None and pair.slack < -_KEPT:
+        if pair is not None and pair.slack < -_CONSTRAINT_TOLERANCE:
             found.append(
                 (-pair.slack,
                  f"clearance by {-1e3 * pair.slack:.0f} mm ({pair.first} and {pair.second})")
@@ -168,8 +169,8 @@ def _is_kept(program: PlacementProgram, search: SearchResult) -> bool:
     for end in search.nearest[:_TRIED_ENDS]:
         if not _is_finite(end.placement.q):
             continue
-        solution = program.solve(end.placement, options=_OPTIONS)
-        if program.violation(solution.placement) < _KEPT:
+        solution = program.solve(end.placement, options=_SOLVER_OPTIONS)
+        if program.violation(solution.placement) < _CONSTRAINT_TOLERANCE:
             return True
     return False
 

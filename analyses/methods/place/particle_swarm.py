@@ -7,7 +7,7 @@ Gaussian mutation, children taking the place of the worst particles. No maintain
 this hybrid. Its two halves are some lines each.
 
 A particle is the article's unknowns: n, m, theta and r. Its cost is the mean of the measure over
-the path on its best branch within the limits; a path that no branch follows costs `UNREACHED`.
+the path on its best branch within the limits; a path that no branch follows costs `UNREACHED_COST`.
 """
 
 import math
@@ -31,7 +31,7 @@ from wrenchsight.models.planning.placement.placements import (
 )
 from wrenchsight.models.robot.robot import Robot
 
-UNREACHED = 1e4  # of a path that cannot be followed
+UNREACHED_COST = 1e4  # of a path that cannot be followed
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def place_by_swarm(
         costs, placements = cost(points)
         result.evaluations += len(points)
         best_row = int(np.argmin(costs))
-        if costs[best_row] < min(leader.cost, UNREACHED):
+        if costs[best_row] < min(leader.cost, UNREACHED_COST):
             leader = _Leader(float(costs[best_row]), placements(best_row))
             result.history.append((time.perf_counter() - began, leader.cost))
         return costs
@@ -108,7 +108,7 @@ def place_by_swarm(
         result.interrupted = True
     if leader.placement is not None:
         values = program.measure.values(leader.placement.q)
-        num_reached = int(np.sum(best_cost < UNREACHED))
+        num_reached = int(np.sum(best_cost < UNREACHED_COST))
         mean = float(np.mean(values))
         result.optima = [Optimum(leader.placement, mean, values, num_reached, "")]
     return result
@@ -164,16 +164,16 @@ class ParticleCost:
             program.num_segments,
             bounds.max_joint_step,
         )
-        costs = np.full(len(x), UNREACHED)
+        costs = np.full(len(x), UNREACHED_COST)
         chosen = np.zeros(len(x), dtype=int)
         q = batch.q
         reached &= np.all((q >= bounds.q_lower) & (q <= bounds.q_upper), axis=(1, 2))
         if bounds.tool_direction is not None:
             reached &= batch.R_WE[:, :, 2] @ bounds.tool_direction >= math.cos(bounds.tool_tilt)
-        values = np.full(len(q), UNREACHED)
+        values = np.full(len(q), UNREACHED_COST)
         if np.any(reached):
             mean = np.mean(program.measure.values(q[reached]), axis=1)
-            values[reached] = np.minimum(mean, UNREACHED)
+            values[reached] = np.minimum(mean, UNREACHED_COST)
         for index in in_order(values):
             if not better(values[index], costs[row[index]]):
                 continue

@@ -18,7 +18,7 @@ from wrenchsight.analyses.methods.place.place_settings import PlaceSettings
 from wrenchsight.analyses.methods.place.placement_files import write_placement
 from wrenchsight.analyses.methods.place.placement_result import PlacementResult, Profile
 from wrenchsight.analyses.methods.place.placement_search import (
-    FEASIBLE,
+    CONSTRAINT_TOLERANCE,
     PlacementSearch,
     SearchEffort,
     SearchResult,
@@ -54,9 +54,9 @@ from wrenchsight.models.robot.robot import Robot
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
-FINE = 10  # points between two of the path's, for distances and largest values
+FINE_POINTS = 10  # points between two of the path's, for distances and largest values
 
-EFFORT = SearchEffort()
+DEFAULT_EFFORT = SearchEffort()
 EFFORT_QUICK = SearchEffort(num_samples=3000, num_starts=24, num_rounds=1, num_solves=2)
 # Distances cost ten times what all else does.
 EFFORT_WITH_CLEARANCE = SearchEffort(num_starts=32, num_rounds=2, num_solves=3, num_feasibility=16)
@@ -288,7 +288,7 @@ def _effort(robot: Robot, has_clearance: bool, quick: bool) -> SearchEffort:
         return EFFORT_NUMERIC_WITH_CLEARANCE if has_clearance else EFFORT_NUMERIC
     if has_clearance:
         return EFFORT_QUICK_WITH_CLEARANCE if quick else EFFORT_WITH_CLEARANCE
-    return EFFORT_QUICK if quick else EFFORT
+    return EFFORT_QUICK if quick else DEFAULT_EFFORT
 
 
 def _profile(
@@ -298,7 +298,7 @@ def _profile(
     cell: PlacementCell,
     placement: Placement,
 ) -> Profile | None:
-    fine = between_points(robot, placement, task.path_length, FINE)
+    fine = between_points(robot, placement, task.path_length, FINE_POINTS)
     if fine is None:
         return None
     jcn = ConditionNumber(robot.chain)
@@ -336,7 +336,8 @@ def _initial_profile(
     q = branches.q
     bounds = task.bounds(robot)
     within = np.all(
-        (q >= bounds.q_lower - FEASIBLE) & (q <= bounds.q_upper + FEASIBLE), axis=(1, 2)
+        (q >= bounds.q_lower - CONSTRAINT_TOLERANCE) & (q <= bounds.q_upper + CONSTRAINT_TOLERANCE),
+        axis=(1, 2),
     )
     good = np.flatnonzero(reached & within)
     if len(good) == 0:

@@ -29,12 +29,12 @@ from wrenchsight.models.planning.placement.placements import (
 )
 from wrenchsight.models.robot.robot import Robot
 
-SHARPNESS = (1e2, 1e3, 1e4, 1e5)  # of the smoothed measure, one solve each
+MEASURE_SHARPNESSES = (1e2, 1e3, 1e4, 1e5)  # of the smoothed measure, one solve each
 _NO_WORSE = 1e-6  # relative; what an exact optimum may lose by the remaining smoothing
 _SAME_DISTANCE = 1e-6  # relative, of two postures' distances from the middle
-_ALLOWED = 1e-7  # m and rad, of every constraint
-_FAILED = 1e-6  # m and rad; a solve that ends farther off its constraints has failed
-_TIGHT = {
+_CONSTRAINT_TOLERANCE = 1e-7  # m and rad, of every constraint
+_MAX_VIOLATION = 1e-6  # m and rad; a solve that ends farther off its constraints has failed
+_TIGHT_OPTIONS = {
     "Major optimality tolerance": 1e-8,
     "Major feasibility tolerance": 1e-10,
     "Major iterations limit": 200,
@@ -79,11 +79,11 @@ def refined(program: PlacementProgram, placement: Placement) -> tuple[Placement,
         The placement, and the number of evaluations of cost and gradient.
     """
     evaluations = 0
-    for sharpness in SHARPNESS:
+    for sharpness in MEASURE_SHARPNESSES:
         measure = smoothed(program.robot.chain, program.measure, sharpness)
-        solution = program.solve(placement, options=_TIGHT, measure=measure)
+        solution = program.solve(placement, options=_TIGHT_OPTIONS, measure=measure)
         evaluations += solution.evaluations
-        if program.violation(solution.placement) > _FAILED:
+        if program.violation(solution.placement) > _MAX_VIOLATION:
             break
         placement = solution.placement
         if measure is program.measure:
@@ -164,7 +164,7 @@ def _branches(robot: Robot, program: PlacementProgram, placement: Placement) -> 
 
 def _equal(program: PlacementProgram, placement: Placement, candidate: Placement) -> bool:
     """Whether two placements are equal in measure and constraints, whichever way they run."""
-    if program.violation(candidate) > max(_ALLOWED, program.violation(placement)):
+    if program.violation(candidate) > max(_CONSTRAINT_TOLERANCE, program.violation(placement)):
         return False
     profile = program.measure.values(placement.q)
     other_profile = program.measure.values(candidate.q)

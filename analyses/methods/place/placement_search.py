@@ -52,18 +52,20 @@ from wrenchsight.models.planning.placement.placements import (
 )
 from wrenchsight.models.robot.robot import Robot
 
-FEASIBLE = 1e-7  # m and rad, of every constraint; postures are then corrected to rounding
-BETWEEN = 1e-3  # rad and m, of joint limits between the points; clearance there is kept in full
-SAME = 0.01  # relative, of the measure at every point: one optimum
-_ALIKE = 0.02  # the same of two ends that have not come to their optimum
+# m and rad, of every constraint; postures are then corrected to rounding
+CONSTRAINT_TOLERANCE = 1e-7
+# rad and m, of joint limits between the points; clearance there is kept in full
+BETWEEN_TOLERANCE = 1e-3
+OPTIMUM_TOLERANCE = 0.01  # relative, of the measure at every point: one optimum
+_ROUGH_END_TOLERANCE = 0.02  # the same of two ends that have not come to their optimum
 _MIN_STARTS = 30  # random placements; with fewer a part of the path's length will do
-_SHARES = (0.6, 0.2, 0.02)  # of its length
+_STAGE_SHARES = (0.6, 0.2, 0.02)  # of its length
 _TRIED_PER_START = 4  # candidates whose distances are looked at
 _DEFICIT_WEIGHT = 10.0  # of the cost by m; a posture through the floor is worth little
 _FINISHED_WITH_CELL = 2  # optima; with distances the last steps take seconds
 _OTHER_KIND = 0.06  # the same of two that are worth varying
 _ROUGHLY_FEASIBLE = 1e-4  # m and rad, of a rough solve's end
-_ROUGH = {
+_ROUGH_OPTIONS = {
     "Major optimality tolerance": 1e-3,
     "Major feasibility tolerance": 1e-6,
     "Major iterations limit": 120,
@@ -71,8 +73,8 @@ _ROUGH = {
 }
 
 
-_KEEP = {"Major optimality tolerance": 1e-2}
-_FEASIBILITY = {
+_KEEP_OPTIONS = {"Major optimality tolerance": 1e-2}
+_FEASIBILITY_OPTIONS = {
     "Major feasibility tolerance": 1e-6,
     "Major iterations limit": 60,
     "Iterations limit": 3000,
@@ -285,7 +287,7 @@ class PlacementSearch:
         program, ends = self._coarse_program(has_cost=False), list[Solution]()
         for start in starts:
             coarse_start = replace(start, q=start.q[:: self._stride])
-            ends.append(program.solve(coarse_start, options=_FEASIBILITY))
+            ends.append(program.solve(coarse_start, options=_FEASIBILITY_OPTIONS))
             if self._is_kept(ends[-1]):
                 break
         return ends
@@ -299,7 +301,7 @@ class PlacementSearch:
         """Solves the coarse program from each start and adds the ends."""
         for start in starts:
             coarse_start = replace(start, q=start.q[:: self._stride])
-            end = self._coarse.solve(coarse_start, options=_ROUGH)
+            end = self._coarse.solve(coarse_start, options=_ROUGH_OPTIONS)
             result.evaluations += end.evaluations
             ends.append(end)
             yield end
@@ -339,7 +341,7 @@ class PlacementSearch:
         guesses = self.initial_guess()
         length = self.program.path_length
         random_paths = self.draw(rng, effort.num_samples, length, result)
-        for share in _SHARES:
+        for share in _STAGE_SHARES:
             if np.sum(np.isfinite(self._costs(random_paths))) >= _MIN_STARTS:
                 break
             shorter = self.draw(rng, effort.num_samples, share * length, result)
@@ -546,12 +548,17 @@ class PlacementSearch:
         for index in in_order(costs):
             if len(starts) == effort.num_starts:
                 break
-            if not known or profile_gaps(profiles[index], np.array(known)).min() > SAME:
+            if (
+                not known
+                or profile_gaps(profiles[index], np.array(known)).min() > OPTIMUM_TOLERANCE
+            ):
                 known.append(profiles[index])
                 starts.append(varied.one(int(index)))
         return starts
 
-    def _different(self, ends: list[Solution], count: int, gap: float = _ALIKE) -> list[Solution]:
+    def _different(
+        self, ends: list[Solution], count: int, gap: float = _ROUGH_END_TOLERANCE
+    ) -> list[Solution]:
         """The best ends, one of each kind; kinds differ in their profiles by `gap`."""
         profiles = [self._posture.values(end.placement.q) for end in ends]
         chosen: list[int] = []
@@ -574,7 +581,7 @@ class PlacementSearch:
         result.evaluations += solution.evaluations
         placement = self.corrected(solution.placement)
         if placement is None:  # at the optimum within the solver's rounding, or not at all
-            solution = self.program.solve(solution.placement, solver, _KEEP)
+            solution = self.program.solve(solution.placement, solver, _KEEP_OPTIONS)
             result.evaluations += solution.evaluations
             placement = self.corrected(solution.placement)
         if placement is None:
@@ -598,10 +605,10 @@ class PlacementSearch:
         exact = on_path(self._robot, placement, program.path_length)
         if exact is None or np.max(np.abs(exact.q - placement.q)) > 1e-3:
             return None
-        if program.violation(exact) > FEASIBLE:
+        if program.violation(exact) > CONSTRAINT_TOLERANCE:
             return None
         fine = between_points(self._robot, exact, program.path_length)
-        if fine is None or program.violation_between(fine) > BETWEEN:
+        if fine is None or program.violation_between(fine) > BETWEEN_TOLERANCE:
             return None
         return exact
 
@@ -611,7 +618,9 @@ class PlacementSearch:
         profiles: list[Array] = []
         for index in in_order([solution.cost for solution in solutions]):
             values = self._posture.values(solutions[index].placement.q)
-            if all(float(profile_gaps(values, profile)) > SAME for profile in profiles):
+            if all(
+                float(profile_gaps(values, profile)) > OPTIMUM_TOLERANCE for profile in profiles
+            ):
                 kinds.append(solutions[index])
                 profiles.append(values)
         return kinds
@@ -650,9 +659,9 @@ class PlacementSearch:
             return None
         values = self._posture.values(end.placement.q)
         for source in sources:
-            if profile_gaps(values, source.start) < 2.0 * _ALIKE:
+            if profile_gaps(values, source.start) < 2.0 * _ROUGH_END_TOLERANCE:
                 gaps = [float(profile_gaps(source.end, profile)) for profile in profiles]
-                if gaps and min(gaps) < SAME:
+                if gaps and min(gaps) < OPTIMUM_TOLERANCE:
                     return int(np.argmin(gaps))
         return None
 

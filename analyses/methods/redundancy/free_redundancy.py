@@ -35,7 +35,7 @@ from wrenchsight.models.robot.robot import Robot
 
 _SAMPLES_APART, _ANGLES_APART = 4, 2  # of the coarse part
 _MOST_ROUNDS = 60
-_AROUND = 0.02  # m beyond the distance to keep, within which a pair is reported
+_REPORTED_DISTANCE = 0.02  # m beyond the distance to keep, within which a pair is reported
 _PLATE_THICKNESS = 0.02  # m
 
 
@@ -57,7 +57,7 @@ class Surroundings:
         """The pair with the least slack over q (N, n); None where nothing is near."""
         result: ClosestPair | None = None
         for row in q:
-            for pair in self.clearance.slacks(row, self.clearance.margin + _AROUND):
+            for pair in self.clearance.slacks(row, self.clearance.margin + _REPORTED_DISTANCE):
                 if result is None or pair.slack < result.slack:
                     result = pair
         return result

@@ -50,7 +50,7 @@ from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.planning.motion.workpieces import Surface, mesh
 from wrenchsight.models.robot.robot import Robot
 
-ROUNDING = 1e-9  # m and rad, of position and normal
+POSE_ROUNDING = 1e-9  # m and rad, of position and normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +107,10 @@ class RedundancyResult:
             "optimised": {
                 **self._figures(self.optimised),
                 "position_error_m": beyond_rounding(
-                    np.max(np.linalg.norm(error[:, 2:], axis=1)), ROUNDING
+                    np.max(np.linalg.norm(error[:, 2:], axis=1)), POSE_ROUNDING
                 ),
                 "normal_error_rad": beyond_rounding(
-                    np.max(np.linalg.norm(error[:, :2], axis=1)), ROUNDING
+                    np.max(np.linalg.norm(error[:, :2], axis=1)), POSE_ROUNDING
                 ),
                 "max_joint_step_deg": math.degrees(
                     float(np.max(np.abs(np.diff(self.optimised.q, axis=0))))

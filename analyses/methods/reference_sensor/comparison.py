@@ -1,8 +1,8 @@
 """Comparison of a reading with a force sensor, by phase: at rest or in motion, contact or free.
 
 The sensor's force and the joints' speed separate the phases. Figures are over averages of 0.1 s
-(`sensor_log.WINDOW` blocks). The sd of an average is the mean of its parts' sds, since their errors
-last longer. A band holds where the average's error is within 1.96 sds.
+(`sensor_log.WINDOW_BLOCKS` blocks). The sd of an average is the mean of its parts' sds, since their
+errors last longer. A band holds where the average's error is within 1.96 sds.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ import numpy as np
 from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceReading, Judgement
 from wrenchsight.analyses.methods.reference_sensor.mounting import Mounting, find_mounting
 from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
-from wrenchsight.analyses.methods.reference_sensor.sensor_log import WINDOW, SensorLog
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import WINDOW_BLOCKS, SensorLog
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from wrenchsight.models.numerics.arrays import Array, Flags
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 PHASES: Final = ("all", "free_rest", "free_moving", "contact_rest", "contact_moving")
 AXES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 ALONG: Final = "along"  # the name of a single force
-_BAND = 1.959963984540054  # sds of the 95 % band
-_POINTS = 2000  # of a figure
+_BAND_SDS = 1.959963984540054  # sds of the 95 % band
+_FIGURE_POINTS = 2000  # of a figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +87,11 @@ class SensorComparison:
         """Sensor and reading with its band over time, a panel for each quantity."""
         columns = 2 if len(self.axes) == len(AXES) else 1
         figure, panels = new_figure(len(self.axes) // columns, columns, share_x=True)
-        every = slice(None, None, max(1, len(self.t) // _POINTS))
+        every = slice(None, None, max(1, len(self.t) // _FIGURE_POINTS))
         t = self.t[every]
         for k, axis in enumerate(self.axes):
             panel: Any = panels[k % len(panels), k // len(panels)]
-            mean, half = self.reading[every, k], _BAND * self.sd[every, k]
+            mean, half = self.reading[every, k], _BAND_SDS * self.sd[every, k]
             panel.fill_between(
                 t,
                 mean - half,
@@ -161,7 +161,7 @@ def compare_with_sensor(
 
 def _averages(signal: Array) -> Array:
     """Means over successive windows, without an incomplete last one unless it is the only one."""
-    window = min(WINDOW, len(signal))
+    window = min(WINDOW_BLOCKS, len(signal))
     count = len(signal) // window
     return np.asarray(
         signal[: count * window].reshape(count, window, *signal.shape[1:]).mean(axis=1)

@@ -9,8 +9,8 @@ over the log:
     tare    `fit`: the constant in the sensor's axes, whatever the others are
 
 A force that never changes its direction leaves some of this open. Among mountings that agree within
-SAME of the best the simplest is taken, the unturned first; a notice states it where it matters. A
-fit of the tare hides a constant error of the reading.
+EQUAL_ERROR_RATIO of the best the simplest is taken, the unturned first; a notice states it where it
+matters. A fit of the tare hides a constant error of the reading.
 """
 
 from dataclasses import dataclass, replace
@@ -34,11 +34,12 @@ from wrenchsight.models.robot.robot import Robot
 
 MAX_DELAY: Final = 0.3  # s
 TARE_TIME: Final = 0.5  # s, of the tare `start`
-SAME: Final = 1.02  # times the least error: agrees equally well
-_FLAT = 1.05  # times the least error over all delays: the log does not determine the delay
-_ROWS = 5000  # of a search
-_POOR = 0.6  # share of the sensor's RMS force: an error above it determines no mounting
-_DIFFERS = 0.5  # share of the error, beyond which the forces of two mountings differ
+EQUAL_ERROR_RATIO: Final = 1.02  # times the least error: agrees equally well
+# times the least error over all delays: the log does not determine the delay
+_FLAT_ERROR_RATIO = 1.05
+_SEARCH_ROWS = 5000  # of a search
+_MAX_ERROR_SHARE = 0.6  # share of the sensor's RMS force: an error above it determines no mounting
+_MIN_DIFFERENCE_SHARE = 0.5  # share of the error, beyond which the forces of two mountings differ
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +107,7 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
             "record a longer log",
         )
     unturned = Mounting("world", np.eye(3), 1, tare_of(log.t, log.sensor, config), 0.0)
-    coarse = log.every(max(1, len(log.t) // _ROWS))
+    coarse = log.every(max(1, len(log.t) // _SEARCH_ROWS))
     candidates = _candidates(unturned, config, k)
     finds_delay = config.delay == FOUND
     if not finds_delay:
@@ -133,7 +134,7 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
         best = replace(best, tare=best.tare - best.sign * mean_error)
     if len(candidates) > 1:
         error, size = error_of(coarse, best, True), _size(coarse, best)
-        if error > _POOR * size:
+        if error > _MAX_ERROR_SHARE * size:
             notices.append(
                 f"the reading differs from the sensor by {error:.3g} N RMS of {size:.3g} N: the "
                 "mounting found is uncertain; state it with --reference-frame and "
@@ -257,13 +258,13 @@ def _best(
     best, *others = [
         mounting
         for mounting, error in zip(candidates, errors, strict=True)
-        if error <= SAME * least + 1e-9
+        if error <= EQUAL_ERROR_RATIO * least + 1e-9
     ]
     force = _force_vector(log, best)
     for mounting in others:
         difference = _force_vector(log, mounting) - force
         rms = float(np.sqrt(np.nanmean(np.sum(difference**2, axis=1))))
-        if rms > _DIFFERS * least + 1e-9:
+        if rms > _MIN_DIFFERENCE_SHARE * least + 1e-9:
             return best, True
     return best, False
 
@@ -296,7 +297,7 @@ def _found_delay(log: SensorLog, mounting: Mounting, config: ReferenceConfig) ->
     delays = [k * step for k in sorted(range(-reach, reach + 1), key=abs)]
     errors = [error_of(log, replace(mounting, delay=d), config.tare != "fit") for d in delays]
     best = delays[int(np.argmin(errors))]
-    if max(errors) <= _FLAT * min(errors) or abs(best) >= reach * step:
+    if max(errors) <= _FLAT_ERROR_RATIO * min(errors) or abs(best) >= reach * step:
         return None
     return best
 

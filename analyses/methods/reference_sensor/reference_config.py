@@ -7,7 +7,7 @@ import numpy as np
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_format import SignalColumns, column_items
 
-SIZES = (1, 3, 6)  # columns: a force along an axis, a force, a force and a moment
+SIGNAL_SIZES = (1, 3, 6)  # columns: a force along an axis, a force, a force and a moment
 FRAMES = ("found", "world", "tool")
 SIGNS = ("found", "robot", "environment")
 TARES = ("none", "start", "fit")
@@ -99,7 +99,7 @@ def reference_columns(reference: ReferenceConfig) -> dict[str, SignalColumns]:
     if not reference.columns:
         return {}
     count = len(column_items(reference.columns, REFERENCE, "estimate"))
-    if count not in SIZES:
+    if count not in SIGNAL_SIZES:
         problem = f"names {count} columns, expected 1 (a force along an axis), 3 (a force) or 6 "
         problem += "(with moments)"
         remedy = "name the sensor's columns, force first: fx,fy,fz"

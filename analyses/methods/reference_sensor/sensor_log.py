@@ -8,8 +8,8 @@ import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array, Flags
 
-BLOCK: Final = 0.02  # s
-WINDOW: Final = 5  # blocks: forces are judged over 0.1 s
+BLOCK_TIME: Final = 0.02  # s
+WINDOW_BLOCKS: Final = 5  # blocks: forces are judged over 0.1 s
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class SensorLogCollector:
     """
 
     def __init__(self, time_step: float) -> None:
-        self.samples = max(1, round(BLOCK / time_step))
+        self.samples = max(1, round(BLOCK_TIME / time_step))
         self._blocks: list[SensorLog] = []
         self._unfinished: SensorSamples | None = None  # samples that do not fill a block yet
 

@@ -11,16 +11,16 @@ from wrenchsight.models.robot.arm_structure import DescribedJoint
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.unit_doubts import reach_of
 
-GRAVITY = 9.81  # m/s^2
-_CANDIDATES = 300  # postures that the home posture is chosen from
+STANDARD_GRAVITY = 9.81  # m/s^2
+_NUM_CANDIDATES = 300  # postures that the home posture is chosen from
 _BEST_CONDITIONED = 60  # of them, tried first
-_SLACK = 0.01  # m beyond the clearance, with which a home posture is content
-_NEAR = 0.005  # m, of shapes that are named
+_CLEARANCE_SLACK = 0.01  # m beyond the clearance, with which a home posture is content
+_NAMED_DISTANCE = 0.005  # m, of shapes that are named
 _FULL_TURN = np.pi
 # Of the simulated arm, which no URDF describes; as on the UR10e, whose friction was identified: its
 # second joint carries 120 N m, and has 6 N m of Coulomb friction.
-_BRISK = 5.0  # rad/s^2 (m/s^2)
-_SLOW = 0.5  # rad/s^2 (m/s^2), a start that every drive must manage
+_BRISK_ACCELERATION = 5.0  # rad/s^2 (m/s^2)
+_SLOW_ACCELERATION = 0.5  # rad/s^2 (m/s^2), a start that every drive must manage
 FRICTION_SHARE = 0.05  # of what a joint carries
 _LEAST_CARRIED = 0.1  # of the joint that carries most
 _PAYLOAD_SHARE = 0.3  # of the moving mass: UR5 .27, iiwa .31, UR10e .38
@@ -38,8 +38,8 @@ class Assumed:
         payload: kg.
         carried: (n,) N m (N) that a joint carries, of which friction and noise are parts; 0
             without inertias.
-        needed: (n,) N m (N), most that gravity asks of a joint, or a start of _SLOW; 0 without
-            inertias.
+        needed: (n,) N m (N), most that gravity asks of a joint, or a start of _SLOW_ACCELERATION; 0
+            without inertias.
         effort: (n,) N m (N), limits in the place of those that are not stated or cannot hold the
             arm; 0 where the stated one stands.
     """
@@ -70,11 +70,11 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     carried = needed.copy()
     for j in range(n):
         starts = still.copy()
-        starts[:, j] = _BRISK
+        starts[:, j] = _BRISK_ACCELERATION
         inertial = robot.chain.inverse_dynamics(q, still, starts)
         brisk = float(np.abs(inertial - gravity)[:, j].max())
         carried[j] += brisk
-        needed[j] = max(needed[j], _SLOW / _BRISK * brisk)
+        needed[j] = max(needed[j], _SLOW_ACCELERATION / _BRISK_ACCELERATION * brisk)
     for kind in (robot.chain.prismatic, ~robot.chain.prismatic):  # seals turn with any load
         carried[kind] = np.maximum(carried[kind], _LEAST_CARRIED * carried[kind].max(initial=0.0))
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
@@ -99,9 +99,9 @@ def is_placeholder(stated: Array, needed: Array) -> Flags:
 
 
 def postures(robot: Robot) -> Array:
-    """(_CANDIDATES, n) rad or m, random ones within the limits, the same for the same robot."""
+    """(_NUM_CANDIDATES, n) rad or m, random ones within the limits, the same for the same robot."""
     low, high = _range(robot)
-    return low + (high - low) * np.random.default_rng(0).uniform(size=(_CANDIDATES, len(low)))
+    return low + (high - low) * np.random.default_rng(0).uniform(size=(_NUM_CANDIDATES, len(low)))
 
 
 def _range(robot: Robot) -> tuple[Array, Array]:
@@ -137,13 +137,13 @@ def good_posture(
     rng = np.random.default_rng(0)
     span = 0.35 * (high - low)
     centre = 0.5 * (low + high)
-    candidates = centre + span * rng.uniform(-1.0, 1.0, (_CANDIDATES, robot.num_joints))
+    candidates = centre + span * rng.uniform(-1.0, 1.0, (_NUM_CANDIDATES, robot.num_joints))
     conditions = np.array([float(robot.chain.condition_number(q)) for q in candidates])
     best, largest_slack, best_floor = middle, -np.inf, None
     for floor in floors:
         clearance = Clearance(robot, floor=floor)
         for rank, k in enumerate(np.argsort(conditions)):
-            if rank >= _BEST_CONDITIONED and largest_slack > _SLACK:
+            if rank >= _BEST_CONDITIONED and largest_slack > _CLEARANCE_SLACK:
                 break
             if floor is not None and clearance.reaches_floor(candidates[k]):
                 continue
@@ -165,7 +165,7 @@ def in_the_way(robot: Robot, carried: Collection[str], at_rest: Collection[str])
         at_rest: links that joints move which are held still.
     """
     clearance = Clearance(robot, floor=robot.floor)
-    near = [pair for pair in clearance.slacks(robot.home) if pair.distance < _NEAR]
+    near = [pair for pair in clearance.slacks(robot.home) if pair.distance < _NAMED_DISTANCE]
     pairs = [(pair.first, pair.second) for pair in near]
     pairs += [pair.partition(" and ")[::2] for pair in clearance.overlapping]
     for first, second in pairs:
@@ -173,7 +173,8 @@ def in_the_way(robot: Robot, carried: Collection[str], at_rest: Collection[str])
             if ours in carried and other in at_rest:
                 return (
                     f"no posture with more room was found: at home {ours} and {other} are less "
-                    f"than {1e3 * _NEAR:g} mm from each other, or overlap; move {other} away by "
+                    f"than {1e3 * _NAMED_DISTANCE:g} mm from each other, or overlap; move "
+                    f"{other} away by "
                     "its joints under locked_joints"
                 )
     return ""

@@ -6,7 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from wrenchsight.analyses.methods.robot.draft_assumptions import FRICTION_SHARE, GRAVITY, Assumed
+from wrenchsight.analyses.methods.robot.draft_assumptions import (
+    FRICTION_SHARE,
+    STANDARD_GRAVITY,
+    Assumed,
+)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.arm_structure import DescribedJoint
 
@@ -105,7 +109,7 @@ class DraftText:
         return "\n".join(lines) + "\n"
 
     def _gravity_line(self) -> str:
-        if np.allclose(self.gravity, [0.0, 0.0, -GRAVITY], atol=1e-9):
+        if np.allclose(self.gravity, [0.0, 0.0, -STANDARD_GRAVITY], atol=1e-9):
             return (
                 "gravity: [0, 0, -9.81]  # in W; another vector where the base hangs or is tilted"
             )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrenchsight.analyses.methods.robot.draft_assumptions import (
-    GRAVITY,
+    STANDARD_GRAVITY,
     Assumed,
     assume,
     good_posture,
@@ -28,7 +28,7 @@ from wrenchsight.models.robot.urdf_document import is_xacro_file, read_document
 from wrenchsight.models.robot.urdf_pictures import resolved_mesh
 from wrenchsight.models.robot.xacro_document import untrusted_xacro, urdf_of_xacro
 
-_UPRIGHT = 1e-3  # rad, within which a base counts as upright
+_UPRIGHT_ANGLE = 1e-3  # rad, within which a base counts as upright
 
 
 class DraftedRobot(NamedTuple):
@@ -57,7 +57,7 @@ class XacroTrust(NamedTuple):
     arguments: Mapping[str, str] = {}
 
 
-UNTRUSTED = XacroTrust()
+NO_XACRO_TRUST = XacroTrust()
 
 
 def draft_robot(
@@ -65,7 +65,7 @@ def draft_robot(
     out: Path,
     base: str | None = None,
     flange: str | None = None,
-    xacro: XacroTrust = UNTRUSTED,
+    xacro: XacroTrust = NO_XACRO_TRUST,
 ) -> DraftedRobot:
     """Writes a robot.yaml with every required key, and loads it.
 
@@ -160,11 +160,11 @@ def _mounting(
     root, X_RB = structure.mounting(base)
     up_B = X_RB.rotation().matrix()[2]
     tilt = float(np.arccos(np.clip(up_B[2], -1.0, 1.0)))
-    if tilt < _UPRIGHT:
+    if tilt < _UPRIGHT_ANGLE:
         height = float(X_RB.translation()[2]) if root == "world" else 0.0
         # An arm on a column or a torso has no floor at W.
-        return np.array([0.0, 0.0, -GRAVITY]), (-max(height, 0.0), None), ()
-    gravity = -GRAVITY * up_B
+        return np.array([0.0, 0.0, -STANDARD_GRAVITY]), (-max(height, 0.0), None), ()
+    gravity = -STANDARD_GRAVITY * up_B
     vector = ", ".join(f"{value:.4g}" for value in np.round(gravity, 4) + 0.0)
     note = (
         f'the URDF mounts "{base}" turned by {np.degrees(tilt):.3g} deg from upright in "{root}": '

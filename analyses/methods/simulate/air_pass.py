@@ -14,7 +14,7 @@ from pydrake.systems.analysis import Simulator
 
 from wrenchsight.analyses.methods.simulate.advance import advance, even_stretches
 from wrenchsight.analyses.methods.simulate.fast_runs import is_free, run_free
-from wrenchsight.analyses.methods.simulate.simulated_logs import TRACKING
+from wrenchsight.analyses.methods.simulate.simulated_logs import TRACKING_CONFIG
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario
@@ -35,12 +35,12 @@ from wrenchsight.models.recordings.position_resolution import position_resolutio
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-_STRETCH = 1.0  # s between two reports of progress
+_PROGRESS_PERIOD = 1.0  # s between two reports of progress
 _SECOND_SEED = 10000  # of the second pass, apart from the first one's
 # Machining moves joints by some mrad/s for seconds: stiction counts where a joint rests, and until
 # its gear has wound up. Of 1 and 2 s, .3 and 1 mrad these hold their band best at the ends of two
 # paths (15 and 30 s one way on the plate, 15 s on the blade). Contact-free logs hardly show them.
-REST = Rest(time=1.0, reach=1e-3, only=1.0)
+AIR_PASS_REST = Rest(time=1.0, reach=1e-3, only=1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def record_air_pass(
         duration=motion.duration,
         seed=seed,
         motion=HoldMotion(),
-        controller=TRACKING,
+        controller=TRACKING_CONFIG,
         machining=None,
         workpiece=None,
         force_torque_sensor=None,
@@ -111,7 +111,7 @@ def record_air_pass(
     simulator.Initialize()
     advance(
         simulator,
-        even_stretches(free.duration, _STRETCH),
+        even_stretches(free.duration, _PROGRESS_PERIOD),
         lambda share: progress(share, "air pass"),
     )
     return _recorded(*loop.logged(simulator.get_context()))
@@ -223,7 +223,7 @@ def learn_error(
         K_0=np.asarray(K_0, float),
         resolution=position_resolution(log.q),
     )
-    return replace(fit_torque_error([reading], rest=REST), read_load=BEYOND_LOAD)
+    return replace(fit_torque_error([reading], rest=AIR_PASS_REST), read_load=BEYOND_LOAD)
 
 
 class _PassReading(NamedTuple):

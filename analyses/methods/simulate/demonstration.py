@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 SCENARIO: Final = "Push"
 FORCE_AXES: Final = ("fx", "fy", "fz")
 _TICKS_TO_COMPILE: Final = 3
-_STRETCH: Final = 0.25  # s between two reports of progress
+_PROGRESS_PERIOD: Final = 0.25  # s between two reports of progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ def _logged(
     loop = make_closed_loop(scenario, robot, model, estimator=None, log=request)
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
-    advance(simulator, even_stretches(scenario.duration, _STRETCH), report)
+    advance(simulator, even_stretches(scenario.duration, _PROGRESS_PERIOD), report)
     return loop.logged(simulator.get_context())
 
 

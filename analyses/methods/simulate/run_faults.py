@@ -12,8 +12,8 @@ from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.robot.robot import Robot
 
 MAX_SATURATED = 0.2  # of the samples at its effort limit, above which a joint follows no motion
-_NOTED = 0.01  # of the samples at its effort limit, from which on it is said
-_POSTURES = 60  # of the motion, in which a model's inertias are compared with the arm's
+_MIN_NOTED_SHARE = 0.01  # of the samples at its effort limit, from which on it is said
+_NUM_POSTURES = 60  # of the motion, in which a model's inertias are compared with the arm's
 _MAX_RATIO = 15.0  # of a model's inertia to the arm's: beyond it held torques overshoot
 _AT_LIMIT = 1.0 - 1e-6  # of the effort limit
 
@@ -30,7 +30,7 @@ def require_controllable(
     Raises:
         InputError: it cannot: somewhere a joint's inertia is not above 0, or many times the arm's.
     """
-    rows = np.linspace(0, len(trajectory.q) - 1, _POSTURES).astype(int)
+    rows = np.linspace(0, len(trajectory.q) - 1, _NUM_POSTURES).astype(int)
     chain, still = model.chain(robot), np.zeros(robot.num_joints)
     ratios = []
     for q in trajectory.q[rows]:
@@ -74,7 +74,7 @@ def saturation_notices(robot: Robot, signals: Mapping[str, Array], refuses: bool
     shares = at_limit.mean(axis=0)
     needed = np.abs(robot.chain.gravity_torque(signals["q"])).max(axis=0)
     sentences = []
-    for j in np.flatnonzero(shares > _NOTED):
+    for j in np.flatnonzero(shares > _MIN_NOTED_SHARE):
         unit = "N" if robot.chain.prismatic[j] else "N m"
         limit = float(robot.effort_limit[j])
         sentence = (

@@ -24,8 +24,8 @@ from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 ROBOT = "sts_sre4_600"
 # Servo drives follow a reference far more stiffly than a force controller may: 200 rad/s here. With
 # less, a wrist of little inertia sticks and slips through each reversal.
-TRACKING = JointTrackingConfig(kp=[4e4], kd=[400.0], ki=[2e6], integral_limit=[400.0])
-PERIODS = 2  # of each trajectory: 20 s
+TRACKING_CONFIG = JointTrackingConfig(kp=[4e4], kd=[400.0], ki=[2e6], integral_limit=[400.0])
+NUM_PERIODS = 2  # of each trajectory: 20 s
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def stored_excitation(robot: Robot, number: int) -> FourierTrajectory:
 def simulate_excitation(
     robot: Robot,
     trajectory: FourierTrajectory,
-    num_periods: int = PERIODS,
+    num_periods: int = NUM_PERIODS,
     seed: int = 0,
     name: str = "excitation",
     progress: ProgressCallback = lambda fraction, message: None,
@@ -113,7 +113,7 @@ def _simulate_motion(
 
 
 def drive_servo(
-    robot: Robot, model: IdentifiedModel, config: JointTrackingConfig = TRACKING
+    robot: Robot, model: IdentifiedModel, config: JointTrackingConfig = TRACKING_CONFIG
 ) -> Servo:
     """The drives' own controller, for `simulate_free_arm`."""
     gains = [config.kp, config.kd, config.ki, config.integral_limit]

@@ -60,14 +60,14 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import with_friction, with_truth_named
 
-_STRETCH = 0.1  # s between two reports of progress
+_PROGRESS_PERIOD = 0.1  # s between two reports of progress
 _QUICK_DURATION = 1.0  # s
 _FIT_SAMPLES = 1000
 _FIT_RANGE = (0.02, 0.5)  # rad/s
 _TOO_FAST = 10.0  # times its velocity limit no joint moves
 _NO_SPEED = 60.0  # rad/s (m/s), which no joint reaches, whatever its URDF states
 _FEW_VALID = 0.5  # share of the readings, below which a notice states the reason
-_JUDGED = 500  # readings that the reason rests on
+_JUDGED_READINGS = 500  # readings that the reason rests on
 
 
 def simulate_scenario(
@@ -401,7 +401,7 @@ def _why_not_valid(result: SimulationResult, model: IdentifiedModel) -> tuple[st
         return shares.sentences(estimator.reading.reconstruction.limits)
     batch = estimator.run(estimator.initial_state(), result.q, result.v, result.current)
     rows = np.flatnonzero(batch.invalid & UNCERTAIN_FORCE)
-    rows = rows[:: max(1, len(rows) // _JUDGED)]
+    rows = rows[:: max(1, len(rows) // _JUDGED_READINGS)]
     uncertain = UncertainForce.of(estimator, batch.J[rows], batch.torque_sd[rows])
     return (uncertain.sentence(float(result.valid.mean())),)
 
@@ -449,8 +449,8 @@ def _advance(
     duration, (robot, model) = work.scenario.duration, arm
     plant, fastest = loop.cell.plant, np.minimum(_TOO_FAST * robot.velocity_limit, _NO_SPEED)
     started = time.perf_counter()
-    count = int(np.ceil(duration / _STRETCH))
-    ends = [min(k * _STRETCH, duration) for k in range(1, count + 1)]
+    count = int(np.ceil(duration / _PROGRESS_PERIOD))
+    ends = [min(k * _PROGRESS_PERIOD, duration) for k in range(1, count + 1)]
     passed: list[float] = []
 
     def judge(share: float) -> None:

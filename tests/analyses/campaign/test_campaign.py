@@ -295,7 +295,7 @@ def test_a_wrong_option_is_one_line(tmp_path, words, message, capfd, monkeypatch
     from wrenchsight.analyses.__main__ import main
     from wrenchsight.analyses.campaign import workers
 
-    monkeypatch.setattr(workers, "_CONNECT", 1)
+    monkeypatch.setattr(workers, "_CONNECT_TIMEOUT", 1)
     with socket.create_server(("127.0.0.1", 0)) as silent:  # takes connections, and says nothing
         port = silent.getsockname()[1]
         places = {"SILENT": f"tcp://127.0.0.1:{port}", "SECRET": f"tls://127.0.0.1:{port}"}

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.stats import false_discovery_control, spearmanr
 
-from wrenchsight.analyses.campaign.influences import LEVEL, MOST, holm, influences, influences_text
+from wrenchsight.analyses.campaign.influences import (
+    MAX_NAMED_PARAMETERS,
+    SIGNIFICANCE_LEVEL,
+    holm,
+    influences,
+    influences_text,
+)
 
 WORLDS = 200
 
@@ -56,13 +62,15 @@ def test_the_line_leads_to_the_article_s_figure_also_beyond_what_was_drawn():
 
 
 def test_chance_is_named_as_seldom_as_stated():
-    """Figures that nothing moves: in at most LEVEL of the cases is anything named."""
+    """Figures that nothing moves: in at most SIGNIFICANCE_LEVEL of the cases is anything named."""
     named = 0
     for seed in range(200):
         draws, generator = drawn(100 + seed)
         named += bool(influences(generator.standard_normal(WORLDS), draws, 0.0))
     # 200 cases at .05: 10, and 3.1 standard deviations of a binomial more. Uncorrected: 92.
-    assert named <= 200 * LEVEL + 3.1 * np.sqrt(200 * LEVEL * (1.0 - LEVEL))
+    assert named <= 200 * SIGNIFICANCE_LEVEL + 3.1 * np.sqrt(
+        200 * SIGNIFICANCE_LEVEL * (1.0 - SIGNIFICANCE_LEVEL)
+    )
     assert influences_text(()) == "no drawn parameter is seen to move it"
     assert influences_text(None) == ""
 
@@ -78,7 +86,7 @@ def test_only_the_strongest_influences_and_none_of_a_constant_parameter():
     draws, _ = drawn(3, 5)
     figure = sum(draws[f"p{k}"] for k in range(5))
     draws["fixed"] = np.ones(WORLDS)
-    assert len(influences(figure, draws, 1.0)) == MOST
+    assert len(influences(figure, draws, 1.0)) == MAX_NAMED_PARAMETERS
     assert influences(np.ones(WORLDS), draws, 1.0) == ()
 
 

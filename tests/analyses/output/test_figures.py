@@ -9,8 +9,8 @@ import pytest
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     DOTS_PER_INCH,
+    FIGURE_WIDTH,
     SERIES,
-    WIDTH,
     new_figure,
     save_figure,
 )
@@ -34,7 +34,7 @@ def test_axes_are_always_rows_by_columns():
 
 def test_a_figure_has_the_report_s_width_and_names_no_software_or_date(tmp_path):
     png = _draw(tmp_path / "a" / "figure.png").read_bytes()
-    assert int.from_bytes(png[16:20], "big") == round(WIDTH * DOTS_PER_INCH)
+    assert int.from_bytes(png[16:20], "big") == round(FIGURE_WIDTH * DOTS_PER_INCH)
     for chunk in (b"tEXt", b"zTXt", b"iTXt", b"tIME"):
         assert chunk not in png
 

@@ -7,7 +7,7 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
 from wrenchsight.diagrams.distances import clearance as clearance_module
-from wrenchsight.diagrams.distances.clearance import INFLUENCE, Clearance
+from wrenchsight.diagrams.distances.clearance import INFLUENCE_DISTANCE, Clearance
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
@@ -78,7 +78,7 @@ def test_a_contact_between_samples_is_found(sts, clearance):
     clear, closest = clearance.certify(harmless, np.full(6, 0.05), 6.0)
     assert clear
     lowest = min(clearance.slack(harmless(t)) for t in np.linspace(0, 6, 300))
-    assert (closest.slack if closest else INFLUENCE) < lowest + 2e-3
+    assert (closest.slack if closest else INFLUENCE_DISTANCE) < lowest + 2e-3
 
 
 def beside(robot, piece, q):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from wrenchsight.analyses.methods.simulate.simulated_logs import TRACKING, drive_servo
+from wrenchsight.analyses.methods.simulate.simulated_logs import TRACKING_CONFIG, drive_servo
 from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -36,7 +36,9 @@ def swing(robot, duration=0.6, amplitude=0.3):
 def both(arm, seed=5):
     """Signals of the cell in Drake and of the fast log, by name, and the same times."""
     motion, model = swing(arm), IdentifiedModel.nominal(arm)
-    scenario = Scenario(robot=arm.name, duration=motion.duration, seed=seed, controller=TRACKING)
+    scenario = Scenario(
+        robot=arm.name, duration=motion.duration, seed=seed, controller=TRACKING_CONFIG
+    )
     loop = make_closed_loop(
         scenario, arm, model, motion=motion, estimator=None,
         log=LogRequest(also=("tau_f_true", "tau_J_true", "state")),

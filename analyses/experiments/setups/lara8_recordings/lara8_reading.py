@@ -64,31 +64,32 @@ VARIANTS: Final[tuple[str, ...]] = (
 )  # whose rigid body; the second needs DESCRIPTION
 NUM_JOINTS: Final = 6
 K_0: Final = 15.0  # 1/s, as in `ur10e-payload`
-DELAY: Final = 0.0775  # s, of the sensor's own filter: 65 to 90 ms by the data set's description
+# s, of the sensor's own filter: 65 to 90 ms by the data set's description
+SENSOR_DELAY: Final = 0.0775
 REST_SPEED: Final = 0.005  # rad/s; the velocity's noise is 2 mrad/s
 
 # The controller's friction, s c + b s (d |v| + tanh(w |v|)), of its file of parameters.
-_C = np.array([13.15, 14.01, 6.53, 9.48, 2.51, 1.60])  # N m
-_B = np.array([3.113, 5.332, 1.149, 0.954, 0.264, 0.288])  # N m
-_W = np.array([12.3, 12.3, 54.5, 54.5, 4.3, 12.8])  # s/rad
-_D = np.array([9.5, 9.5, 12.0, 12.0, 11.9, 7.0])  # s/rad
+_SIGN_TORQUE = np.array([13.15, 14.01, 6.53, 9.48, 2.51, 1.60])  # N m
+_SPEED_TORQUE = np.array([3.113, 5.332, 1.149, 0.954, 0.264, 0.288])  # N m
+_INVERSE_TURN_SPEED = np.array([12.3, 12.3, 54.5, 54.5, 4.3, 12.8])  # s/rad
+_INVERSE_SPEED = np.array([9.5, 9.5, 12.0, 12.0, 11.9, 7.0])  # s/rad
 # On the day of `joint3_sweep` its law of joint 3 held this besides: 2.215 s - 5.36 v.
 _MORE_COULOMB = {"joint3_sweep": np.array([0.0, 0.0, 2.215, 0.0, 0.0, 0.0])}
 _MORE_VISCOUS = {"joint3_sweep": np.array([0.0, 0.0, -5.36, 0.0, 0.0, 0.0])}
 # Of the UR10e, experiment `ur10e-identification`, law presliding.
 LOAD_SHARE: Final = (0.022, 0.061, 0.066, 0.011, 0.0, 0.0)  # N m per N m
-_DISPLACEMENT = 2e-4  # rad, likewise
+_PRESLIDING_DISPLACEMENT = 2e-4  # rad, likewise
 
 # Stated, not measured: sds of such a law's error.
-_CONSTANT = (1.5, 1.5, 1.0, 0.6, 0.4, 0.3)  # N m, about a current's noise
+_CONSTANT_SD = (1.5, 1.5, 1.0, 0.6, 0.4, 0.3)  # N m, about a current's noise
 # N m per N m. On a harmonic drive of a UR5's class friction has .091 of the load more when lifting
 # and .129 less when lowering: no share holds both. A gain in its place reads joint 2 of
 # jog_linear_loaded with 15.6 N m in motion for 6.3.
 _LOAD_ERROR = 0.1
-_DRIFT = 0.3  # of the viscous torque
-_REVERSAL = 0.5  # of the sliding level
-_ERROR_TIME, _LASTING = 0.3, 0.3  # s, share
-_RESOLUTION = 4e-6  # rad
+_VISCOUS_DRIFT = 0.3  # of the viscous torque
+_REVERSAL_SHARE = 0.5  # of the sliding level
+_ERROR_TIME, _LASTING_SHARE = 0.3, 0.3  # s, share
+_POSITION_RESOLUTION = 4e-6  # rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +121,7 @@ class Lara8Log:
     def mounting(self) -> Mounting:
         """Mounting of the sensor as the data set states it; nothing of it is identified."""
         tare = np.array([float(x) for x in self.config.tare.split(",")])
-        return Mounting("tool", np.diag([-1.0, -1.0, 1.0]), -1, tare, DELAY)
+        return Mounting("tool", np.diag([-1.0, -1.0, 1.0]), -1, tare, SENSOR_DELAY)
 
     def sensor_wrench(self, mounting: Mounting | None = None) -> Array:
         """(N, 6) on the robot in base axes, force first; NaN where the sensor's delay leads out."""
@@ -231,7 +232,7 @@ def _log(path: Path, robot: Robot, variants: tuple[str, ...]) -> Lara8Log:
         turn=[0.0, 0.0, np.pi],
         sign="environment",
         tare=",".join(f"{x:.17g}" for x in tare),
-        delay=str(DELAY),
+        delay=str(SENSOR_DELAY),
         rest_speed=REST_SPEED,
     )
     J = robot.chain.jacobian(recording.q)
@@ -263,19 +264,19 @@ def controller_friction(
         of_that_day: whether the further terms of that day's law count.
     """
     zero = np.zeros(NUM_JOINTS)
-    coulomb, viscous = _C + _B, _B * _D
+    coulomb, viscous = _SIGN_TORQUE + _SPEED_TORQUE, _SPEED_TORQUE * _INVERSE_SPEED
     if of_that_day:
         coulomb = coulomb + _MORE_COULOMB.get(name, zero)
         viscous = viscous + _MORE_VISCOUS.get(name, zero)
     return PreslidingFriction(
         SemiParametricFriction(CoulombViscous(zero, viscous, zero)),
         coulomb=coulomb,
-        stribeck=-_B,  # tanh(w |v|) rises over 1 / w, as 1 - exp(-(w v)^2) does
-        stribeck_velocity=1.0 / _W,
+        stribeck=-_SPEED_TORQUE,  # tanh(w |v|) rises over 1 / w, as 1 - exp(-(w v)^2) does
+        stribeck_velocity=1.0 / _INVERSE_TURN_SPEED,
         load=np.array(LOAD_SHARE) if load_share is None else np.asarray(load_share),
         cubic=zero,
         weight=np.ones((NUM_JOINTS, 1)),
-        displacement=np.full((NUM_JOINTS, 1), _DISPLACEMENT),
+        displacement=np.full((NUM_JOINTS, 1), _PRESLIDING_DISPLACEMENT),
     )
 
 
@@ -283,19 +284,19 @@ def stated_model(robot: Robot, friction: PreslidingFriction) -> IdentifiedModel:
     """The URDF's masses, the given friction, and a stated torque error."""
     every = np.ones(NUM_JOINTS)
     error = TorqueErrorModel(
-        constant=np.array(_CONSTANT),
+        constant=np.array(_CONSTANT_SD),
         speed=0.0 * every,
         load=_LOAD_ERROR * every,
         acceleration=0.0 * every,
-        reversal=_REVERSAL * every,
+        reversal=_REVERSAL_SHARE * every,
         correlation=np.eye(NUM_JOINTS),
         correlation_time=_ERROR_TIME * every,
-        lasting=_LASTING * every,
+        lasting=_LASTING_SHARE * every,
         fitted_speed=0.0 * every,
         fitted_load=0.0 * every,
         K_0=K_0 * every,
-        resolution=_RESOLUTION * every,
-        drift=_DRIFT,
+        resolution=_POSITION_RESOLUTION * every,
+        drift=_VISCOUS_DRIFT,
         beyond_speed=0.0,
         beyond_load=0.0,
     )

@@ -44,13 +44,13 @@ from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.signals.bands import SIGMA_95
 
 LAW, PLAIN, OURS = "semi-parametric", "coulomb-viscous", "presliding"
-FEEDS = (15.0, 30.0, 60.0)  # s, one way
+FEED_TIMES = (15.0, 30.0, 60.0)  # s, one way
 K_0 = 20.0  # 1/s, the article's
 FEEDBACKS = ("sensor", "estimate")
 COMPONENTS = ("tangential", "normal")
 READINGS = ("article", "coulomb_viscous", "ours", "known_friction", "sensor")
-_STRETCH = 0.5  # s between two reports of progress
-_FPS = 12.0  # of the page
+_PROGRESS_PERIOD = 0.5  # s between two reports of progress
+_FRAME_RATE = 12.0  # of the page
 _METRES_PER_NEWTON = 0.008
 _LOGGED = (
     "q",
@@ -197,7 +197,9 @@ def run_machining(
     scenario = replace(
         scenario,
         duration=longest_duration(plan, machining.phases),
-        recording=replace(scenario.recording, fps=_FPS, metres_per_newton=_METRES_PER_NEWTON),
+        recording=replace(
+            scenario.recording, fps=_FRAME_RATE, metres_per_newton=_METRES_PER_NEWTON
+        ),
     )
     meshcat: Meshcat | None = None
     if page is not None:
@@ -217,10 +219,10 @@ def run_machining(
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     if meshcat is not None:
-        start_animation(meshcat, _FPS)
+        start_animation(meshcat, _FRAME_RATE)
     advance(
         simulator,
-        even_stretches(scenario.duration, _STRETCH),
+        even_stretches(scenario.duration, _PROGRESS_PERIOD),
         lambda share: progress(share, "machining"),
     )
     if meshcat is not None and page is not None:

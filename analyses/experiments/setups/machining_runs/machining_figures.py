@@ -5,7 +5,7 @@ from typing import Any
 
 from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
     COMPONENTS,
-    FEEDS,
+    FEED_TIMES,
     MachiningRun,
     MachiningTask,
     feed_key,
@@ -80,7 +80,7 @@ def feed_figure(task: MachiningTask, metrics: Mapping[str, Any]) -> Figure:
     figure, axes = new_figure(1, 2, height=4.2)
     reading, held = axes[0]
     reading.plot(
-        FEEDS, task.rmse_n, "s--", color=COLOUR["reference"], label="printed in the article"
+        FEED_TIMES, task.rmse_n, "s--", color=COLOUR["reference"], label="printed in the article"
     )
     lines = (
         ("article", COLOUR["article"], "article's method, here"),
@@ -88,23 +88,23 @@ def feed_figure(task: MachiningTask, metrics: Mapping[str, Any]) -> Figure:
         ("known_friction", COLOUR["truth"], "true friction known"),
     )
     for key, colour, label in lines:
-        values = [metrics[feed_key(feed)][key]["rmse_n"] for feed in FEEDS]
-        reading.plot(FEEDS, values, "o-", color=colour, label=label)
-    steady = [metrics[feed_key(feed)]["article"]["steady"]["rmse_n"] for feed in FEEDS]
-    reading.plot(FEEDS, steady, "o:", color=COLOUR["article"], label="article's, steady feed")
+        values = [metrics[feed_key(feed)][key]["rmse_n"] for feed in FEED_TIMES]
+        reading.plot(FEED_TIMES, values, "o-", color=colour, label=label)
+    steady = [metrics[feed_key(feed)]["article"]["steady"]["rmse_n"] for feed in FEED_TIMES]
+    reading.plot(FEED_TIMES, steady, "o:", color=COLOUR["article"], label="article's, steady feed")
     reading.set_title(f"{task.component} force read")
     for feedback, colour, label in (
         ("estimate", COLOUR["estimate"], "held by the estimate"),
         ("sensor", COLOUR["after"], "held by a sensor"),
     ):
-        values = [metrics[feed_key(feed)]["regulation"][feedback]["rms_n"] for feed in FEEDS]
-        held.plot(FEEDS, values, "o-", color=colour, label=label)
+        values = [metrics[feed_key(feed)]["regulation"][feedback]["rms_n"] for feed in FEED_TIMES]
+        held.plot(FEED_TIMES, values, "o-", color=colour, label=label)
     held.set_title("normal force held")
     for panel in (reading, held):
         panel.set_xlabel("one way in [s]")
         panel.set_ylabel("RMS error [N]")
         panel.set_ylim(bottom=0.0)
-        panel.set_xticks(FEEDS)
+        panel.set_xticks(FEED_TIMES)
     legend_on_top(figure, reading, held, ncols=3)
     return figure
 

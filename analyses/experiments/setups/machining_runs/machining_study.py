@@ -14,8 +14,8 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
     COMPONENTS,
+    FEED_TIMES,
     FEEDBACKS,
-    FEEDS,
     K_0,
     LAW,
     OURS,
@@ -60,7 +60,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         feedback: load_scenario(name)
         for feedback, name in zip(FEEDBACKS, (task.scenario, task.sensorless), strict=True)
     }
-    feeds = FEEDS[:1] if context.fastest_feed else FEEDS
+    feeds = FEED_TIMES[:1] if context.fastest_feed else FEED_TIMES
     total = 2.0 * sum(feeds)
     done = 0.0
     metrics: dict[str, Any] = {}
@@ -86,7 +86,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
                 air_passes = learn_air_passes(
                     entry, robot, models.models[OURS], plan, _AIR_SEED + context.seed
                 )
-            with_picture = context.draws and feedback == "estimate" and feed == FEEDS[0]
+            with_picture = context.draws and feedback == "estimate" and feed == FEED_TIMES[0]
             runs[feedback] = run_machining(
                 entry,
                 models,
@@ -108,7 +108,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     context.progress(0.96, "figures")
     page = FigureFile(
         Path("recording.html"),
-        f"The arm at work without a sensor, one way in {FEEDS[0]:g} s: true force black, "
+        f"The arm at work without a sensor, one way in {FEED_TIMES[0]:g} s: true force black, "
         "estimated force blue.",
     )
     return ExperimentResult(
@@ -199,7 +199,7 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
 
     def collect(*path: str) -> list[float]:
         values = []
-        for feed in FEEDS:
+        for feed in FEED_TIMES:
             value: Any = metrics.get(feed_key(feed))
             if value is not None:
                 for part in path:
@@ -212,7 +212,9 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
 
         Of the valid readings also where a part had none.
         """
-        bands = [metrics.get(feed_key(feed), {}).get(band, {}).get(feedback, {}) for feed in FEEDS]
+        bands = [
+            metrics.get(feed_key(feed), {}).get(band, {}).get(feedback, {}) for feed in FEED_TIMES
+        ]
         return {
             part: [
                 min(of_feed[part].values()) if part in of_feed else float("nan")
@@ -242,7 +244,7 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
 
 def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
     """Rows of the table "article / here"."""
-    feeds = ", ".join(f"{feed:g}" for feed in FEEDS)
+    feeds = ", ".join(f"{feed:g}" for feed in FEED_TIMES)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
     held = f"True normal force held {{}} a sensor, {feeds} s: {{}} error"
     ours = "with the air-pass correction"
@@ -277,7 +279,7 @@ def broken_off(metrics: Mapping[str, Any]) -> list[str]:
     """A note for each fault that ended a pass early."""
     faults = {
         fault
-        for feed in FEEDS
+        for feed in FEED_TIMES
         for fault in metrics.get(feed_key(feed), {}).get("fault", {}).values()
     }
     return [f"A pass was broken off: {fault}." for fault in sorted(faults - {"none"})]
@@ -287,14 +289,14 @@ def machining_notes(task: MachiningTask) -> list[str]:
     """Notes for the report, to be filled by the metrics."""
 
     def each(path: str, spec: str = ".2f") -> str:
-        return " ".join(f"<{feed_key(feed)}.{path}:{spec}>" for feed in FEEDS)
+        return " ".join(f"<{feed_key(feed)}.{path}:{spec}>" for feed in FEED_TIMES)
 
-    feeds = ", ".join(f"{feed:g}" for feed in FEEDS)
+    feeds = ", ".join(f"{feed:g}" for feed in FEED_TIMES)
     inside = "; ".join(
         f"{words} "
         + ", ".join(
             " ".join(f"<{feed_key(feed)}.band.sensor.{part}.{axis}:100 .0f>" for axis in "xyz")
-            for feed in FEEDS
+            for feed in FEED_TIMES
         )
         for part, words in (("steady", "steady feed"), ("ends", "starts"), ("turns", "turns"))
     )

@@ -29,7 +29,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 
 LOG_PERIOD = 0.01  # s; the estimator takes every tick
-_STRETCH = 1.0  # s between two reports of progress
+_PROGRESS_PERIOD = 1.0  # s between two reports of progress
 
 
 def read_in_diagram(
@@ -64,7 +64,7 @@ def read_in_diagram(
         log=LogRequest(only=signals, period=LOG_PERIOD),
     )
     simulator = Simulator(loop.diagram)
-    for end in np.arange(_STRETCH, scenario.duration + _STRETCH, _STRETCH):
+    for end in np.arange(_PROGRESS_PERIOD, scenario.duration + _PROGRESS_PERIOD, _PROGRESS_PERIOD):
         simulator.AdvanceTo(min(float(end), scenario.duration))
         progress(min(float(end) / scenario.duration, 1.0))
     t, logged = loop.logged(simulator.get_context())

@@ -13,7 +13,7 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import repetition_torque
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
-    POSTURES,
+    HOME_DEPARTURES,
     reversal_recordings,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
@@ -24,9 +24,9 @@ from wrenchsight.models.recordings.position_resolution import position_resolutio
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-SPEEDS = (0.003, 0.01, 0.03)  # rad/s, of the passes
-PERIOD = 8.0  # s
-START = 1.0  # s that are left out: a low-pass settles
+PASS_SPEEDS = (0.003, 0.01, 0.03)  # rad/s, of the passes
+PASS_PERIOD = 8.0  # s
+SETTLING_TIME = 1.0  # s that are left out: a low-pass settles
 
 
 def repetition_errors(
@@ -42,10 +42,13 @@ def repetition_errors(
         gains: K_0.
         quick: a shorter log for the identification, and one posture.
     """
-    postures = np.asarray(robot.home) + np.asarray(POSTURES[1:2] if quick else POSTURES[1:3])
+    postures = np.asarray(robot.home) + np.asarray(
+        HOME_DEPARTURES[1:2] if quick else HOME_DEPARTURES[1:3]
+    )
     # The first of the two as in `wrenchsight.analyses.experiments.setups.simulated_arm.arm_models`.
     first_cycles, second_cycles = (
-        reversal_recordings(robot, postures, SPEEDS, seed + 100 * (1 + k), PERIOD) for k in range(2)
+        reversal_recordings(robot, postures, PASS_SPEEDS, seed + 100 * (1 + k), PASS_PERIOD)
+        for k in range(2)
     )
     result, _ = identify_simulated_arm(robot, seed, quick)
     level = np.abs(result.model.friction.coulomb_viscous.coulomb)
@@ -75,4 +78,4 @@ def _after(first_cycle: Recording, second_cycle: Recording) -> Recording:
 
 
 def _settled(log: Recording) -> slice:
-    return slice(round(START / log.time_step), None)
+    return slice(round(SETTLING_TIME / log.time_step), None)

@@ -54,8 +54,8 @@ _SESSIONS = {
     "Combined": "combined",
     "RepeatCyclePush": "cycles",
 }  # scenarios in which a hand pushes
-_BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
-_FRAMES = 200  # of a pass in a recording
+_BLOCK_ROWS = 50_000  # rows read at a time: a covariance a row is much memory
+_NUM_FRAMES = 200  # of a pass in a recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +248,7 @@ def write_runs_page(
     motions = []
     for name, run in runs.items():
         length = run.recording.num_samples // passes
-        rows = np.linspace(0, length - 1, min(length, _FRAMES)).astype(int)
+        rows = np.linspace(0, length - 1, min(length, _NUM_FRAMES)).astype(int)
         motions.append(PathMotion(name, run.recording.q[rows], run.condition_number[rows]))
     write_path_page(robot, motions, out / "recording.html", title)
     names = ", ".join(runs)
@@ -267,8 +267,8 @@ def read_run(
     recording = run.recording
     state = estimator.initial_state()
     force, sd = np.empty((2, recording.num_samples, 3))
-    for start in range(0, recording.num_samples, _BLOCK):
-        rows = slice(start, start + _BLOCK)
+    for start in range(0, recording.num_samples, _BLOCK_ROWS):
+        rows = slice(start, start + _BLOCK_ROWS)
         part = estimator.run(
             state,
             recording.q[rows],
@@ -342,8 +342,8 @@ def read_repetition(
     lags = [LagPower(entry.error.K_0, step, HAND_HZ) for entry in readers]
     q, t = log.q[period:], log.t[period:]
     force, sd = np.empty((2, len(readers), len(q), 3))
-    for start in range(0, len(q), _BLOCK):
-        rows = slice(start, start + _BLOCK)
+    for start in range(0, len(q), _BLOCK_ROWS):
+        rows = slice(start, start + _BLOCK_ROWS)
         J = np.asarray(robot.chain.jacobian(q[rows]))
         for k, (entry, lag) in enumerate(zip(readers, lags, strict=True)):
             K_0 = entry.error.K_0

@@ -31,7 +31,8 @@ from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
 
 K_0 = 20.0  # 1/s, the article's
-FAST = 60.0  # 1/s, ours: follows a hand of 3 Hz; the currents' noise then costs tenths of a newton
+# 1/s, ours: follows a hand of 3 Hz; the currents' noise then costs tenths of a newton
+FAST_GAIN = 60.0
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
-    POSTURES,
+    HOME_DEPARTURES,
     reversal_recordings,
     semi_parametric_model,
     separate_recordings,
@@ -63,13 +63,15 @@ LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
 # period of 2 s alone, they halve neither error nor peak.
 SLOW_SPEEDS = (0.003, 0.01, 0.03)  # rad/s
 SLOW_PERIOD = 8.0  # s
-# Dry friction jumps at zero velocity. The networks start with a jump as wide as v_crit / STEEPEST,
-# 0.2 mrad/s; with the 60 of a smooth network, friction at 10 mrad/s is half the true one.
-STEEPEST = 2000.0
+# Dry friction jumps at zero velocity. The networks start with a jump as wide as v_crit /
+# MAX_NETWORK_SLOPE, 0.2 mrad/s; with the 60 of a smooth network, friction at 10 mrad/s is half the
+# true one.
+MAX_NETWORK_SLOPE = 2000.0
 # Passes that nothing is fitted on: departures from home, rad, and signs of the velocities.
 HELD_OUT_POSTURES = ((0.3, 0.2, -0.25, 0.3, 0.25, -0.3), (-0.3, -0.2, 0.25, -0.3, -0.25, 0.3))
 HELD_OUT_WAYS = ((1.0, 1.0, 1.0, 1.0, 1.0, 1.0), (1.0, 1.0, -1.0, -1.0, 1.0, 1.0))
-FEWEST = 200  # samples below the speed; with fewer the joint's sd is that of all its samples
+# samples below the speed; with fewer the joint's sd is that of all its samples
+MIN_SLOW_SAMPLES = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +210,7 @@ def _identify_arm(
 
 def _reversals(robot: Robot, seed: int, quick: bool) -> tuple[list[Recording], list[Recording]]:
     """Logs of fast passes, and of slow ones; of these the last is held out of every fit."""
-    postures = np.asarray(robot.home) + np.asarray(POSTURES)
+    postures = np.asarray(robot.home) + np.asarray(HOME_DEPARTURES)
     fast = reversal_recordings(robot, postures[:1], seed=seed)
     slow_postures = postures[-2:] if quick else postures[1:]
     slow = reversal_recordings(
@@ -226,7 +228,7 @@ def _with_networks(
 ) -> IdentifiedModel:
     """The semi-parametric model, its networks trained on friction separated in these logs."""
     separated = separate_recordings(robot, fitted, result.model, CONFIG.cutoff)
-    training = TrainingConfig(seed=seed, odd=True, steepest=STEEPEST)
+    training = TrainingConfig(seed=seed, odd=True, steepest=MAX_NETWORK_SLOPE)
     return semi_parametric_model(robot, result, separated, training)[0]
 
 
@@ -239,7 +241,7 @@ def covariance_at_speed(tau_ext: Array, v: Array, speed: float) -> Array:
         speed: rad/s.
     """
     slow = np.abs(v) <= speed
-    slow[:, slow.sum(axis=0) < FEWEST] = True
+    slow[:, slow.sum(axis=0) < MIN_SLOW_SAMPLES] = True
     sd = np.sqrt((tau_ext**2 * slow).sum(axis=0) / slow.sum(axis=0))
     moment = tau_ext.T @ tau_ext
     scale = np.sqrt(np.diag(moment))

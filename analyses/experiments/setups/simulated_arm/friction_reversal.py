@@ -35,11 +35,11 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
-SPEEDS = (0.01, 0.03, 0.06, 0.11, 0.18, 0.28, 0.45, 0.8)  # rad/s, of the planned passes
-PERIOD = 2.0  # s
-REST = 0.002  # rad/s
+PASS_SPEEDS = (0.01, 0.03, 0.06, 0.11, 0.18, 0.28, 0.45, 0.8)  # rad/s, of the planned passes
+PASS_PERIOD = 2.0  # s
+REST_SPEED = 0.002  # rad/s
 # Departures from the home posture, rad; the last one is the test's.
-POSTURES = (
+HOME_DEPARTURES = (
     (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     (0.4, 0.2, -0.2, 0.5, 0.3, -0.4),
     (-0.4, -0.2, 0.1, -0.5, -0.2, 0.4),
@@ -122,16 +122,16 @@ def separate_recordings(
         q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
         motion = FilteredMotion(uniform.t, q, v, derivative(v, step), tau)
         for j in range(robot.num_joints) if joints is None else (joints[k],):
-            result[j].append(separate(chain, motion, j, REST, 1.0 / cutoff))
+            result[j].append(separate(chain, motion, j, REST_SPEED, 1.0 / cutoff))
     return SeparatedFriction(tuple(_joined(j, s) for j, s in enumerate(result)))
 
 
 def reversal_recordings(
     robot: Robot,
     postures: ArrayLike,
-    speeds: Sequence[float] = SPEEDS,
+    speeds: Sequence[float] = PASS_SPEEDS,
     seed: int = 0,
-    period: float = PERIOD,
+    period: float = PASS_PERIOD,
     ways: ArrayLike | None = None,
 ) -> list[Recording]:
     """Simulates the logs of planned reversals, all joints together.

@@ -12,7 +12,7 @@ from wrenchsight.analyses.methods.identify.identification import IdentificationR
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.methods.simulate.simulated_logs import (
-    PERIODS,
+    NUM_PERIODS,
     SimulatedLog,
     simulate_excitation,
     stored_excitation,
@@ -39,11 +39,11 @@ def identify_simulated_arm(
 
     Args:
         robot: with its simulated truth.
-        quick: one period of each excitation in the place of PERIODS.
+        quick: one period of each excitation in the place of NUM_PERIODS.
         contact_noise: of `identify`; a world of a campaign, whose model is not kept, has none.
     """
 
-    periods, config = 1 if quick else PERIODS, replace(config, seed=seed)
+    periods, config = 1 if quick else NUM_PERIODS, replace(config, seed=seed)
 
     def identified() -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
         fitted_log, validation_log = (

@@ -47,10 +47,10 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
 
-BLOCK: Final = 10  # samples of 2 ms
-WINDOW: Final = 5  # blocks: a force is judged over 0.1 s, but block by block in CONTACT
+BLOCK_SAMPLES: Final = 10  # samples of 2 ms
+WINDOW_BLOCKS: Final = 5  # blocks: a force is judged over 0.1 s, but block by block in CONTACT
 OBSERVER_GAIN: Final = 20.0  # 1/s
-RESOLUTION: Final = 1e-5  # rad, of the rebuilt angles
+ANGLE_RESOLUTION: Final = 1e-5  # rad, of the rebuilt angles
 AXIS: Final = "tool_z"
 # The UR10e of data set `ur10e`, experiment ur10e-identification, law coulomb-viscous.
 _PLAIN_COULOMB: Final = (16.50, 16.91, 6.61, 2.80, 3.31, 2.73)  # N m
@@ -88,14 +88,14 @@ class PreparedRun:
     def windows(self, interval: str) -> NDArray[np.int64]:
         """(M, W) blocks of each average in an interval; (0, W) if the run lacks it.
 
-        W is WINDOW, and 1 for CONTACT: there every block is judged alone.
+        W is WINDOW_BLOCKS, and 1 for CONTACT: there every block is judged alone.
         """
-        size = 1 if interval == CONTACT else WINDOW
+        size = 1 if interval == CONTACT else WINDOW_BLOCKS
         if interval not in self.run.intervals:
             return np.zeros((0, size), np.int64)
         begin, end = self.run.intervals[interval]
         t = block_mean(self.run.t)
-        half = 0.5 * BLOCK * self.run.log.time_step
+        half = 0.5 * BLOCK_SAMPLES * self.run.log.time_step
         inside = np.flatnonzero((t - half >= begin) & (t + half <= end + half))
         count = len(inside) // size
         return inside[: count * size].reshape(count, size)
@@ -192,8 +192,10 @@ def judge_interval(prepared: PreparedRun, reading: ForceReading, interval: str) 
 
 def block_mean(signal: Array) -> Array:
     """Means over successive blocks of the first axis; an incomplete last block is left out."""
-    N = len(signal) // BLOCK
-    return np.asarray(signal[: N * BLOCK].reshape(N, BLOCK, *signal.shape[1:]).mean(axis=1))
+    N = len(signal) // BLOCK_SAMPLES
+    return np.asarray(
+        signal[: N * BLOCK_SAMPLES].reshape(N, BLOCK_SAMPLES, *signal.shape[1:]).mean(axis=1)
+    )
 
 
 def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
@@ -227,7 +229,7 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
     config = WrenchEstimatorConfig(
         MomentumObserverConfig([OBSERVER_GAIN], log.time_step, "trapezoidal"),
         WrenchReconstructionConfig("bayesian"),
-        position_resolution=[RESOLUTION] * prepared.robot.num_joints,
+        position_resolution=[ANGLE_RESOLUTION] * prepared.robot.num_joints,
         check_samples=False,  # velocities are rebuilt, and jump
     )
     estimator = WrenchEstimator(prepared.robot, model, config)

@@ -36,24 +36,25 @@ JUDGED: Final = ("hold1", "slide", "hold2")
 
 # Column `phase` of the log.
 _APPROACH, _TOUCH, _HOLD, _SLIDE, _SECOND_HOLD, _LIFT, _BEYOND = 1, 2, 3, 4, 6, 7, 8
-_MARGIN = 0.048  # s that a hold or a steady slide keeps off its ends
+_END_MARGIN = 0.048  # s that a hold or a steady slide keeps off its ends
 _EDGE_MARGIN = 0.1  # s that the roller needs clear of the ramp's edge under position control
-_SETTLED = 1.5  # s after contact, when the active flange has settled
-_STEADY = 0.98  # share of the set speed
-_LIFTED = 0.3  # s after the lift begins: the tool is off the workpiece, and the arm calm
+_SETTLING_TIME = 1.5  # s after contact, when the active flange has settled
+_STEADY_SPEED_SHARE = 0.98  # share of the set speed
+_LIFT_TIME = 0.3  # s after the lift begins: the tool is off the workpiece, and the arm calm
 
 _CORNER_JUMP = 1.0  # rad/m a sample, all joints together, that begins a corner
-_CORNER = 8.0  # rad/m of all its jumps together
+_MIN_CORNER_JUMP = 8.0  # rad/m of all its jumps together
 _CORNER_STEPS = 4  # samples between jumps of one corner
-_SLOWEST = 0.02  # m/s, for a division
-_MOVING = 0.03  # m/s, above which a jump is a corner
-BLENDS: Final = (0.015, 0.010, 0.010, 0.015, 0.015)  # m before the ramp's corners, in their order
+_MIN_SPEED = 0.02  # m/s, for a division
+_MIN_CORNER_SPEED = 0.03  # m/s, above which a jump is a corner
+# m before the ramp's corners, in their order
+BLEND_RADII: Final = (0.015, 0.010, 0.010, 0.015, 0.015)
 
-_MASS = 6.86  # kg, active flange and tool
-_INERTIA = [0.05, 0.05, 0.02, 0.0, 0.0, 0.0]  # kg m^2; not published: a cylinder of its size
-_CENTRE = {"acf": [-0.005, -0.00866, 0.16225], "ur": [0.001, -0.002, 0.150]}  # m in the flange
-_CONTACT = {"acf": [0.07188, -0.0415, 0.2774], "ur": [0.07188, -0.0415, 0.2594]}  # m
-_TURN = [0.0, 0.0, -np.pi / 6]
+_TOOL_MASS = 6.86  # kg, active flange and tool
+_TOOL_INERTIA = [0.05, 0.05, 0.02, 0.0, 0.0, 0.0]  # kg m^2; not published: a cylinder of its size
+_TOOL_COM = {"acf": [-0.005, -0.00866, 0.16225], "ur": [0.001, -0.002, 0.150]}  # m in the flange
+_CONTACT_POINT = {"acf": [0.07188, -0.0415, 0.2774], "ur": [0.07188, -0.0415, 0.2594]}  # m
+_TOOL_RPY = [0.0, 0.0, -np.pi / 6]
 
 _NAME = re.compile(r"(straight|ramp|direct)_(ACF|UR)_F(\d+)_([A-Za-z0-9.]+)_v(\d+\.\d+)")
 
@@ -134,7 +135,7 @@ class ContactRun:
         free = self.phase == _APPROACH
         lift = np.flatnonzero(self.phase == _LIFT)
         if len(lift):
-            free |= (self.phase == _LIFT) & (self.t > self.t[lift[0]] + _LIFTED)
+            free |= (self.phase == _LIFT) & (self.t > self.t[lift[0]] + _LIFT_TIME)
         return np.asarray(free)
 
 
@@ -196,14 +197,14 @@ def _intervals(
         rows = np.flatnonzero(which)
         return (float(t[rows[0]]), float(t[rows[-1]])) if len(rows) else None
 
-    steady = (phase == _SLIDE) & (speed >= _STEADY * name.speed)
+    steady = (phase == _SLIDE) & (speed >= _STEADY_SPEED_SHARE * name.speed)
     position_controlled_ramp = name.scene == "ramp" and name.controller == "acf"
     margins = {
         "approach": (phase == _APPROACH, 0.0, 0.0),
         "touch": (phase == _TOUCH, 0.0, 0.0),
-        "hold1": (phase == _HOLD, 0.0, _MARGIN),
-        "slide": (steady, _MARGIN, _EDGE_MARGIN if position_controlled_ramp else _MARGIN),
-        "hold2": (phase == _SECOND_HOLD, 0.0, _MARGIN),
+        "hold1": (phase == _HOLD, 0.0, _END_MARGIN),
+        "slide": (steady, _END_MARGIN, _EDGE_MARGIN if position_controlled_ramp else _END_MARGIN),
+        "hold2": (phase == _SECOND_HOLD, 0.0, _END_MARGIN),
         "lift": (phase == _LIFT, 0.0, 0.0),
     }
     for key, (which, margin_begin, margin_end) in margins.items():
@@ -212,7 +213,7 @@ def _intervals(
             continue
         begin, end = whole[0] + margin_begin, whole[1] - margin_end
         if key == "hold1" and name.controller == "acf":
-            begin = max(begin, _SETTLED)
+            begin = max(begin, _SETTLING_TIME)
         if end > begin:
             intervals[key] = (begin, end)
     if "touch" in intervals:
@@ -221,7 +222,7 @@ def _intervals(
 
 
 def rounded_corners(
-    v: Array, speed: Array, where: Flags, step: float, blends: tuple[float, ...] = BLENDS
+    v: Array, speed: Array, where: Flags, step: float, blends: tuple[float, ...] = BLEND_RADII
 ) -> tuple[Array, Flags]:
     """Rounds the corners of a path off as the robot does.
 
@@ -238,11 +239,11 @@ def rounded_corners(
     Returns:
         The velocity, and (T,) True from 0.12 s before a corner to 0.15 s after.
     """
-    direction = v / np.maximum(speed, _SLOWEST)[:, None]
+    direction = v / np.maximum(speed, _MIN_SPEED)[:, None]
     jump = np.nan_to_num(np.abs(np.diff(direction, axis=0)).sum(axis=1))
-    jumps = np.flatnonzero((jump > _CORNER_JUMP) & where[1:] & (speed[1:] > _MOVING))
+    jumps = np.flatnonzero((jump > _CORNER_JUMP) & where[1:] & (speed[1:] > _MIN_CORNER_SPEED))
     apart = np.flatnonzero(np.diff(jumps) >= _CORNER_STEPS) + 1
-    groups = [group for group in np.split(jumps, apart) if jump[group].sum() > _CORNER]
+    groups = [group for group in np.split(jumps, apart) if jump[group].sum() > _MIN_CORNER_JUMP]
     rounded, near = v.copy(), np.zeros(len(v), bool)
     travelled = np.cumsum(speed) * step
     for number, group in enumerate(groups):
@@ -276,5 +277,5 @@ def tooled(robot: Robot, controller: str) -> Robot:
         robot: the bundled ur10e.
         controller: "acf" or "ur"; the active flange is retracted where the robot regulates.
     """
-    tool = ToolConfig(mass=_MASS, com=_CENTRE[controller], inertia=_INERTIA)
-    return robot.with_tool(tool, PoseConfig(_CONTACT[controller], _TURN))
+    tool = ToolConfig(mass=_TOOL_MASS, com=_TOOL_COM[controller], inertia=_TOOL_INERTIA)
+    return robot.with_tool(tool, PoseConfig(_CONTACT_POINT[controller], _TOOL_RPY))

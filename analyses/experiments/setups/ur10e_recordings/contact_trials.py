@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER, MORE
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FOLDER,
+    FURTHER_FOLDER,
+)
 from wrenchsight.models.detection.contact_detector import (
     ContactDetectionConfig,
     ContactDetector,
@@ -31,25 +34,25 @@ from wrenchsight.models.robot.robot import Robot
 
 TIME_STEP = 0.01  # s
 K_0 = 20.0  # 1/s
-LATE = 0.1  # s after a push in which it may still be found: the observer's own lag and more
-PROMPT = 0.05 + 1e-9  # s, the delay that is wanted; delays are multiples of the period
-FREE = {
+MAX_DELAY = 0.1  # s after a push in which it may still be found: the observer's own lag and more
+WANTED_DELAY = 0.05 + 1e-9  # s, the delay that is wanted; delays are multiples of the period
+FREE_MOTION_LOGS = {
     "14harm50sec": f"{FOLDER}/ur-20_02_19_14harm50sec.csv",
-    "15harm50sec": f"{MORE}/ur-20_02_19_15harm50sec.csv",
-    "7harm": f"{MORE}/ur-20_02_10-20sec_7harm.csv",
-    "5harm": f"{MORE}/ur-20_02_06-20sec_5harm.csv",
-    "10harm": f"{MORE}/ur-20_02_06-20sec_10harm.csv",
-    "8harm": f"{MORE}/ur-20_02_05-20sec_8harm.csv",
-    "01_31-unload": f"{MORE}/ur-20_01_31-unload.csv",
+    "15harm50sec": f"{FURTHER_FOLDER}/ur-20_02_19_15harm50sec.csv",
+    "7harm": f"{FURTHER_FOLDER}/ur-20_02_10-20sec_7harm.csv",
+    "5harm": f"{FURTHER_FOLDER}/ur-20_02_06-20sec_5harm.csv",
+    "10harm": f"{FURTHER_FOLDER}/ur-20_02_06-20sec_10harm.csv",
+    "8harm": f"{FURTHER_FOLDER}/ur-20_02_05-20sec_8harm.csv",
+    "01_31-unload": f"{FURTHER_FOLDER}/ur-20_01_31-unload.csv",
     "ptp_10_points": f"{FOLDER}/ur-20_01_17-ptp_10_points.csv",
-    "collision_free": f"{MORE}/collision_free.csv",
+    "collision_free": f"{FURTHER_FOLDER}/collision_free.csv",
 }
 """Logs of free motion, into which pushes are put."""
-ALONE = {f"joint_{k}": f"{FOLDER}/ur-20_01_22-joint_{k}.csv" for k in range(1, 7)}
-STILL = {f"p{k}": f"{MORE}/ur-20_01_17-p{k}.csv" for k in range(1, 6)}
-OLDER = {"12_23_free": f"{MORE}/ur-19_12_23_free.csv"}
-COLLISION_LOG = f"{MORE}/collision_wrist.csv"
-COLLISIONS = (  # s, in it
+SINGLE_JOINT_LOGS = {f"joint_{k}": f"{FOLDER}/ur-20_01_22-joint_{k}.csv" for k in range(1, 7)}
+REST_LOGS = {f"p{k}": f"{FURTHER_FOLDER}/ur-20_01_17-p{k}.csv" for k in range(1, 6)}
+OLDER_LOGS = {"12_23_free": f"{FURTHER_FOLDER}/ur-19_12_23_free.csv"}
+COLLISION_LOG = f"{FURTHER_FOLDER}/collision_wrist.csv"
+COLLISION_TIMES = (  # s, in it
     (4.6, 5.1),
     (7.3, 8.0),
     (11.2, 11.8),
@@ -58,12 +61,12 @@ COLLISIONS = (  # s, in it
     (22.7, 23.7),
     (26.4, 27.1),
 )
-FIRST = 4.0  # s into a log
-PAUSE = 3.5  # s
-SLOWEST = 0.05  # rad/s: what counts as moving
-ROUNDS = 2  # of pushes through every log
-RATE = 1.0  # false alarms an hour
-CONFIDENCE = 0.95  # of the largest rate that a count agrees with, and of the least
+FIRST_PUSH_TIME = 4.0  # s into a log
+PUSH_PERIOD = 3.5  # s
+MIN_MOVING_SPEED = 0.05  # rad/s: what counts as moving
+NUM_ROUNDS = 2  # of pushes through every log
+FALSE_ALARM_RATE = 1.0  # false alarms an hour
+RATE_CONFIDENCE = 0.95  # of the largest rate that a count agrees with, and of the least
 
 
 class TrialLog:
@@ -165,7 +168,7 @@ class Tally:
             time_step: s.
             link: that it acts on, 1 to n; None: it acts at E.
         """
-        late = round(LATE / time_step)
+        late = round(MAX_DELAY / time_step)
         if detection.contact[max(begin - 1, 0)]:
             return  # the contact before it is not over
         self.contacts += 1
@@ -200,7 +203,9 @@ class Tally:
             "delay_median_s": float(np.median(delays)) if result else None,
             "delay_p95_s": float(np.quantile(delays, 0.95)) if result else None,
             "delay_max_s": float(delays.max()) if result else None,
-            "within_50ms_pct": 100.0 * float(np.sum(delays <= PROMPT)) / max(self.contacts, 1),
+            "within_50ms_pct": 100.0
+            * float(np.sum(delays <= WANTED_DELAY))
+            / max(self.contacts, 1),
             "misfit_pct": 100.0 * self.misfits / max(result, 1),
             **{f"link_{name}": self.links.get(name, 0) for name in ("right", "wrong", "untold")},
         }
@@ -213,8 +218,8 @@ def onsets(contact: Flags) -> NDArray[np.intp]:
 
 def false_alarm_metrics(alarms: int, hours: float) -> dict[str, Any]:
     """False alarms an hour, and the least and the largest rate that agree with the count."""
-    lower = 0.5 * float(chi2.ppf(1.0 - CONFIDENCE, 2 * alarms)) if alarms else 0.0
-    upper = 0.5 * float(chi2.ppf(CONFIDENCE, 2 * (alarms + 1)))
+    lower = 0.5 * float(chi2.ppf(1.0 - RATE_CONFIDENCE, 2 * alarms)) if alarms else 0.0
+    upper = 0.5 * float(chi2.ppf(RATE_CONFIDENCE, 2 * (alarms + 1)))
     return {
         "false_alarms": alarms,
         "hours": hours,
@@ -250,9 +255,9 @@ def schedule(
 
 
 def spans_of(v: Array, duration: float, turn: int) -> list[tuple[int, int]]:
-    """(begin, end) of the pushes of one of ROUNDS through a log of v (N, n) rad/s."""
-    lead = FIRST + turn * 0.5 * PAUSE
-    return schedule(v, duration, PAUSE, lead, TIME_STEP, SLOWEST)
+    """(begin, end) of the pushes of one of NUM_ROUNDS through a log of v (N, n) rad/s."""
+    lead = FIRST_PUSH_TIME + turn * 0.5 * PUSH_PERIOD
+    return schedule(v, duration, PUSH_PERIOD, lead, TIME_STEP, MIN_MOVING_SPEED)
 
 
 def samples_of(spans: Sequence[tuple[float, float]], t: Array) -> list[tuple[int, int]]:

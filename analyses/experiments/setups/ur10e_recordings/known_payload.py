@@ -35,15 +35,15 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_68, SIGMA_95
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
-MASS = 2.805  # kg, of the payload
+PAYLOAD_MASS = 2.805  # kg, of the payload
 TIME_STEP = 0.01  # s
 K_0 = 15.0  # 1/s
 REFERENCE_CUTOFF = 5.0  # Hz, zero-phase, of the kinematics behind the reference
 LEARNING_TIME = 10.0  # s of the loaded run that the point of action is found from
-MARGIN = 1.0  # s left out at both ends: the observer's start, the reference's filter
-INNER = slice(round(MARGIN / TIME_STEP), -round(MARGIN / TIME_STEP))
+END_MARGIN = 1.0  # s left out at both ends: the observer's start, the reference's filter
+INNER_ROWS = slice(round(END_MARGIN / TIME_STEP), -round(END_MARGIN / TIME_STEP))
 # Samples of them; the observer's band is far below their rate.
-LEARNING = slice(round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP), 5)
+LEARNING_ROWS = slice(round(END_MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP), 5)
 # Every method that is compared, with its settings. The other settings are alike; a prior, where a
 # method needs one, is the log's by evidence.
 METHODS: dict[str, WrenchReconstructionConfig] = {
@@ -62,9 +62,9 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
 
     Args:
         estimate: of N samples.
-        direction: (N, 3) m/s^2, as `payload_reference`: the true force is MASS times it.
+        direction: (N, 3) m/s^2, as `payload_reference`: the true force is PAYLOAD_MASS times it.
     """
-    force, truth = estimate.wrench[:, 3:], MASS * direction
+    force, truth = estimate.wrench[:, 3:], PAYLOAD_MASS * direction
     deviation = estimate.standard_deviation[:, 3:]
 
     def errors(rows: Flags) -> dict[str, Any]:
@@ -135,7 +135,9 @@ def force_of_load(
         p_EP (3,) m in axes of E, and the force (N, 3) N in axes of W.
     """
     R_WE, _ = robot.chain.pose(motion.q)
-    p_EP = find_point_of_action(J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING], Sigma_tau).p_EP
+    p_EP = find_point_of_action(
+        J[LEARNING_ROWS], R_WE[LEARNING_ROWS], tau_ext[LEARNING_ROWS], Sigma_tau
+    ).p_EP
     return p_EP, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, p_EP)
 
 
@@ -174,12 +176,15 @@ def read_at_load(
     free_noise: bool,
 ) -> AtLoad:
     """Finds the point of action from the first seconds, and reads the later samples there."""
-    learnt, test = slice(LEARNING.start, LEARNING.stop), slice(LEARNING.stop, -LEARNING.start)
+    learnt, test = (
+        slice(LEARNING_ROWS.start, LEARNING_ROWS.stop),
+        slice(LEARNING_ROWS.stop, -LEARNING_ROWS.start),
+    )
     R_WE, _ = robot.chain.pose(loaded.q)
     result = find_point_of_action(
-        batch.J[LEARNING],
-        R_WE[LEARNING],
-        batch.tau_ext[LEARNING],
+        batch.J[LEARNING_ROWS],
+        R_WE[LEARNING_ROWS],
+        batch.tau_ext[LEARNING_ROWS],
         Sigma_tau,
         with_mean,
         free_noise,

@@ -23,13 +23,13 @@ from wrenchsight.models.truth.log_clock import clocked
 from wrenchsight.models.truth.true_robot import true_robot
 
 TIME_STEP = 0.01  # s, of the reference
-CUTOFF = 8.0  # Hz, of the reference: more than twice what the motions hold
+REFERENCE_CUTOFF = 8.0  # Hz, of the reference: more than twice what the motions hold
 
 
 def commanded_motion(recording: Recording) -> JointTrajectory:
     """The motion of a log as it may have been commanded: low-passed, from rest to rest."""
     uniform = resampled(recording, TIME_STEP)
-    q = ZeroPhaseLowPass(CUTOFF, TIME_STEP, 4)(uniform.q)
+    q = ZeroPhaseLowPass(REFERENCE_CUTOFF, TIME_STEP, 4)(uniform.q)
     t = uniform.t - uniform.t[0]
     return JointTrajectory.from_positions(t, q)
 

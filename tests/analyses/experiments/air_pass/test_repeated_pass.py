@@ -7,8 +7,8 @@ import pytest
 
 from wrenchsight.analyses.experiments.air_pass.repeated_pass import Pass, alignment, loaded_pass
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
+    END_MARGIN,
     LEARNING_TIME,
-    MARGIN,
     TIME_STEP,
 )
 from wrenchsight.models.estimation.point_of_action import jacobian_at
@@ -48,7 +48,7 @@ def test_passes_are_aligned_by_their_positions(ur10e: Robot) -> None:
 def test_the_repeating_torque_is_subtracted(ur10e: Robot) -> None:
     empty, loaded = _pass(ur10e, _AHEAD, 0.0, 1.0), _pass(ur10e, 0.0, _MASS, 1.0)
     result = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
-    assert len(result.v) == round((_DURATION - LEARNING_TIME - MARGIN) / TIME_STEP)
+    assert len(result.v) == round((_DURATION - LEARNING_TIME - END_MARGIN) / TIME_STEP)
     # The reference holds the acceleration of the slow motion, 0.1 N, which is not in the torque.
     assert np.all(result.corrected.mean_square < 0.2**2)
     assert np.all(result.repeated_share > 0.98)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.experiments.bandwidth.experiment import (
-    GAINS,
+    OBSERVER_GAINS,
     first_order,
     measure_response,
     sampled_first_order,
@@ -40,11 +40,11 @@ def test_formulas():
 
 @pytest.mark.parametrize("lowest", [0.1, 0.5])
 def test_the_sweep_covers_every_gain_with_orthogonal_tones(lowest):
-    frequency = sweep_frequencies(GAINS, lowest)
+    frequency = sweep_frequencies(OBSERVER_GAINS, lowest)
     assert frequency[0] == pytest.approx(lowest)
     np.testing.assert_allclose(frequency / lowest, np.round(frequency / lowest), atol=1e-9)
     assert frequency[-1] < 500.0  # half the sampling frequency
-    for K_0 in GAINS:
+    for K_0 in OBSERVER_GAINS:
         of_gain = sweep_frequencies([K_0], lowest)
         assert set(of_gain.round(6)) <= set(frequency.round(6)) | set(of_gain[:-1].round(6))
         assert 5.0 * K_0 / (2.0 * np.pi) <= of_gain[-1] <= 5.0 * K_0 / (2.0 * np.pi) + lowest
@@ -55,7 +55,7 @@ def test_amplitude_and_phase_are_those_of_eq_30(metrics):
     """The figures to reach: 1 % and 1 degree, from the lowest tone to five times the corner."""
     assert metrics["max_amplitude_error_pct"] < 1.0
     assert metrics["max_phase_error_deg"] < 1.0
-    for K_0 in GAINS:
+    for K_0 in OBSERVER_GAINS:
         gain_metrics = gain(metrics, K_0)
         f = np.array(gain_metrics["frequency_hz"])
         assert f[-1] >= 5.0 * K_0 / (2.0 * np.pi)
@@ -76,7 +76,7 @@ def test_one_tick_of_delay_would_be_seen(sts):
 
 
 def test_step_ramp_and_sine(metrics):
-    for K_0 in GAINS:
+    for K_0 in OBSERVER_GAINS:
         gain_metrics = gain(metrics, K_0)
         assert gain_metrics["step"]["time_constant_s"] == pytest.approx(1.0 / K_0, rel=0.01)
         assert gain_metrics["step"]["rise_time_s"] == pytest.approx(np.log(9.0) / K_0, rel=0.01)
@@ -89,9 +89,9 @@ def test_step_ramp_and_sine(metrics):
 
 
 def test_noise_grows_with_the_gain_as_the_current_says(metrics):
-    sds = np.array([gain(metrics, K_0)["noise_sd_n"] for K_0 in GAINS])
+    sds = np.array([gain(metrics, K_0)["noise_sd_n"] for K_0 in OBSERVER_GAINS])
     assert np.all(np.diff(sds, axis=0) > 0.0)
-    for K_0, sd in zip(GAINS, sds, strict=True):
+    for K_0, sd in zip(OBSERVER_GAINS, sds, strict=True):
         # Independent samples of a low-passed noise: about K_0 / 2 a second, for four seconds.
         tolerance = 4.0 / np.sqrt(2.0 * 2.0 * K_0)
         np.testing.assert_allclose(sd, gain(metrics, K_0)["formula_noise_sd_n"], rtol=tolerance)

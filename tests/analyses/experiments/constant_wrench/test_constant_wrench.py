@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.experiments.constant_wrench.experiment import (
-    WRENCH,
+    SCRIPTED_WRENCH,
     read_along,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
@@ -69,7 +69,7 @@ def test_the_first_draw_is_what_eq_22_makes_of_the_readings(sts: Robot) -> None:
     q_start = branch_start(sts, INITIAL_PATH, INITIAL_POSTURE)
     q = follow_path(sts, *INITIAL_PATH.poses(s / INITIAL_PATH.path_length), q_start)
     J = sts.chain.jacobian(q)
-    tau = np.einsum("tij,i->tj", J, WRENCH)
+    tau = np.einsum("tij,i->tj", J, SCRIPTED_WRENCH)
     tau_read = np.einsum("tij,ti->tj", J, readings.wrench[:1501:100])
     ratio = (tau_read - tau) / np.abs(tau)
     moved = np.abs(tau) > 1e-6

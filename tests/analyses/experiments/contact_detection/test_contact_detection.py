@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from wrenchsight.analyses.experiments.contact_detection.experiment import (
     COLLISIONS,
-    PLACES,
-    SIZES,
+    PUSH_FORCES,
+    PUSHED_LINKS,
     push_key,
 )
 from wrenchsight.models.recordings.recording_reader import read_recording
@@ -40,9 +40,9 @@ def test_the_collisions_are_where_the_current_leaves_the_untouched_paths(data_ho
 
 
 def test_keys_are_those_of_the_contract():
-    assert [push_key(30.0, 0.5, place) for place in PLACES] == [
+    assert [push_key(30.0, 0.5, place) for place in PUSHED_LINKS] == [
         "push_30n_500ms_at_e",
         "push_30n_500ms_off_e",
     ]
-    assert min(SIZES) == 5.0
-    assert max(SIZES) == pytest.approx(60.0)
+    assert min(PUSH_FORCES) == 5.0
+    assert max(PUSH_FORCES) == pytest.approx(60.0)

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("mujoco", reason="needs MuJoCo: python -m pip install 'wrenchsight[study]'")
 
 from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm, draw_arm
-from wrenchsight.analyses.experiments.foreign_physics.cases import BALL, CASES, STIFFNESS
+from wrenchsight.analyses.experiments.foreign_physics.cases import BALL_TOOL, CASES, JOINT_STIFFNESS
 from wrenchsight.analyses.experiments.foreign_physics.experiment import EXPERIMENT, summed_up
 from wrenchsight.analyses.experiments.foreign_physics.motions import pick_and_place, wave
 from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import simulate
@@ -70,10 +70,10 @@ def test_a_ball_on_a_plane_pushes_back_along_the_normal_and_the_motors_push(arm:
     scene = replace(
         _still(arm),
         push=np.full(STEPS, 50.0),
-        plane_point=p_WE + (BALL.length - 0.001) * z,
+        plane_point=p_WE + (BALL_TOOL.length - 0.001) * z,
         plane_normal=-z,
         plane_friction=0.0,
-        tool=BALL,
+        tool=BALL_TOOL,
     )
     log = simulate(arm, scene, 0)
     force = log.wrench[-1, 3:]
@@ -105,7 +105,9 @@ def test_the_same_seed_gives_the_same_log_and_another_does_not() -> None:
 
 def test_elastic_gears_follow_the_motors_and_hold_the_same_gravity(arm: TrueArm) -> None:
     scene = _still(arm)
-    rigid, elastic = (simulate(arm, s, 0) for s in (scene, replace(scene, stiffness=STIFFNESS)))
+    rigid, elastic = (
+        simulate(arm, s, 0) for s in (scene, replace(scene, stiffness=JOINT_STIFFNESS))
+    )
     torques = [_torque_beyond_gravity(arm, log) for log in (rigid, elastic)]
     np.testing.assert_allclose(torques[0], torques[1], atol=2 * TORQUE_NOISE)
 

@@ -7,15 +7,15 @@ import pytest
 from sample_models import knowing_model
 
 from wrenchsight.analyses.experiments.live.experiment import (
-    FROM,
-    MARGIN,
+    END_MARGIN,
+    START_TIME,
     judged,
     read_log,
     source_metrics,
     sources,
     truth_of,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER, LOADED
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER, LOADED_LOG
 from wrenchsight.models.identification.identified_model import FittedRobot
 from wrenchsight.models.live.reading import Reading
 
@@ -36,8 +36,8 @@ def test_bands_are_counted_from_the_fifth_second_on():
     count = 1101
     t = T * np.arange(count)
     wrench = np.zeros((count, 6))
-    wrench[t < FROM - T / 2] = 100.0
-    wrench[t > t[-1] - MARGIN + T / 2] = 100.0
+    wrench[t < START_TIME - T / 2] = 100.0
+    wrench[t > t[-1] - END_MARGIN + T / 2] = 100.0
     wrench[700:751, 3] = 5.0  # of 501 samples in x
     valid = t < 8.0
     valid[700:720] = False
@@ -59,7 +59,7 @@ def model(ur10e, tmp_path_factory):
 
 
 def test_a_log_is_read_for_its_first_seconds_with_and_without_tracking(data, ur10e, model):
-    log = data(f"{FOLDER}/{LOADED}")
+    log = data(f"{FOLDER}/{LOADED_LOG}")
     plain, tracked = (read_log(log, model, track, 12.0) for track in (False, True))
     assert len(plain) == len(tracked)
     assert 12.0 <= plain[-1].t - plain[0].t < 12.5
@@ -71,7 +71,7 @@ def test_a_log_is_read_for_its_first_seconds_with_and_without_tracking(data, ur1
 
 @pytest.mark.long
 def test_two_sources_at_real_time(data, ur10e, model):
-    log = data(f"{FOLDER}/{LOADED}")
+    log = data(f"{FOLDER}/{LOADED_LOG}")
     metrics = sources(log, model, ur10e, 4.0)
     assert metrics["replay"]["rate_hz"] == pytest.approx(100.0, rel=0.05)
     assert metrics["rtde"]["rate_hz"] == pytest.approx(500.0, rel=1e-3)

@@ -5,7 +5,7 @@ import pytest
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings import known_payload, ur10e_logs
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
-    MASS,
+    PAYLOAD_MASS,
     payload_metrics,
     payload_reference,
 )
@@ -46,7 +46,7 @@ def estimate(force, sd, valid, condition_number):
 
 
 def test_figures_of_merit_by_hand(monkeypatch):
-    monkeypatch.setattr(known_payload, "MASS", 2.0)
+    monkeypatch.setattr(known_payload, "PAYLOAD_MASS", 2.0)
     direction = np.tile([0.0, 0.0, -10.0], (4, 1))
     direction[:, 0] = [1.0, -1.0, 1.0, -1.0]
     direction[:, 1] = [1.0, 1.0, -1.0, -1.0]
@@ -74,7 +74,7 @@ def test_figures_of_merit_by_hand(monkeypatch):
 def test_without_valid_samples_there_are_no_figures():
     direction = np.tile([0.1, 0.2, -9.8], (5, 1)) + np.arange(5.0)[:, None]
     count = np.arange(1.0, 6.0)
-    payload_estimate = estimate(0.9 * MASS * direction, count, np.zeros(5, bool), count)
+    payload_estimate = estimate(0.9 * PAYLOAD_MASS * direction, count, np.zeros(5, bool), count)
     metrics = payload_metrics(payload_estimate, direction)
     assert metrics["share_valid_pct"] == 0.0
     assert set(metrics["valid"]) <= set(metrics)
@@ -104,12 +104,12 @@ def test_where_the_load_acts_its_force_and_mass_are_read(metrics, method):
     for axis, target in (("x", 2.0), ("y", 3.2), ("z", 3.4)):
         assert judged[f"rmse_f{axis}_n"] <= target
     assert reading["rmse_fy_n"] < 3.6
-    assert reading["mass_kg"] == pytest.approx(MASS, rel=0.01)
+    assert reading["mass_kg"] == pytest.approx(PAYLOAD_MASS, rel=0.01)
 
 
 def test_a_prior_without_a_mean_loses_mass(metrics):
     at_load = metrics["best"]["at_load"]
-    assert at_load["bayesian_zero_mean"]["mass_kg"] < 0.99 * MASS
+    assert at_load["bayesian_zero_mean"]["mass_kg"] < 0.99 * PAYLOAD_MASS
     # A regression over the first 10 s found (27, 174, 53) mm from tool0.
     np.testing.assert_allclose(at_load["point_m"], [0.027, 0.174, 0.053], atol=0.015)
 
@@ -121,11 +121,11 @@ def test_the_plain_inverse_fails_and_its_flag_says_so(metrics):
     assert inverse["valid"]["max_error_n"] < 100.0
     for axis in "xyz":
         assert inverse["valid"][f"rmse_f{axis}_n"] < 10.0
-    assert inverse["valid"]["mass_kg"] == pytest.approx(MASS, rel=0.05)
+    assert inverse["valid"]["mass_kg"] == pytest.approx(PAYLOAD_MASS, rel=0.05)
 
 
 def test_damping_loses_a_third_of_the_force(metrics):
-    assert metrics["damped"]["mass_kg"] / MASS == pytest.approx(2 / 3, abs=0.05)
+    assert metrics["damped"]["mass_kg"] / PAYLOAD_MASS == pytest.approx(2 / 3, abs=0.05)
     assert metrics["damped"]["inside_95_pct"][2] < 50.0
 
 

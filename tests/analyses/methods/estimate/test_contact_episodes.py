@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.methods.estimate.contact_episodes import LISTED, Contact, ContactEpisodes
+from wrenchsight.analyses.methods.estimate.contact_episodes import (
+    MAX_LISTED_CONTACTS,
+    Contact,
+    ContactEpisodes,
+)
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.link_odds import PlaceOdds
 
@@ -97,7 +101,7 @@ def test_contacts_beyond_those_listed_are_counted():
         episodes.add(t, detections, np.zeros((ROWS, 3)), np.ones(ROWS, bool))
     episodes.finish()
     assert episodes.num_contacts == 10 * ROWS // 2
-    assert len(episodes.metrics(1.0)["contacts"]) == LISTED
+    assert len(episodes.metrics(1.0)["contacts"]) == MAX_LISTED_CONTACTS
     assert episodes.lines()[-1] == f"{10 * ROWS // 2 - 8} further contacts: see metrics.json"
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.methods.estimate.contact_places import (
-    BEFORE,
-    LONGEST,
+    BASELINE_TIME,
+    MAX_PIECE_TIME,
     ContactTorque,
     judge_places,
     stretches,
@@ -73,11 +73,11 @@ def test_a_contact_is_read_from_what_was_before_it():
     t, contact = T * np.arange(N), detection().contact
     tau = np.full((N, 7), 2.0)
     tau[contact] += 5.0
-    tau[280] = 99.0  # within BEFORE of the second, but of one sample
+    tau[280] = 99.0  # within BASELINE_TIME of the second, but of one sample
     torque = torque_of_contacts(contact, t, tau)
     np.testing.assert_allclose(torque[100:150], 5.0)
-    late = 300 + round(LONGEST / T)
-    baseline = tau[300 - round(BEFORE / T) : 295].mean()
+    late = 300 + round(MAX_PIECE_TIME / T)
+    baseline = tau[300 - round(BASELINE_TIME / T) : 295].mean()
     np.testing.assert_allclose(torque[300:late], 7.0 - baseline)
     np.testing.assert_allclose(torque[late:900], 7.0)  # what was before it has changed since
     np.testing.assert_array_equal(torque[~contact], tau[~contact])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrenchsight.analyses.methods.estimate.uniform_log import FAULT, SampleScreen
+from wrenchsight.analyses.methods.estimate.uniform_log import FAULT_SIGNAL, SampleScreen
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
@@ -31,7 +31,7 @@ def test_one_absurd_current_is_a_hole_and_spreads_to_no_neighbour():
     assert 1 <= wrong.sum() <= 3
     np.testing.assert_array_equal(on_grid.current[~wrong], clean.current[~wrong])
     assert on_grid.dropout[wrong].all()
-    faults = on_grid.extra[FAULT]
+    faults = on_grid.extra[FAULT_SIGNAL]
     np.testing.assert_array_equal(faults > 0.0, wrong)
     assert screen.notices == (
         "1 sample beyond the joints' limits, taken as missing (first: sample 101); check the log "

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from wrenchsight.analyses.__main__ import app
-from wrenchsight.analyses.methods.excite.excitation import RESERVES, excite, excite_robot
+from wrenchsight.analyses.methods.excite.excitation import SOLVE_RESERVES, excite, excite_robot
 from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.files.input_error import InputError
@@ -68,7 +68,7 @@ def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monke
 
     monkeypatch.setattr(ExcitationProgram, "solve", beyond)
     result = excite(sts, ExcitationConfig(num_starts=2))
-    assert len(checked) == len(RESERVES)
+    assert len(checked) == len(SOLVE_RESERVES)
     begin = checked[-1].sine
     stretched = np.linalg.norm(result.trajectory.sine) / np.linalg.norm(begin)
     assert 1.0 <= stretched < 2.9

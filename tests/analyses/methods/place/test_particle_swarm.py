@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.methods.place.particle_swarm import (
-    UNREACHED,
+    UNREACHED_COST,
     ParticleCost,
     SwarmConfig,
     place_by_swarm,
@@ -40,7 +40,7 @@ def test_a_particle_costs_its_best_branch(sts: Robot, task: PlacementTask) -> No
     assert costs[0] == pytest.approx(np.mean(values), rel=1e-12)
     # Of its two elbows the other one has 17.21.
     assert costs[0] == pytest.approx(17.0973, abs=1e-3)
-    assert costs[1] == UNREACHED
+    assert costs[1] == UNREACHED_COST
     q, reached = track_paths(sts.chain, result.q[10:11], result.n_W[np.newaxis], 1.0, 20)
     assert reached.all()
     np.testing.assert_allclose(q[0], result.q, atol=1e-9)

@@ -8,7 +8,7 @@ from sample_models import torque_sds
 
 from wrenchsight.analyses.methods.simulate import air_pass
 from wrenchsight.analyses.methods.simulate.air_pass import (
-    REST,
+    AIR_PASS_REST,
     AirPass,
     learn_air_passes,
     learn_correction,
@@ -106,7 +106,7 @@ def test_the_error_that_a_correction_leaves_is_stated(sts_reversed, model, passe
     scenario, _, flown = passes
     low, high = (AirPass(motion, recording) for motion, recording in flown.values())
     error = learn_error(high, low, sts_reversed, model, scenario.estimator)
-    assert (error.rest_time, error.reach, error.resting_only) == REST
+    assert (error.rest_time, error.reach, error.resting_only) == AIR_PASS_REST
     assert error.read_load == BEYOND_LOAD
     readings = {}
     for name, flight in (("low", low), ("high", high)):

@@ -10,7 +10,7 @@ from wrenchsight.analyses.experiments.grinding import experiment as grinding
 from wrenchsight.analyses.experiments.polishing import experiment as polishing
 from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
     COMPONENTS,
-    FEEDS,
+    FEED_TIMES,
     LAW,
     OURS,
     PLAIN,
@@ -218,7 +218,7 @@ def test_both_scenarios_of_a_task_are_one_but_for_the_loop(task):
     for scenario, other in ((with_sensor, without), (without, with_sensor)):
         assert scenario.machining == replace(other.machining, phases=scenario.machining.phases)
     assert with_sensor.machining.air_pass > 0.0
-    assert len(task.correlation) == len(task.rmse_n) == len(FEEDS)
+    assert len(task.correlation) == len(task.rmse_n) == len(FEED_TIMES)
     assert task.component in COMPONENTS
 
 
@@ -303,17 +303,17 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
     assert set(readings) == set(READINGS)
     for task in TASKS:
         of_a_feed = feed_metrics(task, runs, readings)
-        metrics = {feed_key(feed): of_a_feed for feed in FEEDS}
+        metrics = {feed_key(feed): of_a_feed for feed in FEED_TIMES}
         metrics |= over_feeds(metrics)
-        metrics["sources"] = sources(models, dict.fromkeys(FEEDS, runs["sensor"]))
+        metrics["sources"] = sources(models, dict.fromkeys(FEED_TIMES, runs["sensor"]))
         rows = comparison_rows(task)
         assert len(rows) == 14
         for row in rows:
             value = metrics
             for part in row.key.split("."):
                 value = value[part]
-            assert np.shape(value) == (len(FEEDS),) and np.all(np.isfinite(value))
-        alone = over_feeds({feed_key(FEEDS[0]): of_a_feed})
+            assert np.shape(value) == (len(FEED_TIMES),) and np.all(np.isfinite(value))
+        alone = over_feeds({feed_key(FEED_TIMES[0]): of_a_feed})
         for row in rows:  # at the same places where the fastest feed alone was run
             value = alone
             for part in row.key.split("."):
@@ -328,21 +328,22 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
         notes = filled(machining_notes(task), metrics)
         assert len(notes) == len(machining_notes(task)) and "–" not in " ".join(notes)
         assert broken_off(metrics) == []
-        cut = {feed_key(FEEDS[0]): {"fault": {"sensor": "none", "estimate": "no contact"}}}
+        cut = {feed_key(FEED_TIMES[0]): {"fault": {"sensor": "none", "estimate": "no contact"}}}
         assert broken_off(cut) == ["A pass was broken off: no contact."]
     # Readings are not mixed up: the sensor and known friction read best.
     assert of_a_feed["sensor"]["normal"]["rmse_n"] < 1.5
     assert (
         of_a_feed["known_friction"]["normal"]["rmse_n"] < of_a_feed["article"]["normal"]["rmse_n"]
     )
-    shown = dict.fromkeys(FEEDS, (runs["sensor"], readings))
+    shown = dict.fromkeys(FEED_TIMES, (runs["sensor"], readings))
     for figure, panels in (
-        (force_figure(shown, "normal"), len(FEEDS)),
+        (force_figure(shown, "normal"), len(FEED_TIMES)),
         (
             regulation_figure(
-                dict.fromkeys(FEEDS, runs["sensor"]), dict.fromkeys(FEEDS, runs["estimate"])
+                dict.fromkeys(FEED_TIMES, runs["sensor"]),
+                dict.fromkeys(FEED_TIMES, runs["estimate"]),
             ),
-            len(FEEDS),
+            len(FEED_TIMES),
         ),
         (feed_figure(TASKS[0], metrics), 2),
     ):

@@ -9,8 +9,8 @@ from wrenchsight.analyses.experiments.grinding import experiment as grinding
 from wrenchsight.analyses.experiments.polishing import experiment as polishing
 from wrenchsight.analyses.experiments.setups.machining_runs import machining_study as module
 from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
+    FEED_TIMES,
     FEEDBACKS,
-    FEEDS,
     OURS,
     READINGS,
     feed_key,
@@ -74,7 +74,7 @@ def studied(monkeypatch, tmp_path):
             return figures_of(readings)
 
         def drawn(task, shown, without, metrics):
-            assert list(shown) == list(without) == list(FEEDS)
+            assert list(shown) == list(without) == list(FEED_TIMES)
             return ["figures"]
 
         monkeypatch.setattr(
@@ -94,7 +94,7 @@ def studied(monkeypatch, tmp_path):
         monkeypatch.setattr(
             module,
             "machining_notes",
-            lambda task: [f"<{feed_key(FEEDS[-1])}.ours.rmse_n:>"],
+            lambda task: [f"<{feed_key(FEED_TIMES[-1])}.ours.rmse_n:>"],
         )
         options = {"progress": lambda share, step: shares.append(share)}
         result = experiment.run(ExperimentContext(tmp_path, tmp_path, **options | given))
@@ -108,9 +108,9 @@ def studied(monkeypatch, tmp_path):
 def test_the_fastest_feed_alone_is_run_with_a_sensor_and_without(studied, experiment):
     """And its figures stand where they stand in a run of all feeds, the others' being NaN."""
     result, runs, shares = studied(experiment, fastest_feed=True, seed=7)
-    assert [one.machining.one_way for one, _ in runs] == [min(FEEDS)] * 2 == [15.0] * 2
+    assert [one.machining.one_way for one, _ in runs] == [min(FEED_TIMES)] * 2 == [15.0] * 2
     assert result.configuration["feeds_s"] == (15.0,)
-    assert [feed_key(feed) in result.metrics for feed in FEEDS] == [True, False, False]
+    assert [feed_key(feed) in result.metrics for feed in FEED_TIMES] == [True, False, False]
     assert result.metrics["sources"] == [15.0]
     for row in result.comparison:
         value = result.metrics
@@ -130,16 +130,16 @@ def test_the_fastest_feed_alone_is_run_with_a_sensor_and_without(studied, experi
 def test_every_feed_is_run_with_a_sensor_and_without(studied, experiment):
     result, runs, shares = studied(experiment)
     assert [one.machining.one_way for one, _ in runs] == [15.0, 15.0, 30.0, 30.0, 60.0, 60.0]
-    assert result.configuration["feeds_s"] == FEEDS
-    np.testing.assert_array_equal(result.metrics["ours"]["rmse_n"], FEEDS)
+    assert result.configuration["feeds_s"] == FEED_TIMES
+    np.testing.assert_array_equal(result.metrics["ours"]["rmse_n"], FEED_TIMES)
     for key, factor in (("band", 1.0), ("band_without_sensor", 10.0)):
         for part in ("steady", "ends", "turns", "all"):
-            least = factor * np.array(FEEDS)
+            least = factor * np.array(FEED_TIMES)
             np.testing.assert_array_equal(result.metrics[key][part], least, err_msg=part)
     valid = result.metrics["band_of_valid_without_sensor"]
-    np.testing.assert_array_equal(valid["steady"], 10.0 * np.array(FEEDS))
+    np.testing.assert_array_equal(valid["steady"], 10.0 * np.array(FEED_TIMES))
     np.testing.assert_array_equal(valid["ends"], np.nan)
-    assert filled(result.notes, result.metrics) == [format(max(FEEDS))]
+    assert filled(result.notes, result.metrics) == [format(max(FEED_TIMES))]
     assert result.figures == ["figures"]
     assert shares == sorted(shares) and shares[-1] <= 1.0
     # The picture is of the fastest feed without a sensor.

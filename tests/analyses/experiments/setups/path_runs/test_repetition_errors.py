@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs import repetition_errors as module
-from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import POSTURES
+from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import HOME_DEPARTURES
 from wrenchsight.models.recordings.recording import Recording
 
 N, STEP = 6000, 1e-3
@@ -49,7 +49,7 @@ def test_noise_is_what_differs_between_two_runs_once_they_have_settled(sts_rever
     np.testing.assert_allclose(raw.resolution, 1e-5, rtol=1e-6)
     assert (raw.K_0, filtered.K_0) == (None, 50.0)
     for postures, speeds, period in requests:  # both runs are one motion
-        np.testing.assert_allclose(postures, robot.home + np.array(POSTURES[1:3]))
-        assert (speeds, period) == (module.SPEEDS, module.PERIOD)
+        np.testing.assert_allclose(postures, robot.home + np.array(HOME_DEPARTURES[1:3]))
+        assert (speeds, period) == (module.PASS_SPEEDS, module.PASS_PERIOD)
     module.repetition_errors(robot, (None,), seed=4, quick=True)
     assert requests[-1][0].shape == requests[-2][0].shape == (1, n)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
-    BLOCK,
-    WINDOW,
+    BLOCK_SAMPLES,
+    WINDOW_BLOCKS,
     PreparedRun,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import CONTACT
@@ -16,7 +16,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
 _STEP = 0.002  # s
 
 
-@pytest.mark.parametrize(("interval", "size"), [("slide", WINDOW), (CONTACT, 1)])
+@pytest.mark.parametrize(("interval", "size"), [("slide", WINDOW_BLOCKS), (CONTACT, 1)])
 def test_a_contact_is_judged_block_by_block_and_its_parts_over_tenths_of_a_second(
     interval: str, size: int
 ) -> None:
@@ -25,7 +25,7 @@ def test_a_contact_is_judged_block_by_block_and_its_parts_over_tenths_of_a_secon
     run = SimpleNamespace(t=_STEP * np.arange(1500), log=log, intervals=times)
     prepared: Any = SimpleNamespace(run=run)
     windows = PreparedRun.windows(prepared, interval)
-    first = round(1.0 / _STEP) // BLOCK
+    first = round(1.0 / _STEP) // BLOCK_SAMPLES
     expected = np.arange(first, first + 50).reshape(-1, size)
     np.testing.assert_array_equal(windows, expected)
-    assert PreparedRun.windows(prepared, "hold1").shape == (0, WINDOW)
+    assert PreparedRun.windows(prepared, "hold1").shape == (0, WINDOW_BLOCKS)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
-    BLENDS,
+    BLEND_RADII,
     CONTACT,
     RunName,
     find_runs,
@@ -111,7 +111,7 @@ def test_the_ramp_has_its_five_corners(data: Callable[[str], Path]) -> None:
     run = read_run(data("ur10e_contact/ramp_ACF_F35_r0.0z0_v0.25.csv"))
     edges = np.diff(run.corners.astype(int))
     # Corners 3 to 5 lie within 0.27 s of each other, so that their surroundings touch.
-    assert 2 <= np.count_nonzero(edges == 1) <= len(BLENDS)
+    assert 2 <= np.count_nonzero(edges == 1) <= len(BLEND_RADII)
     assert np.abs(np.diff(run.log.v, axis=0)).max() < 0.2  # rad/s a sample; before: 2.5
 
 
