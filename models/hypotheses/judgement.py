@@ -134,18 +134,22 @@ def judge_log(
 
 def refuse_faulty(
     recordings: Sequence[Recording], robot: Robot, model: IdentifiedModel | None = None
-) -> None:
+) -> list[str]:
     """Refuses logs that something is wrong with.
 
     Args:
         recordings: of which at most MOST_LOGS, the longest ones, are looked at.
         robot, model: as `judge_log`.
 
+    Returns:
+        A sentence for each log that another robot's masses would explain as well as a fault.
+
     Raises:
         InputError: what is wrong, and what to do.
     """
+    doubts: list[str] = []
     if not robot.has_inertias:
-        return
+        return doubts
     for recording in sorted(recordings, key=lambda log: -log.num_samples)[:MOST_LOGS]:
         judgement = judge_log([resampled(recording)], robot, model)
         if judgement is None or judgement.fault is None:
@@ -156,6 +160,12 @@ def refuse_faulty(
         if model is not None or is_far_off:
             remedy = f"{judgement.remedy()}; --no-check reads the log as it is"
             raise InputError(recording.source, "", judgement.problem(), remedy)
+        doubts.append(
+            f"{recording.source}: {judgement.problem()}; if that is so, {judgement.remedy()}, and "
+            "identify again; if not, the masses of the robot's files are wrong, and the fit finds "
+            "them"
+        )
+    return doubts
 
 
 def stands_beside_contact(fault: Explanation, base_share: Array, explained: float) -> bool:

@@ -29,7 +29,10 @@ _DAMAGE = (zipfile.BadZipFile, zlib.error, tokenize.TokenError, SyntaxError, Run
 _BLOCK_ROWS = 1 << 16
 _LARGEST_ARRAY = 1 << 29  # bytes: an array is read whole
 _MOST_COLUMNS = 4096  # of an array
-_JOINT_ARRAYS = {"current": "i", "tau_J": "tau", "q": "q", "v": "v", "i": "i", "tau": "tau"}
+_JOINT_ARRAYS = {
+    "q": "q", "v": "v", "qd": "v", "dq": "v", "i": "i", "current": "i", "tau": "tau",
+    "tau_J": "tau",
+}  # fmt: skip
 _SUFFIX = ".npy"
 
 
@@ -65,8 +68,9 @@ class NpzContainer:
 class NpzTable:
     """An npz file of one array per signal or per column, one sample a row; rows count from 1.
 
-    An array (T,) is a column. Arrays (T, n) that are called q, v, i or current, tau or tau_J are
-    the columns q1..qn and so on; any other array is the columns NAME.1..NAME.k.
+    An array (T,) is a column. Arrays (T, n) that are called q, v, qd or dq, i or current, tau or
+    tau_J are the columns q1..qn and so on; any other array is the columns NAME.1..NAME.k. Arrays
+    (n, T) are turned where the file's vectors have T numbers.
 
     Raises:
         InputError: no such file, no npz file or a damaged one, arrays of different lengths, words
@@ -80,6 +84,12 @@ class NpzTable:
         self.notices: list[str] = []
         self.progress = 0.0
         shapes = self._array_shapes()
+        self._turned = _turned(shapes)
+        shapes = {n: x[::-1] if n in self._turned else x for n, x in shapes.items()}
+        if self._turned:
+            self.notices.append(
+                f"arrays with a sample in each column are turned: {', '.join(sorted(self._turned))}"
+            )
         lengths = {name: shape[0] for name, shape in shapes.items() if shape}
         self.num_rows = max(lengths.values(), default=0)
         if self.num_rows == 0:
@@ -127,9 +137,13 @@ class NpzTable:
         """Arrays as matrices (T, k), by name."""
         try:
             with np.load(self.path, allow_pickle=False) as archive:
-                return {name: archive[name].reshape(self.num_rows, -1) for name in names}
+                arrays = {name: archive[name] for name in names}
         except (*_DAMAGE, MemoryError) as error:
             raise self._damaged(error) from error
+        return {
+            name: (x.T if name in self._turned else x).reshape(self.num_rows, -1)
+            for name, x in arrays.items()
+        }
 
     def _array_shapes(self) -> dict[str, tuple[int, ...]]:
         """The shapes of the file's arrays of numbers, by name."""
@@ -151,7 +165,8 @@ class NpzTable:
                         continue
                     if math.prod(shape) * dtype.itemsize != num_bytes:
                         raise ValueError(f"{member.filename} states {shape}, of another size")
-                    if num_bytes > _LARGEST_ARRAY or math.prod(shape[1:]) > _MOST_COLUMNS:
+                    width = min(shape) if len(shape) == 2 else math.prod(shape[1:])
+                    if num_bytes > _LARGEST_ARRAY or width > _MOST_COLUMNS:
                         self.notices.append(
                             f"the array {name} {shape} is left out: it is too large"
                         )
@@ -181,6 +196,17 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     if any(length < 0 for length in shape):
         raise ValueError(f"shape {shape}")
     return shape, dtype
+
+
+def _turned(shapes: Mapping[str, tuple[int, ...]]) -> frozenset[str]:
+    """The matrices that hold a sample in each column, as long as the file's vectors are."""
+    lengths = {math.prod(shape) for shape in shapes.values() if len(shape) == 1}
+    if len(lengths) != 1:
+        return frozenset()
+    (count,) = lengths
+    return frozenset(
+        name for name, x in shapes.items() if len(x) == 2 and x[1] == count and x[0] != count
+    )
 
 
 def _column_names(name: str, shape: tuple[int, ...]) -> list[str]:

@@ -23,6 +23,7 @@ from wrenchsight.models.recordings.differentiation import (
     with_velocities,
 )
 from wrenchsight.models.recordings.layouts.array_layout import array_layout
+from wrenchsight.models.recordings.layouts.column_words import column_words_layout
 from wrenchsight.models.recordings.layouts.external_torque import external_torque_layout
 from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, known_layout
 from wrenchsight.models.recordings.layouts.plain_header import header_format
@@ -526,7 +527,10 @@ class RecordingReader:
             problem = (
                 f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
             )
-            raise InputError(path, "", problem, "export the log as CSV, " + _DESCRIBE)
+            remedy = "export the log as CSV, or as npz with arrays t, q, v and i"
+            if _is_table_of_text(path):
+                remedy = "name the file .csv, " + _DESCRIBE
+            raise InputError(path, "", problem, remedy)
         return self._open_undescribed(container, path)
 
     def _open_undescribed(self, container: LogContainer, path: Path) -> _OpenedLog:
@@ -557,8 +561,18 @@ class RecordingReader:
             for column in signal.columns
         }
         names = _in_lower_case([name for name in table.names if name not in further_names])
-        form = self._in_requested_angle(header_format(names, path, num_joints))
-        return _OpenedLog(form, str(path), table)
+        try:
+            form, others = header_format(names, path, num_joints)
+        except InputError:
+            joint_names = self._robot.joint_names if self._robot is not None else None
+            layout = column_words_layout(table.names, path, joint_names, self._words)
+            if layout is None:
+                raise
+            form, others = self._adopt(layout), ()
+        if others:
+            more = f" and {len(others) - 6} more" if len(others) > 6 else ""
+            self._notices.append(f"columns left out: {', '.join(others[:6])}{more}")
+        return _OpenedLog(self._in_requested_angle(form), str(path), table)
 
     def _recognised_layout(self, table: LogTable) -> KnownLayout | None:
         """The layout of a log that another program wrote; None where none is recognised."""
@@ -611,6 +625,14 @@ class RecordingReader:
             self._notices.append(notice)
             return _OpenedLog(form, str(form_path), table)
         return None
+
+
+def _is_table_of_text(path: Path) -> bool:
+    """Whether a file is a table in text, whatever its name ends in."""
+    try:
+        return TEXT.open(path, None).num_columns > 1
+    except InputError:
+        return False
 
 
 def _no_time(path: Path, names: Sequence[str]) -> InputError:

@@ -2,12 +2,13 @@
 
 import csv
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
@@ -15,6 +16,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.list_cells import UnfoldedFile, has_lists
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.table_checks import other_words
 
@@ -26,6 +28,12 @@ _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 # Unambiguous, so that it does not backtrack: a cell may have a hundred thousand digits.
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _NAN_CELLS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)")
+_STAMP = re.compile(
+    r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.]\d{1,9})?)?(?P<zone>Z|[+-]\d\d(:?\d\d)?)?"
+)  # a date and a time (ISO 8601)
+_UNIT_CELL = re.compile(r"\W*[a-zA-Zµ°%‰]{0,5}([ */·^_][a-zA-Z0-9°]{1,5}){0,2}\W*")
+_HEAD_LINES = 100  # in which the table's first row is looked for
+_MIN_CELLS = 4  # of a table
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
 _BINARY_KINDS = (  # first bytes, kind of file, remedy
     (b"PAR1", "a Parquet file", "name it .parquet"),
@@ -57,8 +65,12 @@ class TextContainer:
     def open(self, path: Path, form: RecordingFormat | None) -> "TextTable":
         """As the protocol; without a description, the file's first lines show how it is written."""
         if form is not None:
-            return TextTable(path, form.separator, form.decimal_mark, form.skip_lines, form.header)
-        table = TextTable(path)
+            return _without_lists(
+                lambda unfolded: TextTable(
+                    path, form.separator, form.decimal_mark, form.skip_lines, form.header, unfolded
+                )
+            )
+        table = _without_lists(lambda unfolded: TextTable(path, unfolded=unfolded))
         if table.names is not None and table.separator != ",":
             table.notices.append(f"columns are separated by {_SEPARATORS[table.separator]}")
         return table
@@ -71,6 +83,14 @@ class TextContainer:
             options = pa_csv.WriteOptions(include_header=False)
             with pa_csv.CSVWriter(file, table.schema, write_options=options) as writer:
                 writer.write_table(table, max_chunksize=1 << 16)
+
+
+def _without_lists(open_table: "Callable[[UnfoldedFile | None], TextTable]") -> "TextTable":
+    """The table, or one with a column for each entry where its cells hold lists."""
+    table = open_table(None)
+    if table.names is None or not has_lists(table.first_cells):
+        return table
+    return open_table(UnfoldedFile(table.path, table.separator, table.skip_lines))
 
 
 def write_csv_header(file: BinaryIO, names: Sequence[str]) -> None:
@@ -88,6 +108,13 @@ class TextTable:
         skip_lines: lines before the header or the first row.
         header: whether the first line after these names the columns; None: it does if one of its
             cells is no number.
+        unfolded: the file's content without lists in its cells; None: it has none.
+
+    A line of units below the header is added to the names, as "q1 [rad]". A column of dates with
+    times (ISO 8601) is read in seconds.
+
+    Attributes:
+        first_cells: of the first row.
 
     Raises:
         InputError: no such file, a directory, a binary file, no line of numbers.
@@ -102,19 +129,32 @@ class TextTable:
         decimal_mark: str | None = None,
         skip_lines: int = 0,
         header: bool | None = None,
+        unfolded: UnfoldedFile | None = None,
     ) -> None:
         self.path = path
+        self._unfolded = unfolded
+        self._source = path if unfolded is None else unfolded.path
         self.notices: list[str] = []
         self.progress = 0.0  # share of the file that has been read
-        with opened(path, "a log") as file:
+        with opened(self._source, "a log") as file:
             _refuse_binary(path, file)
             self._begin = _after_byte_order_mark(file)
             for _ in range(skip_lines):
                 self._line(file)
             top_line = self._line(file).lstrip("#").strip()  # numpy.savetxt writes "# " and names
-            while not top_line and header is not False and file.tell() < path.stat().st_size:
+            size = self._source.stat().st_size
+            while not top_line and header is not False and file.tell() < size:
                 skip_lines += 1
                 top_line = self._line(file).lstrip("#").strip()
+            if separator is None and header is None:
+                skipped = self._num_words_above(file, top_line)
+                if skipped:
+                    file.seek(self._begin)
+                    skip_lines += skipped
+                    for _ in range(skip_lines):
+                        self._line(file)
+                    top_line = self._line(file).lstrip("#").strip()
+                    self.notices.append(f"the first {skip_lines} lines are no table: left out")
             if not top_line:
                 raise InputError(path, "", "is empty", "record the log again")
             self.separator = separator or _separator_of(top_line)
@@ -123,7 +163,25 @@ class TextTable:
                 header = not all(_is_number(cell.replace(",", ".")) for cell in cells)
             self.names: tuple[str, ...] | None = tuple(cells) if header else None
             self._num_head_lines = skip_lines + (1 if header else 0)
+            self.skip_lines = skip_lines
+            """Lines before the header or the first row."""
             line_of_numbers = self._line(file).strip() if header else top_line
+            if self.names is not None and self._is_of_units(self._cells(line_of_numbers)):
+                units = self._cells(line_of_numbers)
+                self.names = tuple(
+                    f"{name} [{unit.strip('[]() ')}]" if unit.strip("[]()- ") else name
+                    for name, unit in zip(self.names, units, strict=True)
+                )
+                self.notices.append("units are read from the line below the header")
+                self._num_head_lines += 1
+                line_of_numbers = self._line(file).strip()
+            self.first_cells = tuple(self._cells(line_of_numbers))
+            stamps = {k: _STAMP.fullmatch(cell) for k, cell in enumerate(self.first_cells)}
+            self._stamps = {  # arrow's types of columns that hold dates with times
+                k: pa.timestamp("ns", tz="UTC" if match["zone"] else None)
+                for k, match in stamps.items()
+                if match is not None
+            }
         self.num_columns = len(cells)
         self._top_line = top_line
         self.decimal_mark = decimal_mark or self._decimal_mark_of(line_of_numbers)
@@ -132,10 +190,36 @@ class TextTable:
             remedy = "set header: false in the description, or add a first line t,q1,..."
             raise InputError(path, f"line {self._num_head_lines}", problem, remedy)
 
-    @property
-    def skip_lines(self) -> int:
-        """Lines before the header or the first row."""
-        return self._num_head_lines - (self.names is not None)
+    def _num_words_above(self, file: BinaryIO, top_line: str) -> int:
+        """Lines above a table that are no part of it, such as words on the recording."""
+        here, lines = file.tell(), [top_line]
+        size = self._source.stat().st_size
+        while len(lines) < _HEAD_LINES and file.tell() < size:
+            lines.append(self._line(file).strip())
+        file.seek(here)
+        shown = [(k, text) for k, text in enumerate(lines) if text]
+        counts = [len(_split(text, _separator_of(text))) for _, text in shown]
+        if len(shown) < 2 or counts[0] == counts[1] >= _MIN_CELLS:
+            return 0
+        for i in range(1, len(shown) - 1):
+            cells = _split(shown[i][1], _separator_of(shown[i][1]))
+            is_row = sum(_is_number(cell.replace(",", ".")) for cell in cells) > 0.5 * len(cells)
+            if not (is_row and counts[i] >= _MIN_CELLS and counts[i] == counts[i + 1]):
+                continue
+            first = i
+            while first > 0 and i - first < 2 and counts[first - 1] == counts[i]:
+                first -= 1
+            return shown[first][0] if first < i else 0
+        return 0
+
+    def _is_of_units(self, cells: Sequence[str]) -> bool:
+        """Whether cells are the units of the columns."""
+        return (
+            len(cells) == len(self.names or ())
+            and not any(_is_number(cell.replace(",", ".")) for cell in cells)
+            and all(_UNIT_CELL.fullmatch(cell) for cell in cells)
+            and any(cell.strip("[]() ").lower() in ("s", "ms", "rad", "deg", "°") for cell in cells)
+        )
 
     def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
         """As the protocol."""
@@ -197,12 +281,12 @@ class TextTable:
     def _raw_blocks(self) -> Iterator[tuple[bytes, int]]:
         """Whole lines below the header, some MB at a time, with the first one's number."""
         line = self._num_head_lines + 1
-        with opened(self.path, "a log") as file:
+        with opened(self._source, "a log") as file:
             file.seek(self._begin)
             for _ in range(self._num_head_lines):
                 file.readline()
             incomplete_line = b""
-            size = max(1, self.path.stat().st_size)
+            size = max(1, self._source.stat().st_size)
             while data := file.read(BLOCK_BYTES):
                 self.progress = min(1.0, file.tell() / size)
                 cut = data.rfind(b"\n") + 1
@@ -257,7 +341,11 @@ class TextTable:
             ) from error
         values = np.empty((table.num_rows, len(columns)))
         for k in range(len(columns)):
-            values[:, k] = table.column(k).to_numpy()  # an empty cell becomes NaN
+            column = table.column(k)
+            if pa.types.is_timestamp(column.type):
+                seconds = pc.cast(pc.cast(column, pa.int64()), pa.float64(), safe=False)
+                column = pc.multiply(seconds, 1e-9)
+            values[:, k] = column.to_numpy()  # an empty cell becomes NaN
         is_optional = np.array([column in may_be_empty for column in columns])
         if not (np.isfinite(values) | (np.isnan(values) & is_optional)).all():
             self._refuse_fault(block, line, columns, may_be_empty)
@@ -281,7 +369,7 @@ class TextTable:
             read_options=pa_csv.ReadOptions(column_names=names, use_threads=False),
             parse_options=pa_csv.ParseOptions(delimiter=self.separator),
             convert_options=pa_csv.ConvertOptions(
-                column_types={name: pa.float64() for name in used},
+                column_types={name: self._stamps.get(int(name), pa.float64()) for name in used},
                 include_columns=used,
                 null_values=["", *_NAN_CELLS],
                 decimal_point=self.decimal_mark,
@@ -302,6 +390,8 @@ class TextTable:
                 raise InputError(self.path, f"line {number}", fault.problem, fault.remedy)
             for column in columns:
                 if column in may_be_empty and cells[column] in ("", *_NAN_CELLS):
+                    continue
+                if column in self._stamps and _STAMP.fullmatch(cells[column]):
                     continue
                 fault = self._fault_of_cell(cells[column], number)
                 if fault is not None:
@@ -354,11 +444,7 @@ class TextTable:
         return InputError(self.path, place, "does not end", remedy)
 
     def _cells(self, text: str) -> list[str]:
-        try:
-            cells = next(csv.reader([text], delimiter=self.separator), [""])
-        except csv.Error:
-            cells = text.split(self.separator)
-        return [cell.strip() for cell in cells]
+        return _split(text, self.separator)
 
     def _decimal_mark_of(self, line: str) -> str:
         """The decimal mark of a line of numbers."""
@@ -385,6 +471,15 @@ class TextTable:
             raise InputError(
                 self.path, "", "is no text (UTF-8)", "expected numbers in CSV"
             ) from error
+
+
+def _split(text: str, separator: str) -> list[str]:
+    """The cells of a line."""
+    try:
+        cells = next(csv.reader([text], delimiter=separator), [""])
+    except csv.Error:
+        cells = text.split(separator)
+    return [cell.strip() for cell in cells]
 
 
 def _is_number(text: str, decimal_mark: str = ".") -> bool:

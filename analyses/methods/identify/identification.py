@@ -480,13 +480,14 @@ def identify_logs(
         recordings = read_episodes([Path(log) for log in settings.logs], settings, robot)
         validation = read_episodes([Path(log) for log in settings.validate], settings, robot)
         recordings, notes_on_short = long_enough(recordings, config)
+        doubts: list[str] = []
         if settings.check:
             progress(0.0, "looking for what is wrong with the logs")
-            refuse_faulty(recordings, robot)
+            doubts = refuse_faulty(recordings, robot)
         result = identify(recordings, robot, validation, config, progress)
         result.write(folder, settings)
     notices = [line for recording in (*recordings, *validation) for line in recording.notices]
-    notices += notes_on_short
+    notices += notes_on_short + doubts
     return replace(result, notices=tuple(dict.fromkeys(notices)))
 
 

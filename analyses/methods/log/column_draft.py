@@ -9,15 +9,19 @@ there is none.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.hypotheses.effort_gain import RATED_UNITS
 from wrenchsight.models.hypotheses.explanation import numbers_text
 from wrenchsight.models.hypotheses.judgement import Judgement
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.layouts.column_words import JointColumns, signal_columns
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.log_container import LogTable
+from wrenchsight.models.recordings.log_words import LogWords
 from wrenchsight.models.recordings.plausibility.raw_words import RawWords
 from wrenchsight.models.recordings.rated_table import RatedTable
 from wrenchsight.models.recordings.recording_format import (
@@ -41,12 +45,6 @@ _UNIT_QUESTIONS = {
     "velocity": "? rad/s or deg/s",
     "current": "? A or mA; or motor_torque, in per mille of each drive's rated torque (gain)",
     "motor_torque": "? N m on the joint side; if these are currents in A, call the key current",
-}
-_WORDS = {  # in names of columns, by key; the first that fits counts
-    "velocity": r"vel|speed|qd|dq|omega|(^|[^a-z])v([^a-z]|$)",
-    "motor_torque": r"tau|torq|moment|eff|load",
-    "current": r"cur|amp|(^|[^a-z])i([^a-z]|$)",
-    "position": r"pos|angle|theta|joint|axis|(^|[^a-z])q([^a-z]|$)",
 }
 _FIRST_LINE = (
     "# Draft of `wrenchsight log`: check it, and read the log with --log-format.\n"
@@ -116,14 +114,14 @@ def draft_of_log(
     return "".join(lines)
 
 
-def draft_of_columns(table: LogTable, num_joints: int) -> str:
+def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
     """The description of a log that is not read, as far as the names of its columns show it.
 
     Args:
-        num_joints: of the robot; 0: not known.
+        joint_names: of the robot; None: not known.
     """
     lines = [_FIRST_LINE, *_text_keys(table)]
-    found = _series(table, num_joints)
+    found = _series(table, joint_names)
     time = None if table.names is None else time_columns(table.names)
     if time is not None and table.names is not None:
         numbers = [int(column) - 1 for column in str(time.columns).split(",")]
@@ -134,7 +132,9 @@ def draft_of_columns(table: LogTable, num_joints: int) -> str:
         lines.append('rate_hz: "?"  # samples a second; or time: {columns: NAME, unit: s}\n')
     for key in ("position", "velocity", "current", "motor_torque"):
         if key in found:
-            values = {"columns": _columns_text(found[key], table)}
+            values = {"columns": _columns_text(found[key].columns, table)}
+            if found[key].unit:
+                values["unit"] = found[key].unit
             question = _UNIT_QUESTIONS[key] + "; joints from base to tool"
             lines.append(_Entry(key, values, question).line())
         elif key == "position":
@@ -228,28 +228,18 @@ def _series_text(names: Sequence[str]) -> str:
     return ", ".join(names)
 
 
-def _series(table: LogTable, num_joints: int) -> dict[str, list[int]]:
+def _series(table: LogTable, joint_names: Sequence[str] | None) -> dict[str, JointColumns]:
     """The columns that look like a signal of all joints, by the key of the description."""
-    if table.names is None:
-        count = table.num_columns - 1
-        sizes = [num_joints] if num_joints else range(4, 9)
-        n = next((size for size in sizes if count >= size and count % size == 0), 0)
-        keys = ("position", "velocity", "current")
-        return {
-            key: list(range(1 + k * n, 1 + (k + 1) * n))
-            for k, key in enumerate(keys)
-            if n and 1 + (k + 1) * n <= table.num_columns
-        }
-    groups: dict[str, list[int]] = {}
-    for column, name in enumerate(table.names):
-        stem = re.sub(r"\d+", "#", name)
-        if stem != name:
-            groups.setdefault(stem, []).append(column)
-    found: dict[str, list[int]] = {}
-    for stem, columns in groups.items():
-        if len(columns) < 2 or (num_joints and len(columns) != num_joints):
-            continue
-        key = next((k for k, words in _WORDS.items() if re.search(words, stem.lower())), "")
-        if key and key not in found:
-            found[key] = columns
-    return found
+    if table.names is not None:
+        try:
+            return signal_columns(table.names, Path(), joint_names, LogWords())
+        except InputError:  # they are those of several arms
+            return {}
+    count = table.num_columns - 1
+    sizes = [len(joint_names)] if joint_names else range(4, 9)
+    n = next((size for size in sizes if count >= size and count % size == 0), 0)
+    return {
+        key: JointColumns(list(range(1 + k * n, 1 + (k + 1) * n)), "", "")
+        for k, key in enumerate(("position", "velocity", "current"))
+        if n and 1 + (k + 1) * n <= table.num_columns
+    }

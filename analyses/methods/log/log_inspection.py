@@ -186,7 +186,7 @@ def _unread(
         joint_names=(),
         problem=problem,
         notices=notices,
-        draft=draft_of_columns(table, 0 if robot is None else robot.num_joints),
+        draft=draft_of_columns(table, None if robot is None else robot.joint_names),
         draft_name=draft_name,
     )
 

@@ -30,7 +30,8 @@ from wrenchsight.models.recordings.recording_format import (
 )
 
 _ARRAYS = {
-    "position": ("q", "qpos", "position", "positions", "joint_position", "joint_positions"),
+    "position": ("q", "qpos", "position", "positions", "joint_position", "joint_positions",
+                 "observation.state"),
     "velocity": ("v", "dq", "qd", "qdot", "qvel", "velocity", "velocities", "joint_velocity",
                  "joint_velocities"),
     "current": ("i", "current", "currents", "motor_current", "motor_currents", "joint_current",

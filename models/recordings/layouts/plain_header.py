@@ -16,13 +16,18 @@ _ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a s
 _JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
 
 
-def header_format(
-    names: Sequence[str], path: Path, num_joints: int | None = None
-) -> RecordingFormat:
+class PlainHeader(NamedTuple):
+    """The description of a log with a plain header, and the columns that are none of it."""
+
+    form: RecordingFormat
+    others: tuple[str, ...]
+
+
+def header_format(names: Sequence[str], path: Path, num_joints: int | None = None) -> PlainHeader:
     """The description of a log with the header t,q1..qn,v1..vn,i1..in.
 
     Motor torque is tau1..taun, a flag of bridged samples dropout, and name.1..name.k a further
-    signal.
+    signal. Other columns are left out where all joints have their signals, and v too.
 
     Args:
         names: of the columns.
@@ -30,7 +35,7 @@ def header_format(
         num_joints: n; None: the largest number of a column q or v.
 
     Raises:
-        InputError: a column is missing, unknown or named twice.
+        InputError: a column is missing or named twice; one is unknown, and a joint's is missing.
     """
     time = None if "t" in names else time_columns(names)
     time_numbers = [int(column) - 1 for column in str(time.columns).split(",")] if time else []
@@ -47,6 +52,9 @@ def header_format(
     missing += [f"{x}{j}" for x in signals for j in range(1, size + 1) if j not in numbers[x]]
     for name, entries in header.extra.items():
         missing += [f"{name}.{k}" for k in range(1, max(entries) + 1) if k not in entries]
+    is_complete = not missing and bool(numbers["v"])
+    if header.others and not is_complete:
+        raise _unknown_column(header.others[0], path)
     if missing:
         problem = f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}"
         remedy = f"expected t,q1..q{size},v1..v{size},i1..i{size}; correct the header, {_DESCRIBE}"
@@ -66,7 +74,7 @@ def header_format(
         form.extra[name] = SignalColumns(f"{name}.{{1..{max(entries)}}}")
     if "dropout" in names:
         form.extra["dropout"] = SignalColumns("dropout")
-    return form
+    return PlainHeader(form, tuple(header.others))
 
 
 class _HeaderNumbers(NamedTuple):
@@ -74,6 +82,7 @@ class _HeaderNumbers(NamedTuple):
 
     joint_numbers: dict[str, list[int]]  # of the joints, by letter: a key of _JOINT_SIGNALS
     extra: dict[str, list[int]]  # of the entries of further signals, by name
+    others: list[str]  # columns of neither
 
 
 def _read_names(names: Sequence[str], path: Path, has_time_columns: bool) -> _HeaderNumbers:
@@ -84,14 +93,14 @@ def _read_names(names: Sequence[str], path: Path, has_time_columns: bool) -> _He
             then stand beside them.
 
     Raises:
-        InputError: a name is unknown, or stands for two columns.
+        InputError: a name stands for two columns.
     """
     counts = Counter(names)
     for name in names:
         if counts[name] > 1:
             problem = f'names the column "{name}" twice'
             raise InputError(path, "header", problem, "correct the header, " + _DESCRIBE)
-    header = _HeaderNumbers({letter: [] for letter in _JOINT_SIGNALS}, {})
+    header = _HeaderNumbers({letter: [] for letter in _JOINT_SIGNALS}, {}, [])
     for name in names:
         joint = re.fullmatch(r"(q|v|i|tau)(\d{1,4})", name)  # no more than MOST_COLUMNS
         entry = re.fullmatch(r"(.+)\.(\d{1,4})", name)
@@ -100,7 +109,7 @@ def _read_names(names: Sequence[str], path: Path, has_time_columns: bool) -> _He
         elif entry and entry[1] not in ("t", "q", "v", "current", "tau_J", "dropout"):
             header.extra.setdefault(entry[1], []).append(int(entry[2]))
         elif name not in ("t", "dropout") and not (has_time_columns and name in _ID_COLUMNS):
-            raise _unknown_column(name, path)
+            header.others.append(name)
     return header
 
 

@@ -8,6 +8,11 @@ from wrenchsight.models.recordings.recording_format import SignalColumns, by_num
 TIME_WORDS = ("t", "__time", "time", "times", "timestamp", "timestamps", "%time", "rosbagtimestamp")
 _UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "ns": "ns"}
 _NANOSECONDS = ("%time", "rosbagtimestamp")  # as tools of ROS 1 write them
+_CLOCK_WORDS = frozenset(
+    ("time", "timestamp", "stamp", "datetime", "date", "elapsed", "since", "start", "system", "ros",
+     "log", "host", "unix", "epoch", "controller", "robot", "header", "zeit", "zeitstempel", "utc")
+)  # fmt: skip
+_TIME_TOKENS = frozenset(("time", "timestamp", "stamp", "datetime", "zeit", "zeitstempel"))
 _WITH_UNIT = re.compile(r"(?:t|time|timestamp)[ _]?[\[(]?(s|sec|ms|us|ns)[\])]?")
 _SECOND_WORDS = (  # of whole seconds and nanoseconds
     ("sec", "nanosec"),
@@ -25,11 +30,12 @@ def time_columns(names: Sequence[str]) -> SignalColumns | None:
     A column `t` is the time whatever else there is. Else two columns of seconds and nanoseconds
     are (sec and nanosec, secs and nsecs, s and ns, seconds and nanoseconds, with any prefix:
     header/stamp/sec, t_s), or else the only column that is called time, timestamp or the like,
-    in upper or lower case, or with a unit behind it (time_ms, Time [s]).
+    in upper or lower case, or with a unit behind it (time_ms, Time [s]); or else the only one
+    whose name has no other words than such a clock's (robot_time, Zeit, elapsed time (ms)).
     """
     if "t" in names:
         return by_number([list(names).index("t")])
-    return _seconds_and_nanoseconds(names) or _single(names)
+    return _seconds_and_nanoseconds(names) or _single(names) or _of_words(names)
 
 
 def _single(names: Sequence[str]) -> SignalColumns | None:
@@ -41,6 +47,21 @@ def _single(names: Sequence[str]) -> SignalColumns | None:
             units[column] = _UNITS[match[1]]
         elif word in TIME_WORDS:
             units[column] = "ns" if word in _NANOSECONDS else ""
+    if len(units) != 1:
+        return None
+    ((column, unit),) = units.items()
+    return by_number([column], unit=unit)
+
+
+def _of_words(names: Sequence[str]) -> SignalColumns | None:
+    """The only column all of whose words are those of a clock, the last one perhaps a unit."""
+    units: dict[int, str] = {}
+    for column, name in enumerate(names):
+        tokens = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
+        unit = _UNITS.get(tokens[-1], "") if len(tokens) > 1 else ""
+        rest = set(tokens[:-1] if unit else tokens)
+        if rest <= _CLOCK_WORDS and rest & _TIME_TOKENS:
+            units[column] = unit
     if len(units) != 1:
         return None
     ((column, unit),) = units.items()

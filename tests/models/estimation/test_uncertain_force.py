@@ -74,3 +74,8 @@ def test_the_payload_that_would_be_enough_is_said(robot):
     assert 0.8 < judged(heavy, sd, None)[0].sd / (9.81 * payload / 6.0) < 1.0
     # An error that only another arm could have is no matter of the payload.
     assert "rated payload" not in judged(robot, 100.0 * sd)[0].sentence(0.0)
+
+
+def test_a_joint_without_an_error_to_speak_of_is_judged(robot):
+    judgement, _ = judged(robot, [3.0, 2.5, 1.5, 1e-100, 0.5, 0.2])
+    assert np.isfinite(judgement.sd)

@@ -115,3 +115,12 @@ def test_arrays_of_pictures_are_left_out(tmp_path: Path) -> None:
     path = _saved(tmp_path, **arrays, camera=np.zeros((len(arrays["t"]), 64, 65), np.uint8))
     log = read_recording(path, check=False)
     assert any("camera" in notice and "too large" in notice for notice in log.notices)
+
+
+def test_arrays_with_a_sample_in_each_column_are_turned(tmp_path: Path) -> None:
+    arrays = _arrays()
+    turned = {"t": arrays["t"], "q": arrays["q"].T, "dq": arrays["v"].T, "tau": arrays["current"].T}
+    recording = read_recording(_saved(tmp_path, **turned))
+    np.testing.assert_array_equal(recording.q, arrays["q"])
+    np.testing.assert_array_equal(recording.v, arrays["v"])
+    np.testing.assert_array_equal(recording.tau_J, arrays["current"])

@@ -303,7 +303,7 @@ def test_files_that_are_no_log_are_refused(tmp_path: Path) -> None:
     _good(tmp_path)
     _refused(tmp_path / "lgo.csv", "no such file", 'did you mean "log.csv"?')
     _refused(tmp_path / "none" / "a.csv", "no such file")
-    _refused(_csv(tmp_path, "", name="log.xlsx"), 'has the ending ".xlsx"', "--log-format")
+    _refused(_csv(tmp_path, "", name="log.xlsx"), 'has the ending ".xlsx"', "as CSV, or as npz")
     empty = tmp_path / "empty.csv"
     for content in (b"", b"\n\n  \n", b"\xef\xbb\xbf"):
         empty.write_bytes(content)
@@ -339,6 +339,57 @@ def test_a_file_without_permission_is_refused(tmp_path: Path) -> None:
     _refused(path, "cannot be read", "Permission denied")
 
 
+# --- other ways to write a table ---------------------------------------------------------------
+
+
+def _with_lists(write: Callable[[np.ndarray], str]) -> list[str]:
+    """The lines of the table with a list in a cell for each signal."""
+    rows = [f"{r[0]:.6f},{write(r[1:3])},{write(r[3:5])},{write(r[5:7])}" for r in _table()]
+    return ["time,position,velocity,current", *rows]
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda x: f'"{x.tolist()}"',  # pandas
+        lambda x: f'"{tuple(x.tolist())}"',  # bagpy
+        lambda x: f'"[{x[0]!r:>12.40s}\n {x[1]!r}]"'.replace("np.float64", ""),  # numpy, broken
+        lambda x: f'"array([{float(x[0])!r}, {float(x[1])!r}])"',
+    ],
+)
+def test_lists_in_cells_are_read(tmp_path: Path, write: Callable[[np.ndarray], str]) -> None:
+    _same(read_recording(_csv(tmp_path, *_with_lists(write))), _table())
+
+
+def test_a_list_of_another_length_is_refused(tmp_path: Path) -> None:
+    lines = _with_lists(lambda x: f'"{x.tolist()}"')
+    lines[7] = '0.06,"[1, 2, 3]","[1, 2]","[1, 2]"'
+    _refused(_csv(tmp_path, *lines), "line 8, column position", "a list of 3 entries, expected 2")
+
+
+@pytest.mark.parametrize("zone", ["", "Z", "+00:00"])
+@pytest.mark.parametrize("between", [" ", "T"])
+def test_dates_with_times_are_seconds(tmp_path: Path, zone: str, between: str) -> None:
+    table = _table()
+    table[:, 0] += 50.0  # from 22:14:10 on, across no minute
+    lines = _lines(table)
+    stamps = [f"2023-11-14{between}22:13:{x:09.6f}{zone}" for x in table[:, 0]]
+    lines = [stamp + line[line.index(",") :] for stamp, line in zip(stamps, lines, strict=True)]
+    log = read_recording(_csv(tmp_path, _HEADER, *lines))
+    midnight = 1_699_920_000.0  # of 2023-11-14, UTC; by the command date
+    # A double holds such times to .24 us.
+    np.testing.assert_allclose(log.t, midnight + 22 * 3600 + 13 * 60 + table[:, 0], atol=1e-6)
+    broken = [*lines[:5], "soon" + lines[5][lines[5].index(",") :], *lines[6:]]
+    _refused(_csv(tmp_path, _HEADER, *broken), "line 7, column 1 (t)", 'holds "soon"')
+
+
+def test_words_above_the_table_are_left_out(tmp_path: Path) -> None:
+    head = ["Robot: UR10e", "Rate: 100 Hz", "", "Operator: a, b"]
+    log = read_recording(_csv(tmp_path, *head, _HEADER, *_lines(_table())))
+    _same(log, _table())
+    assert any("the first 4 lines are no table" in text for text in log.notices)
+
+
 # --- headers -----------------------------------------------------------------------------------
 
 
@@ -347,10 +398,10 @@ def test_a_file_without_permission_is_refused(tmp_path: Path) -> None:
     [
         ("t,q1,q2,v1,i1,i2,tau1", ["lacks the columns v2, tau2"]),
         ("t,q1,q2,v1,v3,i1,i2", ["lacks the column", "v2"]),
-        ("t,q1,q_2,v1,v2,i1,i2", ['unknown column "q_2"', 'did you mean "q2"?']),
         ("q1,q2,v1,v2,i1,i2,x.1", ["has no column of time", "--log-format rate_hz=100"]),
         ("clock stamp,q1,q2,v1,v2,i1,i2", ["it may be clock stamp", "time: {columns:"]),
         ("t,q1,q2,v1,v2,i1,temperature", ['unknown column "temperature"', "--log-format"]),
+        ("t,q1,q2,v1,v2,i1,q_3", ['unknown column "q_3"', 'did you mean "q3"?']),
         ("t,q1,q2,v1,v2,i1,i1", ['names the column "i1" twice']),
         ("t,q1,q2,v1,v2,i1,", ["lacks the column i2"]),
         ("t;q1;q2;v1,v2,i1,i2", ['unknown column "v1,v2,i1,i2"']),
@@ -372,10 +423,10 @@ def test_numbers_without_names_are_refused(tmp_path: Path) -> None:
 
 
 def test_another_number_of_joints_is_refused(tmp_path: Path) -> None:
-    three = SimpleNamespace(name="three", num_joints=3)
+    three = SimpleNamespace(name="three", num_joints=3, joint_names=("a", "b", "c"))
     with pytest.raises(InputError, match=r"lacks the columns q3, v3, i3"):
         read_recording(_good(tmp_path), robot=three)
-    robot = SimpleNamespace(name="one", num_joints=1)
+    robot = SimpleNamespace(name="one", num_joints=1, joint_names=("a",))
     with pytest.raises(InputError, match=r"has the columns q2, v2, i2, expected 1 joints"):
         read_recording(_good(tmp_path), robot=robot)
     description = _description(tmp_path)

@@ -1,0 +1,113 @@
+"""Text tables with lists in their cells (`"[0.1, 0.2]"`), unfolded into a column for each entry.
+
+pandas, bagpy and numpy write arrays so. A column NAME of lists of k entries becomes the columns
+NAME.1..NAME.k, as `parquet_table` has them. Rows keep their line numbers.
+"""
+
+import csv
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import opened
+
+_LIST: Final = re.compile(r"\s*(?:\w+\()?\s*[\[({](.*)[\])}]\s*\)?\s*", re.DOTALL)
+_MOST_ENTRIES: Final = 4096  # of a list
+
+
+class UnfoldedFile:
+    """A text table without lists on the disk; it is removed with this object.
+
+    Args:
+        path: of a table that has lists, as `has_lists` says.
+        separator: of its cells.
+        skip_lines: lines before the header.
+
+    Attributes:
+        path: of the table with a column for each entry.
+
+    Raises:
+        InputError: a list has another length than the first row's.
+    """
+
+    def __init__(self, path: Path, separator: str, skip_lines: int) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
+        self.path = Path(self._folder.name) / path.name
+        with opened(path, "a log") as raw, self.path.open("w", encoding="utf-8") as target:
+            lines = (line.decode("utf-8", "replace").lstrip("\ufeff") for line in raw)
+            for _ in range(skip_lines):
+                target.write("\n" if next(lines, None) is not None else "")
+            reader = csv.reader(lines, delimiter=separator)
+            try:
+                header = next(reader)
+                widths: list[int] = []
+                last_line = reader.line_num
+                for cells in reader:
+                    rows = [entries(cell) for cell in cells]
+                    if not widths and cells:
+                        widths = [-1 if row is None else len(row) for row in rows]
+                        names = _names(header, widths)
+                        target.write(_line(names, separator, reader.line_num, 1))
+                        last_line = reader.line_num - 1
+                    _check_widths(path, reader.line_num, header, rows, widths)
+                    flat: list[str] = []
+                    for cell, row in zip(cells, rows, strict=True):
+                        flat += [cell] if row is None else row
+                    span = reader.line_num - last_line
+                    last_line = reader.line_num
+                    target.write(_line(flat, separator, span, 0) if cells else "\n" * span)
+            except csv.Error as error:
+                place = f"line {skip_lines + reader.line_num}"
+                problem = f"cannot be read ({error})"
+                raise InputError(path, place, problem, "correct or remove the line") from error
+
+
+def has_lists(cells: Sequence[str]) -> bool:
+    """Whether a cell of a row begins a list."""
+    return any(re.match(r"\s*\"?\s*(?:\w+\()?\s*[\[({]", cell) for cell in cells)
+
+
+def entries(cell: str) -> list[str] | None:
+    """The entries of a list in a cell; None: the cell is no list."""
+    match = _LIST.fullmatch(cell)
+    if match is None:
+        return None
+    content = re.sub(r"[\[\](){}]", " ", match[1])
+    return [entry.strip("'\"") for entry in re.split(r"[,;\s]+", content) if entry]
+
+
+def _names(header: Sequence[str], widths: Sequence[int]) -> list[str]:
+    names: list[str] = []
+    for k, name in enumerate(header):
+        width = widths[k] if k < len(widths) else -1
+        names += [name] if width < 0 else [f"{name}.{e + 1}" for e in range(width)]
+    return names
+
+
+def _line(cells: Sequence[str], separator: str, span: int, num_blank: int) -> str:
+    """Cells as a line, after as many blank lines as the row had further ones."""
+    quoted = [f'"{cell}"' if separator in cell or "\n" in cell else cell for cell in cells]
+    text = separator.join(cell.replace("\n", " ") for cell in quoted)
+    return "\n" * max(0, span - 1 - num_blank) + text + "\n"
+
+
+def _check_widths(
+    path: Path,
+    line: int,
+    header: Sequence[str],
+    rows: Sequence[list[str] | None],
+    widths: Sequence[int],
+) -> None:
+    """Refuses a row whose lists have other lengths than the first row's."""
+    for k, (row, width) in enumerate(zip(rows, widths, strict=False)):
+        count = -1 if row is None else len(row)
+        if count == width and count <= _MOST_ENTRIES:
+            continue
+        name = header[k] if k < len(header) else str(k + 1)
+        found = "no list" if row is None else f"a list of {count} entries"
+        expected = "a single value" if width < 0 else f"{min(width, _MOST_ENTRIES)}"
+        problem = f"holds {found}, expected {expected} as in the first row"
+        raise InputError(path, f"line {line}, column {name}", problem, "correct or remove the row")

@@ -1,0 +1,111 @@
+"""Tables whose columns are named by words, each of the same motion, against that motion."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording_reader import read_recording
+
+_ROWS, _JOINTS = 40, ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint")
+_ROBOT = SimpleNamespace(name="arm", num_joints=3, joint_names=_JOINTS, q_offset=np.zeros(3))
+_T = 0.01 * np.arange(_ROWS)
+_Q = np.round(np.sin(_T[:, None] + np.arange(3)), 6)
+_V = np.round(np.cos(_T[:, None] + np.arange(3)), 6)
+_I = np.round(1.0 + _Q**2, 6)
+
+
+def _csv(
+    tmp_path: Path, header: list[str], columns: list[np.ndarray], separator: str = ","
+) -> Path:
+    path = tmp_path / "log.csv"
+    rows = [separator.join(str(x) for x in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([separator.join(header), *rows]) + "\n")
+    return path
+
+
+def _joints(text: str, number: int = 1) -> list[str]:
+    """A name for each joint; {j} is its number, {n} its name."""
+    return [text.format(j=k + number, n=name) for k, name in enumerate(_JOINTS)]
+
+
+@pytest.mark.parametrize(
+    ("time", "q", "v", "i", "scale"),
+    [
+        ("t", "q{j}_deg", "v{j}", "i{j}", (180 / np.pi, 1.0, 1.0)),
+        ("Time [s]", "J{j} Position [deg]", "J{j} Speed [deg/s]", "J{j} Current [mA]",
+         (180 / np.pi, 180 / np.pi, 1e3)),
+        ("robot_time", "left_{n}_pos", "left_{n}_vel", "left_{n}_current", (1.0, 1.0, 1.0)),
+        ("Zeit", "AxisAct_A{j}_Angle(deg)", "AxisAct_A{j}_Speed", "AxisAct_A{j}_Current",
+         (180 / np.pi, 1.0, 1.0)),
+        ("stamp", "actual_position_{j}", "actual_velocity_{j}", "actual_current_{j}",
+         (1.0, 1.0, 1.0)),
+    ],
+)  # fmt: skip
+def test_words_and_units_are_recognised(
+    tmp_path: Path, time: str, q: str, v: str, i: str, scale: tuple[float, float, float]
+) -> None:
+    extra = ["robot mode", *_joints("target_" + q), *_joints("temperature_{j}")]
+    header = [time, *_joints(q), *_joints(v), *_joints(i), *extra]
+    signals = np.hstack([_Q * scale[0], _V * scale[1], _I * scale[2]])
+    columns = [_T, *signals.T, *np.full((len(extra), _ROWS), 7.0)]
+    log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
+    for read, expected in ((log.q, _Q), (log.v, _V), (log.current, _I)):
+        np.testing.assert_allclose(read, expected, atol=1e-12)  # rounding of the unit
+    assert any("read by the words in their names" in text for text in log.notices)
+    assert any("left out: robot mode" in text for text in log.notices)
+
+
+def test_joints_are_put_in_the_robots_order_by_their_names(tmp_path: Path) -> None:
+    order = [1, 2, 0]
+    header = ["t"] + [f"{_JOINTS[k]}_{x}" for x in ("pos", "vel", "current") for k in order]
+    columns = [_T, *_Q[:, order].T, *_V[:, order].T, *_I[:, order].T]
+    log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
+    np.testing.assert_array_equal(log.q, _Q)
+    np.testing.assert_array_equal(log.current, _I)
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        # Two series of currents, and only the owner knows which one counts.
+        (["pos_{j}", "u_current_{j}", "w_current_{j}"], 'unknown column "pos_1"'),
+        (["left_{n}_pos", "right_{n}_pos", "left_{n}_current"], "joint-prefix=left_"),
+    ],
+)
+def test_what_leaves_doubt_is_refused(tmp_path: Path, names: list[str], words: str) -> None:
+    header = ["t"] + [name for text in names for name in _joints(text)]
+    columns = [_T] + [_Q[:, 0]] * (len(header) - 1)
+    path = _csv(tmp_path, header, columns)
+    with pytest.raises(InputError, match=words):
+        read_recording(path, None, _ROBOT)
+
+
+def test_a_row_for_each_joint_is_told(tmp_path: Path) -> None:
+    columns = [np.repeat(_T, 3), np.tile(["a", "b", "c"], _ROWS), _Q.ravel(), _I.ravel()]
+    path = _csv(tmp_path, ["t", "joint", "position", "current"], columns)
+    with pytest.raises(InputError, match=r'a row for each joint \(column "joint"\)'):
+        read_recording(path, None, _ROBOT)
+
+
+def test_other_columns_beside_a_plain_header_are_left_out(tmp_path: Path) -> None:
+    header = ["t", *_joints("q{j}"), *_joints("v{j}"), *_joints("i{j}"), "operator", "phase"]
+    words = [np.array(["anna b"] * _ROWS), np.array(["free"] * _ROWS)]
+    path = _csv(tmp_path, header, [_T, *_Q.T, *_V.T, *_I.T, *words])
+    log = read_recording(path, None, _ROBOT, check=False)
+    np.testing.assert_array_equal(log.current, _I)
+    assert "columns left out: operator, phase" in log.notices
+
+
+def test_units_in_a_line_below_the_header(tmp_path: Path) -> None:
+    header = ["t", *_joints("q{j}"), *_joints("v{j}"), *_joints("i{j}")]
+    path = _csv(tmp_path, header, [_T, *np.degrees(_Q).T, *np.degrees(_V).T, *_I.T])
+    units = ",".join(["s", *["deg"] * 3, *["deg/s"] * 3, *["A"] * 3])
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([lines[0], units, *lines[1:]]) + "\n")
+    log = read_recording(path, None, _ROBOT, check=False)
+    np.testing.assert_allclose(log.q, _Q, atol=1e-12)
+    assert log.row is not None
+    assert log.row[0] == 3  # lines as a person counts them
