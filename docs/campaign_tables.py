@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import numpy as np
+import pandas as pd
 
 from wrenchsight.analyses.campaign.campaign_report import table_row
 from wrenchsight.analyses.campaign.campaign_store import TABLE_FILE, CampaignRecord, read_table
@@ -28,7 +28,6 @@ from wrenchsight.analyses.study.readme_table import (
     with_table,
 )
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.numerics.arrays import Array
 
 DOCS: Final = Path(__file__).resolve().parent
 PAGE: Final = DOCS / "worlds.md"
@@ -176,23 +175,23 @@ def machining_table(record: CampaignRecord) -> str:
     return "\n".join(lines)
 
 
-def figures(record: CampaignRecord, task: str, key: str) -> dict[int, float]:
+def figures(record: CampaignRecord, task: str, key: str) -> "pd.Series[float]":
     """The figures of a key by world; those that are not finite are left out."""
-    of_worlds = record.figures(task).get(key, {})
-    return {world: value for world, value in of_worlds.items() if value is not None}
+    of_worlds = record.figures(task)
+    return of_worlds[key].dropna() if key in of_worlds else pd.Series(dtype=float)
 
 
-def range_of(of_worlds: dict[int, float], row: MachiningRow) -> str:
+def range_of(of_worlds: "pd.Series[float]", row: MachiningRow) -> str:
     """Median and range of 5 to 95 % of a figure; and the worlds with few readings inside."""
-    if not of_worlds:
+    if of_worlds.empty:
         return "none"
     decimals, scale = (0, 100.0) if row.percent else (1, 1.0)
-    values: Array = scale * np.array(list(of_worlds.values()))
-    low, middle, high = (f"{x:.{decimals}f}" for x in np.percentile(values, [5, 50, 95]))
+    quantiles = (scale * of_worlds).quantile([0.05, 0.5, 0.95])
+    low, middle, high = (f"{x:.{decimals}f}" for x in quantiles)
     text = f"{middle} ({low} to {high})"
-    few = [world for world, value in sorted(of_worlds.items()) if value < FEW_INSIDE]
-    if row.names and few:
-        each = ", ".join(f"{100.0 * of_worlds[world]:.0f} in world {world}" for world in few)
+    few = of_worlds[of_worlds < FEW_INSIDE].sort_index()
+    if row.names and not few.empty:
+        each = ", ".join(f"{100.0 * value:.0f} in world {world}" for world, value in few.items())
         text += f"; {each}"
     return text
 
@@ -200,8 +199,7 @@ def range_of(of_worlds: dict[int, float], row: MachiningRow) -> str:
 def ours_ahead(record: CampaignRecord, task: str, k: int) -> str:
     """In how many worlds our RMSE is smaller than the article's method's."""
     ours, article = (figures(record, task, f"{name}.rmse_n.{k}") for name in ("ours", "article"))
-    ahead = sum(ours[world] < article[world] for world in ours)
-    return f"{ahead} of {len(ours)}"
+    return f"{(ours < article.reindex(ours.index)).sum()} of {len(ours)}"
 
 
 TABLES: Final[dict[str, tuple[tuple[str, ...], Callable[[CampaignRecord], str]]]] = {
@@ -223,7 +221,7 @@ def table_of(record: CampaignRecord, folder: Path) -> str:
         InputError: no table shows them, or a world lacks one of them.
     """
     for name, (experiments, _) in TABLES.items():
-        if all(set(experiments) <= set(world.values) for world in record.worlds.values()):
+        if not any(record.missing(number, experiments) for number in record.worlds):
             return name
     wanted = " or ".join(" ".join(experiments) for experiments, _ in TABLES.values())
     problem = f"expected a campaign in which every world has {wanted}"

@@ -48,7 +48,7 @@ def write_campaign_report(
             size = (960, round(960 * height / width))
             picture = folder.write_figure(name, figure).relative_to(folder.path).as_posix()
         described = record.described[name]
-        worlds = sum(name in world.values for world in record.worlds.values())
+        worlds = sum(experiment == name for _, experiment in record.measured)
         sections.append(
             {
                 "name": name,
@@ -108,7 +108,7 @@ def violin_figure(spread: Sequence[Distribution]) -> Figure:
     figure, ((axes,),) = new_figure(1, 1, height=0.9 + 0.34 * len(shown))
     for place, row in enumerate(reversed(shown)):
         assert row.article is not None
-        ratio = np.clip(row.values / row.article, -_MAX_DRAWN_RATIO, _MAX_DRAWN_RATIO)
+        ratio = np.clip(row.values.to_numpy() / row.article, -_MAX_DRAWN_RATIO, _MAX_DRAWN_RATIO)
         low, median, high = np.percentile(ratio, [5.0, 50.0, 95.0])
         colour = COLOUR["estimate"]
         if len(ratio) >= _MIN_DENSITY_WORLDS and np.ptp(ratio) > 1e-9 * abs(median):

@@ -16,10 +16,12 @@ end is written below `.campaign`, so that also a kill loses none.
 import json
 import shutil
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -29,29 +31,67 @@ from wrenchsight.models.files.whole_file import whole_file, writing_to
 
 TABLE_FILE: Final = "campaign.parquet"
 PARTS_FOLDER: Final = ".campaign"
+_FIRST: Final = {"world": pa.int32(), "seed": pa.int64()}  # columns before what was drawn
+_LAST: Final = {"experiment": pa.string(), "key": pa.string(), "value": pa.float64()}
 _METADATA: Final = b"wrenchsight"
 _FORMAT_VERSION: Final = 1
 
 
-@dataclass
 class CampaignRecord:
-    """The figures of a campaign's worlds."""
+    """The figures of a campaign's worlds.
 
-    settings: dict[str, Any]  # what every figure depends on: seed, quick, ranges, libraries
-    software: dict[str, str] = field(default_factory=dict)  # of each experiment, `software_hash`
-    # title, section and rows of "article / here" of each experiment
-    described: dict[str, dict[str, Any]] = field(default_factory=dict)
-    # by number, what was measured there
-    worlds: dict[int, WorldOutcome] = field(default_factory=dict)
+    Attributes:
+        settings: what every figure depends on: seed, quick, ranges, libraries.
+        software: of each experiment, `software_hash`.
+        described: title, section and rows of "article / here" of each experiment.
+        measured: world and experiment of which there are figures.
+    """
+
+    def __init__(
+        self,
+        settings: dict[str, Any],
+        software: dict[str, str] | None = None,
+        described: dict[str, dict[str, Any]] | None = None,
+        table: pd.DataFrame | None = None,
+    ) -> None:
+        self.settings = settings
+        self.software, self.described = software or {}, described or {}
+        self.measured: set[tuple[int, str]] = set()
+        self._frames: list[pd.DataFrame] = []
+        if table is not None:
+            self._take(table)
+
+    def _take(self, frame: pd.DataFrame) -> None:
+        self._frames.append(frame)
+        pairs = frame[["world", "experiment"]].drop_duplicates()
+        self.measured |= set(pairs.itertuples(index=False, name=None))
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row per world, experiment and key, as in the file, in no order."""
+        if len(self._frames) > 1:
+            rows = pd.concat(self._frames, ignore_index=True)
+            # A world that ran alone once more replaces what it measured before.
+            self._frames = [rows.drop_duplicates(["world", "experiment", "key"], keep="last")]
+        return self._frames[0] if self._frames else pd.DataFrame(columns=[*_FIRST, *_LAST])
+
+    @property
+    def worlds(self) -> list[int]:
+        """The numbers of the worlds that have figures."""
+        return sorted({number for number, _ in self.measured})
 
     def add(self, outcome: WorldOutcome) -> None:
         """Takes a world's outcome in; what it measured counts, what it failed in does not."""
-        world = self.worlds.setdefault(
-            outcome.number, WorldOutcome(outcome.number, outcome.seed, outcome.parameters)
-        )
         for name, values in outcome.values.items():
-            world.values[name] = values
-            world.seconds[name] = outcome.seconds.get(name, 0.0)
+            columns = {
+                "world": outcome.number,
+                "seed": outcome.seed,
+                **outcome.parameters,
+                "experiment": name,
+                "key": list(values),
+                "value": np.array(list(values.values()), dtype=np.float64),
+            }
+            self._take(pd.DataFrame(columns))
             described = {"world": outcome.number, **outcome.described.get(name, {})}
             earlier = self.described.get(name)
             # A remark may state a figure: whichever world comes first, it is the lowest one's.
@@ -60,24 +100,22 @@ class CampaignRecord:
 
     def missing(self, number: int, experiments: Iterable[str]) -> list[str]:
         """The experiments that have no figures of a world."""
-        world = self.worlds.get(number)
-        return [name for name in experiments if world is None or name not in world.values]
+        return [name for name in experiments if (number, name) not in self.measured]
 
-    def figures(self, experiment: str) -> dict[str, dict[int, float | None]]:
-        """The figures of an experiment, by key and world."""
-        figures: dict[str, dict[int, float | None]] = {}
-        for number in sorted(self.worlds):
-            for key, value in self.worlds[number].values.get(experiment, {}).items():
-                figures.setdefault(key, {})[number] = value
-        return figures
+    def figures(self, experiment: str) -> pd.DataFrame:
+        """The figures of an experiment: a row a world, a column a key, NaN where not finite."""
+        rows = self.table[self.table["experiment"] == experiment]
+        figures = rows.pivot(index="world", columns="key", values="value")
+        return figures[list(dict.fromkeys(rows["key"]))]
 
-
-class _Row(NamedTuple):
-    """One number that a world measured."""
-
-    experiment: str
-    key: str
-    value: float | None  # None: not finite
+    def draws(self) -> pd.DataFrame:
+        """What was drawn: a row a world, a column a parameter, and the seed."""
+        return (
+            self.table.drop_duplicates("world")
+            .set_index("world")
+            .sort_index()
+            .drop(columns=list(_LAST))
+        )
 
 
 def write_table(record: CampaignRecord, path: Path, order: Collection[str]) -> None:
@@ -86,34 +124,27 @@ def write_table(record: CampaignRecord, path: Path, order: Collection[str]) -> N
     Args:
         order: of the experiments within a world.
     """
-    places = {name: place for place, name in enumerate(order)}
-    worlds, rows = [], list[_Row]()
-    for number in sorted(record.worlds):
-        world = record.worlds[number]
-        for name in sorted(world.values, key=lambda name: (places.get(name, len(places)), name)):
-            figures = world.values[name]
-            rows += [_Row(name, key, value) for key, value in figures.items()]
-            worlds += [world] * len(figures)
-    drawn = list(worlds[0].parameters) if worlds else []
-    columns = {
-        "world": pa.array([world.number for world in worlds], pa.int32()),
-        "seed": pa.array([world.seed for world in worlds], pa.int64()),
-    }
-    for name in drawn:
-        columns[name] = pa.array([world.parameters[name] for world in worlds], pa.float64())
-    columns["experiment"] = pa.array([row.experiment for row in rows], pa.string())
-    columns["key"] = pa.array([row.key for row in rows], pa.string())
-    columns["value"] = pa.array([row.value for row in rows], pa.float64())
+    places = {name: f"{place:06d}" for place, name in enumerate(order)}
+    table = record.table.assign(place=lambda t: t["experiment"].map(lambda n: places.get(n, n)))
+    table = table.sort_values(["world", "place"], kind="stable").drop(columns="place")
+    drawn = [name for name in table.columns if name not in (*_FIRST, *_LAST)]
+    schema = pa.schema(
+        [
+            *_FIRST.items(),
+            *((name, pa.float64()) for name in drawn),
+            *_LAST.items(),
+        ]
+    )
     content = {
         "format": _FORMAT_VERSION,
         "settings": record.settings,
         "software": record.software,
         "described": {name: record.described[name] for name in sorted(record.described)},
     }
-    text = json.dumps(content, sort_keys=True)
-    table = pa.table(columns).replace_schema_metadata({_METADATA: text.encode()})
+    metadata = {_METADATA: json.dumps(content, sort_keys=True).encode()}
+    rows = pa.Table.from_pandas(table, schema, preserve_index=False)
     with writing_to(path):
-        pq.write_table(table, path, compression="zstd")
+        pq.write_table(rows.replace_schema_metadata(metadata), path, compression="zstd")
 
 
 def read_table(path: Path) -> CampaignRecord | None:
@@ -127,23 +158,14 @@ def read_table(path: Path) -> CampaignRecord | None:
         content = json.loads(table.schema.metadata[_METADATA])
         if content["format"] != _FORMAT_VERSION:
             raise ValueError(f"format {content['format']}")
-        record = CampaignRecord(content["settings"], content["software"], content["described"])
-        drawn = table.column_names[2:-3]
-        columns = {name: table[name].to_pylist() for name in table.column_names}
-        for row, number in enumerate(columns["world"]):
-            world = record.worlds.get(number)
-            if world is None:
-                parameters = {name: columns[name][row] for name in drawn}
-                world = WorldOutcome(number, columns["seed"][row], parameters)
-                record.worlds[number] = world
-            figures = world.values.setdefault(columns["experiment"][row], {})
-            figures[columns["key"][row]] = columns["value"][row]
+        return CampaignRecord(
+            content["settings"], content["software"], content["described"], table.to_pandas()
+        )
     except FileNotFoundError:
         return None
     except (OSError, pa.ArrowException, ValueError, KeyError, TypeError):
         problem, remedy = "is no whole file of a campaign", "move it away, or give another --out"
         raise InputError(path, "", problem, remedy) from None
-    return record
 
 
 class WorldPart(NamedTuple):

@@ -5,15 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
-import numpy as np
+import pandas as pd
 
 from wrenchsight.analyses.campaign.campaign_store import CampaignRecord
 from wrenchsight.analyses.campaign.influences import Influence, influences
 from wrenchsight.analyses.study.readme_table import FEWEST_WORLDS
-from wrenchsight.models.numerics.arrays import Array
 
-LOW_PERCENTILE: Final = 5.0  # percentile
-HIGH_PERCENTILE: Final = 95.0  # percentile
+LOW_QUANTILE: Final = 0.05  # quantile
+HIGH_QUANTILE: Final = 0.95  # quantile
 _GAIN: Final = "ours_against_article."  # metrics by how much ours is better than the article's
 _REDUCTION: Final = "reduction_"  # in the keys of what the article claims most
 
@@ -28,7 +27,7 @@ class Distribution:
     unit: str  # of the row
     article: float | None  # the printed number; None where there is none
     source: str  # who printed it
-    values: Array  # (N,) of the worlds in which it is finite
+    values: "pd.Series[float]"  # (N,) by world, of those in which it is finite
     # share of worlds in which our method is ahead of the article's; None: no such row
     share_ahead: float | None
     # the drawn parameters that move it most; None: too few worlds, or no need to look, because the
@@ -37,12 +36,12 @@ class Distribution:
 
     @property
     def median(self) -> float:
-        return float(np.median(self.values))
+        return float(self.values.median())
 
     @property
     def range(self) -> tuple[float, float]:
         """The 5 % and the 95 % point."""
-        low, high = np.percentile(self.values, [LOW_PERCENTILE, HIGH_PERCENTILE])
+        low, high = self.values.quantile([LOW_QUANTILE, HIGH_QUANTILE])
         return float(low), float(high)
 
     @property
@@ -82,7 +81,7 @@ def distributions(record: CampaignRecord, experiments: Sequence[str]) -> list[Di
 def _row_distributions(
     experiment: str,
     row: Mapping[str, Any],
-    figures: Mapping[str, Mapping[int, float | None]],
+    figures: pd.DataFrame,
     record: CampaignRecord,
 ) -> list[Distribution]:
     """The distributions of a row: one, or one for each entry of a list."""
@@ -92,8 +91,8 @@ def _row_distributions(
     result = []
     keys = _keys(figures, row["key"])
     for place, key in keys:
-        values = _finite(figures[key])
-        if not len(values):
+        values = figures[key].dropna()
+        if values.empty:
             continue
         distribution = Distribution(
             experiment=experiment,
@@ -105,7 +104,7 @@ def _row_distributions(
             values=values,
             share_ahead=_share_ahead(figures, key, ours.get(place), row),
         )
-        moved_by = _moved_by(distribution, figures[key], record)
+        moved_by = _moved_by(distribution, record)
         result.append(replace(distribution, moved_by=moved_by))
     return result
 
@@ -132,17 +131,15 @@ def label_of_entry(label: str, place: int, count: int) -> str:
     return f"{label} ({place + 1})"
 
 
-def _moved_by(
-    distribution: Distribution, figures: Mapping[int, float | None], record: CampaignRecord
-) -> tuple[Influence, ...] | None:
+def _moved_by(distribution: Distribution, record: CampaignRecord) -> tuple[Influence, ...] | None:
+    values = distribution.values
     is_reduction = _REDUCTION in distribution.key
     needed = distribution.article is not None and (not distribution.holds_article or is_reduction)
-    worlds = [number for number, value in figures.items() if value is not None]
-    if not needed or len(worlds) < FEWEST_WORLDS:
+    if not needed or len(values) < FEWEST_WORLDS:
         return None
-    draws = [record.worlds[number].parameters for number in worlds]
-    parameters = {name: [draw[name] for draw in draws] for name in draws[0]}
-    return influences(distribution.values, parameters, distribution.article)
+    draws = record.draws().loc[values.index].drop(columns="seed")
+    parameters = {str(name): draws[name].tolist() for name in draws}
+    return influences(values.to_numpy(), parameters, distribution.article)
 
 
 def distribution_metrics(spread: Sequence[Distribution]) -> dict[str, Any]:
@@ -154,7 +151,7 @@ def distribution_metrics(spread: Sequence[Distribution]) -> dict[str, Any]:
     return metrics
 
 
-def _keys(figures: Mapping[str, Any], key: str) -> list[tuple[int, str]]:
+def _keys(figures: pd.DataFrame, key: str) -> list[tuple[int, str]]:
     """Place and key of the number at a key, or of each number of a list at it."""
     if key in figures:
         return [(0, key)]
@@ -163,25 +160,14 @@ def _keys(figures: Mapping[str, Any], key: str) -> list[tuple[int, str]]:
 
 
 def _share_ahead(
-    figures: Mapping[str, Mapping[int, float | None]],
-    key: str,
-    ours: str | None,
-    row: Mapping[str, Any],
+    figures: pd.DataFrame, key: str, ours: str | None, row: Mapping[str, Any]
 ) -> float | None:
     """The share of worlds in which ours is ahead, of those in which both figures are finite."""
     if key.startswith(_GAIN):
-        return float(np.mean(_finite(figures[key]) > 0.0))
-    if ours is None:
+        gains = figures[key].dropna()
+    elif ours is None:
         return None
-    sign = 1.0 if row["more_is_better"] else -1.0
-    pairs = [(figures[ours].get(world), value) for world, value in figures[key].items()]
-    gains = [
-        sign * (our_figure - other)
-        for our_figure, other in pairs
-        if our_figure is not None and other is not None
-    ]
-    return float(np.mean(np.array(gains) > 0.0)) if gains else None
-
-
-def _finite(values: Mapping[int, float | None]) -> Array:
-    return np.array([value for value in values.values() if value is not None], dtype=np.float64)
+    else:
+        gains = (figures[ours] - figures[key]).dropna()
+        gains = gains if row["more_is_better"] else -gains
+    return None if gains.empty else float((gains > 0.0).mean())

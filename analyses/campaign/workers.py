@@ -1,72 +1,41 @@
 """Runs worlds in processes of this machine, or on the workers of a Dask scheduler.
 
 Either gives outcomes as they come, in any order, and loses none when a worker dies: its world goes
-to another. A world that takes every worker down that it is given to is a failure of its own.
+to another. A world that takes every worker down that it is given to is a failure of its own; of
+such a world joblib's Dask backend (1.6.0) never tells, and waits for ever.
 """
 
 import logging
-import os
 import re
 import socket
-import warnings
-from collections import deque
-from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import contextmanager, suppress
+from collections.abc import Generator, Sequence
+from contextlib import closing, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from wrenchsight.analyses.campaign.world_run import WorldOutcome, WorldTask, run_world
-from wrenchsight.analyses.output.interruption import begin_worker, for_this_process_alone
-from wrenchsight.analyses.study.study import ONE_THREAD
+from wrenchsight.analyses.output.side_by_side import Died, run_side_by_side
 from wrenchsight.models.files.input_error import InputError
 
-KILLED_MESSAGE: Final = "its process was killed, or crashed, each time"
 _CONNECT_TIMEOUT: Final = 10  # s in which a scheduler answers
 _ADDRESS: Final = re.compile(
     r"((tcp|tls)://)?(?P<host>\[[0-9a-fA-F:.]+\]|[\w.-]+):(?P<port>\d{1,5})"
 )
 _START_ONE: Final = "start one with `dask scheduler`, workers with `dask worker ADDRESS`"
-_WORKER_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**34)}
-"""Environment in which glibc keeps what is freed: pages that come anew from the system each time
-take a twelfth of a world's processor time."""
 
 
 def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generator[WorldOutcome]:
-    """Runs worlds in `jobs` processes, of joblib's executor.
-
-    `joblib.Parallel` would not do: with one process that dies it gives up all worlds under way. A
-    single job it computes in this process, with its threads.
+    """Runs worlds in `jobs` processes; one whose process dies is begun once more.
 
     Args:
         tasks: to run.
         jobs: processes side by side.
         log: file that takes what the processes print.
     """
-    waiting, suspects = deque(tasks), deque[WorldTask]()
-    while waiting or suspects:
-        # After a crash the world that caused it is unknown: those under way go on one by one.
-        alone = bool(suspects)
-        source = deque([suspects.popleft()]) if alone else waiting
-        under_way = dict[Future[WorldOutcome], WorldTask]()
-        processes = min(jobs, len(source))
-        with _executor(processes, log) as (executor, broken):
-            try:
-                while source or under_way:
-                    while source and len(under_way) < processes:
-                        with for_this_process_alone():
-                            under_way[executor.submit(run_world, source[0])] = source[0]
-                        source.popleft()  # not before: a broken pool takes no more
-                    for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-                        outcome = future.result()
-                        del under_way[future]
-                        yield outcome
-            except broken:
-                unfinished = list(under_way.values()) or [source.popleft()]
-                if alone:
-                    yield killed(unfinished[0])
-                else:
-                    suspects.extend(unfinished)
+    runs = run_side_by_side(run_world, tasks, jobs, tries=2, log=str(log))
+    with closing(runs):
+        for task, outcome in runs:
+            yield killed(task, str(outcome)) if isinstance(outcome, Died) else outcome
 
 
 def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutcome]:
@@ -106,7 +75,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
                 try:
                     outcome = future.result()
                 except KilledWorker:
-                    outcome = killed(futures[future])
+                    outcome = killed(futures[future], "its workers were killed, or crashed")
                 except FutureCancelledError:
                     problem = f"the scheduler at {address} has ended"
                     remedy = "run the command again: finished worlds are kept"
@@ -141,27 +110,8 @@ def refuse_silent(address: str) -> None:
         raise InputError("--cluster", "", problem, _START_ONE) from None
 
 
-def killed(task: WorldTask) -> WorldOutcome:
+def killed(task: WorldTask, reason: str) -> WorldOutcome:
     """The outcome of a world whose workers die."""
     world = task.world()
-    failures = dict.fromkeys(task.modules, KILLED_MESSAGE)
+    failures = dict.fromkeys(task.modules, f"{reason}, each time")
     return WorldOutcome(world.number, world.seed, world.parameters(), failures=failures)
-
-
-@contextmanager
-def _executor(jobs: int, log: Path) -> Iterator[tuple[Any, type[Exception]]]:
-    from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
-
-    # A process whose memory has grown is replaced between two worlds: nothing is lost by it.
-    warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
-    with for_this_process_alone():
-        executor = ProcessPoolExecutor(
-            jobs,
-            initializer=begin_worker,
-            initargs=(os.getpid(), str(log)),
-            env={**dict.fromkeys(ONE_THREAD, "1"), **_WORKER_MEMORY},
-        )
-    try:
-        yield executor, BrokenProcessPool
-    finally:
-        executor.shutdown(wait=True, kill_workers=True)

@@ -20,11 +20,11 @@ from typing import Any
 from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
 from wrenchsight.analyses.data_sets.advice import how_to_get_all
 from wrenchsight.analyses.output.outputs import json_text, plain, plain_metrics
+from wrenchsight.analyses.output.side_by_side import ONE_THREAD
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.analyses.study.stored_result import written_figures
-from wrenchsight.analyses.study.study import ONE_THREAD
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.truth.worlds import World, WorldSource, draw_world

@@ -2,10 +2,10 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import closing
 from typing import Any, Final
 
-from wrenchsight.analyses.output.interruption import begin_worker, for_this_process_alone
+from wrenchsight.analyses.output.side_by_side import run_side_by_side
 
 ANNOUNCEMENT: Final = "compiling kernels, once on this machine"
 
@@ -42,26 +42,19 @@ def compile_side_by_side(
         parts: calls that can be pickled, by what they compile; the longest first.
         announce: called with the share that is done and a sentence on what is left.
     """
-    # joblib's processes do not import the main module again.
-    from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
+    left = list(parts)
 
-    with for_this_process_alone():
-        executor = ProcessPoolExecutor(
-            min(len(parts), len(os.sched_getaffinity(0))),
-            initializer=begin_worker,
-            initargs=(os.getpid(), os.devnull),
-        )
-        left: dict[Future[object], str] = {
-            executor.submit(call): name for name, call in parts.items()
-        }
-    try:
-        while left:
-            share = 1.0 - len(left) / len(parts)
-            announce(share, f"{ANNOUNCEMENT}; left: {', '.join(left.values())}")
-            for future in wait(left, return_when=FIRST_COMPLETED).done:
-                future.result()
-                del left[future]
-    except BrokenProcessPool:
-        pass  # one was killed: this process compiles what it needs
-    finally:
-        executor.shutdown(wait=True, kill_workers=True)
+    def say() -> None:
+        announce(1.0 - len(left) / len(parts), f"{ANNOUNCEMENT}; left: {', '.join(left)}")
+
+    say()
+    calls = run_side_by_side(_call, parts.items(), len(os.sched_getaffinity(0)))
+    with closing(calls):
+        for (name, _), _died in calls:  # this process compiles what one that died has not
+            left.remove(name)
+            if left:
+                say()
+
+
+def _call(part: tuple[str, Callable[[], object]]) -> None:
+    part[1]()

@@ -1,10 +1,10 @@
 """A folder of results: its files change as one, and nothing else in it is touched.
 
-While a command runs, its files are written into `.wrenchsight.partial/new` below the folder. When
-they are complete, with the marker that lists them, that is renamed to `ready`; then every file is
-renamed to its place, the marker last. So an error, an interrupt or a kill before `ready` leaves the
-older results whole; after it the new ones are completed, by this run or by the next. Only files
-that lie in `ready` as its marker states go anywhere, and only into the folder.
+While a command runs, its files are written beside the results, into `.wrenchsight.partial/new`.
+When they are complete, each is renamed to its place. So an error or an interrupt leaves the older
+results whole, and so does a kill before that. Of a kill within these milliseconds the marker says
+that files were being replaced (`ResultMarker.replacing`): what is there counts as no result, and
+the next run replaces it.
 """
 
 import os
@@ -31,7 +31,6 @@ from wrenchsight.models.files.whole_file import writing_to
 STAGING: Final = ".wrenchsight.partial"
 LOCK: Final = ".wrenchsight.lock"
 _NEW: Final = "new"
-_READY: Final = "ready"
 _WORK: Final = "work"
 _REMEDY: Final = "choose another folder with --out, or move it away"
 
@@ -75,8 +74,7 @@ def open_results(out: Path, command: str) -> Iterator["ResultFolder"]:
                     with interruptible():
                         yield ResultFolder(out, command)
                 finally:
-                    if not (out / STAGING / _READY).exists():
-                        shutil.rmtree(out / STAGING, ignore_errors=True)
+                    shutil.rmtree(out / STAGING, ignore_errors=True)
         finally:
             for path in created:
                 with suppress(OSError):  # it holds something
@@ -91,9 +89,10 @@ class ResultFolder:
         files: SHA-256 of each file that the command wrote, by its name relative to the folder.
     """
 
+    files: dict[str, str]
+
     def __init__(self, path: Path, command: str) -> None:
         self.path, self._command = path, command
-        recover(path)
         marker = ResultMarker.read(path)
         if marker is not None and marker.command != command:
             problem = f"holds the results of {marker.command}, not of {command}"
@@ -106,7 +105,11 @@ class ResultFolder:
         if foreign_file is not None:
             problem = f"holds {foreign_file}, which is not as wrenchsight wrote it"
             raise InputError(path, "", problem, _REMEDY)
-        self.files: Mapping[str, str] = {} if marker is None else marker.files
+        self.files = {} if marker is None else dict(marker.files)
+        self._mixed: dict[str, str] = {} if marker is None else dict(marker.replacing)
+        if self._mixed:
+            there = {name: file_checksum(file) for name, file in visible_files(path)}
+            self.files = dict.fromkeys(self._mixed, "") | there  # no stranger's is among them
         staging = path / STAGING  # of a run that was killed
         if os.path.lexists(staging) and not _is_folder(staging):
             raise InputError(staging, "", "is no folder", _REMEDY)
@@ -114,9 +117,11 @@ class ResultFolder:
             shutil.rmtree(staging)
 
     def below(self, folder: str) -> list[str]:
-        """Names of the files in a folder of the results; none where one of them was removed."""
+        """Names of the files in a folder of the results; none where they are not whole."""
         names = [name for name in self.files if name.startswith(f"{folder}/")]
-        return names if all((self.path / name).is_file() for name in names) else []
+        mixed = any(name.startswith(f"{folder}/") for name in self._mixed)
+        whole = not mixed and all((self.path / name).is_file() for name in names)
+        return names if whole else []
 
     def work(self, name: str) -> Path:
         """A path for what is no result: gone at the end, after a kill with the next run."""
@@ -144,38 +149,31 @@ class ResultFolder:
                 yield OutputFolder(new)
             written = {name: file_checksum(path) for name, path in visible_files(new)}
             gone = [name for name in outdated if name in self.files and name not in written]
-            files = {k: v for k, v in self.files.items() if k not in gone} | written
-            OutputFolder(new).write_text(MARKER, ResultMarker(self._command, files).text())
             _refuse_others(self.path, (*written, *gone), (self.files, written))
             with uninterrupted(), writing_to(self.path):
-                new.rename(staging / _READY)
-                _carry_out(self.path, written, gone)
-            self.files = files
+                self._put_in_place(new, written, gone)
         finally:
             shutil.rmtree(new, ignore_errors=True)
 
-
-def recover(out: Path) -> None:
-    """Completes what a run was doing when it was killed while its files went to their places.
-
-    What is not as such a run leaves it is let alone.
-
-    Raises:
-        InputError: a file has been changed since.
-    """
-    ready = out / STAGING / _READY
-    if not _is_folder(out / STAGING) or not _is_folder(ready):
-        return
-    later = ResultMarker.read(ready)
-    if later is None or next(strangers(ready, later), None) is not None:
-        return
-    earlier = ResultMarker.read(out)
-    earlier_files = {} if earlier is None else earlier.files
-    written = [name for name, _ in visible_files(ready)]
-    gone = [name for name in earlier_files if name not in later.files]
-    with uninterrupted(), writing_to(out):
-        _refuse_others(out, (*written, *gone), (earlier_files, later.files))
-        _carry_out(out, written, gone)
+    def _put_in_place(self, new: Path, written: dict[str, str], gone: Collection[str]) -> None:
+        """Renames the new files to their places and removes those that are gone."""
+        replacing = dict.fromkeys(gone, "") | dict(written)
+        mixed = {name: sha for name, sha in self._mixed.items() if name not in replacing}
+        files = {name: sha for name, sha in self.files.items() if name not in replacing} | written
+        last = ResultMarker(self._command, files, mixed)
+        OutputFolder(new).write_text(MARKER, last.text())  # a full disk ends it here
+        first = ResultMarker(self._command, self.files, self._mixed | replacing)
+        OutputFolder(self.path).write_text(MARKER, first.text())
+        for name in written:
+            (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+            (new / name).replace(self.path / name)
+        for name in gone:
+            (self.path / name).unlink(missing_ok=True)
+            for parent in Path(name).parents[:-1]:
+                with suppress(OSError):  # it holds something
+                    (self.path / parent).rmdir()
+        (new / MARKER).replace(self.path / MARKER)
+        self.files, self._mixed = files, mixed
 
 
 def _refuse_others(out: Path, names: Iterable[str], ours: Collection[Mapping[str, str]]) -> None:
@@ -187,21 +185,6 @@ def _refuse_others(out: Path, names: Iterable[str], ours: Collection[Mapping[str
                 raise InputError(out / parent, "", "is no folder", _REMEDY)
         if os.path.lexists(path) and not any(is_as_written(path, f.get(name)) for f in ours):
             raise InputError(path, "", "is not as wrenchsight wrote it", _REMEDY)
-
-
-def _carry_out(out: Path, written: Iterable[str], gone: Iterable[str]) -> None:
-    """Brings the files that are ready to their places; may be repeated from wherever it stopped."""
-    ready = out / STAGING / _READY
-    for name in written:
-        (out / name).parent.mkdir(parents=True, exist_ok=True)
-        (ready / name).replace(out / name)
-    for name in gone:
-        (out / name).unlink(missing_ok=True)
-        for parent in Path(name).parents[:-1]:
-            with suppress(OSError):  # it holds something
-                (out / parent).rmdir()
-    (ready / MARKER).replace(out / MARKER)
-    shutil.rmtree(ready, ignore_errors=True)
 
 
 @contextmanager

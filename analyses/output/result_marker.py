@@ -2,6 +2,7 @@
 
 `.wrenchsight.json` names the command and lists the files that it wrote, with their checksums. What
 is not listed there, or not as it was written, is the user's: no command replaces or removes it.
+While files are being replaced it lists the new ones, too, so that a kill leaves none unknown.
 Hidden files are never results; they stay where they are and do not count.
 """
 
@@ -10,7 +11,7 @@ import json
 import os
 import stat
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -25,6 +26,8 @@ class ResultMarker:
 
     command: str  # that wrote it
     files: Mapping[str, str]  # SHA-256 of each file, by its name relative to the folder (with `/`)
+    # the same of files that were being put into their places; "": that was being removed
+    replacing: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def read(cls, folder: Path) -> "ResultMarker | None":
@@ -36,10 +39,14 @@ class ResultMarker:
             content = json.loads(path.read_text(encoding="utf-8"))
             if content["format"] != _FORMAT_VERSION or not isinstance(content["command"], str):
                 return None
-            files = {str(name): str(checksum) for name, checksum in content["files"].items()}
+            files, replacing = (
+                {str(name): str(checksum) for name, checksum in content.get(key, {}).items()}
+                for key in ("files", "replacing")
+            )
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
-        return cls(content["command"], files) if all(map(_is_inside, files)) else None
+        is_ours = all(map(_is_inside, (*files, *replacing)))
+        return cls(content["command"], files, replacing) if is_ours else None
 
     def text(self) -> str:
         """Returns what the marker's file holds; the same for the same files."""
@@ -48,6 +55,7 @@ class ResultMarker:
             "files": dict(self.files),
             "format": _FORMAT_VERSION,
             "note": _NOTE,
+            **({"replacing": dict(self.replacing)} if self.replacing else {}),
         }
         return json.dumps(content, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
 
@@ -58,9 +66,9 @@ def strangers(folder: Path, marker: ResultMarker | None) -> Iterator[str]:
     Raises:
         OSError: a file or folder cannot be read.
     """
-    listed = {} if marker is None else marker.files
+    listed = () if marker is None else (marker.files, marker.replacing)
     for name, path in visible_files(folder):
-        if not is_as_written(path, listed.get(name)):
+        if not any(is_as_written(path, files.get(name)) for files in listed):
             yield name
 
 

@@ -7,33 +7,28 @@ algebra runs in one thread whatever `jobs` is, so that the same seed gives the s
 
 import errno
 import json
-import multiprocessing
 import os
 import resource
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
-from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as distribution_version
-from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, Final
 
 from wrenchsight.analyses.data_sets.advice import how_to_get_all
 from wrenchsight.analyses.output.compilation import on_first_compilation
-from wrenchsight.analyses.output.interruption import (
-    begin_worker,
-    ends_are_interrupts,
-    for_this_process_alone,
-)
+from wrenchsight.analyses.output.interruption import begin_worker, ends_are_interrupts
 from wrenchsight.analyses.output.outputs import json_text
 from wrenchsight.analyses.output.progress import Progress, State
 from wrenchsight.analyses.output.result_folder import ResultFolder, open_results
+from wrenchsight.analyses.output.side_by_side import Died, run_side_by_side
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.outcome import Outcome, StudyResult, StudySettings
@@ -43,14 +38,12 @@ from wrenchsight.analyses.study.report import write_report
 from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.analyses.study.stored_result import read_result, write_result
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.files.whole_file import writing_to
+from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.robot.truth_config import TRUTHS
 
 COMMAND: Final = "study"
 _TIMINGS: Final = "timings.json"
-_NO_STORAGE: Final = "no storage"  # a process ended for lack of it
-ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment of every process that measures: 1, or the last bits hang on the machine's cores."""
+_SHARED: Final = ".shared"  # folder of results that experiments share
 
 
 def run_study(
@@ -122,53 +115,40 @@ def run_study(
     if truth not in TRUTHS:
         raise InputError("--truth", "", f"is {truth!r}, expected {', '.join(TRUTHS)}")
     with ends_are_interrupts(), open_results(out, COMMAND) as folder:
-        runs = _due_runs(folder, settings, fresh, watch)
+        runs = _Runs(folder, settings, _due(folder, settings, fresh, watch), watch)
         try:
             with writing_to(out):
-                _shared(folder).mkdir()
-            _run_all(_shortest_first(runs.values(), out), jobs, watch)
+                folder.work(_SHARED).mkdir()
+            runs.run(jobs)
         except BaseException:
             # The user should see the cause, not an error that follows from it.
             with suppress(InputError, OSError):
-                _summarise(folder, runs, settings)
+                _summarise(folder, runs.outcomes, settings)
             raise
-        return _summarise(folder, runs, settings)
+        return _summarise(folder, runs.outcomes, settings)
 
 
-def _due_runs(
+def _due(
     folder: ResultFolder,
     settings: StudySettings,
     fresh: bool,
     watch: Callable[[Progress], None],
-) -> "dict[str, _Run]":
-    """The runs of the experiments, by name, whose earlier result is missing or does not count.
+) -> list[str]:
+    """The experiments whose earlier result is missing or does not count.
 
     Args:
         fresh: whether no earlier result counts.
     """
-    runs = {}
+    due = []
     for name in settings.requested:
         earlier, why = (None, "") if fresh else _earlier(folder, name, settings)
         if earlier is not None:
             watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
             continue
-        runs[name] = _Run(name, folder, settings)
+        due.append(name)
         if why:
             watch(Progress(name, "waiting", action=why))
-    return runs
-
-
-def _shortest_first(runs: "Iterable[_Run]", out: Path) -> "list[_Run]":
-    """The runs by their processor seconds: those measured in `out` before, else typical ones."""
-    seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
-    for name, timing in _read_timings(out).items():
-        seconds[name] = timing.get("processor_seconds", seconds.get(name, 0.0))
-    return sorted(runs, key=lambda run: seconds[run.outcome.name])
-
-
-def _shared(folder: ResultFolder) -> Path:
-    """The folder of results that experiments share."""
-    return folder.work(".shared")
+    return due
 
 
 def check_names(names: Iterable[str]) -> list[str]:
@@ -188,155 +168,163 @@ def check_names(names: Iterable[str]) -> list[str]:
     return requested
 
 
-class _Run:
-    """One experiment's process, its staging folder and its outcome."""
+@dataclass(frozen=True)
+class _Task:
+    """What an experiment's process is given."""
 
-    def __init__(self, name: str, folder: ResultFolder, settings: StudySettings) -> None:
-        self.outcome = Outcome(name, "waiting")
-        self._folder, self._settings = folder, settings
-        self._staging = folder.work(f"{name}/result")
-        self._log = folder.work(f"{name}/log.txt")
-        self._failure = f"failures/{name}.txt"
-        self._process: Any = None
-        self._started = 0.0
-        self.connection: Connection | None = None
+    name: str
+    module: str
+    work: Path  # folder for what it writes: `result`, log.txt, progress.txt
+    shared: Path  # folder of what experiments share
+    settings: StudySettings
 
-    def start(self, threads: int) -> None:
-        with writing_to(self._staging):
-            self._staging.mkdir()
-        name = self.outcome.name
-        spawn = multiprocessing.get_context("spawn")  # a forked numba or Drake may hang
-        self.connection, workers_end = spawn.Pipe()
-        module = REGISTRY.entries()[name].module
-        run = partial(
-            _run_experiment, name, module, self._staging, _shared(self._folder), self._settings
+    @property
+    def result(self) -> Path:
+        return self.work / "result"
+
+    @property
+    def log(self) -> Path:
+        return self.work / "log.txt"
+
+    @property
+    def progress(self) -> Path:
+        return self.work / "progress.txt"
+
+
+@dataclass(frozen=True)
+class _End:
+    """How an experiment ended, as its process says it."""
+
+    state: State
+    reason: str = ""  # one line
+    lacks: tuple[str, ...] = ()  # sets of recordings that it needs
+    lacks_storage: bool = False
+    processor_seconds: float = 0.0
+
+
+class _Runs:
+    """The experiments of a study that run: their outcomes, as they come."""
+
+    def __init__(
+        self,
+        folder: ResultFolder,
+        settings: StudySettings,
+        names: Iterable[str],
+        watch: Callable[[Progress], None],
+    ) -> None:
+        self.outcomes = {name: Outcome(name, "waiting") for name in names}
+        self._folder, self._settings, self._watch = folder, settings, watch
+        self._started: dict[str, float] = {}
+        self._under_way: dict[str, _Task] = {}
+        self._told: dict[str, str] = {}
+
+    def run(self, jobs: int) -> None:
+        """Runs them, `jobs` at a time; those that take longest first, so that none is left alone.
+
+        Raises:
+            InputError: the disk is full.
+        """
+        threads = max(1, available_cores() // jobs)  # numba's loops write each element once
+        ends = run_side_by_side(
+            _run_task,
+            map(self._task, _longest_first(self.outcomes, self._folder.path)),
+            jobs,
+            each_in_its_own=True,
+            environment={"NUMBA_NUM_THREADS": str(threads)},
+            started=self._begin,
+            tick=self._tell_progress,
         )
-        arguments = (run, workers_end, self._log, os.getpid())
-        with _thread_limits(threads), for_this_process_alone():
-            self._process = spawn.Process(target=_work, args=arguments, name=name)
-            self._process.start()
-        workers_end.close()
-        self._started = time.monotonic()
-        self.outcome.state = "running"
-
-    def receive(self) -> Progress:
-        """Takes one message of the process; an end of its messages is the end of the run."""
-        assert self.connection is not None
-        outcome = self.outcome
         try:
-            kind, *content = self.connection.recv()
-        except (EOFError, OSError):
-            return self._finish("failed", self._how_it_died())
-        if kind == "loaded":
-            return Progress(outcome.name, "running")
-        if kind == "progress":
-            return Progress(outcome.name, "running", *content)
-        if kind == "lacks":
-            (outcome.lacks,) = content
-            return Progress(outcome.name, "running")
-        reason, outcome.processor_seconds = content
-        if kind == _NO_STORAGE:
-            remedy = "free some space and run again: what is finished is kept"
-            raise InputError(self._folder.path, "", f"{reason}, while {outcome.name} ran", remedy)
-        return self._finish(kind, reason)
+            with closing(ends):
+                for task, end in ends:
+                    self._tell_progress()
+                    del self._under_way[task.name]
+                    self._finish(task, _End("failed", str(end)) if isinstance(end, Died) else end)
+        finally:
+            for name, outcome in self.outcomes.items():
+                if outcome.state in ("waiting", "running"):
+                    outcome.state = "interrupted"
+                    self._watch(Progress(name, "interrupted"))
 
-    def _finish(self, state: State, reason: str) -> Progress:
-        self._process.join()
-        outcome, folder = self.outcome, self._folder
-        outcome.seconds = time.monotonic() - self._started
-        if state == "done":
-            earlier = [file for file in folder.files if file.startswith(f"{outcome.name}/")]
-            with folder.changing([*earlier, self._failure]) as new, writing_to(folder.path):
-                self._staging.rename(new / outcome.name)
-            result = read_result(folder, outcome.name)
+    def _task(self, name: str) -> _Task:
+        module = REGISTRY.entries()[name].module
+        work = self._folder.work(f"{name}/result").parent
+        return _Task(name, module, work, self._folder.work(_SHARED), self._settings)
+
+    def _begin(self, task: _Task) -> None:
+        self.outcomes[task.name].state = "running"
+        self._started[task.name] = time.monotonic()
+        self._under_way[task.name] = task
+        self._watch(Progress(task.name, "running"))
+
+    def _tell_progress(self) -> None:
+        """Says what the experiments under way have written of their progress since."""
+        for name, task in self._under_way.items():
+            with suppress(OSError):
+                text = task.progress.read_text(encoding="utf-8")
+                if self._told.get(name) != text:
+                    self._told[name] = text
+                    fraction, _, action = text.partition(" ")
+                    self._watch(Progress(name, "running", float(fraction), action))
+
+    def _finish(self, task: _Task, end: _End) -> None:
+        name, folder, outcome = task.name, self._folder, self.outcomes[task.name]
+        if end.lacks_storage:
+            remedy = "free some space and run again: what is finished is kept"
+            raise InputError(folder.path, "", f"{end.reason}, while {name} ran", remedy)
+        outcome.seconds = time.monotonic() - self._started[name]
+        outcome.processor_seconds = end.processor_seconds
+        outcome.lacks = end.lacks
+        failure = f"failures/{name}.txt"
+        if end.state == "done":
+            earlier = [file for file in folder.files if file.startswith(f"{name}/")]
+            with folder.changing([*earlier, failure]) as new, writing_to(folder.path):
+                task.result.rename(new / name)
+            result = read_result(folder, name)
             assert result is not None
             outcome.metrics, outcome.stored = result
             outcome.lacks = _absent_recordings(outcome.stored)
-        elif state == "failed":
+        elif end.state == "failed":
             printed = ""
             with suppress(OSError):
-                printed = self._log.read_text(encoding="utf-8", errors="replace")
+                printed = task.log.read_text(encoding="utf-8", errors="replace")
             with folder.changing() as new:
-                new.write_text(self._failure, printed or f"{reason}\n")
-        outcome.state, outcome.reason = state, reason
-        seconds = outcome.seconds if state == "done" else None
-        return Progress(outcome.name, state, 1.0, reason, seconds)
-
-    def _how_it_died(self) -> str:
-        self._process.join()
-        code = self._process.exitcode
-        return f"its process was ended by signal {-code}" if code < 0 else f"exit code {code}"
-
-    def stop(self) -> None:
-        """Ends the process, if it runs."""
-        if self._process is not None:
-            self._process.kill()  # the study cleans up after it
-            self._process.join()
-        self.outcome.state = "interrupted"
+                new.write_text(failure, printed or f"{end.reason}\n")
+        outcome.state, outcome.reason = end.state, end.reason
+        seconds = outcome.seconds if end.state == "done" else None
+        self._watch(Progress(name, end.state, 1.0, end.reason, seconds))
 
 
-def _run_all(runs: list[_Run], jobs: int, watch: Callable[[Progress], None]) -> None:
-    """Runs them, `jobs` at a time.
-
-    One process takes the shortest first, so that a result soon shows; the others take the longest
-    first, so that none is left alone with a long one at the end.
-
-    Args:
-        runs: the shortest first.
-    """
-    threads = max(1, available_cores() // jobs)
-    waiting, running = list(runs), dict[Connection, _Run]()
-    short: _Run | None = None
-    try:
-        while waiting or running:
-            while waiting and len(running) < jobs:
-                if short in running.values():
-                    run = waiting.pop()
-                else:
-                    run = short = waiting.pop(0)
-                run.start(threads)
-                assert run.connection is not None
-                running[run.connection] = run
-                watch(Progress(run.outcome.name, "running"))
-            for connection in wait(list(running)):
-                assert isinstance(connection, Connection)
-                run = running[connection]
-                progress = run.receive()
-                if progress.state != "running":
-                    del running[connection]
-                watch(progress)
-    finally:
-        for run in runs:
-            if run.outcome.state in ("waiting", "running"):
-                run.stop()
-                watch(Progress(run.outcome.name, "interrupted"))
+def _longest_first(names: Iterable[str], out: Path) -> list[str]:
+    """Experiments by their processor seconds: those measured in `out` before, else typical ones."""
+    seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
+    for name, timing in _read_timings(out).items():
+        seconds[name] = timing.get("processor_seconds", seconds.get(name, 0.0))
+    return sorted(names, key=lambda name: -seconds[name])
 
 
-def _work(
-    run: Callable[[Connection], tuple[State, str]], connection: Connection, log: Path, parent: int
-) -> None:
-    """Runs in the experiment's process: its output goes to `log`, its steps to `connection`."""
+def _run_task(task: _Task) -> _End:
+    """Runs in the experiment's process; what it prints goes to the task's log."""
     import faulthandler
 
-    begin_worker(parent, log)
-    faulthandler.enable()
-    state = "failed"
     try:
-        state, reason = run(connection)
-    except BaseException as error:  # the parent gets any error
+        task.result.mkdir(parents=True)
+        begin_worker(os.getppid(), task.log)
+        faulthandler.enable()
+        end = _run_experiment(task)
+    except BaseException as error:  # the study gets any error
         lines = str(error).strip().splitlines()
         reason = lines[0] if lines else ""
         if not isinstance(error, InputError):
             reason = f"{type(error).__name__}: {reason}".rstrip(": ")
         storage_problem = _lack_of_storage(error)
-        if storage_problem:
-            state, reason = _NO_STORAGE, storage_problem
+        end = _End("failed", storage_problem or reason, lacks_storage=bool(storage_problem))
         with suppress(OSError):
             traceback.print_exc()
     with suppress(OSError):
         sys.stderr.flush()
     usage = resource.getrusage(resource.RUSAGE_SELF)
-    connection.send((state, reason, usage.ru_utime + usage.ru_stime))
+    return replace(end, processor_seconds=usage.ru_utime + usage.ru_stime)
 
 
 def _lack_of_storage(error: BaseException | None) -> str:
@@ -348,32 +336,36 @@ def _lack_of_storage(error: BaseException | None) -> str:
     return ""
 
 
-def _run_experiment(
-    name: str, module: str, out: Path, shared: Path, settings: StudySettings, connection: Connection
-) -> tuple[State, str]:
+def _run_experiment(task: _Task) -> _End:
+    module, settings = task.module, task.settings
     experiment: Experiment = import_module(module).EXPERIMENT
-    if experiment.name != name:
-        raise ValueError(f"{module}: its experiment is {experiment.name}, not {name}")
-    connection.send(("loaded",))
+    if experiment.name != task.name:
+        raise ValueError(f"{module}: its experiment is {experiment.name}, not {task.name}")
     missing = experiment.missing(settings.data)
     if missing:
-        connection.send(("lacks", tuple(missing)))
-        return "skipped", f"needs the recordings {', '.join(missing)}; {how_to_get_all(missing)}"
+        reason = f"needs the recordings {', '.join(missing)}; {how_to_get_all(missing)}"
+        return _End("skipped", reason, tuple(missing))
     lacking = experiment.missing_modules()
     if lacking:
-        return "skipped", f"needs {', '.join(lacking)}; python -m pip install 'wrenchsight[study]'"
+        remedy = "python -m pip install 'wrenchsight[study]'"
+        return _End("skipped", f"needs {', '.join(lacking)}; {remedy}")
+
+    def tell(fraction: float, action: str) -> None:
+        with suppress(OSError, InputError), whole_file(task.progress) as partial:
+            partial.write_text(f"{fraction:.6g} {action}", encoding="utf-8")
+
     if "numba" in sys.modules:
-        on_first_compilation(lambda action: connection.send(("progress", 0.0, action)))
+        on_first_compilation(lambda action: tell(0.0, action))
     due = 0.0
 
     def progress(fraction: float, action: str) -> None:
         nonlocal due
         if time.monotonic() >= due:
             due = time.monotonic() + 0.1
-            connection.send(("progress", float(fraction), str(action)))
+            tell(float(fraction), str(action))
 
     context = ExperimentContext(
-        out=out,
+        out=task.result,
         data=settings.data,
         seed=settings.seed,
         quick=settings.quick,
@@ -383,12 +375,12 @@ def _run_experiment(
     )
     folders = (*experiment.needs, *experiment.uses)
     depends_on = settings.fingerprint(module, folders, experiment.takes_methods)
-    with sharing_in(shared):
+    with sharing_in(task.shared):
         result = experiment.run(context)
     if software_hash(module) != depends_on["software"]:
         depends_on["software"] = "changed while it ran"  # which part was imported when is not known
-    write_result(out, experiment, result, depends_on, settings.of_results)
-    return "done", ""
+    write_result(task.result, experiment, result, depends_on, settings.of_results)
+    return _End("done")
 
 
 def _earlier(
@@ -420,12 +412,12 @@ def _absent_recordings(stored: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _summarise(
-    folder: ResultFolder, runs: Mapping[str, _Run], settings: StudySettings
+    folder: ResultFolder, runs: Mapping[str, Outcome], settings: StudySettings
 ) -> StudyResult:
     """Writes metrics, timings and report of all results in the folder that belong together."""
     outcomes = []
     for name in REGISTRY.entries():
-        outcome = runs[name].outcome if name in runs else None
+        outcome = runs.get(name)
         if outcome is None or outcome.state == "interrupted":
             outcome = _earlier(folder, name, settings)[0] or outcome
         outcomes += [outcome] if outcome else []
@@ -450,22 +442,6 @@ def _summarise(
 def _read_timings(out: Path) -> dict[str, dict[str, float]]:
     path = out / _TIMINGS
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-
-
-@contextmanager
-def _thread_limits(threads: int) -> Iterator[None]:
-    """Sets, for processes started inside, how many threads their libraries use.
-
-    Linear algebra gets one: with more, its sums are ordered differently and the last digits change.
-    Numba's loops write each element once, so they may share the cores that `jobs` leaves.
-    """
-    environment = dict(os.environ)
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"), NUMBA_NUM_THREADS=str(threads))
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(environment)
 
 
 def available_cores() -> int:

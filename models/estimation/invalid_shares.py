@@ -9,6 +9,13 @@ from wrenchsight.models.estimation.wrench import ValidityLimits
 LEAST_NAMED_SHARE = 0.0005  # of all readings: less is 0.0 % in the line
 
 
+def invalid_pct(invalid: InvalidCodes) -> dict[str, float]:
+    """Percent of N readings (N,) by the keys of their reasons; see `InvalidShares.metrics`."""
+    shares = InvalidShares()
+    shares.add(invalid)
+    return shares.metrics()
+
+
 class InvalidShares:
     """Counts of readings, added up part by part.
 

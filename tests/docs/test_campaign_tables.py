@@ -52,7 +52,7 @@ def record_of(experiments, figures, rows=()):
         values = {key: each[world] for key, each in figures.items()}
         outcome = WorldOutcome(world, 10 + world, {"coulomb": 1.0 + world})
         outcome.values = {name: dict(values) for name in experiments}
-        record.worlds[world] = outcome
+        record.add(outcome)
     return record
 
 
@@ -181,9 +181,7 @@ def machining_figures(loaded, task, key):
     assert record is not None
     feeds = enumerate(loaded.FEED_TIMES)
     keys = [key.format(k=k, feed=loaded.feed_key(feed)) for k, feed in feeds]
-    worlds = [record.worlds[number].values[task] for number in sorted(record.worlds)]
-    figures = [[values[key] for key in keys] for values in worlds]
-    return np.array(figures, dtype=float)  # nan where a world has none
+    return record.figures(task)[keys].to_numpy()  # nan where a world has none
 
 
 def medians(figures):
@@ -242,6 +240,6 @@ def test_the_page_says_of_the_touch_what_the_committed_worlds_have(loaded):
 def test_the_committed_worlds_are_those_that_a_campaign_draws(loaded, name):
     """So the README's ranges are what its command prints again."""
     record, source = read_table(loaded.committed(name)), bundled_worlds()
-    for number, kept in record.worlds.items():
+    for number, kept in record.draws().iterrows():
         world = draw_world(0, number, source)
-        assert (world.seed, world.parameters()) == (kept.seed, kept.parameters)
+        assert kept.to_dict() == {"seed": world.seed, **world.parameters()}

@@ -81,6 +81,7 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
@@ -298,6 +299,7 @@ def _labelled(
         "found_at_s": log.t[begins],
         "false_alarms_at_s": log.t[alarms],
         "valid_between_pct": 100.0 * float(batch.valid[apart].mean()),
+        "invalid_between": invalid_pct(batch.invalid[apart]),
         "largest_valid_between_n": false_force.max(axis=0) if len(false_force) else np.zeros(3),
         "largest_statistic": float(detection.statistic.max()),
     }

@@ -159,6 +159,11 @@ def summed_up(draws: list[dict[str, Any]]) -> dict[str, Any]:
         "all_missed": sum(figures["missed"] for figures in draws),
         "all_false_contacts_per_hour": sum(figures["false_contacts"] for figures in draws) / hours,
     }
+    reasons = sorted({key for figures in draws for key in figures["invalid"]})
+    result["invalid"] = {
+        key: float(np.mean([figures["invalid"].get(key, 0.0) for figures in draws]))
+        for key in reasons
+    }
     for key, is_least in _WORST.items():
         if key == "false_contacts_per_hour":
             values = [3600.0 * f["false_contacts"] / f["seconds"] for f in draws]

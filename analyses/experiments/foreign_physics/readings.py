@@ -17,6 +17,8 @@ from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm
 from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import WorldLog
 from wrenchsight.analyses.experiments.foreign_physics.plain_tools import PlainModel
 from wrenchsight.analyses.methods.estimate.estimation import estimate_log
+from wrenchsight.models.estimation.invalid import InvalidCodes
+from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -31,6 +33,7 @@ CONTACT_SLACK = 0.3  # s
 TOUCH_SHARE = 0.02  # of the log's largest force: something touches
 CONTACT_SHARE = 0.3  # of it: a true contact that may not be missed
 LEAST_CONTACT = 0.2  # s
+REFUSED = -1  # in the place of reasons
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,7 @@ class Reading:
     Attributes:
         refusal: the line with which the log was refused; empty: it was read.
         wrench, sd: (N, 6) N and N m.
-        valid: (N,).
+        invalid: (N,) reasons; REFUSED: the log was refused.
         contacts: begin and end of each reported contact, s.
         sentences: notices, contacts and warnings for the user.
     """
@@ -48,9 +51,14 @@ class Reading:
     refusal: str
     wrench: Array
     sd: Array
-    valid: Flags
+    invalid: InvalidCodes
     contacts: tuple[tuple[float, float], ...]
     sentences: tuple[str, ...]
+
+    @property
+    def valid(self) -> Flags:
+        """(N,)."""
+        return np.asarray(self.invalid == 0)
 
 
 def read_log(
@@ -77,7 +85,7 @@ def read_log(
         result = estimate_log(path, arm.robot_file, model_path, folder / "estimate", draws=draws)
     except InputError as error:
         nothing = np.full((N, 6), np.nan)
-        return Reading(str(error), nothing, nothing, np.zeros(N, bool), (), ())
+        return Reading(str(error), nothing, nothing, np.full(N, REFUSED), (), ())
     table = pyarrow.csv.read_csv(result.table)
     columns = {name: table[name].to_numpy() for name in table.column_names}
     if len(columns["t"]) != N:
@@ -87,7 +95,7 @@ def read_log(
         refusal="",
         wrench=np.column_stack([columns[axis] for axis in WRENCH_AXES]),
         sd=np.column_stack([columns[f"sd_{axis}"] for axis in WRENCH_AXES]),
-        valid=columns["valid"] > 0,
+        invalid=columns["invalid"].astype(np.int64),
         contacts=tuple((contact["begin_s"], contact["end_s"]) for contact in contacts),
         sentences=(*result.notices, *result.contacts, *result.warnings),
     )
@@ -127,6 +135,7 @@ def figures(
         "inside_95_pct": 100.0 * np.mean(ratio <= SIGMA_95, axis=0) if has_samples else none,
         "beyond_3sd_pct": 100.0 * np.mean(ratio > 3.0, axis=0) if has_samples else none,
         "share_valid_pct": 100.0 * float(np.mean(reading.valid[judged])),
+        "invalid": {} if reading.refusal else invalid_pct(reading.invalid[judged]),
         "sd_n": np.mean(reading.sd[counted, :3], axis=0) if has_samples else none[:3],
         "false_contacts": len(false),
         "seconds": float(t[-1] - t[0]),

@@ -50,6 +50,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
+from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig
 from wrenchsight.models.live.reading import Reading
@@ -157,7 +158,8 @@ def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
     t = np.array([r.t for r in readings])
     judged_rows = (t >= t[0] + START_TIME) & (t <= t[-1] - END_MARGIN)
     judged_rows &= np.array([not r.dropout for r in readings])
-    valid = np.array([r.valid for r in readings])
+    invalid = np.array([int(r.invalid) for r in readings])
+    valid = invalid == 0
     error = np.array([r.wrench[3:] for r in readings]) - truth
     sd = np.array([r.sd[3:] for r in readings])
 
@@ -173,6 +175,7 @@ def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
     return {
         **figures_of(judged_rows),
         "share_valid_pct": share,
+        "invalid": invalid_pct(invalid[judged_rows]),
         "valid": figures_of(judged_rows & valid),
     }
 

@@ -59,6 +59,8 @@ from wrenchsight.models.estimation.estimator import (
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
+from wrenchsight.models.estimation.invalid import InvalidCodes
+from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.reading_gain import ReadingGain
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
@@ -227,12 +229,12 @@ class _PointReading(NamedTuple):
     Attributes:
         wrench: (N, 6) rotation first, N m and N.
         covariance: (N, 6, 6).
-        valid: (N,).
+        invalid: (N,) reasons.
     """
 
     wrench: Array
     covariance: Array
-    valid: Flags
+    invalid: InvalidCodes
 
 
 def _read(
@@ -243,12 +245,12 @@ def _read(
         reading = _read_tracked(log, TrackedEstimator(robot, reader.model, config))
     else:
         estimate = log.read(WrenchEstimator(robot, reader.model, config))
-        reading = _PointReading(estimate.wrench, estimate.covariance, estimate.valid)
+        reading = _PointReading(estimate.wrench, estimate.covariance, estimate.invalid)
     if reader.model_with_drift is None:
         return reading
     with_drift = log.read(WrenchEstimator(robot, reader.model_with_drift, config))
     covariance = covariance_about(reading.wrench, with_drift.wrench, with_drift.covariance)
-    return _PointReading(reading.wrench, covariance, reading.valid & with_drift.valid)
+    return _PointReading(reading.wrench, covariance, reading.invalid | with_drift.invalid)
 
 
 def _read_tracked(log: _PointLog, follower: TrackedEstimator) -> _PointReading:
@@ -262,7 +264,7 @@ def _read_tracked(log: _PointLog, follower: TrackedEstimator) -> _PointReading:
     gain = ReadingGain(estimator).of(at_point)
     estimate = followed.read(estimator)
     friction_part = (gain * friction_variance[:, None, :]) @ gain.transpose(0, 2, 1)
-    return _PointReading(estimate.wrench, estimate.covariance + friction_part, estimate.valid)
+    return _PointReading(estimate.wrench, estimate.covariance + friction_part, estimate.invalid)
 
 
 def _log_metrics(
@@ -296,7 +298,7 @@ def _log_metrics(
         for name, in_regime in regimes(uniform.v).items():
             rows = in_regime & judged
             if rows.sum() >= MIN_REGIME_SAMPLES:
-                parts[name] = _counted(error[rows], sd[rows], reading.valid[rows])
+                parts[name] = _counted(error[rows], sd[rows], reading.invalid[rows])
         metrics |= parts if method == "force_only" else {method: parts}
     return metrics
 
@@ -319,11 +321,13 @@ def regimes(v: Array) -> dict[str, Flags]:
     }
 
 
-def _counted(error: Array, sd: Array, valid: Flags) -> dict[str, Any]:
+def _counted(error: Array, sd: Array, invalid: InvalidCodes) -> dict[str, Any]:
+    valid = invalid == 0
     return {
         "inside_95_pct": 100.0 * np.mean(np.abs(error) <= SIGMA_95 * sd, axis=0),
         "rmse_n": np.sqrt(np.mean(error**2, axis=0)),
         "share_valid_pct": 100.0 * float(valid.mean()),
+        "invalid": invalid_pct(invalid),
         "largest_valid_n": np.abs(error[valid]).max(axis=0) if valid.any() else np.zeros(3),
     }
 

@@ -11,7 +11,7 @@ import pytest
 
 from wrenchsight.analyses.campaign.campaign import remaining_seconds, run_campaign
 from wrenchsight.analyses.campaign.campaign_store import WorldParts, read_table
-from wrenchsight.analyses.campaign.world_run import CampaignSettings
+from wrenchsight.analyses.campaign.world_run import CampaignSettings, WorldOutcome
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import draw_world
 
@@ -148,7 +148,7 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     assert not (tmp_path / "campaign" / ".wrenchsight.partial").exists()
     result = campaign("always", jobs=1, folder="always")
     assert result.worlds == 2
-    assert "killed" in result.failures[1].failures["always"]
+    assert "died (SIGKILL(-9)), each time" in result.failures[1].failures["always"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
@@ -246,9 +246,13 @@ def test_a_kill_keeps_finished_worlds(tmp_path, experiment, campaign, counted):
     record = read_table(tmp_path / "campaign" / "campaign.parquet")
     (tmp_path / "again").mkdir()
     parts = WorldParts(tmp_path / "again")
-    for outcome in record.worlds.values():
-        outcome.described = record.described
-        parts.add(outcome, record)
+    for number in record.worlds:
+        world = draw_world(0, number)
+        values = {"toy": record.figures("toy").loc[number].to_dict()}
+        values["toy"]["ours.nothing"] = None
+        parts.add(
+            WorldOutcome(number, world.seed, world.parameters(), values, record.described), record
+        )
     assert campaign("toy", worlds=2, folder="again").reused == 2
     assert counted("ran_toy") == 2
     assert file_of(tmp_path, "again") == file_of(tmp_path, "campaign")

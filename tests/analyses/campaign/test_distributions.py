@@ -1,6 +1,7 @@
 """The figures of the article over worlds, and the page that shows them."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from wrenchsight.analyses.campaign.campaign_report import (
@@ -21,8 +22,13 @@ from wrenchsight.analyses.study.readme_table import FEWEST_WORLDS
 from wrenchsight.models.files.input_error import InputError
 
 
-def record_of(worlds):
-    """A campaign whose figures are known: 0 to worlds - 1, and what is made of them."""
+def record_of(worlds, drawn=lambda number: {"load": 1.0}, measured=lambda number: {}):
+    """A campaign whose figures are known: 0 to worlds - 1, and what is made of them.
+
+    Args:
+        drawn: the parameters of a world, by its number.
+        measured: figures in the place of those, by the world's number.
+    """
     record = CampaignRecord({"seed": 0, "quick": False, "ranges": {"load": [0.5, 2.0]}})
     rows = plain(
         [
@@ -45,9 +51,10 @@ def record_of(worlds):
             "rmse_nm.1": 2.0 * number,
             "ours_against_article.reduction_rmse_x_pct": number - 9.5,
             "never": None,
+            **measured(number),
         }
         described = {"toy": {"title": "A toy", "section": "4", "comparison": rows}}
-        record.add(WorldOutcome(number, 7 * number, {"load": 1.0}, {"toy": values}, described))
+        record.add(WorldOutcome(number, 7 * number, drawn(number), {"toy": values}, described))
     return record
 
 
@@ -109,10 +116,11 @@ def test_draws_that_move_a_figure_are_told_where_the_article_s_lies_elsewhere():
     """In `record_of` all worlds are drawn alike; here what is measured follows the load."""
 
     def found_in(worlds):
-        record = record_of(worlds)
-        for number, world in record.worlds.items():
-            world.parameters = {"load": 0.5 + 0.01 * number, "wander": float(number % 7)}
-            world.values["toy"]["optimised.rmse_x_n"] = 11.0 + 0.1 * number
+        record = record_of(
+            worlds,
+            drawn=lambda number: {"load": 0.5 + 0.01 * number, "wander": float(number % 7)},
+            measured=lambda number: {"optimised.rmse_x_n": 11.0 + 0.1 * number},
+        )
         return {item.key: item for item in distributions(record, ["toy"])}
 
     result = found_in(101)
@@ -135,10 +143,11 @@ def test_draws_that_move_a_figure_are_told_where_the_article_s_lies_elsewhere():
 
 
 def test_a_world_without_the_figure_is_left_out_of_its_influences():
-    record = record_of(40)
-    for number, world in record.worlds.items():
-        world.parameters = {"load": 0.5 + 0.01 * number}
-        world.values["toy"]["optimised.rmse_x_n"] = 11.0 + 0.1 * number if number % 2 else None
+    record = record_of(
+        40,
+        drawn=lambda number: {"load": 0.5 + 0.01 * number},
+        measured=lambda number: {"optimised.rmse_x_n": 11.0 + 0.1 * number if number % 2 else None},
+    )
     (moved,) = distributions(record, ["toy"])[0].moved_by
     assert moved.rank_correlation == pytest.approx(1.0)
     assert moved.drawn == pytest.approx((0.51, 0.89))
@@ -181,10 +190,12 @@ def test_the_table_comes_back_as_it_was_written(tmp_path):
     again = read_table(path)
     assert again.settings == record.settings
     assert again.described == record.described
-    for number, world in record.worlds.items():
-        assert again.worlds[number].values == world.values
-        assert again.worlds[number].seed == world.seed
-        assert again.worlds[number].parameters == world.parameters
+    pd.testing.assert_frame_equal(
+        again.figures("toy"), record.figures("toy"), check_index_type=False
+    )
+    pd.testing.assert_frame_equal(again.draws(), record.draws(), check_index_type=False)
+    assert again.draws()["seed"].tolist() == [0, 7, 14, 21]
+    assert again.measured == record.measured
     assert read_table(tmp_path / "absent.parquet") is None
 
 

@@ -16,7 +16,6 @@ from wrenchsight.analyses.output.result_folder import (
     LOCK,
     STAGING,
     open_results,
-    recover,
     result_folder,
 )
 from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker, file_checksum, strangers
@@ -290,10 +289,10 @@ def _stopped_after(out, monkeypatch, steps):
 
         def dying(act):
             def die_in_time(self, *values, **options):
-                moves_results = f"{STAGING}/ready" in str(self) or (
-                    act is unlink and LOCK not in str(self)
+                moves_results = f"{STAGING}/new" in str(self) or (
+                    act is unlink and f"{out}/figures" in str(self)
                 )
-                if moves_results and (out / STAGING / "ready").exists() and next(count) == steps:
+                if moves_results and ".partial" not in self.name and next(count) == steps:
                     os.kill(os.getpid(), signal.SIGKILL)
                 return act(self, *values, **options)
 
@@ -308,20 +307,40 @@ def _stopped_after(out, monkeypatch, steps):
 
 
 @pytest.mark.parametrize("steps", range(4))
-def test_a_kill_while_files_change_places_is_completed(out, monkeypatch, steps):
+def test_after_a_kill_while_files_change_places_nothing_counts_and_all_is_known(
+    out, monkeypatch, steps
+):
     assert _stopped_after(out, monkeypatch, steps)
-    recover(out)
-    assert _visible(out) == {"a.txt": "2", "c.txt": "2"}
-    assert list(strangers(out, ResultMarker.read(out))) == []
+    marker = ResultMarker.read(out)
+    assert set(marker.replacing) == {"a.txt", "c.txt", "figures/b.png"}
+    assert list(strangers(out, marker)) == []
+    with open_results(out, "estimate") as results:
+        assert results.below("figures") == []
     _write(out, "3")
     assert _visible(out) == {"a.txt": "3", "figures/b.png": "3"}
+    assert ResultMarker.read(out).replacing == {}
     assert sorted(p.name for p in out.iterdir()) == [MARKER, "a.txt", "figures"]
+
+
+def test_what_a_kill_mixed_counts_only_once_it_is_replaced(out, monkeypatch):
+    """Another part may change before."""
+    assert _stopped_after(out, monkeypatch, 1)
+    with open_results(out, "estimate") as results:
+        with results.changing() as folder:
+            folder.write_text("other/d.txt", "3")
+        assert results.below("other") == ["other/d.txt"]
+    with open_results(out, "estimate") as results:
+        assert results.below("figures") == []
+        with results.changing(["a.txt", "c.txt", "figures/b.png"]) as folder:
+            folder.write_text("figures/b.png", "3")
+        assert results.below("figures") == ["figures/b.png"]
+    assert ResultMarker.read(out).replacing == {}
 
 
 def test_a_file_changed_after_a_kill_is_not_overwritten(out, monkeypatch):
     assert _stopped_after(out, monkeypatch, 1)
     (out / "c.txt").write_text("mine")
-    assert "c.txt: is not as wrenchsight wrote it" in _refused(lambda: _write(out, "3"))
+    assert "holds c.txt, which is not as wrenchsight wrote it" in _refused(lambda: _write(out, "3"))
     assert (out / "c.txt").read_text() == "mine"
 
 
@@ -357,16 +376,18 @@ def test_ends_at_random_moments_leave_one_run_s_results(tmp_path, number):
         time.sleep(moments.uniform(0.0, 0.15))
         process.send_signal(number)
         process.communicate()
-        if number == signal.SIGKILL and out.exists():
-            recover(out)
         if not out.exists():
             continue
         if number != signal.SIGKILL:
             assert not (out / STAGING).exists()
             assert not (out / LOCK).exists()
         files = _visible(out)
-        assert len(set(files.values())) <= 1, files
         marker = ResultMarker.read(out)
+        if marker is not None and marker.replacing:
+            assert number == signal.SIGKILL
+            assert list(strangers(out, marker)) == []
+            continue
+        assert len(set(files.values())) <= 1, files
         if files:
             assert set(marker.files) == set(files)
             assert len(files) == 4
@@ -425,6 +446,7 @@ def test_a_full_disk_leaves_the_older_results(out, monkeypatch, full_for):
         b'{"format": 1, "command": "estimate", "files": ["a"]}',
         b'{"format": 1, "command": "estimate", "files": {"../mine": "0"}}',
         b'{"format": 1, "command": "estimate", "files": {"/etc/passwd": "0"}}',
+        b'{"format": 1, "command": "estimate", "files": {}, "replacing": {"../mine": "0"}}',
         b"[" * 100_000,
         b"\xff\xfe\x00",
     ],
@@ -444,19 +466,8 @@ def test_a_foreign_file_under_the_markers_name_is_no_marker(out, content):
     assert ResultMarker.read(elsewhere) is None
 
 
-def _prepare_ready(out, files, listed=None):
-    """Lays out what a killed run leaves: files that are ready, and their marker."""
-    ready = out / STAGING / "ready"
-    for name, content in files.items():
-        (ready / name).parent.mkdir(parents=True, exist_ok=True)
-        (ready / name).write_text(content)
-    sums = {name: file_checksum(ready / name) for name in files}
-    (ready / MARKER).write_text(ResultMarker("estimate", listed or sums).text())
-    return ready
-
-
 @pytest.mark.parametrize("content", ["{", json.dumps({"files": ["../mine"]})])
-@pytest.mark.parametrize("place", [f"ready/{MARKER}", "ready", "new", "work"])
+@pytest.mark.parametrize("place", [f"new/{MARKER}", "new", "work"])
 def test_what_lies_where_a_run_writes_reaches_nothing_outside(out, tmp_path, content, place):
     (tmp_path / "mine").write_text("mine")
     file = out / STAGING / place
@@ -470,32 +481,18 @@ def test_what_lies_where_a_run_writes_reaches_nothing_outside(out, tmp_path, con
     assert (tmp_path / "mine").read_text() == "mine"
 
 
-def test_a_marker_that_is_ready_names_nothing_outside(out, tmp_path):
-    (tmp_path / "mine").write_text("mine")
-    _prepare_ready(out, {"c.txt": "2"}, {"../mine": file_checksum(tmp_path / "mine")})
-    (out / STAGING / "mine").write_text("escaped")
-    _write(out, "2")
-    assert _visible(out) == {"a.txt": "2", "figures/b.png": "2"}
-    assert (tmp_path / "mine").read_text() == "mine"
-
-
-@pytest.mark.parametrize("way", [STAGING, f"{STAGING}/ready", f"{STAGING}/ready/deep", "deep"])
+@pytest.mark.parametrize("way", [STAGING, f"{STAGING}/new", f"{STAGING}/new/deep", "deep"])
 def test_a_link_where_a_run_writes_is_not_followed(out, tmp_path, way):
     elsewhere = tmp_path / "elsewhere"
-    (elsewhere / "deep").mkdir(parents=True)
-    _prepare_ready(out if way == "deep" else elsewhere, {"deep/c.txt": "2"})
+    (elsewhere / way).mkdir(parents=True)
+    (elsewhere / way / "c.txt").write_text("2")
     (out / way).parent.mkdir(parents=True, exist_ok=True)
     (out / way).symlink_to(elsewhere / way)
     before = _files(elsewhere)
     if way in (STAGING, "deep"):
-        assert "is no folder" in _refused(lambda: _write(out, "2"))
+        line = _refused(lambda: _write(out, "2", ["deep/c.txt"]))
+        assert "is no folder" in line or "holds deep" in line
     else:
         _write(out, "2")
         assert _visible(out) == {"a.txt": "2", "figures/b.png": "2"}
     assert _files(elsewhere) == before
-
-
-def test_a_pipe_among_what_is_ready_is_not_waited_for(out):
-    os.mkfifo(_prepare_ready(out, {"c.txt": "2"}) / "d.txt")
-    _write(out, "2")
-    assert _visible(out) == {"a.txt": "2", "figures/b.png": "2"}

@@ -12,7 +12,7 @@ import numpy as np
 from wrenchsight.analyses.campaign.campaign_store import read_table
 from wrenchsight.analyses.methods.watch.recorder import SAVE_TIME, Recorder
 from wrenchsight.analyses.output.marked_page import refuse_unmarked
-from wrenchsight.analyses.output.result_folder import STAGING, ResultFolder, recover
+from wrenchsight.analyses.output.result_folder import STAGING, ResultFolder
 from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker, strangers, visible_files
 from wrenchsight.analyses.study.stored_result import read_result
 from wrenchsight.models.estimation.wrench_bag import read_wrench_bag
@@ -67,13 +67,16 @@ class Folder(Results):
 
     def fault(self) -> str | None:
         was_there = (self.path / STAGING).exists()
-        recover(self.path)  # what the next run does first
         after, marker = self._content(), ResultMarker.read(self.path)
         if marker is None:
             return "no marker"
         stranger = next(strangers(self.path, marker), None)
         if stranger is not None:
             return f"{stranger} is not as it was written"
+        if marker.replacing and not self._tidy_end:
+            return (
+                None  # killed while files went to their places: no result, and the marker says so
+            )
         if set(marker.files) != set(after):
             return "files that the marker does not know, or that are gone"
         if self.telling not in after:
@@ -116,9 +119,14 @@ class StudyResults(Results):
     def fault(self) -> str | None:
         hidden = self.hidden()
         try:
-            folder = ResultFolder(self.path, "study")  # ends what a kill stopped, as the next run
+            folder = ResultFolder(self.path, "study")
         except InputError as error:
             return str(error)
+        marker = ResultMarker.read(self.path)
+        if marker is not None and marker.replacing and not self._tidy_end:
+            return (
+                None  # killed while files went to their places: no result, and the marker says so
+            )
         if read_result(folder, self._experiment) is None:
             return "no result of the experiment"
         after = self._content()

@@ -9,7 +9,7 @@ from wrenchsight.models.estimation.invalid import (
     SETTLING,
     UNCERTAIN_FORCE,
 )
-from wrenchsight.models.estimation.invalid_shares import InvalidShares
+from wrenchsight.models.estimation.invalid_shares import InvalidShares, invalid_pct
 from wrenchsight.models.estimation.wrench import ValidityLimits
 
 LIMITS = ValidityLimits(24.5, 9.81, 61.3, 3.1)
@@ -27,6 +27,7 @@ def test_a_reading_with_several_reasons_counts_once():
     assert shares.metrics() == pytest.approx(
         {"settling_pct": 2.3, "uncertain_force_pct": 12.1, "hidden_by_stiction_pct": 4.0}
     )
+    assert invalid_pct(invalid) == shares.metrics()
     line, help_line = shares.sentences(LIMITS)
     assert line == (
         "18.4 % not valid: 12.1 % force sd above 24 N, 4.0 % stiction that could be 9.8 N, "

@@ -59,6 +59,7 @@ _LOGGED = (
     "wrench",
     "covariance",
     "valid",
+    "invalid",
     "wrench_true",
     "ft_wrench",
     "tau_f_true",

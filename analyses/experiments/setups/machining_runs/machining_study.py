@@ -44,6 +44,7 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES
 from wrenchsight.models.numerics.arrays import Array
 
@@ -153,6 +154,14 @@ def feed_metrics(
     out["valid_share"] = {
         feedback: {
             part: float(entry.signals["valid"][rows].mean())
+            for part, rows in entry.parts.items()
+            if rows.any()
+        }
+        for feedback, entry in runs.items()
+    }
+    out["invalid"] = {
+        feedback: {
+            part: invalid_pct(entry.signals["invalid"][rows, 0].astype(np.int64))
             for part, rows in entry.parts.items()
             if rows.any()
         }

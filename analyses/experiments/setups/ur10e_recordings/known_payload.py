@@ -15,6 +15,7 @@ from wrenchsight.models.estimation.estimator import (
     WrenchEstimatorConfig,
 )
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
+from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.estimation.point_of_action import (
     find_point_of_action,
     jacobian_at,
@@ -93,6 +94,7 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
     return {
         **errors(np.ones(len(force), bool)),
         "share_valid_pct": 100.0 * float(estimate.valid.mean()),
+        "invalid": invalid_pct(estimate.invalid),
         "valid": errors(estimate.valid),
         "rank_correlation_with_error": {
             key: float(spearmanr(measure, size).statistic) for key, measure in ranked.items()

@@ -156,7 +156,7 @@ def test_plain_tools_read_a_push_and_find_the_friction() -> None:
 
 def _reading(truth: np.ndarray, error: np.ndarray, contacts) -> Reading:
     N = len(truth)
-    return Reading("", truth + error, np.ones((N, 6)), np.ones(N, bool), contacts, ())
+    return Reading("", truth + error, np.ones((N, 6)), np.zeros(N, np.int64), contacts, ())
 
 
 def test_figures_count_shares_false_and_missed_contacts() -> None:
@@ -183,6 +183,7 @@ def test_figures_count_shares_false_and_missed_contacts() -> None:
     np.testing.assert_allclose(found["beyond_3sd_pct"][:2], [0.0, 100.0 * 100 / counted])
     assert (found["false_contacts"], found["missed"], found["true_contacts"]) == (1, 1, 2)
     assert found["share_valid_pct"] == 100.0
+    assert found["invalid"] == {}
 
 
 def test_a_refused_log_counts_as_not_valid_and_spoils_no_share() -> None:
@@ -190,6 +191,7 @@ def test_a_refused_log_counts_as_not_valid_and_spoils_no_share() -> None:
         "inside_95_pct": np.full(6, 96.0),
         "beyond_3sd_pct": np.zeros(6),
         "share_valid_pct": 90.0,
+        "invalid": {"settling_pct": 10.0},
         "sd_n": np.ones(3),
         "false_contacts": 1,
         "seconds": 36.0,
@@ -201,12 +203,14 @@ def test_a_refused_log_counts_as_not_valid_and_spoils_no_share() -> None:
     }
     nothing = {"inside_95_pct": np.full(6, np.nan), "beyond_3sd_pct": np.full(6, np.nan)}
     refused = read | nothing | {"share_valid_pct": 0.0, "refused": 1.0, "false_contacts": 0}
+    refused["invalid"] = {}
     figure = summed_up([read, refused])
     np.testing.assert_array_equal(figure["inside_95_pct"]["worst"], np.full(6, 96.0))
     assert figure["share_valid_pct"]["worst"] == 0.0
     assert figure["all_false_contacts_per_hour"] == pytest.approx(50.0)
     assert figure["false_contacts_per_hour"]["worst"] == pytest.approx(100.0)
     assert figure["refused"] == 1.0
+    assert figure["invalid"] == {"settling_pct": 5.0}  # of all draws
 
 
 @pytest.mark.long

@@ -47,6 +47,8 @@ def test_bands_are_counted_from_the_fifth_second_on():
     inside = 300 - 20  # of which 31 are off
     np.testing.assert_allclose(metrics["valid"]["inside_95_pct"][0], 100.0 * (1.0 - 31 / inside))
     assert metrics["share_valid_pct"] == pytest.approx(100.0 * inside / 501)
+    # Each with the code 1, SETTLING.
+    assert metrics["invalid"] == {"settling_pct": pytest.approx(100.0 - 100.0 * inside / 501)}
     nothing = judged(readings(count, wrench, 2.0, 0.0 * t), np.zeros((count, 3)))
     assert nothing["valid"]["rmse_n"] == [None] * 3
 

@@ -1,0 +1,110 @@
+"""Calls in processes of this machine side by side, of joblib's executors.
+
+Each process has an executor of its own, so that one that dies (a crash in a library, the system's
+want of memory) takes no other with it. `joblib.Parallel` gives up all calls under way when one
+process dies, and computes in this process where it is to use a single one.
+"""
+
+import os
+import re
+import warnings
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
+
+from wrenchsight.analyses.output.interruption import begin_worker, for_this_process_alone
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment of every process that measures: 1, or the last bits hang on the machine's cores."""
+_KEPT_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**34)}
+"""Environment in which glibc keeps what is freed: pages that come anew from the system each time
+take a twelfth of a world's processor time."""
+_TICK: Final = 0.1  # s between two looks at what is under way
+
+
+@dataclass(frozen=True)
+class Died:
+    """Stands for the result of a call whose process died."""
+
+    exit_codes: str  # such as SIGSEGV(-11)
+
+    def __str__(self) -> str:
+        return f"its process died ({self.exit_codes})"
+
+
+def run_side_by_side(
+    run: Callable[[Task], Result],
+    tasks: Iterable[Task],
+    jobs: int,
+    *,
+    tries: int = 1,
+    each_in_its_own: bool = False,
+    environment: Mapping[str, str] | None = None,
+    log: str = os.devnull,
+    started: Callable[[Task], None] = lambda task: None,
+    tick: Callable[[], None] = lambda: None,
+) -> Generator[tuple[Task, Result | Died]]:
+    """Yields each task with its result, as they end; closed before its end, it kills what runs.
+
+    Linear algebra gets one thread: with more, its sums are ordered differently and the last digits
+    change.
+
+    Args:
+        run: can be pickled, as its tasks and results can.
+        tasks: in the order in which they begin.
+        jobs: processes side by side, at least 1.
+        tries: how often a task is begun whose process dies.
+        each_in_its_own: whether each task gets a new process; else a process takes several.
+        environment: of the processes, beside the limits of threads.
+        log: file that takes what the processes print.
+        started: called with a task when it has begun.
+        tick: called ten times a second.
+    """
+    from joblib.externals.loky.process_executor import ProcessPoolExecutor
+
+    # A process whose memory has grown is replaced between two tasks: nothing is lost by it.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
+    waiting, idle = deque((task, 1) for task in tasks), list[Any]()
+    under_way = dict[Future[Result], tuple[Task, int, Any]]()
+    environment = {**dict.fromkeys(ONE_THREAD, "1"), **_KEPT_MEMORY, **(environment or {})}
+    try:
+        while waiting or under_way:
+            while waiting and len(under_way) < jobs:
+                task, attempt = waiting.popleft()
+                with for_this_process_alone():
+                    executor = (
+                        idle.pop()
+                        if idle
+                        else ProcessPoolExecutor(
+                            1,
+                            initializer=begin_worker,
+                            initargs=(os.getpid(), log),
+                            env=environment,
+                        )
+                    )
+                    under_way[executor.submit(run, task)] = task, attempt, executor
+                started(task)
+            ended = wait(under_way, _TICK, FIRST_COMPLETED).done
+            tick()
+            for future in ended:
+                task, attempt, executor = under_way.pop(future)
+                died = isinstance(future.exception(), BrokenExecutor)
+                if died or each_in_its_own:
+                    executor.shutdown(wait=True, kill_workers=True)
+                else:
+                    idle.append(executor)
+                if not died:
+                    yield task, future.result()
+                elif attempt < tries:
+                    waiting.append((task, attempt + 1))
+                else:
+                    codes = re.search(r"\{(.+)\}", str(future.exception()))
+                    yield task, Died(codes.group(1) if codes else "exit code unknown")
+    finally:
+        for executor in (*idle, *(executor for _, _, executor in under_way.values())):
+            executor.shutdown(wait=True, kill_workers=True)
