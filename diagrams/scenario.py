@@ -68,47 +68,70 @@ LIMITS = {  # of counts and sizes that time and memory depend on, by key at any 
 class HoldMotion:
     """The arm at rest."""
 
-    q: list[float] = field(default_factory=list)  # rad; the robot's home where empty
+    q: list[float] = field(default_factory=list)
+    """rad; the robot's home where empty"""
 
 
 @dataclass
 class JointSineMotion:
     """q = centre + amplitude sin(2 pi frequency t + phase), faded in from rest over `ramp`."""
 
-    amplitude: list[float] = field(default_factory=lambda: [0.3])  # rad; one, or one each
-    frequency: list[float] = field(default_factory=lambda: [0.2])  # Hz; one, or one each
-    phase: list[float] = field(default_factory=lambda: [0.0])  # rad; one, or one each
-    centre: list[float] = field(default_factory=list)  # rad; the robot's home where empty
-    ramp: float = 1.0  # s
+    amplitude: list[float] = field(default_factory=lambda: [0.3])
+    """rad; one, or one each"""
+    frequency: list[float] = field(default_factory=lambda: [0.2])
+    """Hz; one, or one each"""
+    phase: list[float] = field(default_factory=lambda: [0.0])
+    """rad; one, or one each"""
+    centre: list[float] = field(default_factory=list)
+    """rad; the robot's home where empty"""
+    ramp: float = 1.0
+    """s"""
 
 
 @dataclass
 class LineMotion:
     """E goes along a straight line and back, with a fixed orientation."""
 
-    n_W: list[float] = field(default_factory=lambda: [0.0, 1.0, 0.0])  # direction
-    p_WM: list[float] = field(default_factory=list)  # m, its midpoint; of E at home where empty
-    R_WE: list[list[float]] = field(default_factory=list)  # rows; of E at home where empty
-    path_length: float = 0.2  # m
-    one_way: float = 2.0  # s, from one end to the other
-    passes: int = 2  # there, back, there, ...
-    start: float = 0.0  # s, at rest before
-    lead_in: float = 0.0  # s, of a way back that goes before the first of two or more passes
-    time_law: str = "constant_speed"  # or thirds, uniform_acceleration
-    ramp: float = 0.1  # of constant_speed: share of one_way to reach the speed, and to leave it
-    q_seed: list[float] = field(default_factory=list)  # rad, chooses the branch; home where empty
+    n_W: list[float] = field(default_factory=lambda: [0.0, 1.0, 0.0])
+    """direction"""
+    p_WM: list[float] = field(default_factory=list)
+    """m, its midpoint; of E at home where empty"""
+    R_WE: list[list[float]] = field(default_factory=list)
+    """rows; of E at home where empty"""
+    path_length: float = 0.2
+    """m"""
+    one_way: float = 2.0
+    """s, from one end to the other"""
+    passes: int = 2
+    """there, back, there, ..."""
+    start: float = 0.0
+    """s, at rest before"""
+    lead_in: float = 0.0
+    """s, of a way back that goes before the first of two or more passes"""
+    time_law: str = "constant_speed"
+    """or thirds, uniform_acceleration"""
+    ramp: float = 0.1
+    """of constant_speed: share of one_way to reach the speed, and to leave it"""
+    q_seed: list[float] = field(default_factory=list)
+    """rad, chooses the branch; home where empty"""
 
 
 @dataclass
 class FourierMotion:
     """A Fourier series over whole periods, such as `excite` finds; at rest after its end."""
 
-    base_frequency: float = 0.1  # Hz
-    centre: list[float] = field(default_factory=list)  # rad
-    sine: list[list[float]] = field(default_factory=list)  # rad, per joint and harmonic
-    cosine: list[list[float]] = field(default_factory=list)  # rad, per joint and harmonic
-    periods: int = 1  # of the base frequency
-    stops: Stops = field(default_factory=Stops)  # on the way
+    base_frequency: float = 0.1
+    """Hz"""
+    centre: list[float] = field(default_factory=list)
+    """rad"""
+    sine: list[list[float]] = field(default_factory=list)
+    """rad, per joint and harmonic"""
+    cosine: list[list[float]] = field(default_factory=list)
+    """rad, per joint and harmonic"""
+    periods: int = 1
+    """of the base frequency"""
+    stops: Stops = field(default_factory=Stops)
+    """on the way"""
 
 
 MotionConfig = Union[HoldMotion, JointSineMotion, LineMotion, FourierMotion]  # noqa: UP007 (yaml_load_typed)
@@ -119,11 +142,16 @@ ControllerConfig = Union[JointTrackingConfig, ImpedanceConfig]  # noqa: UP007
 class ForceSetpoint:
     """value + amplitude sin(2 pi frequency (t - start)), after a linear rise from zero."""
 
-    value: float = 20.0  # N
-    start: float = 0.0  # s
-    rise: float = 0.5  # s
-    amplitude: float = 0.0  # N
-    frequency: float = 0.1  # Hz
+    value: float = 20.0
+    """N"""
+    start: float = 0.0
+    """s"""
+    rise: float = 0.5
+    """s"""
+    amplitude: float = 0.0
+    """N"""
+    frequency: float = 0.1
+    """Hz"""
 
 
 @dataclass
@@ -131,11 +159,15 @@ class PlateConfig:
     """A flat workpiece, fixed in W, touched by the tool at a point."""
 
     pose: PoseConfig = field(default_factory=lambda: PoseConfig([0.35, 0.0, 0.2]))
-    # in W, of the middle of its top face; z is out of it
-    size: list[float] = field(default_factory=lambda: [0.25, 0.4, 0.02])  # m
-    friction: float = 0.2  # Coulomb, static and dynamic
-    stiffness: float = 2e5  # N/m
-    dissipation: float = 100.0  # s/m, Hunt and Crossley
+    """in W, of the middle of its top face; z is out of it"""
+    size: list[float] = field(default_factory=lambda: [0.25, 0.4, 0.02])
+    """m"""
+    friction: float = 0.2
+    """Coulomb, static and dynamic"""
+    stiffness: float = 2e5
+    """N/m"""
+    dissipation: float = 100.0
+    """s/m, Hunt and Crossley"""
 
 
 @dataclass
@@ -143,11 +175,15 @@ class BladeConfig(BladeShapeConfig):
     """A section of a wind turbine blade (models.planning.motion.workpieces), fixed in W."""
 
     pose: PoseConfig = field(default_factory=lambda: PoseConfig([0.6, 0.0, 0.2]))
-    # in W, of its frame P; its span is along y
-    mesh_size: float = 0.006  # m, edges of the triangles that are touched
-    friction: float = 0.2  # Coulomb, static and dynamic
-    modulus: float = 1e7  # Pa, hydroelastic, of the tool's tip
-    dissipation: float = 20.0  # s/m, Hunt and Crossley
+    """in W, of its frame P; its span is along y"""
+    mesh_size: float = 0.006
+    """m, edges of the triangles that are touched"""
+    friction: float = 0.2
+    """Coulomb, static and dynamic"""
+    modulus: float = 1e7
+    """Pa, hydroelastic, of the tool's tip"""
+    dissipation: float = 20.0
+    """s/m, Hunt and Crossley"""
 
 
 WorkpieceConfig = Union[PlateConfig, BladeConfig, None]  # noqa: UP007
@@ -157,21 +193,29 @@ WorkpieceConfig = Union[PlateConfig, BladeConfig, None]  # noqa: UP007
 class MachiningConfig:
     """A pass over the workpiece with a tool whose tip is a ball: polishing, grinding."""
 
-    # (u, v) of the path's ends on the workpiece, each 0 to 1: along x and y of a plate; round the
-    # profile (suction side above .5) and along the span of a blade
     start: list[float] = field(default_factory=lambda: [0.5, 0.2])
-    end: list[float] = field(default_factory=lambda: [0.5, 0.8])  # (u, v)
-    num_samples: int = 61  # of the path
-    # deg about the normal, at the start; without it the angle that reads forces best at each sample
+    """(u, v) of the path's ends on the workpiece, each 0 to 1: along x and y of a plate; round the
+    profile (suction side above .5) and along the span of a blade"""
+    end: list[float] = field(default_factory=lambda: [0.5, 0.8])
+    """(u, v)"""
+    num_samples: int = 61
+    """of the path"""
     angle_deg: float | None = None
-    turn_deg: float = 0.0  # by which the angle grows along the path: so the wrist keeps moving
-    joint_ranges_deg: dict[str, list[float]] = field(default_factory=dict)  # narrower limits
-    one_way: float = 15.0  # s, from one end to the other
-    ramp: float = 0.25  # s, in which the feed comes up to its speed, and down again
-    passes: int = 2  # there, back, there, ...
-    # m above the surface, of a pass through the air beforehand, that teaches the estimator what its
-    # model gets wrong along the path (wrenchsight.models.machining.air_pass); 0: none
+    """deg about the normal, at the start; without it the angle that reads forces best at each
+    sample"""
+    turn_deg: float = 0.0
+    """by which the angle grows along the path: so the wrist keeps moving"""
+    joint_ranges_deg: dict[str, list[float]] = field(default_factory=dict)
+    """narrower limits"""
+    one_way: float = 15.0
+    """s, from one end to the other"""
+    ramp: float = 0.25
+    """s, in which the feed comes up to its speed, and down again"""
+    passes: int = 2
+    """there, back, there, ..."""
     air_pass: float = 0.0
+    """m above the surface, of a pass through the air beforehand, that teaches the estimator what
+    its model gets wrong along the path (wrenchsight.models.machining.air_pass); 0: none"""
     force: NormalForceConfig = field(default_factory=NormalForceConfig)
     phases: PhasesConfig = field(default_factory=PhasesConfig)
     process: ProcessConfig = field(default_factory=ProcessConfig)
@@ -181,8 +225,10 @@ class MachiningConfig:
 class PageConfig:
     """The web page that shows the run."""
 
-    fps: float = 30.0  # pictures a second
-    metres_per_newton: float = 0.01  # length of the force arrows
+    fps: float = 30.0
+    """pictures a second"""
+    metres_per_newton: float = 0.01
+    """length of the force arrows"""
 
 
 def _plant_config() -> MultibodyPlantConfig:
@@ -198,30 +244,44 @@ def _plant_config() -> MultibodyPlantConfig:
 class Scenario:
     """All settings of a simulation, besides the files of the robot and of the model."""
 
-    description: str = ""  # one sentence, for people
-    robot: str = "sts_sre4_600"  # bundled name, or path of a robot.yaml, from the scenario's file
-    duration: float = 5.0  # s; machining ends earlier, when the pass is done
-    time_step: float = 1e-3  # s, of the plant, the drives and every block
-    seed: int = 0  # of all noise and pushes
+    description: str = ""
+    """one sentence, for people"""
+    robot: str = "sts_sre4_600"
+    """bundled name, or path of a robot.yaml, from the scenario's file"""
+    duration: float = 5.0
+    """s; machining ends earlier, when the pass is done"""
+    time_step: float = 1e-3
+    """s, of the plant, the drives and every block"""
+    seed: int = 0
+    """of all noise and pushes"""
     motion: MotionConfig = field(default_factory=HoldMotion)
     controller: ControllerConfig = field(default_factory=JointTrackingConfig)
-    feedback: str = "sensor"  # what force control feeds back: sensor, or estimate
+    feedback: str = "sensor"
+    """what force control feeds back: sensor, or estimate"""
     force_setpoint: ForceSetpoint = field(default_factory=ForceSetpoint)
-    friction: str = "full"  # of the true robot; or coulomb_viscous, none
-    current_noise: bool = True  # noise, resolution and bandwidth of the drives' measurement
-    wrench: list[WrenchSegment] = field(default_factory=list)  # on the tool at E
+    friction: str = "full"
+    """of the true robot; or coulomb_viscous, none"""
+    current_noise: bool = True
+    """noise, resolution and bandwidth of the drives' measurement"""
+    wrench: list[WrenchSegment] = field(default_factory=list)
+    """on the tool at E"""
     workpiece: WorkpieceConfig = None
-    machining: MachiningConfig | None = None  # of the workpiece; in the place of the motion
-    floor: bool = False  # a solid floor at z = 0
+    machining: MachiningConfig | None = None
+    """of the workpiece; in the place of the motion"""
+    floor: bool = False
+    """a solid floor at z = 0"""
     directives: list[ModelDirective] = field(default_factory=list, compare=False)
-    # Drake's model directives: what else stands in the cell, fixed, jointed or free. The arm is the
-    # model instance of its robot's name. Files without a scheme are relative to the scenario's.
+    """Drake's model directives: what else stands in the cell, fixed, jointed or free. The arm is
+    the model instance of its robot's name. Files without a scheme are relative to the
+    scenario's."""
     plant_config: MultibodyPlantConfig = field(default_factory=_plant_config, compare=False)
-    # Drake's, but for time_step, which is the scenario's (neither compares by its values)
-    applied_spatial_force: bool = False  # whether the cell takes forces on any body as an input
+    """Drake's, but for time_step, which is the scenario's (neither compares by its values)"""
+    applied_spatial_force: bool = False
+    """whether the cell takes forces on any body as an input"""
     force_torque_sensor: ForceTorqueSensorConfig | None = None
-    # Its observer's time_step is the scenario's.
+    """Its observer's time_step is the scenario's."""
     estimator: WrenchEstimatorConfig = field(default_factory=WrenchEstimatorConfig)
+    """Its observer's time_step is the scenario's."""
     recording: PageConfig = field(default_factory=PageConfig)
 
 

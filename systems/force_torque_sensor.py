@@ -29,11 +29,16 @@ from wrenchsight.systems.sampled_block import SampledBlock, tick_number
 class ForceTorqueSensorConfig:
     """Noise and filter of the sensor. The defaults are an ideal sensor, one tick late."""
 
-    force_noise_sd: float = 0.0  # N, white, of one sample and axis
-    moment_noise_sd: float = 0.0  # N m, the same
-    cutoff: float = 0.0  # Hz at -3 dB; 0: no filter
-    order: int = 1  # of the Butterworth low-pass; 1 is a single exact pole
-    compensation: float = 1.0  # share of the tool's mass and inertia that is taken off
+    force_noise_sd: float = 0.0
+    """N, white, of one sample and axis"""
+    moment_noise_sd: float = 0.0
+    """N m, the same"""
+    cutoff: float = 0.0
+    """Hz at -3 dB; 0: no filter"""
+    order: int = 1
+    """of the Butterworth low-pass; 1 is a single exact pole"""
+    compensation: float = 1.0
+    """share of the tool's mass and inertia that is taken off"""
 
 
 class SensorConstants(NamedTuple):

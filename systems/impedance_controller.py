@@ -33,29 +33,39 @@ _NO_WRENCH = np.zeros(6)
 class ForceControlConfig:
     """Control of the contact force along one direction; the spring does not act along it."""
 
-    direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # towards the robot
-    axes: str = "W"  # of `direction`: W, or E
-    proportional: float = 0.5  # N per N of error
-    integral: float = 60.0  # N per N of error and s
-    integral_limit: float = 60.0  # N, largest share of the integral
+    direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])
+    """towards the robot"""
+    axes: str = "W"
+    """of `direction`: W, or E"""
+    proportional: float = 0.5
+    """N per N of error"""
+    integral: float = 60.0
+    """N per N of error and s"""
+    integral_limit: float = 60.0
+    """N, largest share of the integral"""
 
 
 @dataclass
 class ImpedanceConfig:
     """Stiffness and damping of the tool; translation first, as in all files for people."""
 
-    axes: str = "W"  # of stiffness and damping: W, or E
+    axes: str = "W"
+    """of stiffness and damping: W, or E"""
     # N/m (3), N m/rad (3) on the diagonal; or 6 x 6
     stiffness: np.ndarray = field(
         default_factory=lambda: np.array([2000.0, 2000.0, 2000.0, 100.0, 100.0, 100.0])
     )
-    # N s/m (3), N m s/rad (3) on the diagonal; or 6 x 6
+    """N s/m (3), N m s/rad (3) on the diagonal; or 6 x 6"""
     damping: np.ndarray = field(
         default_factory=lambda: np.array([250.0, 250.0, 250.0, 2.0, 2.0, 2.0])
     )
-    null_space_damping: float = 5.0  # N m s/rad, for more than 6 joints
-    friction_velocity: float = 0.005  # rad/s, below which the friction feed-forward fades
-    force: ForceControlConfig | None = None  # without it the whole tool is on the spring
+    """N s/m (3), N m s/rad (3) on the diagonal; or 6 x 6"""
+    null_space_damping: float = 5.0
+    """N m s/rad, for more than 6 joints"""
+    friction_velocity: float = 0.005
+    """rad/s, below which the friction feed-forward fades"""
+    force: ForceControlConfig | None = None
+    """without it the whole tool is on the spring"""
 
 
 class ImpedanceController(SampledBlock):

@@ -32,12 +32,18 @@ TRACKING_LAWS = ("computed_torque", "feedforward_pd")
 class JointTrackingConfig:
     """Gains of the joint tracking controller; one number for all joints, or one each."""
 
-    law: str = "computed_torque"  # or feedforward_pd
-    kp: list[float] = field(default_factory=lambda: [3600.0])  # 1/s^2; N m/rad in feedforward_pd
-    kd: list[float] = field(default_factory=lambda: [120.0])  # 1/s; N m s/rad
-    ki: list[float] = field(default_factory=lambda: [0.0])  # 1/s^3; N m/(rad s)
-    integral_limit: list[float] = field(default_factory=lambda: [50.0])  # rad/s^2; N m
-    friction_velocity: float = 0.005  # rad/s, below which the friction feed-forward fades
+    law: str = "computed_torque"
+    """or feedforward_pd"""
+    kp: list[float] = field(default_factory=lambda: [3600.0])
+    """1/s^2; N m/rad in feedforward_pd"""
+    kd: list[float] = field(default_factory=lambda: [120.0])
+    """1/s; N m s/rad"""
+    ki: list[float] = field(default_factory=lambda: [0.0])
+    """1/s^3; N m/(rad s)"""
+    integral_limit: list[float] = field(default_factory=lambda: [50.0])
+    """rad/s^2; N m"""
+    friction_velocity: float = 0.005
+    """rad/s, below which the friction feed-forward fades"""
 
 
 class JointTrackingController(SampledBlock):

@@ -1,7 +1,7 @@
 """Options of the commands, made from the fields of their settings.
 
 A command's settings are a dataclass: its config.yaml, all that is needed to run it again. An option
-is one of its keys: type and default are the field's, its help is the text beside the field.
+is one of its keys: type and default are the field's, its help is the text below the field.
 `--config FILE` reads the settings from such a file, and options on the command line override it.
 """
 

@@ -20,19 +20,26 @@ ORDER = 10
 class StudyOptions:
     """Options of a study on the command line."""
 
-    experiments: list[str] = field(default_factory=list)  # names; all if none is given
-    data: Path | None = None  # folder of the real recordings, where you have one: see `data`
-    seed: int = 0  # seed of every random number
-    quick: bool = False  # shorter and coarser: to try things out
+    experiments: list[str] = field(default_factory=list)
+    """names; all if none is given"""
+    data: Path | None = None
+    """folder of the real recordings, where you have one: see `data`"""
+    seed: int = 0
+    """seed of every random number"""
+    quick: bool = False
+    """shorter and coarser: to try things out"""
     truth: str = "own"
-    # what simulated arms truly are: as their robot.yaml has it, or with plain friction alone, all
-    # else exact, or as the harder truth beside it has it
-    jobs: int | None = None  # experiments side by side; as many as cores
+    """what simulated arms truly are: as their robot.yaml has it, or with plain friction alone, all
+    else exact, or as the harder truth beside it has it"""
+    jobs: int | None = None
+    """experiments side by side; as many as cores"""
     method: list[str] = field(default_factory=list)
-    # your own estimator, MODULE:FUNCTION, which the experiment benchmark measures beside the
-    # others; may be given several times
-    fresh: bool = False  # run also experiments whose results are up to date
-    list_names: bool = False  # list the experiments' names and stop
+    """your own estimator, MODULE:FUNCTION, which the experiment benchmark measures beside the
+    others; may be given several times"""
+    fresh: bool = False
+    """run also experiments whose results are up to date"""
+    list_names: bool = False
+    """list the experiments' names and stop"""
 
 
 SETTINGS = (

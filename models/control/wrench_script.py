@@ -27,33 +27,48 @@ def _zero() -> list[float]:
 class WrenchStep:
     """Jumps to (force, moment) at `start`, and back to zero after `duration`."""
 
-    start: float = 0.0  # s
-    duration: float = _ENDLESS_TIME  # s
-    force: list[float] = field(default_factory=_zero)  # N, on the robot at E, axes of W
-    moment: list[float] = field(default_factory=_zero)  # N m, about E, axes of W
+    start: float = 0.0
+    """s"""
+    duration: float = _ENDLESS_TIME
+    """s"""
+    force: list[float] = field(default_factory=_zero)
+    """N, on the robot at E, axes of W"""
+    moment: list[float] = field(default_factory=_zero)
+    """N m, about E, axes of W"""
 
 
 @dataclass
 class WrenchRamp:
     """Grows linearly from zero at `start` over `rise`, holds, and vanishes after `duration`."""
 
-    start: float = 0.0  # s
-    rise: float = 1.0  # s
-    duration: float = _ENDLESS_TIME  # s, rise included
-    force: list[float] = field(default_factory=_zero)  # N, reached after the rise
-    moment: list[float] = field(default_factory=_zero)  # N m, reached after the rise
+    start: float = 0.0
+    """s"""
+    rise: float = 1.0
+    """s"""
+    duration: float = _ENDLESS_TIME
+    """s, rise included"""
+    force: list[float] = field(default_factory=_zero)
+    """N, reached after the rise"""
+    moment: list[float] = field(default_factory=_zero)
+    """N m, reached after the rise"""
 
 
 @dataclass
 class WrenchSine:
     """Amplitude times sin(2 pi frequency (t - start) + phase) from `start` for `duration`."""
 
-    start: float = 0.0  # s
-    duration: float = _ENDLESS_TIME  # s
-    frequency: float = 1.0  # Hz
-    phase: float = 0.0  # rad
-    force: list[float] = field(default_factory=_zero)  # N, amplitude
-    moment: list[float] = field(default_factory=_zero)  # N m, amplitude
+    start: float = 0.0
+    """s"""
+    duration: float = _ENDLESS_TIME
+    """s"""
+    frequency: float = 1.0
+    """Hz"""
+    phase: float = 0.0
+    """rad"""
+    force: list[float] = field(default_factory=_zero)
+    """N, amplitude"""
+    moment: list[float] = field(default_factory=_zero)
+    """N m, amplitude"""
 
 
 @dataclass
@@ -65,15 +80,24 @@ class HandPush:
     that length, with a pause after each.
     """
 
-    start: float = 0.0  # s
-    duration: float = 5.0  # s
-    bandwidth: float = 1.5  # Hz
-    fade: float = 0.3  # s, at either end
-    each: float = 0.0  # s, length of one push; 0: a single one, as long as the duration
-    pause: float = 0.0  # s, after each push
-    seed: int = 0  # the scenario's own seed is added
-    force: list[float] = field(default_factory=_zero)  # N, standard deviation per axis
-    moment: list[float] = field(default_factory=_zero)  # N m, standard deviation per axis
+    start: float = 0.0
+    """s"""
+    duration: float = 5.0
+    """s"""
+    bandwidth: float = 1.5
+    """Hz"""
+    fade: float = 0.3
+    """s, at either end"""
+    each: float = 0.0
+    """s, length of one push; 0: a single one, as long as the duration"""
+    pause: float = 0.0
+    """s, after each push"""
+    seed: int = 0
+    """the scenario's own seed is added"""
+    force: list[float] = field(default_factory=_zero)
+    """N, standard deviation per axis"""
+    moment: list[float] = field(default_factory=_zero)
+    """N m, standard deviation per axis"""
 
 
 WrenchSegment = Union[WrenchStep, WrenchRamp, WrenchSine, HandPush]  # noqa: UP007 (yaml_load_typed)

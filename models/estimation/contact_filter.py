@@ -83,31 +83,54 @@ class ContactConfig:
     opposite one, or three numbers in axes of W ("0,0,-1"); empty: not known."""
     point: list[float] = field(default_factory=list)
     """Where the tool touches, m in axes of E; empty: at E."""
-    force_rate: float = 18.0  # N/sqrt(s), of the random walk of the force along the axis
-    across_sd: float = 2.5  # N, across the axis, of a tool that moves along the workpiece
-    across_time: float = 0.1  # s
-    standing_across_sd: float = 4.0  # N, of a tool that stands
-    held_across: float = 0.15  # sd across, of a tool that stands, per newton along the axis
-    standing_across_time: float = 0.3  # s
-    standing_speed: float = 0.005  # m/s, below which it stands
-    moment_sd: float = 1.0  # N m about the contact: a tool touches anywhere along its width
-    error_time: float = 0.1  # s, over which the error of a joint's torque lasts
-    rest_speed: float = 0.002  # rad/s, below which a joint rests
-    offset_sd: float = 1.5  # N m, of a joint's constant error
-    vibration: float = 0.5  # sd of a block's mean, as a share of the sd within it
-    vibration_time: float = 0.1  # s, over which a large one is remembered
-    drive_error: float = 0.3  # sd of a block's mean, as a share of the rigid torque's change
-    drive_time: float = 0.1  # s, over which a large one is remembered
-    block: float = 0.02  # s, over which torque is averaged
-    lag: float = 0.06  # s after which a block is read
-    rest_share: float = 0.75  # of the stated sd that is left where no joint moves
+    force_rate: float = 18.0
+    """N/sqrt(s), of the random walk of the force along the axis"""
+    across_sd: float = 2.5
+    """N, across the axis, of a tool that moves along the workpiece"""
+    across_time: float = 0.1
+    """s"""
+    standing_across_sd: float = 4.0
+    """N, of a tool that stands"""
+    held_across: float = 0.15
+    """sd across, of a tool that stands, per newton along the axis"""
+    standing_across_time: float = 0.3
+    """s"""
+    standing_speed: float = 0.005
+    """m/s, below which it stands"""
+    moment_sd: float = 1.0
+    """N m about the contact: a tool touches anywhere along its width"""
+    error_time: float = 0.1
+    """s, over which the error of a joint's torque lasts"""
+    rest_speed: float = 0.002
+    """rad/s, below which a joint rests"""
+    offset_sd: float = 1.5
+    """N m, of a joint's constant error"""
+    vibration: float = 0.5
+    """sd of a block's mean, as a share of the sd within it"""
+    vibration_time: float = 0.1
+    """s, over which a large one is remembered"""
+    drive_error: float = 0.3
+    """sd of a block's mean, as a share of the rigid torque's change"""
+    drive_time: float = 0.1
+    """s, over which a large one is remembered"""
+    block: float = 0.02
+    """s, over which torque is averaged"""
+    lag: float = 0.06
+    """s after which a block is read"""
+    rest_share: float = 0.75
+    """of the stated sd that is left where no joint moves"""
     innovation_share: float = 0.9
     """Sd of what a reading misses of a force that bounces, as a share of the recent innovations."""
-    innovation_time: float = 0.1  # s, over which the RMS of innovations is taken
-    misfit_time: float = 0.3  # s, over which innovations are judged
-    largest_misfit: float = 2.0  # along the force, above which a reading is not valid
-    blind_share: float = 0.25  # of the prior's force sd: a block with a larger one is blind
-    gap: float = 0.05  # s without a block that is known and not blind, after which the prior holds
+    innovation_time: float = 0.1
+    """s, over which the RMS of innovations is taken"""
+    misfit_time: float = 0.3
+    """s, over which innovations are judged"""
+    largest_misfit: float = 2.0
+    """along the force, above which a reading is not valid"""
+    blind_share: float = 0.25
+    """of the prior's force sd: a block with a larger one is blind"""
+    gap: float = 0.05
+    """s without a block that is known and not blind, after which the prior holds"""
 
 
 class ContactFrame(NamedTuple):

@@ -94,10 +94,12 @@ class WrenchEstimatorConfig:
 
     observer: AnyObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
-    force_bandwidth_hz: float = 3.0  # Hz, up to which the band covers the observer's lag
+    force_bandwidth_hz: float = 3.0
+    """Hz, up to which the band covers the observer's lag"""
     position_resolution: list[float] | None = None
-    # rad, per joint; None: the value of robot.yaml for all joints, else the model's
-    check_samples: bool = True  # flag samples that no joint can have made
+    """rad, per joint; None: the value of robot.yaml for all joints, else the model's"""
+    check_samples: bool = True
+    """flag samples that no joint can have made"""
 
 
 class Correction(NamedTuple):

@@ -79,18 +79,25 @@ class WrenchReconstructionConfig:
     it.
     """
 
-    method: str = "bayesian"  # inverse (eq. 22), force_only, bayesian, damped or truncated
-    prior_force_sd: float | None = None  # N, prior sd of the force in every direction
-    prior_moment_sd: float | None = None  # N m about E, prior sd of the moment
+    method: str = "bayesian"
+    """inverse (eq. 22), force_only, bayesian, damped or truncated"""
+    prior_force_sd: float | None = None
+    """N, prior sd of the force in every direction"""
+    prior_moment_sd: float | None = None
+    """N m about E, prior sd of the moment"""
     max_force_sd: float | None = None
-    # N, largest force sd (principal) of a valid reading; left out: a third of live_force_sd
+    """N, largest force sd (principal) of a valid reading; left out: a third of live_force_sd"""
     max_stiction_force: float | None = None
-    # N, largest force that stiction alone may look like in a valid reading; None: 16 % of
-    # live_force_sd, that is 8 % of the rated payload's weight
-    live_force_sd: float | None = None  # N, known before any log: what `valid` rests on
-    live_moment_sd: float | None = None  # N m; None: `valid` rests on the prior of the reading
-    damping: float = 0.2  # for the method damped, on J's singular values in m and rad
-    truncation: float = 0.05  # least singular value of the method truncated, share of the largest
+    """N, largest force that stiction alone may look like in a valid reading; None: 16 % of
+    live_force_sd, that is 8 % of the rated payload's weight"""
+    live_force_sd: float | None = None
+    """N, known before any log: what `valid` rests on"""
+    live_moment_sd: float | None = None
+    """N m; None: `valid` rests on the prior of the reading"""
+    damping: float = 0.2
+    """for the method damped, on J's singular values in m and rad"""
+    truncation: float = 0.05
+    """least singular value of the method truncated, share of the largest"""
 
     def with_prior(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
         """Returns a copy whose missing prior sds are these (N, N m)."""

@@ -71,17 +71,19 @@ class LiveConfig:
     """The estimator's own configuration; a time step of zero is the stream's, a prior of None the
     live one."""
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
-    max_gap: float = 0.0  # s, longest gap that is bridged; 0: the longer of 0.1 s and three steps
+    max_gap: float = 0.0
+    """s, longest gap that is bridged; 0: the longer of 0.1 s and three steps"""
     track: bool = False
-    # follow friction's drift where nothing touches the arm, as `estimate --track`
+    """follow friction's drift where nothing touches the arm, as `estimate --track`"""
     zero_s: float = 0.0
-    # s, at the start, in which an unknown payload is held in one posture or several, untouched; its
-    # weight is then taken off
-    late: float = 0.05  # s by which a sample may come later than the quickest, and be valid
+    """s, at the start, in which an unknown payload is held in one posture or several, untouched;
+    its weight is then taken off"""
+    late: float = 0.05
+    """s by which a sample may come later than the quickest, and be valid"""
     contact: ContactConfig = field(default_factory=_contact_of_streams)
     """A contact whose direction is known: with its axis, the wrench is read at it."""
     torque_sd: list[float] = field(default_factory=list)
-    # N m, sd of external torque that the arm itself reports: one for all joints, or one each
+    """N m, sd of external torque that the arm itself reports: one for all joints, or one each"""
 
 
 class LiveEstimator:

@@ -30,9 +30,12 @@ _MOST_TORQUE = 0.9  # of a drive's limit may be needed at rest
 class NormalForceConfig:
     """value + amplitude sin(2 pi periods s), s from 0 to 1 along the path."""
 
-    value: float = 40.0  # N
-    amplitude: float = 0.0  # N
-    periods: float = 2.0  # from the start of the path to its end
+    value: float = 40.0
+    """N"""
+    amplitude: float = 0.0
+    """N"""
+    periods: float = 2.0
+    """from the start of the path to its end"""
 
     def at(self, s: Array) -> Array:
         """The set-point at s (...), N."""

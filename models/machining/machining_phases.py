@@ -63,23 +63,36 @@ _BASELINE_TIME = (0.15, 1.0)  # s, before and while contact is looked for
 class PhasesConfig:
     """Distances, speeds, times and forces at which one phase gives way to the next."""
 
-    standoff: float = 0.02  # m above the surface, where the approach begins
-    approach_speed: float = 0.008  # m/s
-    search: float = (
-        0.008  # m before and beyond the expected surface, in which contact is looked for
-    )
-    touch_force: float = 6.0  # N above the reading in free motion: contact
-    touch_time: float = 0.005  # s for which it must be above
-    rise: float = 1.0  # s, to the set-point
-    settle: float = 0.5  # s, at the set-point before the feed starts
-    release: float = 0.6  # s, from the set-point down
-    release_force: float = 3.0  # N, at which the tool lifts
-    lift: float = 0.03  # m
-    lift_speed: float = 0.04  # m/s
-    lost_share: float = 0.15  # of the set-point; below it contact is lost
-    lost_time: float = 0.5  # s for which it must be below
-    max_force: float = 100.0  # N
-    joint_margin: float = 0.02  # rad or m, from a joint's limit
+    standoff: float = 0.02
+    """m above the surface, where the approach begins"""
+    approach_speed: float = 0.008
+    """m/s"""
+    search: float = 0.008
+    """m before and beyond the expected surface, in which contact is looked for"""
+    touch_force: float = 6.0
+    """N above the reading in free motion: contact"""
+    touch_time: float = 0.005
+    """s for which it must be above"""
+    rise: float = 1.0
+    """s, to the set-point"""
+    settle: float = 0.5
+    """s, at the set-point before the feed starts"""
+    release: float = 0.6
+    """s, from the set-point down"""
+    release_force: float = 3.0
+    """N, at which the tool lifts"""
+    lift: float = 0.03
+    """m"""
+    lift_speed: float = 0.04
+    """m/s"""
+    lost_share: float = 0.15
+    """of the set-point; below it contact is lost"""
+    lost_time: float = 0.5
+    """s for which it must be below"""
+    max_force: float = 100.0
+    """N"""
+    joint_margin: float = 0.02
+    """rad or m, from a joint's limit"""
 
     @property
     def table(self) -> Array:

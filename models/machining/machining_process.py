@@ -59,13 +59,20 @@ force on the tool besides contact, N in W."""
 class ProcessConfig:
     """Polishing and grinding differ in these numbers alone."""
 
-    cutting_ratio: float = 0.1  # N per N of normal force, at reference_speed
-    speed_exponent: float = 0.2  # 2 eps - 1: 0 to 1
-    reference_speed: float = 0.018  # m/s of feed
-    lag: float = 0.01  # s
-    spindle_frequency: float = 50.0  # Hz
-    unbalance: float = 1e-5  # kg m: mass times eccentricity
-    vibration: float = 0.0  # m/s, amplitude of the tool's velocity along the normal, in contact
+    cutting_ratio: float = 0.1
+    """N per N of normal force, at reference_speed"""
+    speed_exponent: float = 0.2
+    """2 eps - 1: 0 to 1"""
+    reference_speed: float = 0.018
+    """m/s of feed"""
+    lag: float = 0.01
+    """s"""
+    spindle_frequency: float = 50.0
+    """Hz"""
+    unbalance: float = 1e-5
+    """kg m: mass times eccentricity"""
+    vibration: float = 0.0
+    """m/s, amplitude of the tool's velocity along the normal, in contact"""
     variations: VariationsConfig = field(default_factory=VariationsConfig)
 
 

@@ -77,50 +77,64 @@ _SLOWLY, _FILLED, _NEXT, _TRACE = range(4)  # entries of the memory; the trace g
 class WavinessConfig:
     """How far the real surface strays from the nominal one."""
 
-    height: float = 1e-5  # m, root mean square
-    shortest: float = 0.008  # m, wavelength
-    longest: float = 0.06  # m, wavelength
+    height: float = 1e-5
+    """m, root mean square"""
+    shortest: float = 0.008
+    """m, wavelength"""
+    longest: float = 0.06
+    """m, wavelength"""
 
 
 @dataclass
 class PatchesConfig:
     """How much the resistance to a unit of normal force changes from place to place."""
 
-    spread: float = 0.25  # standard deviation of its logarithm
-    shortest: float = 0.02  # m, wavelength
-    longest: float = 0.12  # m, wavelength
+    spread: float = 0.25
+    """standard deviation of its logarithm"""
+    shortest: float = 0.02
+    """m, wavelength"""
+    longest: float = 0.12
+    """m, wavelength"""
 
 
 @dataclass
 class RunOutConfig:
     """Axial error motion of the spindle, once a turn."""
 
-    amplitude: float = 2e-6  # m
+    amplitude: float = 2e-6
+    """m"""
 
 
 @dataclass
 class EngagementConfig:
     """Where along the path there is stock to be removed."""
 
-    zone: float = 0.004  # m, radius of the tool's contact zone
-    margin: float = 0.01  # m, from an end of the path to the stock
+    zone: float = 0.004
+    """m, radius of the tool's contact zone"""
+    margin: float = 0.01
+    """m, from an end of the path to the stock"""
 
 
 @dataclass
 class ChatterConfig:
     """Regeneration of the surface from turn to turn of the spindle; off by default."""
 
-    ratio: float = 0.0  # cutting stiffness over contact stiffness; 0: none
-    overlap: float = 1.0  # share of a turn's trace that the next one meets, 0 to 1
-    corner: float = 5.0  # Hz; slower motion is the feed's and the force control's, no vibration
+    ratio: float = 0.0
+    """cutting stiffness over contact stiffness; 0: none"""
+    overlap: float = 1.0
+    """share of a turn's trace that the next one meets, 0 to 1"""
+    corner: float = 5.0
+    """Hz; slower motion is the feed's and the force control's, no vibration"""
 
 
 @dataclass
 class VariationsConfig:
     """What makes the force of machining vary; each part is off at zero."""
 
-    enabled: bool = True  # false: the steady process of the article
-    seed: int = 1  # of surface and material
+    enabled: bool = True
+    """false: the steady process of the article"""
+    seed: int = 1
+    """of surface and material"""
     waviness: WavinessConfig = field(default_factory=WavinessConfig)
     patches: PatchesConfig = field(default_factory=PatchesConfig)
     run_out: RunOutConfig = field(default_factory=RunOutConfig)

@@ -109,9 +109,12 @@ _PLAIN_K_0, _PLAIN_TIME = 20.0, 0.3  # 1/s, s: of a model without a torque error
 class KalmanObserverConfig:
     """Prior of a changing force, and sampling of the Kalman observer."""
 
-    bandwidth_hz: float = 0.002  # Hz, Kalman observer: corner of the prior of a large force
-    time_step: float = 0.001  # s between samples
-    torque_samples: str = "held"  # mean motor torque of a period: "held" or "trapezoidal"
+    bandwidth_hz: float = 0.002
+    """Hz, Kalman observer: corner of the prior of a large force"""
+    time_step: float = 0.001
+    """s between samples"""
+    torque_samples: str = "held"
+    """mean motor torque of a period: `held` or `trapezoidal`"""
 
 
 class KalmanObserver:

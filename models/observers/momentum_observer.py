@@ -65,12 +65,14 @@ _GAIN, _POLE, _MOTOR_AFTER, _MOTOR_BEFORE, _HALF = range(5)
 class MomentumObserverConfig:
     """Gain and sampling of the momentum observer."""
 
-    K_0: list[float] = field(default_factory=lambda: [20.0])  # 1/s, gain: one, or one a joint
-    time_step: float = 0.001  # s between samples
+    K_0: list[float] = field(default_factory=lambda: [20.0])
+    """1/s, gain: one, or one a joint"""
+    time_step: float = 0.001
+    """s between samples"""
     torque_samples: str = "held"
-    # motor torque between samples: held (of a simulated drive: the present torque is not read, may
-    # depend on the reading) or trapezoidal (samples of a continuous signal, as logs and streams
-    # have them; held, they would be read half a time step late)
+    """motor torque between samples: held (of a simulated drive: the present torque is not read, may
+    depend on the reading) or trapezoidal (samples of a continuous signal, as logs and streams
+    have them; held, they would be read half a time step late)"""
 
 
 @kernel

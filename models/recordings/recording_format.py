@@ -85,21 +85,29 @@ class SignalColumns:
     unit: str = ""
     """of the numbers in the log; empty: s, rad, rad/s, A, N m. Torque or current in per cent or per
     mille of the rated one of each drive needs these as gain"""
-    gain: list[float] = field(default_factory=list)  # per column, or one for all; -1: other sign
-    offset: list[float] = field(default_factory=list)  # SI; per column, or one for all
-    shape: list[int] = field(default_factory=list)  # of one sample of an extra signal; e.g. [6, 7]
+    gain: list[float] = field(default_factory=list)
+    """per column, or one for all; -1: other sign"""
+    offset: list[float] = field(default_factory=list)
+    """SI; per column, or one for all"""
+    shape: list[int] = field(default_factory=list)
+    """of one sample of an extra signal; e.g. [6, 7]"""
     encoding: str = ""
     """of whole numbers that were logged as words without a sign: twos_complement (65535 is -1), or
     sign_bit (32769 is -1); empty: numbers as they are"""
-    bits: int = 16  # of such a word, with its sign
-    wrap: str = ""  # pi: angles that jump by a turn; empty: only where the jump is no motion
-    may_be_empty: bool = False  # an empty cell is NaN, and its sample a drop-out; else an error
+    bits: int = 16
+    """of such a word, with its sign"""
+    wrap: str = ""
+    """pi: angles that jump by a turn; empty: only where the jump is no motion"""
+    may_be_empty: bool = False
+    """an empty cell is NaN, and its sample a drop-out; else an error"""
     order: list[int] = field(default_factory=list)
     """place among the columns, counted from 1, of what belongs to each joint; empty: [1, 2, ..]"""
-    turned: list[int] = field(default_factory=list)  # joints from 1 on that have the other sign
-    delay: float = 0.0  # s by which the signal is late against the others; negative: it leads
+    turned: list[int] = field(default_factory=list)
+    """joints from 1 on that have the other sign"""
+    delay: float = 0.0
+    """s by which the signal is late against the others; negative: it leads"""
     without_gravity: bool = False
-    # motor torque or current without what holds the arm against gravity: that is added
+    """motor torque or current without what holds the arm against gravity: that is added"""
     exerted_on: str = ROBOT
     """sign of an external torque or force: robot (what acts on the robot from outside, positive
     along the motion that it causes) or environment (what the robot exerts on the environment, such
@@ -115,21 +123,36 @@ def by_number(columns: Sequence[int], unit: str = "") -> SignalColumns:
 class RecordingFormat:
     """A description of a log's columns, read from YAML (`--log-format`)."""
 
-    description: str = ""  # what the log is
-    source: str = ""  # where it comes from
-    file: str = ""  # the log itself, relative to this description, if the description stands for it
-    separator: str = ","  # between cells of a text log; "\t" for tabs
-    decimal_mark: str = "."  # or ","
-    skip_lines: int = 0  # lines before the header or the first row
-    header: bool = True  # the first line (after skip_lines) names the columns
-    num_columns: int = 0  # columns that the log must have; 0: any number
-    time: SignalColumns | None = None  # one column, or two: seconds and nanoseconds
-    rate_hz: float = 0.0  # samples a second of a log without a time; instead of it
-    position: SignalColumns | None = None  # q
-    velocity: SignalColumns | None = None  # v; without it, differentiated from q
-    current: SignalColumns | None = None  # motor current, its sign as logged
-    motor_torque: SignalColumns | None = None  # tau_J on the joint side, positive along the joint
-    extra: dict[str, SignalColumns] = field(default_factory=dict)  # other signals, by name
+    description: str = ""
+    """what the log is"""
+    source: str = ""
+    """where it comes from"""
+    file: str = ""
+    """the log itself, relative to this description, if the description stands for it"""
+    separator: str = ","
+    """between cells of a text log; "\\t" for tabs"""
+    decimal_mark: str = "."
+    """`.` or `,`"""
+    skip_lines: int = 0
+    """lines before the header or the first row"""
+    header: bool = True
+    """the first line (after skip_lines) names the columns"""
+    num_columns: int = 0
+    """columns that the log must have; 0: any number"""
+    time: SignalColumns | None = None
+    """one column, or two: seconds and nanoseconds"""
+    rate_hz: float = 0.0
+    """samples a second of a log without a time; instead of it"""
+    position: SignalColumns | None = None
+    """q"""
+    velocity: SignalColumns | None = None
+    """v; without it, differentiated from q"""
+    current: SignalColumns | None = None
+    """motor current, its sign as logged"""
+    motor_torque: SignalColumns | None = None
+    """tau_J on the joint side, positive along the joint"""
+    extra: dict[str, SignalColumns] = field(default_factory=dict)
+    """other signals, by name"""
     rows: dict[str, list[int]] = field(default_factory=dict)
     """First and last row to use, by file name; [] for all. Row 1 is the first line of numbers."""
 

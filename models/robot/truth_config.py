@@ -61,13 +61,20 @@ class JointFrictionConfig:
     In a `Robot` (`truth`) each array has its n numbers, checked.
     """
 
-    stiction: np.ndarray = field(default_factory=_not_given)  # N m, to break away
-    coulomb: np.ndarray = field(default_factory=_not_given)  # N m, once it moves
-    stribeck_velocity: np.ndarray = field(default_factory=_not_given)  # rad/s
-    viscous: np.ndarray = field(default_factory=_not_given)  # N m s/rad
-    load_dependence: np.ndarray = field(default_factory=_not_given)  # N m per N m carried
-    ripple_amplitude: np.ndarray = field(default_factory=_not_given)  # N m, over the position
-    ripple_periods: np.ndarray = field(default_factory=_not_given)  # per turn of the joint
+    stiction: np.ndarray = field(default_factory=_not_given)
+    """N m, to break away"""
+    coulomb: np.ndarray = field(default_factory=_not_given)
+    """N m, once it moves"""
+    stribeck_velocity: np.ndarray = field(default_factory=_not_given)
+    """rad/s"""
+    viscous: np.ndarray = field(default_factory=_not_given)
+    """N m s/rad"""
+    load_dependence: np.ndarray = field(default_factory=_not_given)
+    """N m per N m carried"""
+    ripple_amplitude: np.ndarray = field(default_factory=_not_given)
+    """N m, over the position"""
+    ripple_periods: np.ndarray = field(default_factory=_not_given)
+    """per turn of the joint"""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -86,22 +93,26 @@ class JointFrictionConfig:
 class SlipConfig:
     """Elastic presliding with hysteresis: springs in series with sliders, that creep at rest."""
 
-    displacement: list[float] = field(default_factory=list)  # rad, from rest to sliding
-    # Shares of the elements in stiction, sum 1; and each one's displacement over `displacement`
+    displacement: list[float] = field(default_factory=list)
+    """rad, from rest to sliding"""
     weight: list[float] = field(default_factory=lambda: [1.0])
-    spread: list[float] = field(default_factory=lambda: [1.0])  # see weight
-    # s in which the spring of an element at rest fades to 1/e, one each element; inf: no creep
+    """Shares of the elements in stiction, sum 1; and each one's displacement over `displacement`"""
+    spread: list[float] = field(default_factory=lambda: [1.0])
+    """see weight"""
     creep_time: list[float] = field(default_factory=lambda: [1e9])
+    """s in which the spring of an element at rest fades to 1/e, one each element; inf: no creep"""
 
 
 @dataclass
 class LoadFrictionConfig:
     """Coulomb friction by load and by direction; in the place of `load_dependence`."""
 
-    motoring: list[float] = field(default_factory=list)  # N m per N m that drives the motion
-    generating: list[float] = field(default_factory=list)  # N m per N m that the motion drives
-    # Coulomb and stiction are (1 + asymmetry) times theirs forwards, (1 - asymmetry) backwards
+    motoring: list[float] = field(default_factory=list)
+    """N m per N m that drives the motion"""
+    generating: list[float] = field(default_factory=list)
+    """N m per N m that the motion drives"""
     asymmetry: list[float] = field(default_factory=list)
+    """Coulomb and stiction are (1 + asymmetry) times theirs forwards, (1 - asymmetry) backwards"""
 
 
 @dataclass
@@ -109,24 +120,32 @@ class LubricationConfig:
     """Viscous friction that falls as the joint warms, with speed, and from day to day."""
 
     saturation: list[float] = field(default_factory=list)
-    # rad/s at which viscous friction is half of its linear value (slope at rest); 0: linear
-    temperature_share: list[float] = field(default_factory=list)  # 1/K, by which it falls
-    heating: list[float] = field(default_factory=list)  # K per W of friction, once settled
-    time_constant: float = 1500.0  # s, of warming and cooling
-    start_rise: float = 0.0  # K above the temperature at which `viscous` holds, at a log's start
-    day_sd: list[float] = field(default_factory=list)  # relative, of `viscous` from day to day
-    coulomb_day_sd: list[float] = field(default_factory=list)  # of Coulomb friction and stiction
-    # rad/s by which dry friction has turned round: it is tanh(v / this) of its level, a function of
-    # velocity alone, and no element slips; 0: as `slip` says
+    """rad/s at which viscous friction is half of its linear value (slope at rest); 0: linear"""
+    temperature_share: list[float] = field(default_factory=list)
+    """1/K, by which it falls"""
+    heating: list[float] = field(default_factory=list)
+    """K per W of friction, once settled"""
+    time_constant: float = 1500.0
+    """s, of warming and cooling"""
+    start_rise: float = 0.0
+    """K above the temperature at which `viscous` holds, at a log's start"""
+    day_sd: list[float] = field(default_factory=list)
+    """relative, of `viscous` from day to day"""
+    coulomb_day_sd: list[float] = field(default_factory=list)
+    """of Coulomb friction and stiction"""
     transition_velocity: list[float] = field(default_factory=list)
+    """rad/s by which dry friction has turned round: it is tanh(v / this) of its level, a function
+    of velocity alone, and no element slips; 0: as `slip` says"""
 
 
 @dataclass
 class WanderConfig:
     """Friction that does not repeat: its level wanders as a first-order Gauss-Markov process."""
 
-    sd: list[float] = field(default_factory=list)  # relative, of Coulomb and viscous friction
-    time: list[float] = field(default_factory=list)  # s, in which it forgets to 1/e; 0 is 1
+    sd: list[float] = field(default_factory=list)
+    """relative, of Coulomb and viscous friction"""
+    time: list[float] = field(default_factory=list)
+    """s, in which it forgets to 1/e; 0 is 1"""
 
 
 @dataclass
@@ -136,16 +155,20 @@ class RippleConfig:
     And what is locked to the motor's position: a sum of harmonics, that repeats with the motion.
     """
 
-    load_share: list[float] = field(default_factory=list)  # N m per N m carried
-    # Of a second ripple, of the gear's other wheel: N m, N m per N m carried, periods per turn
+    load_share: list[float] = field(default_factory=list)
+    """N m per N m carried"""
     second_amplitude: list[float] = field(default_factory=list)
-    second_load_share: list[float] = field(default_factory=list)  # see second_amplitude
-    second_periods: list[float] = field(default_factory=list)  # see second_amplitude
+    """Of a second ripple, of the gear's other wheel: N m, N m per N m carried, periods per turn"""
+    second_load_share: list[float] = field(default_factory=list)
+    """see second_amplitude"""
+    second_periods: list[float] = field(default_factory=list)
+    """see second_amplitude"""
     # Harmonics of the motor's position, by their periods per turn of the joint, any number of them;
     # phases are the individual's
     motor_periods: list[float] = field(default_factory=list)
-    # N m, a list of one number per joint for each of motor_periods
+    """N m, a list of one number per joint for each of motor_periods"""
     motor_amplitudes: list[list[float]] = field(default_factory=list)
+    """N m, a list of one number per joint for each of motor_periods"""
 
 
 @dataclass
@@ -155,63 +178,82 @@ class TransmissionErrorConfig:
     Amplitude times x^2 / (1 + x^2) with x = v / speed, times the sine over joint position.
     """
 
-    amplitude: list[float] = field(default_factory=list)  # N m, far above `speed`
-    periods: list[float] = field(default_factory=list)  # per turn of the joint
-    speed: list[float] = field(default_factory=list)  # rad/s at which half of it is there
+    amplitude: list[float] = field(default_factory=list)
+    """N m, far above `speed`"""
+    periods: list[float] = field(default_factory=list)
+    """per turn of the joint"""
+    speed: list[float] = field(default_factory=list)
+    """rad/s at which half of it is there"""
 
 
 @dataclass
 class ElasticityConfig:
     """Elastic gears between encoder and link."""
 
-    stiffness: list[float] = field(default_factory=list)  # N m/rad; 0: rigid
-    bandwidth: float = 8.0  # Hz, with which the deflection follows the load
-    encoder: str = "motor"  # which side the encoder sits on: motor, or link
+    stiffness: list[float] = field(default_factory=list)
+    """N m/rad; 0: rigid"""
+    bandwidth: float = 8.0
+    """Hz, with which the deflection follows the load"""
+    encoder: str = "motor"
+    """which side the encoder sits on: motor, or link"""
 
 
 @dataclass
 class EncoderConfig:
     """What the controller reads of the joints."""
 
-    resolution: list[float] = field(default_factory=list)  # rad, of the position
-    velocity_noise_sd: list[float] = field(default_factory=list)  # rad/s, of one sample
-    velocity_resolution: list[float] = field(default_factory=list)  # rad/s
+    resolution: list[float] = field(default_factory=list)
+    """rad, of the position"""
+    velocity_noise_sd: list[float] = field(default_factory=list)
+    """rad/s, of one sample"""
+    velocity_resolution: list[float] = field(default_factory=list)
+    """rad/s"""
 
 
 @dataclass
 class MotorConfig:
     """Motors that are not as their data sheet, and their current loops."""
 
-    torque_factor: list[float] = field(default_factory=list)  # true torque per stated; 0 is 1
-    bandwidth: float = 0.0  # Hz at -3 dB, of the current loop; 0: not limited
-    cogging_amplitude: list[float] = field(default_factory=list)  # N m, that no current shows
-    cogging_periods: list[float] = field(default_factory=list)  # per turn of the joint
+    torque_factor: list[float] = field(default_factory=list)
+    """true torque per stated; 0 is 1"""
+    bandwidth: float = 0.0
+    """Hz at -3 dB, of the current loop; 0: not limited"""
+    cogging_amplitude: list[float] = field(default_factory=list)
+    """N m, that no current shows"""
+    cogging_periods: list[float] = field(default_factory=list)
+    """per turn of the joint"""
     # A, of white noise in the measured current of a joint that moves (commutation, meshing): this
     # sd times tanh(|v| / .05 rad/s)
-    moving_noise_sd: list[float] = field(default_factory=list)  # see above
+    moving_noise_sd: list[float] = field(default_factory=list)
+    """see above"""
 
 
 @dataclass
 class KinematicsConfig:
     """Errors of each joint's frame in the link before it, that a calibration has left."""
 
-    translation_sd: float = 0.0  # m, along each axis
-    rotation_sd: float = 0.0  # rad, about each axis; about the joint's own: an encoder offset
+    translation_sd: float = 0.0
+    """m, along each axis"""
+    rotation_sd: float = 0.0
+    """rad, about each axis; about the joint's own: an encoder offset"""
 
 
 @dataclass
 class PayloadConfig:
     """A tool that weighs something else than the robot's file says."""
 
-    factor: float = 1.0  # true mass and inertia of the tool per stated
+    factor: float = 1.0
+    """true mass and inertia of the tool per stated"""
 
 
 @dataclass
 class ClockConfig:
     """A log whose samples are not from when its clock says, and not all from the same moment."""
 
-    latency: float = 0.0  # s by which currents are older than positions in the same row
-    jitter_sd: float = 0.0  # s, of the moment of sampling about the moment written
+    latency: float = 0.0
+    """s by which currents are older than positions in the same row"""
+    jitter_sd: float = 0.0
+    """s, of the moment of sampling about the moment written"""
 
 
 @dataclass
@@ -230,8 +272,10 @@ class MechanismsConfig:
     kinematics: KinematicsConfig | None = None
     payload: PayloadConfig | None = None
     clock: ClockConfig | None = None
-    individual: int = 0  # seed of an arm's own phases and joint frames
-    day: int = 0  # seed of a day's own values
+    individual: int = 0
+    """seed of an arm's own phases and joint frames"""
+    day: int = 0
+    """seed of a day's own values"""
 
 
 @dataclass

@@ -41,77 +41,80 @@ class WorldRanges:
     another by so much, or the simulated arm differs from the real one by so much.
     """
 
-    # Coulomb friction and stiction: from specimen to specimen, with wear and preload (Bittencourt,
-    # Gunnarsson 2012)
     coulomb: tuple[float, float] = (0.7, 1.4)
-    # What stiction has above Coulomb friction: the least certain part of Stribeck's curve
+    """Coulomb friction and stiction: from specimen to specimen, with wear and preload (Bittencourt,
+    Gunnarsson 2012)"""
     stiction_rise: tuple[float, float] = (0.5, 1.5)
-    # Velocity of the rise's fall: moves with grease, temperature and wear (the same)
+    """What stiction has above Coulomb friction: the least certain part of Stribeck's curve"""
     stribeck_velocity: tuple[float, float] = (0.5, 1.5)
-    # Viscous friction: of the grease and its temperature (the same; Simoni et al. 2015)
+    """Velocity of the rise's fall: moves with grease, temperature and wear (the same)"""
     viscous: tuple[float, float] = (0.7, 1.4)
-    # Friction per load carried: a gear's efficiency (Hamon, Gautier, Garrec 2010)
+    """Viscous friction: of the grease and its temperature (the same; Simoni et al. 2015)"""
     load: tuple[float, float] = (0.5, 2.0)
-    # Torque ripple, also what of it grows with the load: of mounting (Tuttle, Seering 1996)
+    """Friction per load carried: a gear's efficiency (Hamon, Gautier, Garrec 2010)"""
     ripple: tuple[float, float] = (0.5, 1.5)
-    # Displacement from rest to sliding: the least certain number of presliding friction
+    """Torque ripple, also what of it grows with the load: of mounting (Tuttle, Seering 1996)"""
     displacement: tuple[float, float] = (0.5, 2.0)
-    # Time in which an element at rest lets go
+    """Displacement from rest to sliding: the least certain number of presliding friction"""
     creep_time: tuple[float, float] = (0.5, 2.0)
-    # Stiffness of the gears: catalogues state it within a third
+    """Time in which an element at rest lets go"""
     stiffness: tuple[float, float] = (0.7, 1.4)
-    # Cogging, which no current shows
+    """Stiffness of the gears: catalogues state it within a third"""
     cogging: tuple[float, float] = (0.5, 1.5)
-    # True torque per stated, joint by joint, itself no factor: magnets and windings differ by that
+    """Cogging, which no current shows"""
     torque_constant: tuple[float, float] = (0.97, 1.03)
-    # Errors that a calibration has left in the joints' frames: of the calibration's care
+    """True torque per stated, joint by joint, itself no factor: magnets and windings differ by
+    that"""
     calibration_error: tuple[float, float] = (0.5, 2.0)
-    # True mass and inertia of the tool per stated: hoses, wear, what was not on the scale
+    """Errors that a calibration has left in the joints' frames: of the calibration's care"""
     payload: tuple[float, float] = (0.9, 1.1)
-    # K above the temperature at which viscous friction is stated, at a log's start: no factor
+    """True mass and inertia of the tool per stated: hoses, wear, what was not on the scale"""
     start_rise: tuple[float, float] = (0.0, 6.0)
-    # s by which currents are older than positions, no factor: up to two cycles of a drive's bus
+    """K above the temperature at which viscous friction is stated, at a log's start: no factor"""
     latency: tuple[float, float] = (0.0, 0.002)
-    # Level by which friction wanders: the joints' lie between .27 and 2.4 times their median;
-    # passes over one stretch differ by .93 to 1.39 times what the real ones do
+    """s by which currents are older than positions, no factor: up to two cycles of a drive's bus"""
     wander: tuple[float, float] = (0.5, 2.0)
-    # Time in which it forgets: joints between .2 and 7 times their median; the residual's
-    # correlation time is the statistic that is met least well
+    """Level by which friction wanders: the joints' lie between .27 and 2.4 times their median;
+    passes over one stretch differ by .93 to 1.39 times what the real ones do"""
     wander_time: tuple[float, float] = (0.3, 3.0)
-    # Noise of the current of a joint that moves: its spectrum in three bands is .83 to 1.36 times
-    # the real one
+    """Time in which it forgets: joints between .2 and 7 times their median; the residual's
+    correlation time is the statistic that is met least well"""
     moving_noise: tuple[float, float] = (0.7, 1.4)
-    # How far a day's friction lies from other days': four real days know it to some 35 %
+    """Noise of the current of a joint that moves: its spectrum in three bands is .83 to 1.36 times
+    the real one"""
     day_sd: tuple[float, float] = (0.5, 1.5)
-    # Speed at which viscous friction has lost half its slope: joints between .5 and 1.4 times
-    # their median
+    """How far a day's friction lies from other days': four real days know it to some 35 %"""
     saturation: tuple[float, float] = (0.5, 1.5)
-    # Share by which friction forwards and backwards differs from their mean: no log tells it apart
-    # from an offset; judged
+    """Speed at which viscous friction has lost half its slope: joints between .5 and 1.4 times
+    their median"""
     asymmetry: tuple[float, float] = (0.5, 2.0)
-    # K of warmth per W of friction: of the housing's size and what cools it (Simoni et al. 2015);
-    # judged
+    """Share by which friction forwards and backwards differs from their mean: no log tells it apart
+    from an offset; judged"""
     heating: tuple[float, float] = (0.5, 2.0)
-    # Torque of a gear's transmission error at speed: of mounting, as the ripple (Tuttle, Seering)
+    """K of warmth per W of friction: of the housing's size and what cools it (Simoni et al. 2015);
+    judged"""
     transmission_error: tuple[float, float] = (0.5, 1.5)
-    # Speed at which half of that torque is there: the stiffness of the gear, which catalogues state
-    # within a third, over the inertia
+    """Torque of a gear's transmission error at speed: of mounting, as the ripple (Tuttle,
+    Seering)"""
     transmission_speed: tuple[float, float] = (0.7, 1.4)
-    # Velocity by which dry friction has turned round, where it is a function of velocity; judged
+    """Speed at which half of that torque is there: the stiffness of the gear, which catalogues
+    state within a third, over the inertia"""
     transition_velocity: tuple[float, float] = (0.5, 1.5)
-    # N, standard deviation along each axis of the hand that pushes in `friction`, itself no factor:
-    # the article does not state it, and each session has its own
+    """Velocity by which dry friction has turned round, where it is a function of velocity;
+    judged"""
     hand_force_friction: tuple[float, float] = (10.0, 20.0)
-    # The same in `combined`
+    """N, standard deviation along each axis of the hand that pushes in `friction`, itself no
+    factor: the article does not state it, and each session has its own"""
     hand_force_combined: tuple[float, float] = (10.0, 20.0)
-    # The same in `repeat-cycle-push`
+    """The same in `combined`"""
     hand_force_cycles: tuple[float, float] = (10.0, 20.0)
-    # Hz, up to which the hand pushes in `friction`, itself no factor
+    """The same in `repeat-cycle-push`"""
     hand_bandwidth_friction: tuple[float, float] = (2.0, 4.0)
-    # The same in `combined`
+    """Hz, up to which the hand pushes in `friction`, itself no factor"""
     hand_bandwidth_combined: tuple[float, float] = (2.0, 4.0)
-    # The same in `repeat-cycle-push`
+    """The same in `combined`"""
     hand_bandwidth_cycles: tuple[float, float] = (2.0, 4.0)
+    """The same in `repeat-cycle-push`"""
 
 
 SESSIONS: Final = ("friction", "combined", "cycles")

@@ -29,78 +29,60 @@ def site_pages():
 class Inner:
     """The inner one."""
 
-    size: float = 1.0  # m, of "a # in quotes"
-
-
-@dataclass
-class Above:
-    """Each field below its comment."""
-
-    # of the first
-    first: float = 1.0
-    # of the second,
-    # in two lines
-    second: float = 2.0
-    third: float = 3.0  # of the third
-    # of the last
-    last: float = 4.0
-
-
-@dataclass
-class Below:
-    """Each field above its comment."""
-
-    first: float = 1.0
-    # of the first
-    second: float = 2.0
-    # of the second
+    size: float = 1.0
+    """m, of "a # in quotes", in
+    two lines"""
 
 
 @dataclass
 class Outer:
-    """The outer one."""
+    """The outer one.
 
-    name: str = field(default="", metadata=REQUIRED)  # what it is called
-    # given above
-    above: int = 3
+    Attributes:
+        limits: lower and upper
+    """
+
+    name: str = field(default="", metadata=REQUIRED)
+    """what it is called"""
     below: list[Inner] = field(default_factory=list)
     """Given below."""
     inner: Inner | None = None
-    limits: tuple[float, int] = (0.5, 2)  # lower and upper
+    limits: tuple[float, int] = (0.5, 2)
+
+
+@dataclass
+class Heir(Outer):
+    """One that adds a field, and says more of another."""
+
+    own: int = 3
+    """its own"""
+    name: str = ""
+    """what the heir is called"""
 
 
 @dataclass
 class Silent:
-    """One field says nothing."""
+    """One field says nothing that counts."""
 
-    nothing: int = 0
-
-
-def test_comments_stand_on_one_side_of_the_fields_of_a_class():
-    assert field_words(Above) == {
-        "first": "of the first",
-        "second": "of the second, in two lines",
-        "third": "of the third",
-        "last": "of the last",
-    }
-    assert field_words(Below) == {"first": "of the first", "second": "of the second"}
+    nothing: int = 0  # a comment is none
 
 
-def test_words_are_found_beside_above_and_below_a_field(site_pages):
-    assert site_pages.field_words(Outer) == {
+def test_words_are_those_below_a_field_or_of_the_class():
+    words = {
         "name": "what it is called",
-        "above": "given above",
         "below": "Given below.",
         "inner": "The inner one.",
         "limits": "lower and upper",
     }
+    assert field_words(Outer) == words
+    assert field_words(Heir) == words | {"name": "what the heir is called", "own": "its own"}
 
 
 def test_a_schema_is_a_table_of_each_dataclass_once(site_pages):
     text = site_pages.schema_tables(Outer)
     assert text.count("**`Inner`**: The inner one.") == 1
     assert "| `name` | text | **required** | what it is called |" in text
-    assert '| `size` | number | `1.0` | m, of "a # in quotes" |' in text
+    assert '| `size` | number | `1.0` | m, of "a # in quotes", in two lines |' in text
     assert "| `inner` | `Inner` or null | `null` | The inner one. |" in text
     assert "| `limits` | number, whole number | `(0.5, 2)` | lower and upper |" in text
 

@@ -70,47 +70,57 @@ class EstimateConfig:
     """N m, sd of an external torque's error, one for all joints or one each"""
     estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
     smooth: bool = False
-    # estimate each sample from those before and after it (less error and lag), or from those before
-    # it, as a controller would
+    """estimate each sample from those before and after it (less error and lag), or from those
+    before it, as a controller would"""
     drift: float | None = None
     """share of the viscous torque by which friction may have drifted, for the stated band; left
     out: the model's, or what the log's contact-free stretches show"""
     track: bool = False
-    # follow friction's drift while the log runs, from what came before each sample, as a live
-    # reading does
-    max_gap: float = 0.0  # s, longest gap that is bridged; 0: the longer of 0.1 s and three steps
+    """follow friction's drift while the log runs, from what came before each sample, as a live
+    reading does"""
+    max_gap: float = 0.0
+    """s, longest gap that is bridged; 0: the longer of 0.1 s and three steps"""
     check: bool = True
-    # hold the log against the robot's limits, and try what may be wrong with it
-    mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
-    reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
+    """hold the log against the robot's limits, and try what may be wrong with it"""
+    mcap: bool = False
+    """write the wrenches as ROS 2 messages too (wrench.mcap)"""
+    reference: ReferenceConfig = field(default_factory=ReferenceConfig)
+    """a force sensor in the log"""
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
     contact: ContactConfig = field(default_factory=ContactConfig)
     """A contact whose direction is known: with its axis, the wrench is read at it, by a filter that
     knows how long errors of the torque last."""
-    covariance: bool = False  # add the 21 entries of the covariance to the table
-    table: str = "csv"  # format of the table: csv or parquet
+    covariance: bool = False
+    """add the 21 entries of the covariance to the table"""
+    table: str = "csv"
+    """format of the table: csv or parquet"""
     tool: bool = False
-    # the tool in robot.yaml is on the arm and known: put it on a model that was identified with
-    # another one, or without
+    """the tool in robot.yaml is on the arm and known: put it on a model that was identified with
+    another one, or without"""
     other_robot: bool = False
-    # read even where robot.yaml differs from that of the identification; the result reports it
+    """read even where robot.yaml differs from that of the identification; the result reports it"""
 
 
 @dataclass
 class EstimateSettings:
     """All that a run of `estimate` depends on, as its config.yaml holds it."""
 
-    command: str = "estimate"  # which wrote it
+    command: str = "estimate"
+    """which wrote it"""
     log: str = ""
-    # log of q, v and motor current, or of external torque and the Jacobian; a table or a ROS 2 bag
+    """log of q, v and motor current, or of external torque and the Jacobian; a table or a ROS 2
+    bag"""
     further_logs: list[str] = field(default_factory=list)
-    # more logs of external torque, read together
+    """more logs of external torque, read together"""
     robot: str = ""
-    # a bundled robot's name, or the path of a robot.yaml; not needed where the log holds the
-    # Jacobian
-    model: str | None = None  # model.yaml that identify wrote; else the robot's own files
-    log_format: str | None = None  # columns of the log: a bundled description's name or a YAML
-    estimate: EstimateConfig = field(default_factory=EstimateConfig)  # how
+    """a bundled robot's name, or the path of a robot.yaml; not needed where the log holds the
+    Jacobian"""
+    model: str | None = None
+    """model.yaml that identify wrote; else the robot's own files"""
+    log_format: str | None = None
+    """columns of the log: a bundled description's name or a YAML"""
+    estimate: EstimateConfig = field(default_factory=EstimateConfig)
+    """how"""
 
 
 def stated_prior(config: EstimateConfig, robot: Robot | None) -> tuple[float, float] | None:

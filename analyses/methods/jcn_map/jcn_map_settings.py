@@ -30,10 +30,15 @@ class SliceConfig:
 class JcnMapSettings:
     """All that a run of `jcn-map` depends on, as its config.yaml holds it."""
 
-    command: str = "jcn-map"  # which wrote it
-    robot: str = "sts_sre4_600"  # a bundled robot's name, or the path of a robot.yaml
-    num_samples: int = NUM_SAMPLES  # number of random configurations
-    seed: int = 0  # seed of the random configurations
-    within_limits: bool = False  # draw them within the joint limits, not over full turns
+    command: str = "jcn-map"
+    """which wrote it"""
+    robot: str = "sts_sre4_600"
+    """a bundled robot's name, or the path of a robot.yaml"""
+    num_samples: int = NUM_SAMPLES
+    """number of random configurations"""
+    seed: int = 0
+    """seed of the random configurations"""
+    within_limits: bool = False
+    """draw them within the joint limits, not over full turns"""
     slice: SliceConfig | None = None
-    # a plane to map as well, such as z=0.3 (m): the best condition number at each of its points
+    """a plane to map as well, such as z=0.3 (m): the best condition number at each of its points"""

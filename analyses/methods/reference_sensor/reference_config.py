@@ -21,16 +21,22 @@ class ReferenceConfig:
     """A force sensor among a log's columns, and how it is mounted."""
 
     columns: str = ""
-    # a force sensor's columns in the log (N, N m), to compare with: fx,fy,fz, with moments, or one
-    # along an axis
-    frame: str = "found"  # frame that the sensor is fixed in: world, tool, or found
-    turn: list[float] = field(default_factory=list)  # rad, roll pitch yaw of its axes in the frame
-    sign: str = "found"  # force it reports: robot (on the robot), environment (on it), or found
+    """a force sensor's columns in the log (N, N m), to compare with: fx,fy,fz, with moments, or one
+    along an axis"""
+    frame: str = "found"
+    """frame that the sensor is fixed in: world, tool, or found"""
+    turn: list[float] = field(default_factory=list)
+    """rad, roll pitch yaw of its axes in the frame"""
+    sign: str = "found"
+    """force it reports: robot (on the robot), environment (on it), or found"""
     tare: str = "none"
-    # its reading without load: none, start (mean of the first half second), fit, or numbers
-    delay: str = "found"  # s, delay of the sensor behind the motion, or found
-    contact_force: float = 5.0  # N, force of the sensor above which there is contact
-    rest_speed: float = 0.01  # rad/s of the fastest joint, below which the arm is at rest
+    """its reading without load: none, start (mean of the first half second), fit, or numbers"""
+    delay: str = "found"
+    """s, delay of the sensor behind the motion, or found"""
+    contact_force: float = 5.0
+    """N, force of the sensor above which there is contact"""
+    rest_speed: float = 0.01
+    """rad/s of the fastest joint, below which the arm is at rest"""
 
 
 def tare_numbers(config: ReferenceConfig) -> list[float] | None:

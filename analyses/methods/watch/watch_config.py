@@ -23,38 +23,47 @@ LONGEST_LATE, LONGEST_ZERO = 10.0, 3600.0  # s
 class WatchConfig:
     """How a stream is read."""
 
-    live: LiveConfig = field(default_factory=LiveConfig)  # estimator and stream
+    live: LiveConfig = field(default_factory=LiveConfig)
+    """estimator and stream"""
     prior: str = "live"
-    # prior sds of force and moment: live (half the rated payload), or two numbers in N and N m
-    check: bool = True  # weigh the first seconds against the model
+    """prior sds of force and moment: live (half the rated payload), or two numbers in N and N m"""
+    check: bool = True
+    """weigh the first seconds against the model"""
     accept_signs: bool = False
-    # take the drives' signs as robot.yaml has them, also where the first seconds contradict them
+    """take the drives' signs as robot.yaml has them, also where the first seconds contradict
+    them"""
     tool: bool = False
-    # the tool in robot.yaml is on the arm and known: put it on a model that was identified with
-    # another one, or without
+    """the tool in robot.yaml is on the arm and known: put it on a model that was identified with
+    another one, or without"""
     other_robot: bool = False
-    # read even where robot.yaml differs from that of the identification
+    """read even where robot.yaml differs from that of the identification"""
 
 
 @dataclass
 class WatchSettings:
     """All that a run of `watch` depends on, as its config.yaml holds it."""
 
-    command: str = "watch"  # which wrote it
+    command: str = "watch"
+    """which wrote it"""
     source: str = ""
-    # rtde://HOST[:PORT], replay://FILE, lcm://CHANNEL, ros2://TOPIC, franka://HOST
-    robot: str = ""  # a bundled robot's name, or the path of a robot.yaml
+    """rtde://HOST[:PORT], replay://FILE, lcm://CHANNEL, ros2://TOPIC, franka://HOST"""
+    robot: str = ""
+    """a bundled robot's name, or the path of a robot.yaml"""
     model: str | None = None
-    # model.yaml that identify wrote; else the robot's own files, and no reading is valid
-    duration_s: float = 0.0  # s, after which it ends; 0: when the stream does
-    record: str | None = None  # a new folder for what is read
-    record_format: str = "mcap"  # of the recording: mcap (as estimate --mcap) or parquet
+    """model.yaml that identify wrote; else the robot's own files, and no reading is valid"""
+    duration_s: float = 0.0
+    """s, after which it ends; 0: when the stream does"""
+    record: str | None = None
+    """a new folder for what is read"""
+    record_format: str = "mcap"
+    """of the recording: mcap (as estimate --mcap) or parquet"""
     publish: list[str] = field(default_factory=list)
-    # where readings are sent: udp://HOST:PORT, lcm://CHANNEL, ros2://TOPIC
+    """where readings are sent: udp://HOST:PORT, lcm://CHANNEL, ros2://TOPIC"""
     view: str = "terminal"
-    # what shows readings: terminal, lines (one a second), meshcat or foxglove (arm and arrow
-    # besides), none
-    watch: WatchConfig = field(default_factory=WatchConfig)  # how
+    """what shows readings: terminal, lines (one a second), meshcat or foxglove (arm and arrow
+    besides), none"""
+    watch: WatchConfig = field(default_factory=WatchConfig)
+    """how"""
 
 
 def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:

@@ -32,9 +32,12 @@ class Stops:
     loads the joints differently at each.
     """
 
-    number: int = 0  # in a period
-    rest: float = 1.5  # s, for which all joints rest
-    ramp: float = 1.0  # s, in which the motion slows down, and speeds up
+    number: int = 0
+    """in a period"""
+    rest: float = 1.5
+    """s, for which all joints rest"""
+    ramp: float = 1.0
+    """s, in which the motion slows down, and speeds up"""
 
     def times(self, period: float, num_periods: int) -> Array:
         """(K,) times of the series, s, at which it stands still."""

@@ -43,8 +43,10 @@ class Surface(Protocol):
 class PlateShapeConfig:
     """A flat rectangle."""
 
-    length: float = 0.4  # m, along x and u
-    width: float = 0.3  # m, along y and v
+    length: float = 0.4
+    """m, along x and u"""
+    width: float = 0.3
+    """m, along y and v"""
 
     def surface(self) -> "Plate":
         """The exact surface.
@@ -59,13 +61,20 @@ class PlateShapeConfig:
 class BladeShapeConfig:
     """A section of a wind turbine blade; see `BladeSection`."""
 
-    span: float = 0.5  # m, along y and v
-    root_chord: float = 0.34  # m, along x
-    tip_chord: float = 0.26  # m
-    root_twist_deg: float = 10.0  # of the chord, at one end
-    tip_twist_deg: float = 2.0  # at the other end
-    thickness: float = 0.24  # of the chord
-    camber: float = 0.05  # of the chord
+    span: float = 0.5
+    """m, along y and v"""
+    root_chord: float = 0.34
+    """m, along x"""
+    tip_chord: float = 0.26
+    """m"""
+    root_twist_deg: float = 10.0
+    """of the chord, at one end"""
+    tip_twist_deg: float = 2.0
+    """at the other end"""
+    thickness: float = 0.24
+    """of the chord"""
+    camber: float = 0.05
+    """of the chord"""
 
     def surface(self) -> "BladeSection":
         """The exact surface.

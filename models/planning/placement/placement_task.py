@@ -25,20 +25,26 @@ _DEGREES_ROUNDING = 1e-9
 class GuessConfig:
     """A placement to start from and to compare with."""
 
-    direction: list[float] = field(default_factory=list, metadata=REQUIRED)  # in W; any length
-    midpoint: list[float] = field(default_factory=list, metadata=REQUIRED)  # in W, m
+    direction: list[float] = field(default_factory=list, metadata=REQUIRED)
+    """in W; any length"""
+    midpoint: list[float] = field(default_factory=list, metadata=REQUIRED)
+    """in W, m"""
     rotation: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
-    # of E in W, row by row
-    posture: list[float] | None = None  # at the midpoint; names the branch to compare with, rad
+    """of E in W, row by row"""
+    posture: list[float] | None = None
+    """at the midpoint; names the branch to compare with, rad"""
 
 
 @dataclass
 class ObstacleConfig:
     """A box that stands still in the cell: a table, a fence."""
 
-    name: str = field(default="", metadata=REQUIRED)  # as messages call it
-    size: list[float] = field(default_factory=list, metadata=REQUIRED)  # along x, y, z, m
-    pose: PoseConfig = field(default_factory=PoseConfig)  # of its centre in W
+    name: str = field(default="", metadata=REQUIRED)
+    """as messages call it"""
+    size: list[float] = field(default_factory=list, metadata=REQUIRED)
+    """along x, y, z, m"""
+    pose: PoseConfig = field(default_factory=PoseConfig)
+    """of its centre in W"""
 
 
 @dataclass
@@ -50,14 +56,15 @@ class WorkpieceConfig:
     """
 
     size: list[float] = field(default_factory=list, metadata=REQUIRED)
-    # along the path, across it, and its thickness, m
+    """along the path, across it, and its thickness, m"""
 
 
 @dataclass
 class ClearanceConfig:
     """Distances to keep between robot, tool, obstacles and workpiece."""
 
-    distance: float = 0.01  # m
+    distance: float = 0.01
+    """m"""
     obstacles: list[ObstacleConfig] = field(default_factory=list)
     workpiece: WorkpieceConfig | None = None
 
@@ -66,22 +73,37 @@ class ClearanceConfig:
 class PlacementTask:
     """What `place --task` reads. W is the robot's base frame."""
 
-    path_length: float = field(default=0.0, metadata=REQUIRED)  # m
-    midpoint_lower: list[float] = field(default_factory=list, metadata=REQUIRED)  # box in W, m
-    midpoint_upper: list[float] = field(default_factory=list, metadata=REQUIRED)  # m
-    num_segments: int = 20  # k; the path has k + 1 points
-    angle_lower_deg: float = 0.0  # of the tool's rotation from W (theta of eq. 27)
-    angle_upper_deg: float = 180.0  # of the same
-    limit_margin_deg: float = 0.0  # kept from every joint limit (of a prismatic joint: mm)
-    max_joint_step_deg: float = 60.0  # from one point to the next (60: 1.05 m of a prismatic joint)
-    path_in_surface: bool = False  # whether the path is perpendicular to the tool's z axis
-    tool_direction: list[float] | None = None  # in W, where E's z axis should point
-    tool_tilt_deg: float = 0.0  # how far it may lean from there
-    path_direction: list[float] | None = None  # in W, from which the path's angle is measured
-    path_angle_lower_deg: float = 0.0  # of the path from there; 90 and 90: perpendicular to it
-    path_angle_upper_deg: float = 180.0  # of the same
+    path_length: float = field(default=0.0, metadata=REQUIRED)
+    """m"""
+    midpoint_lower: list[float] = field(default_factory=list, metadata=REQUIRED)
+    """box in W, m"""
+    midpoint_upper: list[float] = field(default_factory=list, metadata=REQUIRED)
+    """m"""
+    num_segments: int = 20
+    """k; the path has k + 1 points"""
+    angle_lower_deg: float = 0.0
+    """of the tool's rotation from W (theta of eq. 27)"""
+    angle_upper_deg: float = 180.0
+    """of the same"""
+    limit_margin_deg: float = 0.0
+    """kept from every joint limit (of a prismatic joint: mm)"""
+    max_joint_step_deg: float = 60.0
+    """from one point to the next (60: 1.05 m of a prismatic joint)"""
+    path_in_surface: bool = False
+    """whether the path is perpendicular to the tool's z axis"""
+    tool_direction: list[float] | None = None
+    """in W, where E's z axis should point"""
+    tool_tilt_deg: float = 0.0
+    """how far it may lean from there"""
+    path_direction: list[float] | None = None
+    """in W, from which the path's angle is measured"""
+    path_angle_lower_deg: float = 0.0
+    """of the path from there; 90 and 90: perpendicular to it"""
+    path_angle_upper_deg: float = 180.0
+    """of the same"""
     initial: GuessConfig | None = None
-    clearance: ClearanceConfig | None = None  # None: the arm only must not overlap itself or floor
+    clearance: ClearanceConfig | None = None
+    """None: the arm only must not overlap itself or floor"""
 
     def initial_path(self) -> StraightPath | None:
         """The guess as a path; None without one."""
