@@ -55,8 +55,7 @@ def unseen_rests(error: TorqueErrorModel, joint_names: Sequence[str]) -> tuple[s
     return (
         f"{subject} in the logs of the model: contacts at stops cannot be judged, and only a "
         f"torque beyond {UNSEEN_HELD:g} times the joint's friction is reported; record a motion "
-        "that stops for some seconds, as `wrenchsight excite --stops 2` plans it, and identify "
-        "again",
+        "that stops for some seconds, as `wrenchsight excite` plans it, and identify again",
     )
 
 

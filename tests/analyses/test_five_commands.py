@@ -53,7 +53,7 @@ def test_from_a_urdf_to_a_wrench(arm: str, wheel_robots: Path, tmp_path: Path) -
     robot_option = ("--robot", robot_file)
     succeeded("robot", wheel_robots / ARMS[arm], "--out", robot_file)
     succeeded("excite", *robot_option, "--config", settings, "--no-record", "--out", motion.parent)
-    simulated = ("--motion", motion, "--duration", "5", "--no-recording")
+    simulated = ("--motion", motion, "--duration", "9", "--no-recording")
     succeeded("simulate", *robot_option, *simulated, "--out", log.parent)
     output = succeeded("identify", log, *robot_option, "--out", model.parent)
     assert "--friction best lets held-out logs choose" in " ".join(output.split())
@@ -71,7 +71,7 @@ def test_from_a_urdf_to_a_wrench(arm: str, wheel_robots: Path, tmp_path: Path) -
     metrics = json.loads((tmp_path / "estimate" / "metrics.json").read_text())
     table = np.genfromtxt(tmp_path / "estimate" / "wrench.csv", delimiter=",", names=True)
     valid = table["valid"] == 1
-    assert valid.mean() > 0.2  # five seconds of a motion hardly begun with
+    assert valid.mean() > 0.2  # five seconds of a motion hardly begun with; two rests hide forces
     force = np.stack([table[name][valid] for name in ("fx", "fy", "fz")])
     # A valid reading's sd is at most a sixth of the payload's weight.
     assert np.sqrt(np.mean(force**2)) < 9.81 * robot.payload / 6.0
@@ -83,7 +83,7 @@ def _nothing_is_hit(robot: Robot, folder: Path) -> None:
     for name in ("trajectory", "validation"):
         table = np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1)
         q = table[:, 1 : 1 + robot.num_joints]
-        assert len(q) == 5001  # 1 kHz
+        assert len(q) == 9001  # 1 kHz, five seconds and two stops of two each
         assert meshes.collisions(q) == {}
         if robot.floor is not None:
             assert meshes.lowest(q[::10]) > robot.floor  # 10 ms: a millimetre or two of way

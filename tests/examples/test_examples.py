@@ -60,7 +60,7 @@ def test_the_quickstart_goes_from_nothing_to_a_wrench(tmp_path):
     assert not re.search(r"\b(nan|inf)\b", result.stdout)
     [(valid, count)] = re.findall(r"(\d+) % of (\d+) readings valid", result.stdout)
     assert int(count) == 10001
-    assert int(valid) >= 90  # the others are about reversals, where stiction hides a force
+    assert int(valid) >= 85  # the others are about reversals, where stiction hides a force
     line = r"f[xyz]: RMSE ([\d.]+) N, (\d+) % inside the stated 95 % band"
     axes = re.findall(line, result.stdout)
     assert len(axes) == 3

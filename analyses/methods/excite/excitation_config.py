@@ -26,7 +26,7 @@ class ExcitationConfig:
     """s, of the table for the controller"""
     num_periods: int = 1
     """periods in that table and on the page"""
-    num_stops: int = 0
+    num_stops: int = 2
     """of all joints in each period, for the friction at rest"""
     stop_time: float = 1.5
     """s, of a stop"""

@@ -16,7 +16,7 @@ from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstim
 from wrenchsight.models.friction.sliding_friction import stiction
 from wrenchsight.models.identification.gravity_spread import jackknife, largest_spread, strongest
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.rests import Rests, rests_along
+from wrenchsight.models.identification.rests import Rests, arm_rests, rests_along
 from wrenchsight.models.identification.torque_error_fit import (
     HeldOutReading,
     fit_torque_error,
@@ -152,11 +152,20 @@ def gravity_spread(
     return replace(error, spread=spread, fitted_spread=np.max(fitted, axis=0))
 
 
+def _in_motion(reading: HeldOutReading) -> HeldOutReading:
+    """The reading without the arm's rests; as it is where nothing else is left."""
+    moving = reading.used & ~arm_rests(reading.v, reading.time_step)
+    return replace(reading, used=moving) if moving.any() else reading
+
+
 def learn_torque_error(readings: Sequence[HeldOutReading], robot: Robot) -> TorqueErrorModel | None:
     """The torque error that held-out readings show; None where all logs are too short.
 
     It is no smaller than what the steps of currents and encoders leave: a simulation may have none.
+    Rests of the arm do not count: there the error is stiction, which the model states and nothing
+    is fitted to.
     """
+    readings = [_in_motion(reading) for reading in readings]
     largest = max(float(np.abs(reading.transmitted).max()) for reading in readings)
     floor = np.maximum(_LEAST_SHARE * max(largest, 1e-3), resolution_floor(readings, robot))
     try:

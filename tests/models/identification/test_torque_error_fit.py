@@ -14,6 +14,7 @@ from wrenchsight.models.identification.torque_error_fit import (
     HeldOutReading,
     _correlation,
     _minus_log_likelihood,
+    correlated_samples,
     fit_torque_error,
 )
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
@@ -211,6 +212,37 @@ def test_correlation_time_and_correlated_error() -> None:
         for log, sign in zip(drawn, (1.0, -1.0, 1.0), strict=True)
     ]
     assert (fitted(shifted).lasting > 0.15).all()
+
+
+@pytest.mark.parametrize("T", [0.0, 0.2])
+def test_samples_that_count_for_one(T: float) -> None:
+    """Of a process of first order with the pole a they are (1 + a) / (1 - a)."""
+    rng = np.random.default_rng(4)
+    a = np.exp(-STEP / T) if T > 0.0 else 0.0
+    logs = []
+    for _ in range(20):
+        x = rng.normal(size=6000)
+        for k in range(1, len(x)):
+            x[k] = a * x[k - 1] + np.sqrt(1.0 - a * a) * x[k]
+        logs.append(x)
+    # Logs of 150 and more correlation times; the sum up to the first zero is cut early by some.
+    assert correlated_samples(logs) == pytest.approx((1.0 + a) / (1.0 - a), rel=0.1)
+    assert correlated_samples([np.zeros(10)]) == 1.0
+
+
+def test_a_short_log_does_not_call_slow_motion_exact() -> None:
+    """Five seconds of an error that neither speed nor load nor acceleration makes."""
+    white = truth(speed=np.zeros(N), load=np.zeros(N), reversal=np.zeros(N))
+    five_seconds = (np.arange(6000) >= 1000) & (np.arange(6000) < 1500)
+    shares = []
+    for seed in range(20):
+        log = reading(seed, white, T=0.3)
+        error = fitted([replace(log, used=five_seconds)])
+        rms = np.sqrt(np.mean(log.tau_ext[five_seconds] ** 2, axis=0))
+        shares.append(error.constant / rms)
+    # Eight independent samples and one of the prior: without it a third are below a tenth.
+    assert np.min(shares) > 0.25
+    assert np.mean(shares) > 0.6
 
 
 def test_rest_is_wider_than_all_that_was_fitted() -> None:

@@ -45,7 +45,7 @@ def test_files_and_their_content(sts, tmp_path):
     table = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)
     header = (tmp_path / "trajectory.csv").read_text().splitlines()[0].split(",")
     assert header[:2] == ["t", "q1"] and header[-1] == "vdot6" and len(header) == 19
-    assert table.shape == (10001, 19)  # 1 kHz
+    assert table.shape == (15001, 19)  # 1 kHz; 10 s and two stops of 2.5 s, ramps included
     series = FourierTrajectory.load(tmp_path / "trajectory.yaml", sts.name)
     expected = np.hstack([table[:, :1], *series.sample(table[:, 0])])
     np.testing.assert_allclose(table, expected, rtol=1e-7, atol=1e-7)
