@@ -26,6 +26,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
 )
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.smoothing import smoothed_estimate
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -145,6 +146,20 @@ class Ur10eArm:
             "ours": lambda log: by_estimator(log, robot, self.models["ours"]),
         }
 
+    def smoothing_reader(self, robot: Robot) -> Reader:
+        """How `ours` reads a log with `--smooth`: each sample also from those after it."""
+
+        def read(log: CurrentLog) -> Reading:
+            batch = smoothed_estimate(
+                _estimator(log, robot, self.models["ours"], "force_only"),
+                log.q,
+                log.v,
+                log.current,
+            )
+            return Reading(batch.wrench, batch.covariance, batch.tau_ext)
+
+        return read
+
     def plain_model(self) -> IdentifiedModel:
         """The plain tools' model, with one covariance for all states."""
         return replace(self.models["plain_tools"], torque_error=None)
@@ -176,6 +191,16 @@ def by_estimator(
     Args:
         observer: its configuration, for the log's time step; None: the momentum observer's.
     """
+    estimator = _estimator(log, robot, model, method, observer)
+    batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
+    states_error = method == "force_only"
+    return Reading(batch.wrench, batch.covariance if states_error else None, batch.tau_ext)
+
+
+def _estimator(
+    log: CurrentLog, robot: Robot, model: IdentifiedModel, method: str, observer: Any = None
+) -> WrenchEstimator:
+    """The estimator of a log; see `by_estimator`."""
     if observer is None:
         observer = MomentumObserverConfig(time_step=log.time_step, torque_samples="trapezoidal")
     config = WrenchEstimatorConfig(
@@ -184,10 +209,7 @@ def by_estimator(
         position_resolution=log.resolution.tolist(),
         check_samples=not log.is_rebuilt,
     )
-    estimator = WrenchEstimator(robot, model, config)
-    batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
-    states_error = method == "force_only"
-    return Reading(batch.wrench, batch.covariance if states_error else None, batch.tau_ext)
+    return WrenchEstimator(robot, model, config)
 
 
 def _turned(J: Array) -> Array:

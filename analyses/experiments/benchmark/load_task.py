@@ -2,7 +2,7 @@
 
 The truth is m (g - a), from the encoders. The force is read at the point where the load acts. This
 point is found from the first 10 s of a log, by the torques of `ours` for all methods alike. The
-rest of the log is judged.
+rest of the log is judged. Beside the causal reading of `ours` stands the smoothed one.
 """
 
 from typing import Any, Final
@@ -42,10 +42,18 @@ class LoadTask:
         """Scores by method."""
         readers = {name: self._arm.readers(scene.robot) for name, (scene, _) in self._logs.items()}
         methods = next(iter(readers.values()))
-        return {
+        scores = {
             method: self._scored({name: by_method[method] for name, by_method in readers.items()})
             for method in methods
         }
+        smoothed = self._scored(
+            {
+                name: self._arm.smoothing_reader(scene.robot)
+                for name, (scene, _) in self._logs.items()
+            }
+        )
+        scores["ours"] |= {f"smoothed_{key}": value for key, value in smoothed.items()}
+        return scores
 
     def of(self, entrant: Entrant) -> dict[str, Any] | None:
         """Scores of a method of others; None: it does not enter.

@@ -56,6 +56,8 @@ ROWS: Final[Mapping[str, Sequence[Row]]] = {
         Row("load", "2.805 kg, a week after the fit", f"logs.{_LOADS[0]}.rmse_n", ".1f"),
         Row("load", "1.069 kg, seven weeks before", f"logs.{_LOADS[1]}.rmse_n", ".1f"),
         Row("load", _BAND, "inside_95_pct", ".0f", _ONE),
+        Row("load", "smoothed: RMSE [N] of pieces of 5 s", "smoothed_rmse_n", ".1f"),
+        Row("load", f"smoothed: {_BAND}", "smoothed_inside_95_pct", ".0f", _ONE),
     ),
     "contact": (
         Row("contact", "slides: RMSE [N] of runs", "slide_rmse_n", ".1f"),
