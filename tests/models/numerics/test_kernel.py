@@ -134,3 +134,29 @@ print(twice(Sample(3.0)))
 
     assert run(source) == "6.0"
     assert run(source.replace("Sample", "Measurement")) == "6.0"
+
+
+def test_numba_s_own_stamp_misses_a_change_in_a_used_function_of_another_file(
+    tmp_path: Path,
+) -> None:
+    """Why there are stamps here; once this fails, `numba.njit(cache=True)` will do."""
+    (tmp_path / "caller.py").write_text(
+        "from numba import njit\nfrom used import factor\n"
+        "@njit(cache=True)\ndef call(x):\n    return factor(x) + 1.0\nprint(call(3.0))\n"
+    )
+
+    def run(factor: float) -> str:
+        (tmp_path / "used.py").write_text(
+            f"from numba import njit\n@njit(cache=True)\ndef factor(x):\n    return {factor} * x\n"
+        )
+        result = subprocess.run(
+            [sys.executable, "-B", "-c", "import caller"],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return result.stdout.strip()
+
+    assert run(2.0) == "7.0"
+    assert run(5.0) == "7.0"  # 16 is right
