@@ -5,7 +5,7 @@ import numpy as np
 from wrenchsight.models.friction.velocity_friction import friction_torque
 from wrenchsight.models.numerics.arrays import Array, Record, record
 from wrenchsight.models.numerics.kernel import kernel
-from wrenchsight.models.numerics.views import plain, read_only
+from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
@@ -83,26 +83,22 @@ def tracking_torque(
         reference: (3n,) q_d, v_d, vdot_d.
         integral: (n,) integral of the position error, rad s.
     """
-    gain = law[0]
-    q, v = dynamics.q, dynamics.v
-    n = q.shape[0]
-    feedback = np.empty(n)
+    gain, n = law[0], dynamics.q.shape[0]
+    q_d, v_d, vdot_d = reference[:n], reference[n : 2 * n], reference[2 * n :]
+    friction_feedforward(plain(gain.friction), v_d, gain.friction_velocity, tau)
+    acceleration = vdot_d.copy()
     for i in range(n):
-        error = reference[i] - q[i]
-        integral_part = gain.ki[i] * integral[i]
-        integral_part = min(max(integral_part, -gain.integral_limit[i]), gain.integral_limit[i])
-        feedback[i] = gain.kp[i] * error + gain.kd[i] * (reference[n + i] - v[i]) + integral_part
-    friction = plain(gain.friction)
-    friction_feedforward(friction, reference[n : 2 * n], gain.friction_velocity, tau)
+        bound = gain.integral_limit[i]
+        feedback = min(max(gain.ki[i] * integral[i], -bound), bound)
+        feedback += gain.kp[i] * (q_d[i] - dynamics.q[i]) + gain.kd[i] * (v_d[i] - dynamics.v[i])
+        if gain.computed == 1.0:
+            acceleration[i] += feedback
+        else:
+            tau[i] += feedback
     for i in range(n):
         tau[i] += dynamics.Cv[i] + dynamics.G[i]
         for j in range(n):
-            acceleration = reference[2 * n + j]
-            if gain.computed == 1.0:
-                acceleration += feedback[j]
-            tau[i] += dynamics.M[i, j] * acceleration
-        if gain.computed != 1.0:
-            tau[i] += feedback[i]
+            tau[i] += dynamics.M[i, j] * acceleration[j]
         tau[i] = min(max(tau[i], -gain.effort_limit[i]), gain.effort_limit[i])
 
 
@@ -111,15 +107,15 @@ def tracking_torque_of(
     law: Record, terms: Record, reference: Array, integral: Array, tau: Array
 ) -> None:
     """Writes `tracking_torque` for the record of RigidBodyTerms."""
-    terms_row = terms[0]
+    sample = terms[0]
     dynamics = JointDynamics(
-        M=plain(terms_row.M),
-        Cv=plain(terms_row.Cv),
-        G=plain(terms_row.G),
-        q=plain(terms_row.q),
-        v=plain(terms_row.v),
+        M=plain(sample.M),
+        Cv=plain(sample.Cv),
+        G=plain(sample.G),
+        q=plain(sample.q),
+        v=plain(sample.v),
     )
-    tracking_torque(law, dynamics, reference, read_only(integral), tau)
+    tracking_torque(law, dynamics, reference, integral.copy(), tau)
 
 
 @kernel

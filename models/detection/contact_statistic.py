@@ -93,7 +93,6 @@ from wrenchsight.models.identification.torque_error_model import (
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_lower
-from wrenchsight.models.numerics.views import borrowed, copy_to
 
 MEAN_TIME = 0.3  # s
 MISFIT_WINDOW = 0.1  # s
@@ -127,7 +126,6 @@ SAMPLE_RELEASE, MEAN_RELEASE, CHANGE_LEVEL, PRESENT, MISFIT_LEVEL, NUM_SETTINGS 
 # Entries of a detection.
 STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
 SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, CHANGE_LENGTH, NUM_OUT = range(6, 11)
-WORK_ROWS = 12  # and n more
 
 _FORCE_SD = 1e4  # N; stands for unknown, small enough that 1 is not lost beside its square
 UNKNOWN_MOMENT = 1e4  # N m, likewise
@@ -190,52 +188,50 @@ def state_rows(num_joints: int) -> int:
     return _SINGLE - (-NUM_SINGLE // num_joints)
 
 
+class Whitened(NamedTuple):
+    """A sample of tau_ext over its sd, as the module defines it; each (n,).
+
+    Attributes:
+        sd: N m, g s.
+        z: the whitened torque.
+        y: U z.
+        change: N m, of the torque over its mean.
+        change_sd: N m, s' with the jump.
+        scaled_change: c, the change over its sd.
+    """
+
+    sd: Array
+    z: Array
+    y: Array
+    change: Array
+    change_sd: Array
+    scaled_change: Array
+
+
 @kernel
-def misfit_square(
-    white: Array, J: Array, s: Array, tau_y: Array, moment_sd: float, M: Array
-) -> float:
-    """The misfit D of a torque to a force at E: y^T (1 + A^T P A)^-1 y with A = J diag(1 / s) U^T.
+def misfit_square(white: Array, J: Array, s: Array, tau_y: Array, moment_sd: float) -> float:
+    """The misfit D of a torque to a force at E: y^T (1 + A^T A)^-1 y with A = P J diag(1 / s) U^T.
 
     Args:
         white: (n, n) U.
         J: (6, n), rows [angular; linear], at E in axes of W.
         s: (n,) N m, sd of tau_ext.
         tau_y: (n,) y = U z, the whitened torque.
-        moment_sd: N m, prior of a moment at E.
-        M: (n + 7, n), overwritten.
+        moment_sd: N m, prior of a moment at E: P has it three times, then the prior of a force.
     """
     n = J.shape[1]
-    A = M[n : n + 6]
-    for i in range(6):
-        prior_sd = moment_sd if i < 3 else _FORCE_SD
-        for j in range(n):
-            total = 0.0
-            for k in range(j, n):
-                total += white[j, k] * J[i, k] / s[k]
-            A[i, j] = prior_sd * total
-    x = M[n + 6]
-    for i in range(n):
-        for j in range(i + 1):
-            total = 1.0 if i == j else 0.0
-            for k in range(6):
-                total += A[k, i] * A[k, j]
-            M[i, j] = total
-        x[i] = tau_y[i]
-    factorise_in_place(M, n, 0.0)
-    solve_lower(M, n, x)
-    square = 0.0
-    for i in range(n):
-        square += x[i] * x[i]
-    return square
+    A = (J / s) @ white.T
+    A[:3] *= moment_sd
+    A[3:] *= _FORCE_SD
+    factor, x = np.eye(n) + A.T @ A, tau_y.copy()
+    factorise_in_place(factor, n, 0.0)
+    solve_lower(factor, n, x)
+    return float(np.sum(x * x))
 
 
 @kernel
 def detect_tick(
-    tables: DetectorTables,
-    state: Array,
-    sample: ArmSamples,
-    out: Array,
-    work: Array,
+    tables: DetectorTables, state: Array, sample: ArmSamples, out: Array, whitened: Whitened
 ) -> None:
     """Single-sample kernel: takes a sample into `state` and writes the detection.
 
@@ -244,42 +240,35 @@ def detect_tick(
         state: (state_rows, n), changed.
         sample: without the first axis.
         out: (NUM_OUT,), written.
-        work: (n + WORK_ROWS, max(n, NUM_FEATURES)), overwritten; its row 1 is left with z, row 3
-            with the change in N m.
+        whitened: written, where the sample is read.
     """
     joints, settings = tables.joints, tables.settings
     error, v, tau_ext = sample.error, sample.v, sample.tau_ext
-    n, keep = v.shape[0], np.exp(-settings[PERIOD] / MEAN_TIME)
+    load = error.rows[TRANSMITTED_ROW].copy()
+    keep = np.exp(-settings[PERIOD] / MEAN_TIME)
     single = state[_SINGLE:].reshape(-1)
     detector = _Detector(tables, keep, state, single)
-    load = work[2, :n]
-    out_of_range = False
-    for j in range(n):
-        load[j] = error.rows[TRANSMITTED_ROW, j]
-        out_of_range = out_of_range or abs(v[j]) > joints[FITTED_SPEED, j]
-        out_of_range = out_of_range or abs(load[j]) > joints[FITTED_LOAD, j]
-    out[OUT_OF_RANGE] = 1.0 if out_of_range else 0.0
-    _change_variance(detector, error.rows, v, load, work)
+    is_out = np.any(np.abs(v) > joints[FITTED_SPEED]) or np.any(np.abs(load) > joints[FITTED_LOAD])
+    out[OUT_OF_RANGE] = 1.0 if is_out else 0.0
+    change_variance = _change_variance(detector, error.rows, v, load)
     _take_jumps(detector, sample.momentum, load, sample.transmitted)
-    single[_RESTING] += settings[PERIOD]
-    is_read = sample.fresh
-    for j in range(n):
-        if not abs(v[j]) < REST_SPEED:
-            single[_RESTING] = 0.0
-        is_read = is_read and np.isfinite(tau_ext[j])
+    single[_RESTING] = (
+        single[_RESTING] + settings[PERIOD] if np.all(np.abs(v) < REST_SPEED) else 0.0
+    )
     out[REST] = 1.0 if single[_RESTING] >= REST_TIME else 0.0
+    is_read = sample.fresh and np.all(np.isfinite(tau_ext))
     lengths = _Lengths(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if is_read:
-        _whiten(detector, error, tau_ext, work)
-        lengths = _lengths(detector, work)
-        _decide(detector, lengths, work)
+        _whiten(detector, error, tau_ext, change_variance, whitened)
+        lengths = _lengths(detector, whitened)
+        _decide(detector, lengths, whitened)
     out[SAMPLE_LENGTH], out[MEAN_LENGTH] = lengths.sample, lengths.mean
     out[POWER_LENGTH], out[CHANGE_LENGTH] = lengths.power, lengths.change
     out[STATISTIC], out[CONTACT] = single[_RATIO], single[_CONTACT]
     out[MISFIT], out[LINK] = 0.0, 0.0
     if single[_CONTACT] == 1.0 and is_read:
         gain = 1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)
-        D = _unexplained(tables, error.J_seen, tau_ext, work)
+        D = _unexplained(tables, error.J_seen, tau_ext, whitened)
         single[_MISFIT] += gain * (D - single[_MISFIT])
     if single[_CONTACT] == 1.0 and np.sqrt(single[_MISFIT]) > settings[MISFIT_LEVEL]:
         out[MISFIT] = 1.0
@@ -322,16 +311,15 @@ class _Lengths(NamedTuple):
 
 
 @kernel
-def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array, work: Array) -> None:
-    """Writes s'^2 (n,), the variance of a change without its jump, into row 0 of `work`."""
+def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) -> Array:
+    """s'^2 (n,), the variance of a change without its jump; takes friction's release in."""
     table, joints = detector.tables.error, detector.tables.joints
     keep, state, single = detector.keep, detector.state, detector.single
-    s, parts = work[0], work[4]
+    variance, parts = np.zeros(v.shape[0]), np.empty(NUM_FEATURES)
     for j in range(v.shape[0]):
         variance_parts(table, rows, j, v[j], load[j], parts)
-        s[j] = 0.0
         for m in range(_STICTION):
-            s[j] += joints[CHANGE + m, j] * parts[m]
+            variance[j] += joints[CHANGE + m, j] * parts[m]
         # Friction that a stopping joint releases, and that a starting one has carried.
         pole, speed_ratio = joints[JUMP_POLE, j], v[j] / REST_SPEED
         stiction_sd = breakaway(table, rows, j) / np.sqrt(3.0)
@@ -344,7 +332,8 @@ def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array, wo
         if single[_RESTING] < REST_TIME:
             part = joints[CHANGE + _STICTION, j] * parts[_STICTION]
             released = max(state[_STOP, j], state[_START, j])
-            s[j] += max(part, released * released)
+            variance[j] += max(part, released * released)
+    return variance
 
 
 @kernel
@@ -373,53 +362,62 @@ def _take_jumps(detector: _Detector, momentum: Array, load: Array, transmitted: 
 
 
 @kernel
-def _whiten(detector: _Detector, error: TorqueError, tau_ext: Array, work: Array) -> None:
-    """Writes s, z, the change over its sd and the change in N m into rows 0 to 3 of `work`.
-
-    On entry row 0 holds s'^2. The sample is taken into both local scales, the base and LP(z).
-    """
-    joints, settings = detector.tables.joints, detector.tables.settings
+def _whiten(
+    detector: _Detector,
+    error: TorqueError,
+    tau_ext: Array,
+    change_variance: Array,
+    whitened: Whitened,
+) -> None:
+    """Writes all of `whitened` but y; takes the sample into the local scales, base and LP(z)."""
     keep, state, single = detector.keep, detector.state, detector.single
-    n, T = tau_ext.shape[0], settings[PERIOD]
-    s, z, y, change = work[0, :n], work[1, :n], work[2, :n], work[3, :n]
-    in_contact = single[_CONTACT] == 1.0
-    follows = _follows_noise(state, single, n)
+    T, in_contact = detector.tables.settings[PERIOD], single[_CONTACT] == 1.0
+    follows = _follows_noise(state, single, tau_ext.shape[0])
     single[_SEEN] += T
     if in_contact:
         single[_TOUCHED] += T
-    pace = 1.0 - np.exp(-T / LOCAL_TIME)
-    early = 1.0 - np.exp(-T / min(max(single[_SEEN], UNIT_SCALE_TIME), LOCAL_TIME))
+    slow_gain = 1.0 - np.exp(-T / LOCAL_TIME)
+    scale_gain = 1.0 - np.exp(-T / min(max(single[_SEEN], UNIT_SCALE_TIME), LOCAL_TIME))
     base_gain = 1.0 - np.exp(-T / min(single[_SEEN], MEAN_TIME))
-    for j in range(n):
-        sd, stiction = error.sd[j], error.stiction[j]
-        w = max(error.rows[UNKNOWN_SHARE_ROW, j], error.rows[REST_ROW, j])
-        jump = max(np.sqrt(state[_JUMP2, j]) - joints[USUAL_JUMP, j], 0.0)
-        square = max(sd * sd - w * stiction * stiction, 1e-6 * sd * sd)
-        change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JUMP2, j] + jump * jump
-        change_sd = np.sqrt(change_sd)
-        s[j] = np.sqrt(square + jump * jump)
+    for j in range(tau_ext.shape[0]):
+        _take_torque_sd(detector, error, j, change_variance[j], whitened)
         # The part that friction at rest cannot carry.
         hidden = hidden_torque(detector.tables.error, error.rows, j)
-        beyond_stiction = max(abs(tau_ext[j]) - hidden, 0.0)
-        beyond_stiction = beyond_stiction if tau_ext[j] > 0.0 else -beyond_stiction
-        z[j] = beyond_stiction / s[j]
+        beyond_stiction = np.sign(tau_ext[j]) * max(abs(tau_ext[j]) - hidden, 0.0)
         if not np.isfinite(state[_BASE, j]):
             state[_BASE, j] = beyond_stiction
         elif not in_contact:
             state[_BASE, j] += base_gain * (beyond_stiction - state[_BASE, j])
-        change[j] = beyond_stiction - state[_BASE, j]
-        state[_SLOW, j] += pace * (z[j] - state[_SLOW, j])
-        state[_SQUARE, j] += pace * (z[j] * z[j] - state[_SQUARE, j])
+        change, change_sd = beyond_stiction - state[_BASE, j], whitened.change_sd[j]
+        scaled_change = change / change_sd if change_sd > 0.0 else 0.0
+        whitened.change[j] = change
+        whitened.scaled_change[j] = scaled_change / np.sqrt(max(state[_CHANGE2, j], 1.0))
+        z = beyond_stiction / whitened.sd[j]
+        state[_SLOW, j] += slow_gain * (z - state[_SLOW, j])
+        state[_SQUARE, j] += slow_gain * (z * z - state[_SQUARE, j])
         if follows:
-            state[_LOCAL2, j] += early * _excess_square(z[j], state[_LOCAL2, j])
-        scaled_change = change[j] / change_sd if change_sd > 0.0 else 0.0
-        y[j] = scaled_change / np.sqrt(max(state[_CHANGE2, j], 1.0))
+            state[_LOCAL2, j] += scale_gain * _excess_square(z, state[_LOCAL2, j])
         if not in_contact:
-            state[_CHANGE2, j] += early * _excess_square(scaled_change, state[_CHANGE2, j])
+            state[_CHANGE2, j] += scale_gain * _excess_square(scaled_change, state[_CHANGE2, j])
         g = np.sqrt(max(state[_LOCAL2, j], 1.0))
-        s[j] *= g
-        z[j] /= g
-        state[_MEAN, j] = keep * state[_MEAN, j] + (1.0 - keep) * z[j]
+        whitened.sd[j] *= g
+        whitened.z[j] = z / g
+        state[_MEAN, j] = keep * state[_MEAN, j] + (1.0 - keep) * z / g
+
+
+@kernel
+def _take_torque_sd(
+    detector: _Detector, error: TorqueError, j: int, change_variance: float, whitened: Whitened
+) -> None:
+    """Writes s and s' of joint j with the torque jump, without the local scale."""
+    joints, jump2 = detector.tables.joints, detector.state[_JUMP2, j]
+    sd, stiction = error.sd[j], error.stiction[j]
+    rest_share = max(error.rows[UNKNOWN_SHARE_ROW, j], error.rows[REST_ROW, j])
+    jump = max(np.sqrt(jump2) - joints[USUAL_JUMP, j], 0.0)
+    variance = max(sd * sd - rest_share * stiction * stiction, 1e-6 * sd * sd)
+    whitened.sd[j] = np.sqrt(variance + jump * jump)
+    change_variance += joints[CHANGE + NUM_FEATURES, j] * jump2 + jump * jump
+    whitened.change_sd[j] = np.sqrt(change_variance)
 
 
 @kernel
@@ -445,43 +443,27 @@ def _excess_square(x: float, mean_square: float) -> float:
 
 
 @kernel
-def _lengths(detector: _Detector, work: Array) -> _Lengths:
-    """The norms of the whitened sample in `work`; row 2 is left with y = U z."""
+def _lengths(detector: _Detector, whitened: Whitened) -> _Lengths:
+    """The norms of the whitened sample; writes its y and takes it into the power."""
     joints, white = detector.tables.joints, detector.tables.white
     keep, state = detector.keep, detector.state
-    n = white.shape[0]
-    z, y = work[1, :n], work[2, :n]
-    sample = power = mean = square_of_mean = along_mean = change = 0.0
-    for j in range(n):
-        total = 0.0
-        for k in range(j, n):
-            total += white[j, k] * y[k]
-        change += total * total
-    for j in range(n):
-        y[j] = 0.0
-        scaled_mean, plain_mean = 0.0, 0.0
-        for k in range(j, n):
-            y[j] += white[j, k] * z[k]
-            scaled_mean += white[j, k] * state[_MEAN, k] / joints[MEAN_SCALE, k]
-            plain_mean += white[j, k] * state[_MEAN, k]
-        sample += y[j] * y[j]
-        mean += scaled_mean * scaled_mean
-        square_of_mean += plain_mean * plain_mean
-        along_mean += y[j] * plain_mean
-        state[_POWER, j] = keep * state[_POWER, j] + (1.0 - keep) * y[j] * y[j]
-        power += state[_POWER, j]
+    whitened.y[:] = white @ whitened.z
+    mean = white @ state[_MEAN]
+    scaled_mean = white @ (state[_MEAN] / joints[MEAN_SCALE])
+    change = white @ whitened.scaled_change
+    state[_POWER] = keep * state[_POWER] + (1.0 - keep) * whitened.y**2
     return _Lengths(
-        np.sqrt(sample),
-        np.sqrt(mean),
-        np.sqrt(power),
-        np.sqrt(change),
-        square_of_mean,
-        along_mean,
+        sample=np.sqrt(np.sum(whitened.y**2)),
+        mean=np.sqrt(np.sum(scaled_mean**2)),
+        power=np.sqrt(np.sum(state[_POWER])),
+        change=np.sqrt(np.sum(change**2)),
+        square_of_mean=np.sum(mean**2),
+        along_mean=np.sum(whitened.y * mean),
     )
 
 
 @kernel
-def _decide(detector: _Detector, lengths: _Lengths, work: Array) -> None:
+def _decide(detector: _Detector, lengths: _Lengths, whitened: Whitened) -> None:
     """Begins and ends contact."""
     settings, state, single = detector.tables.settings, detector.state, detector.single
     T, in_contact = settings[PERIOD], single[_CONTACT] == 1.0
@@ -507,27 +489,19 @@ def _decide(detector: _Detector, lengths: _Lengths, work: Array) -> None:
             single[_QUIET] += T
         if single[_QUIET] >= RELEASE_TIME:
             single[_CONTACT], single[_NOT_BEFORE] = 0.0, MEAN_PAUSE
-            for j in range(state.shape[1]):
-                z, y, change = work[1, j], work[2, j], work[3, j]
-                state[_MEAN, j], state[_POWER, j] = z, y * y
-                state[_BASE, j] += change
+            state[_MEAN], state[_POWER] = whitened.z, whitened.y**2
+            state[_BASE] += whitened.change
 
 
 @kernel
-def _unexplained(tables: DetectorTables, J_seen: Array, tau_ext: Array, work: Array) -> float:
-    """D of the sample in the `work` of `detect_tick`, which is overwritten but for row 3."""
-    settings, white, n = tables.settings, tables.white, tau_ext.shape[0]
-    s, z, y = work[0, :n], work[1, :n], work[2, :n]
-    for j in range(n):
-        scale_sd = settings[SCALE] * tau_ext[j]
-        total_sd = np.sqrt(s[j] * s[j] + scale_sd * scale_sd)
-        z[j] *= s[j] / total_sd
-        s[j] = total_sd
-    for j in range(n):
-        y[j] = 0.0
-        for k in range(j, n):
-            y[j] += white[j, k] * z[k]
-    return misfit_square(white, J_seen, s, y, settings[MOMENT_SD], work[5:])
+def _unexplained(
+    tables: DetectorTables, J_seen: Array, tau_ext: Array, whitened: Whitened
+) -> float:
+    """D of a sample, its sd widened by the model's scale error."""
+    settings = tables.settings
+    total_sd = np.sqrt(whitened.sd**2 + (settings[SCALE] * tau_ext) ** 2)
+    tau_y = tables.white @ (whitened.z * whitened.sd / total_sd)
+    return misfit_square(tables.white, J_seen, total_sd, tau_y, settings[MOMENT_SD])
 
 
 @kernel
@@ -560,24 +534,28 @@ def detect_log(
         out: (N, NUM_OUT), written.
         white: written for the fit of the contact noise; not written where it has no rows.
     """
-    state, v, transmitted = borrowed(state), borrowed(samples.v), borrowed(samples.transmitted)
-    momentum, tau_ext, fresh = borrowed(samples.momentum), borrowed(samples.tau_ext), samples.fresh
-    error, out = samples.error, borrowed(out)
-    sd, stiction, drift = borrowed(error.sd), borrowed(error.stiction), borrowed(error.drift)
-    J_seen, rows = borrowed(error.J_seen), borrowed(error.rows)
-    n, slow_D = v.shape[1], 0.0
+    error, tau_ext, slow_D = samples.error, samples.tau_ext, 0.0
     gain = 1.0 - np.exp(-tables.settings[PERIOD] / MISFIT_WINDOW)
-    work = np.zeros((n + WORK_ROWS, max(n, NUM_FEATURES)))
-    for k in range(v.shape[0]):
-        sample_error = TorqueError(sd[k], stiction[k], drift[k], J_seen[k], rows[k])
-        sample = ArmSamples(sample_error, v[k], transmitted[k], momentum[k], tau_ext[k], fresh[k])
-        detect_tick(tables, state, sample, out[k], work)
+    n = tau_ext.shape[1]
+    whitened = Whitened(np.ones(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+    for k in range(tau_ext.shape[0]):
+        sample_error = TorqueError(
+            error.sd[k], error.stiction[k], error.drift[k], error.J_seen[k], error.rows[k]
+        )
+        sample = ArmSamples(
+            sample_error,
+            samples.v[k],
+            samples.transmitted[k],
+            samples.momentum[k],
+            tau_ext[k],
+            samples.fresh[k],
+        )
+        detect_tick(tables, state, sample, out[k], whitened)
         if white.misfit.shape[0] > 0:
-            copy_to(white.z[k], work[1, :n])
-            copy_to(white.mean[k], state[_MEAN])
-            copy_to(white.change[k], work[3, :n])
-            if np.isfinite(tau_ext[k]).all():
-                D = _unexplained(tables, sample_error.J_seen, tau_ext[k], work)
+            white.z[k], white.change[k] = whitened.z, whitened.change
+            white.mean[k] = state[_MEAN]
+            if np.all(np.isfinite(tau_ext[k])):
+                D = _unexplained(tables, sample_error.J_seen, tau_ext[k], whitened)
                 slow_D += gain * (D - slow_D)
             white.misfit[k] = np.sqrt(slow_D)
 

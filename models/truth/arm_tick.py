@@ -8,11 +8,10 @@ A simulation calls four kernels, in their order and around the plant's own solut
     arm_memory   state of joints, sensors and process after the tick
 
 The mathematics is that of `joint_kernels`, `current_measurement`, `tool_contact`, `tool_wrench`,
-`machining_process` and `chain_kernels`. Constants come as plain tuples, in the order of the
-classes here.
+`machining_process` and `chain_kernels`.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from wrenchsight.models.machining.machining_process import (
 from wrenchsight.models.machining.process_variations import VariationTables
 from wrenchsight.models.numerics.arrays import Array, Record, record_type
 from wrenchsight.models.numerics.kernel import kernel
-from wrenchsight.models.numerics.views import copy_to, plain
+from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.rigid_body.chain_kernels import JointDynamics, all_terms
 from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
@@ -56,13 +55,11 @@ from wrenchsight.models.truth.joint_kernels import (
 
 
 class ArmLayout(NamedTuple):
-    """Layout of the state: joints, lagged currents (n), process, its wrench (6), sensor.
-
-    The sensor's part is its wrench (6) and the state of its filter.
+    """How many numbers the parts of ArmState have.
 
     Attributes:
-        joints: entries of the joints' state.
-        process: entries of the process's state; 0 where there is none.
+        joints: of the joints' state.
+        process: of the process's state; 0 where there is none.
         time_step: s.
     """
 
@@ -71,11 +68,59 @@ class ArmLayout(NamedTuple):
     time_step: float
 
 
+class ArmState(NamedTuple):
+    """The state of a true arm: views of the flat array that the Context holds.
+
+    Attributes:
+        joints: (rows, n), the state of `joint_tick`.
+        lagged: (n,) A, of the current sensor.
+        process: (P,), of the machining process.
+        wrench: (6,) of the process on the tool, N m, N.
+        sensed: (6,) as the force/torque sensor reads, N m, N.
+        sensor_filter: (F,), of that sensor.
+    """
+
+    joints: Array
+    lagged: Array
+    process: Array
+    wrench: Array
+    sensed: Array
+    sensor_filter: Array
+
+
+class Drives(NamedTuple):
+    """What `arm_drives` writes: views of the flat array that the port holds.
+
+    Attributes:
+        signals: (SIGNALS, n) of `joint_tick`.
+        current: (n,) A, as it is reported.
+        joints: (rows, n), the joints' state at the tick's end.
+    """
+
+    signals: Array
+    current: Array
+    joints: Array
+
+
+class Truth(NamedTuple):
+    """What `arm_truth` writes: views of the flat array that the port holds.
+
+    Attributes:
+        wrench: (6,) F_E_W of the environment, N m, N.
+        tau_ext: (n,) N m.
+        contact: (4,) normal force, N, and normal.
+    """
+
+    wrench: Array
+    tau_ext: Array
+    contact: Array
+
+
 class MotionConstants(NamedTuple):
     """The constants of `arm_motion`.
 
     Attributes:
-        layout: ArmLayout, as a plain tuple.
+        layout: of the state.
         scratch: (n, SCRATCH_COLUMNS), overwritten.
         chain: SerialChain.table of the true robot.
         joints: table of TrueJoints.
@@ -85,7 +130,7 @@ class MotionConstants(NamedTuple):
         process: table of MachiningProcess.
     """
 
-    layout: tuple[float, ...]
+    layout: ArmLayout
     scratch: Array
     chain: Array
     joints: Array
@@ -101,7 +146,6 @@ class DriveConstants(NamedTuple):
 
     Attributes:
         layout: as in MotionConstants.
-        work: of `tick_work`, overwritten.
         joints: table of TrueJoints.
         motors: of TrueJoints.
         current: (3, n) table of `measure_current`; (0, n): the true current is reported.
@@ -110,8 +154,7 @@ class DriveConstants(NamedTuple):
             counts for friction.
     """
 
-    layout: tuple[float, ...]
-    work: Array
+    layout: ArmLayout
     joints: Array
     motors: Array
     current: Array
@@ -134,7 +177,7 @@ class MemoryConstants(NamedTuple):
             `variations` the process is steady.
     """
 
-    layout: tuple[float, ...]
+    layout: ArmLayout
     current: Array
     tool: Array
     A: Array
@@ -156,7 +199,7 @@ class TickSignals(NamedTuple):
     Attributes:
         motion: of `arm_motion`.
         drives: of `arm_drives`.
-        truth: (6 + n + 4,) of `arm_truth`; without entries where there is no contact.
+        truth: of `arm_truth`; without entries where there is no contact.
         vdot: (n,) rad/s^2.
         reaction: (6,) on the tool at its mount, N m, N.
     """
@@ -193,7 +236,40 @@ def motion_type(num_joints: int) -> np.dtype[np.void]:
 
 
 @kernel
-def _tick_of(t: float, time_step: float) -> int:
+def arm_state(state: Array, layout: ArmLayout, num_joints: int) -> ArmState:
+    """The parts of a flat state."""
+    lagged = layout.joints
+    process = lagged + num_joints
+    wrench = process + layout.process
+    return ArmState(
+        joints=state[:lagged].reshape(-1, num_joints),
+        lagged=state[lagged:process],
+        process=state[process:wrench],
+        wrench=state[wrench : wrench + 6],
+        sensed=state[wrench + 6 : wrench + 12],
+        sensor_filter=state[wrench + 12 :],
+    )
+
+
+@kernel
+def drive_parts(drives: Array, num_joints: int) -> Drives:
+    """The parts of the flat output of `arm_drives`."""
+    current, joints = SIGNALS * num_joints, (SIGNALS + 1) * num_joints
+    return Drives(
+        signals=drives[:current].reshape(SIGNALS, num_joints),
+        current=drives[current:joints],
+        joints=drives[joints:].reshape(-1, num_joints),
+    )
+
+
+@kernel
+def truth_parts(truth: Array, num_joints: int) -> Truth:
+    """The parts of the flat output of `arm_truth`."""
+    return Truth(truth[:6], truth[6 : 6 + num_joints], truth[6 + num_joints :])
+
+
+@kernel
+def _tick_number(t: float, time_step: float) -> int:
     # As `systems.sampled_block.tick_number`.
     return int(t / time_step + 1e-3)
 
@@ -208,57 +284,43 @@ def _links(motion: Record) -> JointDynamics:
 
 @kernel
 def arm_motion(
-    packed_constants: tuple[Any, ...],
-    t: float,
-    x: Array,
-    state: Array,
-    motion: Record,
+    constants: MotionConstants, t: float, x: Array, state: Array, motion: Record
 ) -> None:
     """Writes the terms, encoder readings and wrench of a sample, before anything is commanded.
 
     Args:
-        packed_constants: MotionConstants, as a plain tuple.
         t: s.
         x: (2n,) q and v of the links, rad, rad/s.
-        state: see ArmLayout.
+        state: flat, of ArmState.
         motion: (1,) of `motion_type`, written.
     """
-    constants = MotionConstants(*packed_constants)
-    joints_size, process_size, time_step = constants.layout
-    n = constants.joints.shape[0]
-    sample = motion[0]
-    copy_to(sample.q, x[:n])
-    copy_to(sample.v, x[n:])
+    n, layout, sample = constants.joints.shape[0], constants.layout, motion[0]
+    arm = arm_state(state.copy(), layout, n)
+    plain(sample.q)[:] = x[:n]
+    plain(sample.v)[:] = x[n:]
     all_terms(constants.chain, motion, constants.scratch)
-    rows = state[:joints_size].reshape(joints_size // n, n)
-    encoder_reading(
-        constants.joints,
-        rows,
-        _links(motion),
-        EncoderSample(constants.on_motor, constants.seed, _tick_of(t, time_step)),
-        plain(sample.q_read),
-        plain(sample.v_read),
-    )
-    wrench = plain(sample.wrench)
+    tick = _tick_number(t, layout.time_step)
+    encoders = EncoderSample(constants.on_motor, constants.seed, tick)
+    q_read, v_read = plain(sample.q_read), plain(sample.v_read)
+    encoder_reading(constants.joints, arm.joints, _links(motion), encoders, q_read, v_read)
+    wrench, applied = plain(sample.wrench), plain(sample.applied)
     wrench[:] = 0.0
     if constants.script.shape[0] > 0:
         sample_script(constants.script, constants.tones, t, wrench)
-    wrench_start = joints_size + n + process_size
-    wrench += state[wrench_start : wrench_start + 6]
-    copy_to(sample.applied, wrench)
-    copy_to(sample.sensed, state[wrench_start + 6 : wrench_start + 12])
-    if process_size > 0:
-        add_unbalance_force(constants.process, t, plain(sample.R_WE), sample.applied[3:])
-    torque, J = sample.torque, sample.J
-    for j in range(n):
-        torque[j] = 0.0
-        for i in range(6):
-            torque[j] += wrench[i] * J[i, j]
+    wrench += arm.wrench
+    applied[:] = wrench
+    plain(sample.sensed)[:] = arm.sensed
+    if layout.process > 0:
+        add_unbalance_force(constants.process, t, plain(sample.R_WE), applied[3:])
+    torque, J = plain(sample.torque), plain(sample.J)
+    torque[:] = 0.0
+    for i in range(6):
+        torque += wrench[i] * J[i]
 
 
 @kernel
 def arm_drives(
-    packed_constants: tuple[Any, ...],
+    constants: DriveConstants,
     t: float,
     motion: Record,
     command: Array,
@@ -268,52 +330,31 @@ def arm_drives(
     """Writes the joints' response to a command.
 
     Args:
-        packed_constants: DriveConstants, as a plain tuple.
         t, state: as in `arm_motion`.
         motion: of `arm_motion`.
         command: (n,) A, of the motors, within the drives' limits.
-        drives: ((SIGNALS + 1) n + joints' state,), written: the signals of `joint_tick`, the
-            current as it is reported, A, and the joints' state at the tick's end.
+        drives: flat, of Drives, written.
     """
-    constants = DriveConstants(*packed_constants)
-    joints_size, _, time_step = constants.layout
-    n, tick = constants.joints.shape[0], _tick_of(t, time_step)
-    noise = np.empty(2 * n)
+    n, time_step = constants.joints.shape[0], constants.layout.time_step
+    arm, out = arm_state(state.copy(), constants.layout, n), drive_parts(drives, n)
+    tick, noise = _tick_number(t, time_step), np.empty(2 * n)
     gaussian_noise(constants.seed, tick, noise)
-    rows = state[:joints_size].reshape(joints_size // n, n)
-    signals = drives[: SIGNALS * n].reshape(SIGNALS, n)
-    current = drives[SIGNALS * n : (SIGNALS + 1) * n]
-    sample = motion[0]
-    joint_command = command
+    joint_command = command.copy()
     if constants.motors.shape[0] > 0:
-        joint_command = np.empty(n)
         mixed_currents(constants.motors[0], command, joint_command)
-    joint_tick(
-        constants.joints,
-        time_step,
-        _links(motion),
-        JointInputs(
-            joint_command,
-            rows[EXTERNAL] if constants.in_contact else plain(sample.torque),
-            noise,
-        ),
-        JointMemory(
-            rows,
-            drives[(SIGNALS + 1) * n :].reshape(joints_size // n, n),
-            signals,
-            constants.work,
-        ),
-    )
+    tau_ext = arm.joints[EXTERNAL] if constants.in_contact else plain(motion[0].torque)
+    inputs = JointInputs(joint_command, tau_ext, noise)
+    memory = JointMemory(arm.joints, out.joints, out.signals)
+    joint_tick(constants.joints, time_step, _links(motion), inputs, memory)
+    motor_current = out.signals[MOTOR_CURRENT]
     if constants.motors.shape[0] > 0:
-        copy_to(joint_command, signals[MOTOR_CURRENT])
-        mixed_currents(constants.motors[1], joint_command, signals[MOTOR_CURRENT])
+        mixed_currents(constants.motors[1], motor_current.copy(), motor_current)
     if constants.current.shape[0] == 0:
-        copy_to(current, signals[MOTOR_CURRENT])
+        out.current[:] = motor_current
     else:
         gaussian_noise(constants.current_seed, tick, noise[:n])
-        lagged = state[joints_size : joints_size + n]
         measure_current(
-            constants.current, time_step, signals[MOTOR_CURRENT], noise[:n], lagged, current
+            constants.current, time_step, motor_current, noise[:n], arm.lagged, out.current
         )
 
 
@@ -333,7 +374,7 @@ def arm_truth(
         contacts: (count or more, 9) force and moment on the tool, and where it is touched.
         tau_contact: (n,) N m.
         motion: of `arm_motion`.
-        truth: (6 + n + 4,), written.
+        truth: (6 + n + 4,) of Truth, written.
     """
     contact, sample = np.zeros(CONTACT_SIZE), motion[0]
     R_WE, p_WE = plain(sample.R_WE), plain(sample.p_WE)
@@ -344,41 +385,35 @@ def arm_truth(
 
 
 @kernel
-def arm_memory(
-    packed_constants: tuple[Any, ...], t: float, packed_signals: tuple[Any, ...], state: Array
-) -> None:
+def arm_memory(constants: MemoryConstants, t: float, signals: TickSignals, state: Array) -> None:
     """Takes a tick into the state of joints, sensors and process.
 
     Args:
-        packed_constants: MemoryConstants, as a plain tuple.
         t: as in `arm_motion`.
-        packed_signals: TickSignals, as a plain tuple.
-        state: see ArmLayout, changed.
+        state: flat, of ArmState, changed.
     """
-    constants, signals = MemoryConstants(*packed_constants), TickSignals(*packed_signals)
-    joints_size, process_size, time_step = constants.layout
-    drives, truth = signals.drives, signals.truth
-    n = signals.vdot.shape[0]
-    state[:joints_size] = drives[(SIGNALS + 1) * n :]
-    if truth.shape[0] > 0:
-        state[EXTERNAL * n : (EXTERNAL + 1) * n] = truth[6 : 6 + n]
+    n, layout = signals.vdot.shape[0], constants.layout
+    arm, drives = arm_state(state, layout, n), drive_parts(signals.drives, n)
+    arm.joints[:] = drives.joints
+    if signals.truth.shape[0] > 0:
+        arm.joints[EXTERNAL] = truth_parts(signals.truth, n).tau_ext
     if constants.current.shape[0] > 0:
-        current = drives[MOTOR_CURRENT * n : (MOTOR_CURRENT + 1) * n]
-        update_lag(constants.current[0], time_step, current, state[joints_size : joints_size + n])
-    if process_size > 0:
-        _take_process(constants, t, signals, state)
+        motor_current = drives.signals[MOTOR_CURRENT]
+        update_lag(constants.current[0], layout.time_step, motor_current, arm.lagged)
+    if layout.process > 0:
+        _take_process(constants, t, signals, arm)
     if constants.tool.shape[0] > 0:
-        _take_tool_wrench(constants, t, signals, state[joints_size + n + process_size + 6 :])
+        _take_tool_wrench(constants, t, signals, arm)
 
 
 @kernel
-def _take_process(constants: MemoryConstants, t: float, signals: TickSignals, state: Array) -> None:
+def _take_process(
+    constants: MemoryConstants, t: float, signals: TickSignals, arm: ArmState
+) -> None:
     """Advances the process, its force on the tool and the vibration of the joints by a tick."""
-    joints_size, process_size, time_step = constants.layout
-    n = signals.vdot.shape[0]
-    wrench_start = joints_size + n + process_size
-    sample, contact = signals.motion[0], signals.truth[6 + n :]
-    V_WE, process = plain(sample.V_WE), state[joints_size + n : wrench_start]
+    sample, time_step = signals.motion[0], constants.layout.time_step
+    contact = truth_parts(signals.truth, signals.vdot.shape[0]).contact
+    V_WE, process = plain(sample.V_WE), arm.process
     if constants.variations.shape[0] == 0:
         advance_process(constants.process, time_step, contact, V_WE, process)
     else:
@@ -391,29 +426,25 @@ def _take_process(constants: MemoryConstants, t: float, signals: TickSignals, st
         )
         tick = ProcessTick(t, time_step, contact, V_WE, plain(sample.p_WE))
         advance_varying_process(constants.process, tables, tick, process)
-    state[wrench_start + 3 : wrench_start + 6] = process[FORCE]
+    arm.wrench[3:] = process[FORCE]
     joint_vibration(
         constants.process,
         plain(sample.M),
         plain(sample.J),
         process[NORMAL_FORCE],
         process[NORMAL],
-        state[VIBRATION * n : (VIBRATION + 1) * n],
+        arm.joints[VIBRATION],
     )
 
 
 @kernel
 def _take_tool_wrench(
-    constants: MemoryConstants, t: float, signals: TickSignals, state: Array
+    constants: MemoryConstants, t: float, signals: TickSignals, arm: ArmState
 ) -> None:
-    """Takes a tick into the force/torque sensor.
-
-    Args:
-        state: the sensor's part of that of ArmLayout, changed.
-    """
+    """Takes a tick into the force/torque sensor."""
     sample, noise = signals.motion[0], np.zeros(6)
     if constants.noise_seed >= 0:
-        gaussian_noise(constants.noise_seed, _tick_of(t, constants.layout[2]), noise)
+        gaussian_noise(constants.noise_seed, _tick_number(t, constants.layout.time_step), noise)
     measure_contact_wrench(
         ToolSensor(constants.tool, constants.A, constants.B, constants.C, constants.noise_sd),
         ToolMotion(
@@ -425,6 +456,6 @@ def _take_tool_wrench(
         ),
         signals.reaction,
         noise,
-        state[:6],
-        state[6:],
+        arm.sensed,
+        arm.sensor_filter,
     )

@@ -25,7 +25,6 @@ from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
-from wrenchsight.models.numerics.views import copy_to, read_only
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
@@ -52,7 +51,6 @@ from wrenchsight.models.truth.joint_kernels import (
     encoder_reading,
     joint_tick,
     mixed_currents,
-    tick_work,
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import true_robot
@@ -314,8 +312,6 @@ def _run(
     tau_ext, vdot = np.zeros(n), np.empty(n)
     wrench = np.zeros(6)
     signals, next_state = np.empty((SIGNALS, n)), np.empty_like(state)
-    work = tick_work(state)
-    state_view, tau_ext_view = read_only(state), read_only(tau_ext)  # as a cell of Drake's has them
     motor_current = signals[MOTOR_CURRENT]
     for k in range(reference.rows.shape[0]):
         tick, reference_row = reference.first + k, reference.rows[k]
@@ -329,10 +325,9 @@ def _run(
                 for axis in range(6):
                     tau_ext[i] += J[axis, i] * wrench[axis]
         encoders = EncoderSample(arm.on_motor, seed + VELOCITY_STREAM, tick)
-        encoder_reading(arm.table, state_view, dynamics, encoders, q_read, v_read)
+        encoder_reading(arm.table, state, dynamics, encoders, q_read, v_read)
         dynamics_terms(control.model, model_dynamics, scratch)
-        integral = read_only(memory.integral)
-        tracking_torque(control.law, model_dynamics, reference_row, integral, tau)
+        tracking_torque(control.law, model_dynamics, reference_row, memory.integral, tau)
         for i in range(n):
             command[i] = tau[i] / control.gain[i]
         gaussian_noise(seed + WANDER_STREAM, tick, wander_noise)
@@ -340,16 +335,15 @@ def _run(
             arm.table,
             time_step,
             dynamics,
-            JointInputs(command, tau_ext_view, wander_noise),
-            JointMemory(state_view, next_state, signals, work),
+            JointInputs(command, tau_ext, wander_noise),
+            JointMemory(state, next_state, signals),
         )
         if arm.motors.shape[0] > 0:
-            copy_to(current, motor_current)
-            mixed_currents(arm.motors[1], current, motor_current)
+            mixed_currents(arm.motors[1], motor_current.copy(), motor_current)
         update_lag(control.bandwidth, time_step, motor_current, lagged)
         if tick % arm.every == 0:
             gaussian_noise(seed, tick, noise)
-            copy_to(current, lagged)
+            current[:] = lagged
             report_current(control.noise_sd, control.resolution, motor_current, noise, current)
             measured = _Measured(q_read, v_read, current, wrench)
             _log_row(log, tick // arm.every, measured, memory, signals)
@@ -357,13 +351,8 @@ def _run(
         for i in range(n):
             torque = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i]
             vdot[i] = torque - dynamics.Cv[i] - dynamics.G[i]
-        if n == 6:  # as in `joint_tick`
-            _step(6, dynamics.M, time_step, vdot, q, v)
-        else:
-            _step(n, dynamics.M, time_step, vdot, q, v)
-        for i in range(state.shape[0]):
-            for j in range(n):
-                state[i, j] = next_state[i, j]
+        _step(dynamics.M, time_step, vdot, q, v)
+        state[:] = next_state
 
 
 class _Measured(NamedTuple):
@@ -392,13 +381,12 @@ def _log_row(log: _Rows, row: int, measured: _Measured, memory: _Memory, signals
 
 
 @kernel(inline="always")
-def _step(n: int, M: Array, time_step: float, vdot: Array, q: Array, v: Array) -> None:
+def _step(M: Array, time_step: float, vdot: Array, q: Array, v: Array) -> None:
     """Takes q and v of the links to the tick's end, in place: M (v+ - v) / h = `vdot`, the torques.
 
     M and `vdot` are overwritten.
     """
-    factorise_in_place(M, n, 0.0)
-    solve_factorised(M, n, vdot)
-    for i in range(n):
-        v[i] += time_step * vdot[i]
-        q[i] += time_step * v[i]
+    factorise_in_place(M, v.shape[0], 0.0)
+    solve_factorised(M, v.shape[0], vdot)
+    v += time_step * vdot
+    q += time_step * v

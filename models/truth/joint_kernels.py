@@ -48,12 +48,12 @@ however stiff the springs. The spring's stiffness is constant and the clip only 
 
 friction never gives more than its springs hold. A ripple with a constant amplitude is a potential;
 one that grows with the load gives nothing over a turn under a constant load. Without displacement
-an element is a damper of RIGID N m s/rad that gives way at its limit.
+an element is a damper of RIGID_DAMPER N m s/rad that gives way at its limit.
 
-The gear's deflection d follows the load as an oscillator damped by DAMPING, and an encoder on the
-motor reads q + d, v + d':
+The gear's deflection d follows the load as an oscillator damped by GEAR_DAMPING, and an encoder on
+the motor reads q + d, v + d':
 
-    d'' + 2 DAMPING w d' + w^2 d = w^2 L / stiffness,   w = 2 pi bandwidth
+    d'' + 2 GEAR_DAMPING w d' + w^2 d = w^2 L / stiffness,   w = 2 pi bandwidth
 
 Friction is the motor's and the gear's, before its springs: v in s_k, limit and c is v + d', and a
 push that only bends the gear turns no friction round. (An element without displacement follows v;
@@ -75,39 +75,44 @@ from wrenchsight.models.machining.tool_vibration import held_share
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
-from wrenchsight.models.numerics.views import borrowed, read_only
 from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 
-RIGID = 1e5
+RIGID_DAMPER = 1e5
 """N m s/rad of an element without displacement: a joint at rest creeps by its torque over this."""
-DAMPING = 0.7
+GEAR_DAMPING = 0.7
 """Of the gear's deflection, of critical."""
-MOVING = 0.05
+NOISE_SPEED = 0.05
 """rad/s above which a joint's current has the noise of its motion."""
-LEAST_WANDER = 0.2
+MIN_WANDER = 0.2
 """Below this share of itself friction does not wander."""
 
-# Columns of the table; then (weight, stiffness, decay) for each slip element, and (amplitude,
-# periods, phase) for each harmonic of the motor's position.
+# Columns of the table.
 STICTION, COULOMB, SPEED, VISCOUS, INVERSE_SATURATION, TEMPERATURE_SHARE = range(6)
 HEATING, INVERSE_TIME, FORWARDS, BACKWARDS, MOTORING, GENERATING = range(6, 12)
-RIPPLES = 12  # three of (amplitude, load share, periods, phase): gear, its other wheel, cogging
+RIPPLES = 12
 GAIN, POLE, COMPLIANCE, FREQUENCY, RESOLUTION, VELOCITY_NOISE, VELOCITY_RESOLUTION = range(24, 31)
 WANDER_SD, WANDER_DECAY, MOVING_NOISE, TRANSITION = range(31, 35)
-ERROR = 35  # of the transmission error: amplitude, periods, phase, 1 / speed
+ERROR_AMPLITUDE, ERROR_PERIODS, ERROR_PHASE, ERROR_INVERSE_SPEED = range(35, 39)
 HARMONICS, ELEMENTS = 39, 40
-# Rows of the state; then three rows a slip element: torque of its spring before the last tick's
-# displacement, and its limits in that tick, N m.
-# VIBRATION: amplitude of the joint's own velocity, rad/s, by a tool that works.
+# From ELEMENTS on for each slip element, and then for each harmonic of the motor's position:
+ELEMENT_WEIGHT, ELEMENT_STIFFNESS, ELEMENT_DECAY, ELEMENT_COLUMNS = range(4)
+HARMONIC_AMPLITUDE, HARMONIC_PERIODS, HARMONIC_PHASE, HARMONIC_COLUMNS = range(4)
+# From RIPPLES on for each of the gear, its other wheel, and cogging:
+RIPPLE_AMPLITUDE, RIPPLE_LOAD_SHARE, RIPPLE_PERIODS, RIPPLE_PHASE, RIPPLE_COLUMNS = range(5)
+NUM_RIPPLES = 3
+
+# Rows of the state; VIBRATION: amplitude of the joint's own velocity, rad/s, by a tool that works.
 CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, VIBRATION, SLIPS = range(9)
+# From SLIPS on for each slip element, N m: torque of its spring before the last tick's
+# displacement, and its limits in that tick.
+SLIP_SPRING, SLIP_LOW, SLIP_HIGH, SLIP_ROWS = range(4)
 # Rows of the signals of a tick.
-TAU_J, TORQUE, TAU_F, MOTOR_CURRENT = range(4)
-SIGNALS = 4
-# Rows of the work: torque that is not solved for, damper, velocity at the end, Newton's step and
-# trial, gradient, elements' curvature, right side; then two matrices of n rows, and of K rows each
-# the elements' stiffness, torque at rest, least and greatest torque.
-FORCE, DAMPER, END, STEP, TRIAL, GRADIENT, CURVATURE, RIGHT, MATRIX = range(9)
+TAU_J, TORQUE, TAU_F, MOTOR_CURRENT, SIGNALS = range(5)
+
+_MAX_STEPS = 60  # of Newton's method
+_ROOT_TOLERANCE = 1e-13  # of the torque, relative to 1 N m and the right side
+_MIN_STEP_SHARE = 1e-6  # of a Newton step, that the line search tries
 
 
 class JointInputs(NamedTuple):
@@ -133,13 +138,11 @@ class JointMemory(NamedTuple):
         signals: (SIGNALS, n), written: motor torque, all other generalized force on the links
             (friction, ripple, cogging), true friction (minus the former), N m; motor current with
             the noise of its motion, A.
-        work: of `tick_work`, overwritten.
     """
 
     state: Array
     next_state: Array
     signals: Array
-    work: Array
 
 
 class EncoderSample(NamedTuple):
@@ -155,12 +158,46 @@ class EncoderSample(NamedTuple):
     tick: int
 
 
+class ElementTorques(NamedTuple):
+    """The slip elements of a tick as functions of the velocity at its end, (K, n).
+
+    Torque of an element: spring + stiffness v+, within low and high.
+
+    Attributes:
+        stiffness: N m s/rad, of an element that does not slide.
+        spring: N m, at v+ = 0.
+        low, high: N m, limits.
+    """
+
+    stiffness: Array
+    spring: Array
+    low: Array
+    high: Array
+
+
+class Balance(NamedTuple):
+    """The equation for the velocity v+ at the tick's end, at the top of this file.
+
+    Attributes:
+        force: (n,) N m, of all that is not solved for.
+        damper: (n,) N m s/rad.
+        elements: the slip elements.
+        end_velocity: (n,) rad/s, v+; written by `velocity_after`.
+    """
+
+    force: Array
+    damper: Array
+    elements: ElementTorques
+    end_velocity: Array
+
+
 @kernel
-def tick_work(state: Array) -> Array:
-    """Working memory that `joint_tick` overwrites: made once, as each allocation takes time."""
-    n = state.shape[1]
-    K = (state.shape[0] - SLIPS) // 3
-    return np.empty((MATRIX + 2 * n + 4 * K, n))
+def new_balance(n: int, K: int) -> Balance:
+    """A balance of n joints with K slip elements each, to be written."""
+    elements = ElementTorques(
+        np.empty((K, n)), np.empty((K, n)), np.empty((K, n)), np.empty((K, n))
+    )
+    return Balance(np.empty(n), np.empty(n), elements, np.empty(n))
 
 
 @kernel
@@ -176,69 +213,36 @@ def joint_tick(
         inputs: of the tick.
         memory: its state at the beginning is read, the other arrays are written.
     """
-    n = memory.state.shape[1]
-    K = (memory.state.shape[0] - SLIPS) // 3
-    # The steps below hand these on: counting the references would cost more than the arithmetic.
-    table = borrowed(table)
-    links = JointDynamics(
-        borrowed(links.M),
-        borrowed(links.Cv),
-        borrowed(links.G),
-        borrowed(links.q),
-        borrowed(links.v),
-    )
-    inputs = JointInputs(
-        borrowed(inputs.command), borrowed(read_only(inputs.tau_ext)), borrowed(inputs.noise)
-    )
-    memory = JointMemory(
-        borrowed(read_only(memory.state)),
-        borrowed(memory.next_state),
-        borrowed(memory.signals),
-        borrowed(memory.work),
-    )
-    # The usual arm: loops over numbers that the compiler knows take less time, with equal bits.
-    if n == 6 and K == 3:
-        _tick(6, 3, table, time_step, links, inputs, memory)
-    else:
-        _tick(n, K, table, time_step, links, inputs, memory)
-
-
-# The steps are inlined: twice, for six joints with three elements and for any number.
-@kernel(forceinline=True)
-def _tick(
-    n: int,
-    K: int,
-    table: Array,
-    time_step: float,
-    links: JointDynamics,
-    inputs: JointInputs,
-    memory: JointMemory,
-) -> None:
-    """`joint_tick` of n joints with K slip elements each."""
+    state, signals = memory.state, memory.signals
+    n, K = state.shape[1], (state.shape[0] - SLIPS) // SLIP_ROWS
+    balance = new_balance(n, K)
     for i in range(n):
-        motor_velocity = links.v[i] + memory.state[RATE, i]
-        load = memory.state[TRANSMITTED, i]
+        motor_velocity = links.v[i] + state[RATE, i]
+        load = state[TRANSMITTED, i]
         if math.isnan(load):
             load = links.G[i]
-        _drive(n, i, table, motor_velocity, inputs, memory)
+        _drive(i, table, motor_velocity, inputs, memory)
         wander = _wander(i, table, inputs.noise, memory)
         limits = _dry_limits(i, table, motor_velocity, load, wander, memory)
-        dry_damper = _set_elements(K, i, table, time_step, links.v[i], limits, memory)
-        _set_damper(i, table, motor_velocity, wander, dry_damper, memory)
-        position_torque = _position_torque(K, i, table, links, load, memory.state)
-        memory.signals[TAU_F, i] = position_torque
-        memory.work[FORCE, i] = (
-            memory.signals[TAU_J, i]
+        dry_damper = _set_elements(i, table, time_step, links.v[i], limits, state, balance.elements)
+        balance.damper[i] = dry_damper + _viscous_damper(
+            i, table, motor_velocity, wander, state[RISE, i]
+        )
+        position_torque = _position_torque(K, i, table, links, load, state)
+        signals[TAU_F, i] = position_torque
+        balance.force[i] = (
+            signals[TAU_J, i]
             + inputs.tau_ext[i]
             - links.Cv[i]
             - links.G[i]
             - position_torque
-            - memory.work[DAMPER, i] * memory.state[RATE, i]
+            - balance.damper[i] * state[RATE, i]
         )
-    velocity_after(n, K, links.M, time_step, links.v, memory.work)
+    velocity_after(links.M, time_step, links.v, balance)
     for i in range(n):
-        dissipative = _friction_after(K, i, memory)
-        _set_rise(i, table, time_step, dissipative, memory)
+        dissipative = _friction_after(i, balance, memory)
+        motor_velocity = balance.end_velocity[i] + state[RATE, i]
+        _set_rise(i, table, time_step, dissipative * motor_velocity, memory)
         _set_deflection(i, table, time_step, links.G[i], memory)
         memory.next_state[EXTERNAL, i] = inputs.tau_ext[i]
 
@@ -251,9 +255,8 @@ class _Limits(NamedTuple):
     velocity: float  # rad/s, of the motor
 
 
-@kernel(forceinline=True)
+@kernel
 def _drive(
-    n: int,
     i: int,
     table: Array,
     motor_velocity: float,
@@ -262,17 +265,16 @@ def _drive(
 ) -> None:
     """Writes joint i's current loop into the next state, its torque and current to the signals."""
     pole, command = table[i, POLE], inputs.command[i]
+    current_noise = inputs.noise[inputs.command.shape[0] + i]
     current = memory.state[CURRENT, i]
     current = command if math.isnan(current) else pole * current + (1 - pole) * command
     memory.next_state[CURRENT, i] = current
-    current_noise = (
-        table[i, MOVING_NOISE] * math.tanh(abs(motor_velocity) / MOVING) * inputs.noise[n + i]
-    )
+    noise_sd = table[i, MOVING_NOISE] * math.tanh(abs(motor_velocity) / NOISE_SPEED)
     memory.signals[TAU_J, i] = table[i, GAIN] * current
-    memory.signals[MOTOR_CURRENT, i] = current + current_noise
+    memory.signals[MOTOR_CURRENT, i] = current + noise_sd * current_noise
 
 
-@kernel(forceinline=True)
+@kernel
 def _wander(i: int, table: Array, noise: Array, memory: JointMemory) -> float:
     """Writes joint i's wander into the next state; returns the factor of its friction."""
     decay = table[i, WANDER_DECAY]
@@ -280,10 +282,10 @@ def _wander(i: int, table: Array, noise: Array, memory: JointMemory) -> float:
     if not math.isnan(memory.state[WANDER, i]):
         wander = decay * memory.state[WANDER, i] + math.sqrt(1.0 - decay * decay) * wander
     memory.next_state[WANDER, i] = wander
-    return float(max(1.0 + wander, LEAST_WANDER))
+    return float(max(1.0 + wander, MIN_WANDER))
 
 
-@kernel(forceinline=True)
+@kernel
 def _dry_limits(
     i: int,
     table: Array,
@@ -308,127 +310,114 @@ def _dry_limits(
     return _Limits(forwards, backwards, motor_velocity)
 
 
-@kernel(forceinline=True)
+@kernel
 def _set_elements(
-    K: int,
     i: int,
     table: Array,
     time_step: float,
     v: float,
     limits: _Limits,
-    memory: JointMemory,
+    state: Array,
+    elements: ElementTorques,
 ) -> float:
-    """Writes joint i's slip elements into the work; returns the damper of grease, N m s/rad.
+    """Writes joint i's slip elements; returns the damper of grease, N m s/rad.
 
     Where dry friction is a function of velocity, as in grease, it is that damper and no element
     slides.
     """
-    forwards, backwards, motor_velocity = limits
-    work, rate = memory.work, memory.state[RATE, i]
-    stiffness_row = MATRIX + 2 * work.shape[1]
-    spring_row, low_row, high_row = stiffness_row + K, stiffness_row + 2 * K, stiffness_row + 3 * K
     element_share, dry_damper = 1.0, 0.0
     if table[i, TRANSITION] > 0.0:
         element_share = 0.0
-        dry_damper = (forwards if motor_velocity > 0.0 else backwards) * _even_slope(
-            motor_velocity, table[i, TRANSITION]
-        )
-    for k in range(K):
-        weight = element_share * table[i, ELEMENTS + 3 * k]
-        work[stiffness_row + k, i] = table[i, ELEMENTS + 3 * k + 1] * time_step
-        decay = table[i, ELEMENTS + 3 * k + 2]
-        work[spring_row + k, i] = decay * spring_torque(table, time_step, memory.state, i, k, v)
+        level = limits.forwards if limits.velocity > 0.0 else limits.backwards
+        dry_damper = level * _even_slope(limits.velocity, table[i, TRANSITION])
+    for k in range(elements.spring.shape[0]):
+        column = ELEMENTS + ELEMENT_COLUMNS * k
+        weight = element_share * table[i, column + ELEMENT_WEIGHT]
+        stiffness = table[i, column + ELEMENT_STIFFNESS] * time_step
+        decay = table[i, column + ELEMENT_DECAY]
+        spring = decay * spring_torque(table, time_step, state, i, k, v)
         if decay > 0.0:
-            work[spring_row + k, i] += work[stiffness_row + k, i] * rate
-        work[high_row + k, i], work[low_row + k, i] = weight * forwards, -weight * backwards
+            spring += stiffness * state[RATE, i]
+        elements.stiffness[k, i], elements.spring[k, i] = stiffness, spring
+        elements.low[k, i] = -weight * limits.backwards
+        elements.high[k, i] = weight * limits.forwards
     return dry_damper
 
 
-@kernel(forceinline=True)
-def _set_damper(
-    i: int,
-    table: Array,
-    motor_velocity: float,
-    wander: float,
-    dry_damper: float,
-    memory: JointMemory,
-) -> None:
-    """Writes joint i's damper into the work: viscous friction, less when warm, and grease."""
-    damper = (
-        table[i, VISCOUS] * wander * math.exp(-table[i, TEMPERATURE_SHARE] * memory.state[RISE, i])
-    )
-    damper /= 1.0 + abs(motor_velocity) * table[i, INVERSE_SATURATION]
-    memory.work[DAMPER, i] = damper + dry_damper
+@kernel
+def _viscous_damper(
+    i: int, table: Array, motor_velocity: float, wander: float, rise: float
+) -> float:
+    """Joint i's viscous friction, less when warmer by a rise (K), N m s/rad."""
+    damper = table[i, VISCOUS] * wander * math.exp(-table[i, TEMPERATURE_SHARE] * rise)
+    return float(damper / (1.0 + abs(motor_velocity) * table[i, INVERSE_SATURATION]))
 
 
-@kernel(forceinline=True)
+@kernel
 def _position_torque(
     K: int, i: int, table: Array, links: JointDynamics, load: float, state: Array
 ) -> float:
     """Ripple, transmission error and harmonics of joint i at its position, N m."""
     q, position_torque = links.q[i], 0.0
-    for k in range(RIPPLES, RIPPLES + 12, 4):
-        amplitude = table[i, k] + table[i, k + 1] * abs(load)
-        position_torque += amplitude * math.sin(table[i, k + 2] * q + table[i, k + 3])
-    if table[i, ERROR] > 0.0:
+    for k in range(NUM_RIPPLES):
+        ripple = RIPPLES + RIPPLE_COLUMNS * k
+        amplitude = table[i, ripple + RIPPLE_AMPLITUDE]
+        amplitude += table[i, ripple + RIPPLE_LOAD_SHARE] * abs(load)
+        angle = table[i, ripple + RIPPLE_PERIODS] * q + table[i, ripple + RIPPLE_PHASE]
+        position_torque += amplitude * math.sin(angle)
+    if table[i, ERROR_AMPLITUDE] > 0.0:
         motor_velocity = links.v[i] + state[RATE, i]
-        share = (motor_velocity * table[i, ERROR + 3]) ** 2
-        share /= 1.0 + share
-        wave = math.sin(table[i, ERROR + 1] * q + table[i, ERROR + 2])
-        position_torque += table[i, ERROR] * share * wave
-    count = int(table[i, HARMONICS])
-    if count > 0:
-        motor_position = q + deflection(table, i, state[DEFLECTION, i], links.G[i])
-        first = ELEMENTS + 3 * K
-        for k in range(first, first + 3 * count, 3):
-            position_torque += table[i, k] * math.sin(
-                table[i, k + 1] * motor_position + table[i, k + 2]
-            )
+        speed_ratio2 = (motor_velocity * table[i, ERROR_INVERSE_SPEED]) ** 2
+        wave = math.sin(table[i, ERROR_PERIODS] * q + table[i, ERROR_PHASE])
+        share = speed_ratio2 / (1.0 + speed_ratio2)
+        position_torque += table[i, ERROR_AMPLITUDE] * share * wave
+    motor_position = q + deflection(table, i, state[DEFLECTION, i], links.G[i])
+    for k in range(int(table[i, HARMONICS])):
+        harmonic = ELEMENTS + ELEMENT_COLUMNS * K + HARMONIC_COLUMNS * k
+        angle = table[i, harmonic + HARMONIC_PERIODS] * motor_position
+        angle += table[i, harmonic + HARMONIC_PHASE]
+        position_torque += table[i, harmonic + HARMONIC_AMPLITUDE] * math.sin(angle)
     return position_torque
 
 
-@kernel(forceinline=True)
-def _friction_after(K: int, i: int, memory: JointMemory) -> float:
+@kernel
+def element_torque(elements: ElementTorques, k: int, i: int, v: float) -> float:
+    """Torque of joint i's element k at the velocity v (rad/s) at the tick's end, N m."""
+    torque = elements.spring[k, i] + elements.stiffness[k, i] * v
+    return float(min(max(torque, elements.low[k, i]), elements.high[k, i]))
+
+
+@kernel
+def _friction_after(i: int, balance: Balance, memory: JointMemory) -> float:
     """Writes joint i's friction at the velocity after the tick into signals and next state.
 
     Returns:
         The part that dissipates, N m: of elements and damper.
     """
-    state, next_state, signals, work = memory
-    stiffness_row = MATRIX + 2 * work.shape[1]
-    spring_row, low_row, high_row = stiffness_row + K, stiffness_row + 2 * K, stiffness_row + 3 * K
-    slip = 0.0
-    for k in range(K):
-        s = min(
-            max(
-                work[spring_row + k, i] + work[stiffness_row + k, i] * work[END, i],
-                work[low_row + k, i],
-            ),
-            work[high_row + k, i],
-        )
-        next_state[SLIPS + 3 * k, i] = work[spring_row + k, i]
-        next_state[SLIPS + 3 * k + 1, i] = work[low_row + k, i]
-        next_state[SLIPS + 3 * k + 2, i] = work[high_row + k, i]
-        slip += s
-    dissipative = slip + work[DAMPER, i] * (work[END, i] + state[RATE, i])
+    next_state, signals, elements = memory.next_state, memory.signals, balance.elements
+    v = balance.end_velocity[i]
+    dissipative = balance.damper[i] * (v + memory.state[RATE, i])
+    for k in range(elements.spring.shape[0]):
+        dissipative += element_torque(elements, k, i, v)
+        slip = SLIPS + SLIP_ROWS * k
+        next_state[slip + SLIP_SPRING, i] = elements.spring[k, i]
+        next_state[slip + SLIP_LOW, i] = elements.low[k, i]
+        next_state[slip + SLIP_HIGH, i] = elements.high[k, i]
     signals[TAU_F, i] += dissipative
     signals[TORQUE, i] = -signals[TAU_F, i]
     next_state[TRANSMITTED, i] = signals[TAU_J, i] - signals[TAU_F, i]
     return float(dissipative)
 
 
-@kernel(forceinline=True)
-def _set_rise(
-    i: int, table: Array, time_step: float, dissipative: float, memory: JointMemory
-) -> None:
-    """Writes joint i's rise of temperature, K, by the heat of its friction (N m)."""
-    motor_velocity = memory.work[END, i] + memory.state[RATE, i]
-    heat = table[i, HEATING] * dissipative * motor_velocity
+@kernel
+def _set_rise(i: int, table: Array, time_step: float, power: float, memory: JointMemory) -> None:
+    """Writes joint i's rise of temperature, K, by the power of its friction (W)."""
     rise = memory.state[RISE, i]
-    memory.next_state[RISE, i] = rise + time_step * table[i, INVERSE_TIME] * (heat - rise)
+    change = table[i, INVERSE_TIME] * (table[i, HEATING] * power - rise)
+    memory.next_state[RISE, i] = rise + time_step * change
 
 
-@kernel(forceinline=True)
+@kernel
 def _set_deflection(i: int, table: Array, time_step: float, G: float, memory: JointMemory) -> None:
     """Writes the deflection of joint i's gear, and its rate, under the load of this tick."""
     # Implicit in its own rate: stable at any step.
@@ -436,7 +425,7 @@ def _set_deflection(i: int, table: Array, time_step: float, G: float, memory: Jo
     d = deflection(table, i, memory.state[DEFLECTION, i], G)
     transmitted = memory.next_state[TRANSMITTED, i]
     push = w * table[i, FREQUENCY] * (transmitted * table[i, COMPLIANCE] - d)
-    rate = (memory.state[RATE, i] + push) / (1.0 + 2.0 * DAMPING * w + w * w)
+    rate = (memory.state[RATE, i] + push) / (1.0 + 2.0 * GEAR_DAMPING * w + w * w)
     memory.next_state[RATE, i], memory.next_state[DEFLECTION, i] = rate, d + time_step * rate
 
 
@@ -454,9 +443,10 @@ def spring_torque(table: Array, time_step: float, state: Array, i: int, k: int, 
     It follows the displacement that the links really made. That is the predicted one where only
     the known torques acted: contact forces are known a tick late.
     """
-    row = SLIPS + 3 * k
-    s = state[row, i] + table[i, ELEMENTS + 3 * k + 1] * time_step * v
-    return float(min(max(s, state[row + 1, i]), state[row + 2, i]))
+    slip = SLIPS + SLIP_ROWS * k
+    stiffness = table[i, ELEMENTS + ELEMENT_COLUMNS * k + ELEMENT_STIFFNESS]
+    torque = state[slip + SLIP_SPRING, i] + stiffness * time_step * v
+    return float(min(max(torque, state[slip + SLIP_LOW, i]), state[slip + SLIP_HIGH, i]))
 
 
 @kernel
@@ -515,77 +505,97 @@ def encoder_reading(
             v_read[i] = np.rint(v_read[i] / step) * step
 
 
-@kernel(forceinline=True)
-def velocity_after(n: int, K: int, M: Array, time_step: float, v: Array, work: Array) -> None:
-    """Writes v+ (n,) at the tick's end into row END: the equation at the top of this file.
+class _Newton(NamedTuple):
+    """What Newton's method knows of the balance at a velocity.
+
+    Attributes:
+        mass_rate: (n, n) M / h with the dampers, kg m^2/s.
+        right: (n,) N m, right side of the equation.
+        gradient: (n,) N m: left minus right side.
+        curvature: (n,) N m s/rad, of the elements that do not slide.
+    """
+
+    mass_rate: Array
+    right: Array
+    gradient: Array
+    curvature: Array
+
+
+@kernel
+def velocity_after(M: Array, time_step: float, v: Array, balance: Balance) -> None:
+    """Writes the velocity at the tick's end: the equation at the top of this file.
 
     Args:
-        n, K: joints, and slip elements of each.
         M: (n, n) kg m^2.
         v: (n,) at the beginning, rad/s.
-        work: of `tick_work`. Row FORCE: N m, of all that is not solved for; DAMPER: N m s/rad;
-            the last 4 K: torque per velocity of an element that does not slide, N m s/rad, torque
-            of the elements at rest, and their limits, N m. The others are overwritten.
+        balance: its end_velocity is written, all else is read.
     """
-    L, step = work[MATRIX + n : MATRIX + 2 * n], work[STEP]
+    n, end = v.shape[0], balance.end_velocity
+    newton = _Newton(np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n))
+    factor, step, trial = np.empty((n, n)), np.empty(n), np.empty(n)
     for i in range(n):
-        work[RIGHT, i] = work[FORCE, i]
+        newton.right[i] = balance.force[i]
         for j in range(n):
-            work[MATRIX + i, j] = M[i, j] / time_step
-            work[RIGHT, i] += work[MATRIX + i, j] * v[j]
-        work[MATRIX + i, i] += work[DAMPER, i]
-        work[END, i] = v[i]
-    value = _potential(n, K, END, work)
-    for _ in range(60):
-        size = 0.0
-        for i in range(n):
-            size = max(size, abs(work[GRADIENT, i]) / (1.0 + abs(work[RIGHT, i])))
-        if not size > 1e-13:
+            newton.mass_rate[i, j] = M[i, j] / time_step
+            newton.right[i] += newton.mass_rate[i, j] * v[j]
+        newton.mass_rate[i, i] += balance.damper[i]
+        end[i] = v[i]
+    value = _potential(end, balance.elements, newton)
+    for _ in range(_MAX_STEPS):
+        if not _largest_residual(newton) > _ROOT_TOLERANCE:
             break
-        for i in range(n):
-            for j in range(i + 1):
-                L[i, j] = work[MATRIX + i, j]
-            L[i, i] += work[CURVATURE, i]
-            step[i] = -work[GRADIENT, i]
-        factorise_in_place(L, n, 0.0)
-        solve_factorised(L, n, step)
         slope = 0.0
         for i in range(n):
-            slope += work[GRADIENT, i] * step[i]
-        share = 1.0
+            for j in range(n):
+                factor[i, j] = newton.mass_rate[i, j]
+            factor[i, i] += newton.curvature[i]
+            step[i] = -newton.gradient[i]
+        factorise_in_place(factor, n, 0.0)
+        solve_factorised(factor, n, step)
         for i in range(n):
-            work[TRIAL, i] = work[END, i] + step[i]
-        lower = _potential(n, K, TRIAL, work)
-        while lower > value + 1e-4 * share * slope + 1e-15 * abs(value) and share > 1e-6:
-            share *= 0.5
+            slope += newton.gradient[i] * step[i]
+        share, lower = 1.0, math.inf
+        while True:
             for i in range(n):
-                work[TRIAL, i] = work[END, i] + share * step[i]
-            lower = _potential(n, K, TRIAL, work)
+                trial[i] = end[i] + share * step[i]
+            lower = _potential(trial, balance.elements, newton)
+            bound = value + 1e-4 * share * slope + 1e-15 * abs(value)
+            if not lower > bound or not share > _MIN_STEP_SHARE:
+                break
+            share *= 0.5
         for i in range(n):
-            work[END, i] = work[TRIAL, i]
+            end[i] = trial[i]
         value = lower
 
 
-@kernel(forceinline=True)
-def _potential(n: int, K: int, row: int, work: Array) -> float:
-    """Value at the velocity in a row of `work`; writes its gradient and the elements' curvature."""
+@kernel
+def _largest_residual(newton: _Newton) -> float:
+    """The largest gradient, relative to 1 N m and the right side."""
+    largest = 0.0
+    for i in range(newton.right.shape[0]):
+        largest = max(largest, abs(newton.gradient[i]) / (1.0 + abs(newton.right[i])))
+    return largest
+
+
+@kernel
+def _potential(velocity: Array, elements: ElementTorques, newton: _Newton) -> float:
+    """Value at a velocity (n,); writes its gradient and the elements' curvature."""
     value = 0.0
-    stiffness_row = MATRIX + 2 * n
-    spring_row, low_row, high_row = stiffness_row + K, stiffness_row + 2 * K, stiffness_row + 3 * K
-    for i in range(n):
-        v = work[row, i]
-        gradient = -work[RIGHT, i]
-        for j in range(n):
-            gradient += work[MATRIX + i, j] * work[row, j]
-        value += 0.5 * v * (gradient - work[RIGHT, i])
+    for i in range(velocity.shape[0]):
+        v = velocity[i]
+        gradient = -newton.right[i]
+        for j in range(velocity.shape[0]):
+            gradient += newton.mass_rate[i, j] * velocity[j]
+        value += 0.5 * v * (gradient - newton.right[i])
         curvature = 0.0
-        for k in range(K):
-            s = work[spring_row + k, i] + work[stiffness_row + k, i] * v
-            clipped = min(max(s, work[low_row + k, i]), work[high_row + k, i])
-            # The integral of clip(s) over v, from where the spring is relaxed.
-            value += clipped * (s - 0.5 * clipped) / work[stiffness_row + k, i]
-            gradient += clipped
-            if clipped == s:
-                curvature += work[stiffness_row + k, i]
-        work[GRADIENT, i], work[CURVATURE, i] = gradient, curvature
+        for k in range(elements.spring.shape[0]):
+            stiffness = elements.stiffness[k, i]
+            unclipped = elements.spring[k, i] + stiffness * v
+            torque = element_torque(elements, k, i, v)
+            # The integral of the torque over v, from where the spring is relaxed.
+            value += torque * (unclipped - 0.5 * torque) / stiffness
+            gradient += torque
+            if torque == unclipped:
+                curvature += stiffness
+        newton.gradient[i], newton.curvature[i] = gradient, curvature
     return value

@@ -31,12 +31,20 @@ from wrenchsight.models.truth.joint_kernels import (
     COULOMB,
     CURRENT,
     DEFLECTION,
+    ELEMENT_COLUMNS,
+    ELEMENT_DECAY,
+    ELEMENT_STIFFNESS,
+    ELEMENT_WEIGHT,
     ELEMENTS,
-    ERROR,
+    ERROR_AMPLITUDE,
     FORWARDS,
     FREQUENCY,
     GAIN,
     GENERATING,
+    HARMONIC_AMPLITUDE,
+    HARMONIC_COLUMNS,
+    HARMONIC_PERIODS,
+    HARMONIC_PHASE,
     HARMONICS,
     HEATING,
     INVERSE_SATURATION,
@@ -45,9 +53,11 @@ from wrenchsight.models.truth.joint_kernels import (
     MOVING_NOISE,
     POLE,
     RESOLUTION,
-    RIGID,
+    RIGID_DAMPER,
+    RIPPLE_COLUMNS,
     RIPPLES,
     RISE,
+    SLIP_ROWS,
     SLIPS,
     SPEED,
     STICTION,
@@ -98,7 +108,8 @@ class TrueJoints:
     @property
     def num_elements(self) -> int:
         """Number of slip elements of each joint, K."""
-        return int(self.table.shape[1] - ELEMENTS) // 3 - int(self.table[0, HARMONICS])
+        harmonic_columns = HARMONIC_COLUMNS * int(self.table[0, HARMONICS])
+        return (int(self.table.shape[1]) - ELEMENTS - harmonic_columns) // ELEMENT_COLUMNS
 
     @property
     def compliance(self) -> Array:
@@ -107,7 +118,7 @@ class TrueJoints:
 
     def initial_state(self) -> Array:
         """(SLIPS + 3 K, n) of joints at rest, springs relaxed, gears settled under their load."""
-        state = np.zeros((SLIPS + 3 * self.num_elements, self.num_joints))
+        state = np.zeros((SLIPS + SLIP_ROWS * self.num_elements, self.num_joints))
         state[[CURRENT, TRANSMITTED, DEFLECTION, WANDER]] = math.nan
         state[RISE] = self.start_rise
         return state
@@ -146,7 +157,8 @@ class TrueJoints:
         for i in range(self.num_joints):
             for k in range(self.num_elements):
                 torque = spring_torque(self.table, self.time_step, state, i, k, v[i])
-                energy[i] += torque**2 / (2.0 * self.table[i, ELEMENTS + 3 * k + 1])
+                stiffness = self.table[i, ELEMENTS + ELEMENT_COLUMNS * k + ELEMENT_STIFFNESS]
+                energy[i] += torque**2 / (2.0 * stiffness)
         return energy
 
     @classmethod
@@ -168,7 +180,7 @@ class TrueJoints:
         reader = _Reader(robot)
         slip = config.slip or SlipConfig(displacement=[0.0] * robot.num_joints)
         ripple = config.ripple or RippleConfig()
-        table = np.zeros((robot.num_joints, ELEMENTS + 3 * len(slip.weight)))
+        table = np.zeros((robot.num_joints, ELEMENTS + ELEMENT_COLUMNS * len(slip.weight)))
         _pack_friction(table, robot, config, reader, time_step)
         _pack_position(table, robot, config, reader)
         _pack_drive(table, robot, config, reader, time_step)
@@ -227,7 +239,8 @@ def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader:
     speed = reader.per_joint(error, "speed")
     if np.any((amplitude > 0.0) & (speed == 0.0)):
         raise reader.error(error, "speed", "0", "a speed above 0 where there is an amplitude")
-    table[:, ERROR : ERROR + 4] = np.stack([amplitude, periods, phases[3], _inverse(speed)], axis=1)
+    transmission_error = np.stack([amplitude, periods, phases[3], _inverse(speed)], axis=1)
+    table[:, ERROR_AMPLITUDE : ERROR_AMPLITUDE + 4] = transmission_error
     if config.ripple is None and config.motor is None:
         phases[:] = 0.0  # the plain truth's
     ripple, motor = config.ripple or RippleConfig(), config.motor or MotorConfig()
@@ -250,7 +263,8 @@ def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader:
         phases[2],
     ]
     for k, columns in enumerate((gear, second_wheel, cogging)):
-        table[:, RIPPLES + 4 * k : RIPPLES + 4 * k + 4] = np.stack(columns, axis=1)
+        first = RIPPLES + RIPPLE_COLUMNS * k
+        table[:, first : first + RIPPLE_COLUMNS] = np.stack(columns, axis=1)
 
 
 def _pack_drive(
@@ -301,17 +315,20 @@ def _pack_elements(table: Array, slip: SlipConfig, reader: "_Reader", time_step:
         reach = displacement * slip.spread[k]
         is_rigid = reach == 0.0
         level = weight[k] * table[:, COULOMB]
-        stiffness = np.where(is_rigid, RIGID / time_step, level / np.where(is_rigid, 1.0, reach))
+        stiffness = np.where(
+            is_rigid, RIGID_DAMPER / time_step, level / np.where(is_rigid, 1.0, reach)
+        )
         # A damper would follow the link and turn round whenever a push bends the gear. Before a
         # gear an element is a spring, as stiff as the tick bears.
         is_bent = is_rigid & (table[:, COMPLIANCE] > 0.0)
         bending = (time_step * table[:, FREQUENCY]) ** 2 * table[:, COMPLIANCE]
         bearable = _MAX_DEFLECTION_SHARE * weight[k] / np.where(is_bent, bending, 1.0)
         stiffness = np.where(is_bent, np.minimum(stiffness, bearable), stiffness)
-        table[:, ELEMENTS + 3 * k] = weight[k]
-        table[:, ELEMENTS + 3 * k + 1] = np.maximum(stiffness, _MIN_STIFFNESS / time_step)
+        element = table[:, ELEMENTS + ELEMENT_COLUMNS * k :]
+        element[:, ELEMENT_WEIGHT] = weight[k]
+        element[:, ELEMENT_STIFFNESS] = np.maximum(stiffness, _MIN_STIFFNESS / time_step)
         decay = math.exp(-time_step / slip.creep_time[k])
-        table[:, ELEMENTS + 3 * k + 2] = np.where(is_rigid & ~is_bent, 0.0, decay)
+        element[:, ELEMENT_DECAY] = np.where(is_rigid & ~is_bent, 0.0, decay)
 
 
 def _harmonics(ripple: RippleConfig, individual: int, reader: "_Reader") -> Array:
@@ -326,11 +343,11 @@ def _harmonics(ripple: RippleConfig, individual: int, reader: "_Reader") -> Arra
     n = reader.num_joints
     shape = (len(periods), n)
     phases = np.random.default_rng([individual, _HARMONIC_STREAM]).uniform(0.0, 2.0 * np.pi, shape)
-    columns = np.empty((n, 3 * len(periods)))
+    harmonics = np.empty((n, len(periods), HARMONIC_COLUMNS))
+    harmonics[..., HARMONIC_PERIODS], harmonics[..., HARMONIC_PHASE] = periods, phases.T
     for k, row in enumerate(amplitudes):
-        columns[:, 3 * k] = reader.numbers(ripple, "motor_amplitudes", row)
-        columns[:, 3 * k + 1], columns[:, 3 * k + 2] = periods[k], phases[k]
-    return columns
+        harmonics[:, k, HARMONIC_AMPLITUDE] = reader.numbers(ripple, "motor_amplitudes", row)
+    return harmonics.reshape(n, -1)
 
 
 def _inverse(values: Array) -> Array:

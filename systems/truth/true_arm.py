@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -22,6 +22,7 @@ from wrenchsight.models.truth.arm_tick import (
     DriveConstants,
     MemoryConstants,
     MotionConstants,
+    TickSignals,
     arm_drives,
     arm_memory,
     arm_motion,
@@ -29,7 +30,6 @@ from wrenchsight.models.truth.arm_tick import (
     motion_type,
 )
 from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
-from wrenchsight.models.truth.joint_kernels import tick_work
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.systems.force_torque_sensor import NO_SENSOR, ForceTorqueSensor
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -97,7 +97,7 @@ class TrueArm(SampledBlock):
              spatial_forces    list of one ExternallyAppliedSpatialForce (abstract); where anything
                                but contact acts on the tool
              wrench_unbalance  (6,) F_E_W of the spindle, from the tool's own mass; at machining
-    State:   that of SampledBlock; its memory is that of ArmLayout, flat
+    State:   that of SampledBlock; its memory is that of ArmState, flat
 
     Friction is found implicitly, for the velocity at the tick's end. Where the plant's solver knows
     what acts (contact), friction takes the torque of the tick before: see docs/worlds.md for what
@@ -115,7 +115,7 @@ class TrueArm(SampledBlock):
         initial = joints.initial_state()
         filtered = 0 if sensor is None else sensor.memory_size
         layout = ArmLayout(initial.size, memory.size, joints.time_step)
-        self._layout, self._joint_size = tuple(layout), layout.joints
+        self._layout, self._joint_size = layout, layout.joints
         parts_of_state = initial.ravel(), np.full(n, np.nan), memory, np.zeros(12 + filtered)
         held = {
             "motion": sum(self.motion_sizes.values()),
@@ -169,57 +169,47 @@ class TrueArm(SampledBlock):
         self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
 
     def _make_constants(self, parts: ArmParts) -> None:
-        """Makes the constants of the kernels.
-
-        They are plain tuples: numba takes them in less time than named ones.
-        """
+        """Makes the constants of the kernels."""
         n, joints, process = self._n, parts.joints, parts.process
         current = np.empty((0, n)) if parts.current is None else parts.current
         process_table = np.empty(0) if process is None else process.table
         variations = None if process is None else process.variations
         sensor = NO_SENSOR if parts.sensor is None else parts.sensor.constants
-        self._motion_constants: tuple[Any, ...] = tuple(
-            MotionConstants(
-                layout=self._layout,
-                scratch=np.empty((n, SCRATCH_COLUMNS)),
-                chain=np.ascontiguousarray(parts.chain.table),
-                joints=joints.table,
-                on_motor=joints.on_motor,
-                seed=parts.seed + VELOCITY_STREAM,
-                script=parts.script.table,
-                tones=parts.script.tones,
-                process=process_table,
-            )
+        self._motion_constants = MotionConstants(
+            layout=self._layout,
+            scratch=np.empty((n, SCRATCH_COLUMNS)),
+            chain=np.ascontiguousarray(parts.chain.table),
+            joints=joints.table,
+            on_motor=joints.on_motor,
+            seed=parts.seed + VELOCITY_STREAM,
+            script=parts.script.table,
+            tones=parts.script.tones,
+            process=process_table,
         )
-        self._drive_constants: tuple[Any, ...] = tuple(
-            DriveConstants(
-                layout=self._layout,
-                work=tick_work(joints.initial_state()),
-                joints=joints.table,
-                motors=joints.motors,
-                current=current,
-                seed=parts.seed + WANDER_STREAM,
-                current_seed=parts.seed,
-                in_contact=parts.contacts is not None,
-            )
+        self._drive_constants = DriveConstants(
+            layout=self._layout,
+            joints=joints.table,
+            motors=joints.motors,
+            current=current,
+            seed=parts.seed + WANDER_STREAM,
+            current_seed=parts.seed,
+            in_contact=parts.contacts is not None,
         )
-        self._memory_constants: tuple[Any, ...] = tuple(
-            MemoryConstants(
-                layout=self._layout,
-                current=current,
-                tool=sensor.tool,
-                A=sensor.A,
-                B=sensor.B,
-                C=sensor.C,
-                noise_sd=sensor.noise_sd,
-                noise_seed=sensor.noise_seed,
-                process=process_table,
-                variations=np.empty(0) if variations is None else variations.table,
-                waviness=np.empty((0, 4)) if variations is None else variations.waviness,
-                patches=np.empty((0, 4)) if variations is None else variations.patches,
-                pose=np.empty((0, 3)) if variations is None else variations.pose,
-                ends=np.empty((0, 3)) if variations is None else variations.ends,
-            )
+        self._memory_constants = MemoryConstants(
+            layout=self._layout,
+            current=current,
+            tool=sensor.tool,
+            A=sensor.A,
+            B=sensor.B,
+            C=sensor.C,
+            noise_sd=sensor.noise_sd,
+            noise_seed=sensor.noise_seed,
+            process=process_table,
+            variations=np.empty(0) if variations is None else variations.table,
+            waviness=np.empty((0, 4)) if variations is None else variations.waviness,
+            patches=np.empty((0, 4)) if variations is None else variations.patches,
+            pose=np.empty((0, 3)) if variations is None else variations.pose,
+            ends=np.empty((0, 3)) if variations is None else variations.ends,
         )
 
     @property
@@ -315,7 +305,7 @@ class TrueArm(SampledBlock):
         arm_memory(
             self._memory_constants,
             context.get_time(),
-            (self._motion_at(context), drives, truth, vdot, reaction),
+            TickSignals(self._motion_at(context), drives, truth, vdot, reaction),
             memory,
         )
         return outputs

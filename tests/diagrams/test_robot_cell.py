@@ -11,7 +11,7 @@ from wrenchsight.diagrams.scenario import PlateConfig, Scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot_config import PoseConfig
-from wrenchsight.models.truth.joint_kernels import RIGID
+from wrenchsight.models.truth.joint_kernels import RIGID_DAMPER
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 
 T = 1e-3
@@ -97,7 +97,7 @@ def test_stiction_holds_what_gravity_compensation_misses(sts):
     scenario = replace(QUIET, friction="full")
     run = Run(scenario, sts, sts.home, G + miss, 0.5)
     # It creeps by torque / 1e5 N m s/rad; gravity changes by some ten N m times that angle.
-    creep = 0.5 * np.abs(miss).max() / RIGID
+    creep = 0.5 * np.abs(miss).max() / RIGID_DAMPER
     np.testing.assert_allclose(run.q[-1], sts.home, atol=1.05 * creep)
     np.testing.assert_allclose(run.tau_f_true[-1], miss, atol=50 * creep)
 

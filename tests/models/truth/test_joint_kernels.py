@@ -8,18 +8,16 @@ from scipy.optimize import brentq, minimize
 
 from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 from wrenchsight.models.truth.joint_kernels import (
-    DAMPER,
-    DAMPING,
     DEFLECTION,
     ELEMENTS,
-    END,
-    ERROR,
-    FORCE,
+    ERROR_AMPLITUDE,
+    GEAR_DAMPING,
     HARMONICS,
     RATE,
-    RIGID,
+    RIGID_DAMPER,
     RISE,
     SIGNALS,
+    SLIP_ROWS,
     SLIPS,
     TAU_F,
     TAU_J,
@@ -34,8 +32,8 @@ from wrenchsight.models.truth.joint_kernels import (
     JointMemory,
     encoder_reading,
     joint_tick,
+    new_balance,
     spring_torque,
-    tick_work,
     velocity_after,
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
@@ -96,7 +94,7 @@ class Bench:
         joint_tick(
             self.joints.table, H, JointDynamics(self.M, zero, self.G, self.q, self.v),
             JointInputs(np.array([float(command)]), np.array([float(tau_ext)]), self.noise()),
-            JointMemory(self.state, after, self.signals, tick_work(self.state)),
+            JointMemory(self.state, after, self.signals),
         )  # fmt: skip
         force = self.signals[TAU_J] + self.signals[TORQUE] + tau_ext - self.G
         self.v = self.v + H * force / self.M[0] if v is None else np.array([float(v)])
@@ -108,7 +106,7 @@ class Bench:
         return float(self.joints.stored_energy(self.state, self.v)[0])
 
 
-PLAIN = ((1.0, RIGID / H, 0.0),)  # what TrueJoints makes of a truth without presliding
+PLAIN = ((1.0, RIGID_DAMPER / H, 0.0),)  # what TrueJoints makes of a truth without presliding
 DRY = {"stiction": 6.0, "coulomb": 4.0, "speed": 0.05, "viscous": 2.0}
 
 
@@ -117,7 +115,7 @@ def test_a_plain_joint_holds_within_stiction_and_creeps_by_its_torque(sign):
     bench = Bench(one_joint(PLAIN, **DRY), M=1.3)
     for _ in range(1000):
         bench.tick(sign * 5.9)
-    assert bench.q[0] == pytest.approx(sign * 5.9 * 1000 * H / RIGID, rel=0.01)
+    assert bench.q[0] == pytest.approx(sign * 5.9 * 1000 * H / RIGID_DAMPER, rel=0.01)
     assert bench.signals[TAU_F, 0] == pytest.approx(sign * 5.9, rel=1e-4)
 
 
@@ -192,7 +190,7 @@ def test_contact_a_tick_late_is_a_compliance_of_the_step_squared_over_the_inerti
     for _ in range(ticks):
         bench.meet()
         v.append(bench.v[0])
-    creep = push * ticks * H / RIGID
+    creep = push * ticks * H / RIGID_DAMPER
     given = H**2 * push / (0.5 + H**2 * bench.K)
     assert given * (1.0 - 1e-6) < bench.q[0] < given + 1.01 * creep
     assert min(v) > -1e-12  # never back
@@ -263,7 +261,7 @@ def test_hysteresis_is_that_of_play_operators():
 
 def test_a_joint_that_is_held_creeps_with_the_time_of_its_spring():
     bench = Bench(one_joint(((1.0, 1e4, math.exp(-H / 0.5)),), stiction=10.0, coulomb=10.0), M=1e12)
-    bench.state[SLIPS : SLIPS + 3, 0] = 4.0, -10.0, 10.0
+    bench.state[SLIPS : SLIPS + SLIP_ROWS, 0] = 4.0, -10.0, 10.0
     for _ in range(300):
         bench.tick()
     left = spring_torque(bench.joints.table, H, bench.state, 0, 0, 0.0)
@@ -310,14 +308,12 @@ def test_the_solver_finds_the_minimum_and_so_the_root(n, K):
     viscous, stiff = rng.uniform(0, 8, n), rng.uniform(1, 100, (K, n))
     high, low = rng.uniform(1, 8, (K, n)), -rng.uniform(1, 8, (K, n))
     before = rng.uniform(low, high)
-    work = tick_work(np.empty((SLIPS + 3 * K, n)))
-    work[FORCE], work[DAMPER], work[-4 * K :] = (
-        force,
-        viscous,
-        np.vstack([stiff, before, low, high]),
-    )
-    velocity_after(n, K, M, H, v, work)
-    at = work[END].copy()
+    balance = new_balance(n, K)
+    balance.force[:], balance.damper[:] = force, viscous
+    for element, values in zip(balance.elements, (stiff, before, low, high), strict=True):
+        element[:] = values
+    velocity_after(M, H, v, balance)
+    at = balance.end_velocity
     slips = np.clip(before + stiff * at, low, high).sum(axis=0)
     residual = M @ (at - v) / H + slips + viscous * at - force
     np.testing.assert_allclose(residual, 0.0, atol=1e-9)  # of thousands of N m
@@ -371,9 +367,9 @@ def test_the_gear_bends_like_a_damped_oscillator():
     for _ in t:
         bench.tick(10.0)
         d.append(bench.state[DEFLECTION, 0])
-    damped = omega * math.sqrt(1 - DAMPING**2)
-    envelope = np.exp(-DAMPING * omega * t)
-    exact = 1 - envelope * (np.cos(damped * t) + DAMPING * omega / damped * np.sin(damped * t))
+    damped = omega * math.sqrt(1 - GEAR_DAMPING**2)
+    envelope = np.exp(-GEAR_DAMPING * omega * t)
+    exact = 1 - envelope * (np.cos(damped * t) + GEAR_DAMPING * omega / damped * np.sin(damped * t))
     np.testing.assert_allclose(d, 10.0 / stiffness * exact, atol=0.05 * 10.0 / stiffness)  # h w
     assert d[-1] == pytest.approx(10.0 / stiffness, rel=1e-4)
     q, v = np.empty(1), np.empty(1)
@@ -504,7 +500,7 @@ def test_a_transmission_error_is_the_force_that_moves_the_inertia_behind_it():
     inertia, error, periods, phase, speed = 0.4, 2e-5, 11.0, 0.7, 3.0
     joints = one_joint(stiction=1e-12, coulomb=1e-12)
     amplitude = inertia * error * periods**2 * speed**2
-    joints.table[0, ERROR : ERROR + 4] = amplitude, periods, phase, 1.0 / speed
+    joints.table[0, ERROR_AMPLITUDE : ERROR_AMPLITUDE + 4] = amplitude, periods, phase, 1.0 / speed
 
     def torque(q, v):
         bench = Bench(joints, M=1e12, q=q, v=v)

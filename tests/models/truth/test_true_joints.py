@@ -36,7 +36,6 @@ from wrenchsight.models.truth.joint_kernels import (
     JointMemory,
     encoder_reading,
     joint_tick,
-    tick_work,
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import PLAIN_TRUTH_FILE, plain_truth
@@ -130,7 +129,7 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
             1e-3,
             JointDynamics(M, zero, zero, q, v),
             JointInputs(zero, tau_ext, np.zeros(2 * n)),
-            JointMemory(state, after, signals, tick_work(state)),
+            JointMemory(state, after, signals),
         )
         v = v + 1e-3 * (signals[TAU_J] + signals[TORQUE] + tau_ext)
         q, state = q + 1e-3 * v, after

@@ -49,7 +49,6 @@ from wrenchsight.models.truth.joint_kernels import (
     JointMemory,
     encoder_reading,
     joint_tick,
-    tick_work,
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import with_truth_named
@@ -126,7 +125,7 @@ def by_kernel(joints, terms, state, tau_ext, tick=0):
         T,
         JointDynamics(terms.M, terms.Cv, terms.G, terms.q, terms.v),
         JointInputs(COMMAND, tau_ext, noise),
-        JointMemory(state, after, signals, tick_work(state)),
+        JointMemory(state, after, signals),
     )
     return after, signals
 
