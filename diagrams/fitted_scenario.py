@@ -12,7 +12,7 @@ from wrenchsight.models.robot.robot import Robot
 _ROOM_SHARE = 0.8  # of the way from home to the nearer limit
 _SPEED_SHARE = 0.5  # of the velocity limit
 _PUSH_SHARE = 0.25  # of the payload's weight, sd of a push along each axis
-_GRAVITY = 9.81  # m/s^2
+_STANDARD_GRAVITY = 9.81  # m/s^2
 
 
 def fitted_to(scenario: Scenario, robot: Robot) -> tuple[Scenario, tuple[str, ...]]:
@@ -33,7 +33,7 @@ def fitted_to(scenario: Scenario, robot: Robot) -> tuple[Scenario, tuple[str, ..
                 for j in np.flatnonzero(is_less)
             )
             notices.append(f"the swing keeps within the joints' limits and speeds: {changes}")
-    most = _PUSH_SHARE * robot.payload * _GRAVITY
+    most = _PUSH_SHARE * robot.payload * _STANDARD_GRAVITY
     pushes = [segment for segment in scenario.wrench if isinstance(segment, HandPush)]
     force = max((max(map(abs, push.force)) for push in pushes), default=0.0)
     wrench = scenario.wrench

@@ -43,7 +43,7 @@ from wrenchsight.models.machining.machining_process import MachiningProcess
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot, RobotInPlant
 from wrenchsight.models.truth.true_joints import TrueJoints
-from wrenchsight.models.truth.true_robot import true_robot, with_friction
+from wrenchsight.models.truth.true_robot import true_robot, with_true_friction
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensor
 from wrenchsight.systems.truth.tool_contacts import ToolContacts
 from wrenchsight.systems.truth.true_arm import ArmParts, TrueArm
@@ -146,7 +146,7 @@ def make_robot_cell(
         InputError: a sensor without a tool to sit on, true friction out of range, or directives
             that Drake cannot follow.
     """
-    robot = with_friction(robot, scenario.friction)
+    robot = with_true_friction(robot, scenario.friction)
     true_model = true_robot(robot)
     cell = _add_surroundings_and_arm(scenario, robot, true_model, is_drawn=meshcat is not None)
     joints = TrueJoints.of(robot, scenario.time_step)

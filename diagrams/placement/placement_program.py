@@ -77,7 +77,7 @@ RIGHT_ANGLE = 0.5 * math.pi
 
 
 @dataclass(frozen=True)
-class Solution:
+class PlacementSolution:
     """The result of a solver from one start.
 
     Attributes:
@@ -268,7 +268,7 @@ class PlacementProgram:
         solver: str = "snopt",
         options: dict[str, Any] | None = None,
         measure: PostureMeasure | None = None,
-    ) -> Solution:
+    ) -> PlacementSolution:
         """Solves from one start.
 
         Args:
@@ -303,7 +303,7 @@ class PlacementProgram:
         placement = self._unpack(x)
         details = result.get_solver_details()
         code = getattr(details, "info", getattr(details, "status", ""))
-        return Solution(
+        return PlacementSolution(
             placement=placement,
             cost=self.cost(placement.q),
             converged=bool(result.is_success()),

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_parameters import (
-    inertia_matrix,
+    load_inertia_matrix,
     moved_parameters,
     realisable_inertia,
 )
@@ -246,7 +246,7 @@ def _estimate(solution: _Solution, com: Array, frame: Array, spread: Array) -> L
     mass = float(values[0])
     divisor = mass if abs(mass) > 1e-9 else 1e-9
     step = values[1:4] / divisor
-    tensor = inertia_matrix(values) - mass * (step @ step * np.eye(3) - np.outer(step, step))
+    tensor = load_inertia_matrix(values) - mass * (step @ step * np.eye(3) - np.outer(step, step))
     # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz) by the parameters; the step is small.
     slope = np.zeros((_NUM_LOAD, _NUM_LOAD))
     slope[0, 0] = 1.0

@@ -59,7 +59,7 @@ def tool_parameters(tool: ToolConfig) -> Array:
     return body_parameters(tool.mass, np.array(tool.com, float), inertia)
 
 
-def inertia_matrix(parameters: Array) -> Array:
+def load_inertia_matrix(parameters: Array) -> Array:
     """Returns the inertia (3, 3) about the frame's origin."""
     return rotational_inertia.inertia_matrix(parameters[[4, 6, 9, 5, 7, 8]])
 

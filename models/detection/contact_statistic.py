@@ -104,7 +104,7 @@ MIN_MEAN_SHARE = 0.3
 RELEASE_TIME = 0.1  # s
 MEAN_PAUSE = 0.5  # s
 ONE_SIDED_SHARE = 0.15  # share of a reading's mean square, beyond which its mean is not chance
-_STICTION = NUM_FEATURES - 1  # among the parts of a variance
+_STICTION_PART = NUM_FEATURES - 1  # among the parts of a variance
 MAX_UNTOUCHED_RMS = 2.0  # root mean square over MEAN_TIME
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
@@ -113,7 +113,7 @@ REST_TIME = 0.3  # s
 _MOMENTUM, _PREVIOUS_MOMENTUM, _TORQUE, _BASE, _JUMP2, _LOCAL2 = range(6)
 _SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(6, 13)
 NUM_UNKNOWN = _JUMP2  # rows before it are not known before the first sample
-_SINGLE = _START + 1  # first of the rows that hold single numbers
+_SINGLE_ROW = _START + 1  # first of the rows that hold single numbers
 _CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, _NOT_BEFORE, NUM_SINGLE = range(9)
 
 # Rows of `joints`; JUMP_POLE: the observer's pole, per tick.
@@ -185,7 +185,7 @@ class ArmSamples(NamedTuple):
 
 def state_rows(num_joints: int) -> int:
     """Rows of the state, (rows, n)."""
-    return _SINGLE - (-NUM_SINGLE // num_joints)
+    return _SINGLE_ROW - (-NUM_SINGLE // num_joints)
 
 
 class Whitened(NamedTuple):
@@ -246,7 +246,7 @@ def detect_tick(
     error, v, tau_ext = sample.error, sample.v, sample.tau_ext
     load = error.rows[TRANSMITTED_ROW].copy()
     keep = np.exp(-settings[PERIOD] / MEAN_TIME)
-    single = state[_SINGLE:].reshape(-1)
+    single = state[_SINGLE_ROW:].reshape(-1)
     detector = _Detector(tables, keep, state, single)
     is_out = np.any(np.abs(v) > joints[FITTED_SPEED]) or np.any(np.abs(load) > joints[FITTED_LOAD])
     out[OUT_OF_RANGE] = 1.0 if is_out else 0.0
@@ -318,7 +318,7 @@ def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) ->
     variance, parts = np.zeros(v.shape[0]), np.empty(NUM_FEATURES)
     for j in range(v.shape[0]):
         variance_parts(table, rows, j, v[j], load[j], parts)
-        for m in range(_STICTION):
+        for m in range(_STICTION_PART):
             variance[j] += joints[CHANGE + m, j] * parts[m]
         # Friction that a stopping joint releases, and that a starting one has carried.
         pole, speed_ratio = joints[JUMP_POLE, j], v[j] / REST_SPEED
@@ -330,7 +330,7 @@ def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) ->
         start = rows[UNKNOWN_SHARE_ROW, j] * stiction_sd
         state[_START, j] = keep * state[_START, j] + (1.0 - keep) * start
         if single[_RESTING] < REST_TIME:
-            part = joints[CHANGE + _STICTION, j] * parts[_STICTION]
+            part = joints[CHANGE + _STICTION_PART, j] * parts[_STICTION_PART]
             released = max(state[_STOP, j], state[_START, j])
             variance[j] += max(part, released * released)
     return variance

@@ -68,7 +68,7 @@ _BASE, _PEAK, _LOWEST, _SINGLE, NUM_ROWS = range(5)
 _TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _MOVED, _NUMBERS = range(7)
 
 
-class TorqueError(NamedTuple):
+class ReportedTorqueSd(NamedTuple):
     """Sd of the reported torque without contact.
 
     Attributes:
@@ -110,11 +110,11 @@ class TorqueContactDetector:
     """Detector of contact along a log of external torque, chunk after chunk.
 
     Args:
-        error: of this arm, of `learn_torque_error`.
+        error: of this arm, of `learn_reported_torque_sd`.
         start: (n,) N m, the first baseline: the mean of the log's first START_TIME s.
     """
 
-    def __init__(self, error: TorqueError, start: Array) -> None:
+    def __init__(self, error: ReportedTorqueSd, start: Array) -> None:
         n = len(start)
         self.error = error
         self._state = np.zeros((6 + NUM_ROWS, max(n, _NUMBERS)))
@@ -133,7 +133,7 @@ class TorqueContactDetector:
         """
         N, n = tau_ext.shape
         out, baseline = np.zeros((N, 3)), np.zeros((N, n))
-        error = TorqueError(
+        error = ReportedTorqueSd(
             np.ascontiguousarray(self.error.rest_sd, float),
             np.ascontiguousarray(self.error.moving_sd, float),
         )
@@ -155,7 +155,7 @@ def first_baseline(t: Array, tau_ext: Array) -> Array:
     return np.asarray(tau_ext[is_finite & (t <= t[is_finite][0] + START_TIME)].mean(axis=0))
 
 
-def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
+def learn_reported_torque_sd(t: Array, tau_ext: Array, J: Array) -> ReportedTorqueSd:
     """Finds the error of a log's torque from its stretches without contact.
 
     Args:
@@ -172,16 +172,16 @@ def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
     n = tau_ext.shape[1]
     if len(t) < _MIN_MEDIAN_SAMPLES:
         least = np.full(n, _MIN_SD)
-        return TorqueError(least, least)
+        return ReportedTorqueSd(least, least)
     start = first_baseline(t, tau)
     least = np.full(n, _MIN_SD)
-    plain = TorqueContactDetector(TorqueError(np.full(n, np.inf), np.full(n, np.inf)), start)
+    plain = TorqueContactDetector(ReportedTorqueSd(np.full(n, np.inf), np.full(n, np.inf)), start)
     first_pass = plain.run(t, tau, J)
     moving_sd = _floored(_spread((tau - first_pass.baseline)[first_pass.moving], least))
     calm = np.maximum(_windows_sd(t, tau, ~first_pass.moving), least)
     sd = _floored(START_SD_RATIO * calm)
     for _ in range(NUM_ROUNDS):
-        contacts = TorqueContactDetector(TorqueError(sd, moving_sd), start).run(t, tau, J)
+        contacts = TorqueContactDetector(ReportedTorqueSd(sd, moving_sd), start).run(t, tau, J)
         free_torque = (tau - contacts.baseline)[_is_settled(t, contacts)]
         noise = np.maximum(_spread(free_torque, calm), calm)
         steps = _baseline_steps(t, contacts)
@@ -189,7 +189,7 @@ def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
         sd = _floored(np.hypot(noise, step))
     if not first_pass.moving.any():
         moving_sd = sd
-    return TorqueError(sd, np.maximum(moving_sd, sd))
+    return ReportedTorqueSd(sd, np.maximum(moving_sd, sd))
 
 
 class _Edges(NamedTuple):
@@ -256,7 +256,7 @@ def _windows_sd(t: Array, tau: Array, used: Flags) -> Array:
 
 @kernel
 def torque_contact_log(
-    error: TorqueError, state: Array, samples: _Samples, out: Array, base: Array
+    error: ReportedTorqueSd, state: Array, samples: _Samples, out: Array, base: Array
 ) -> None:
     """Detects contact at N samples.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from wrenchsight.models.files.input_error import InputError
 
-LARGEST = 1e12  # of any number, in SI units: five times steel's modulus of elasticity in Pa
+MAX_NUMBER = 1e12  # of any number, in SI units: five times steel's modulus of elasticity in Pa
 
 
 def check_numbers(
@@ -23,7 +23,7 @@ def check_numbers(
             number. Fields without limits have +-LARGEST.
 
     Raises:
-        InputError: a number is not finite, larger than LARGEST, or beyond its limits.
+        InputError: a number is not finite, larger than MAX_NUMBER, or beyond its limits.
     """
     _check(configuration, source, "", "", limits or {})
 
@@ -42,7 +42,7 @@ def _check(
         for index, item in enumerate(value):
             _check(item, source, f"{location}[{index}]", name, limits)
     elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
-        lower, upper = limits.get(name, (-LARGEST, LARGEST))
+        lower, upper = limits.get(name, (-MAX_NUMBER, MAX_NUMBER))
         if not (lower <= value <= upper and math.isfinite(value)):
             shown = f"{value:g}" if isinstance(value, float) else str(value)
             raise InputError(source, location, f"{shown}, expected {lower:g} to {upper:g}")

@@ -19,8 +19,8 @@ from wrenchsight.models.detection.link_odds import (
 )
 from wrenchsight.models.detection.torque_contact import (
     START_TIME,
+    ReportedTorqueSd,
     TorqueContactDetector,
-    TorqueError,
     first_baseline,
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch
@@ -134,7 +134,7 @@ class ExternalTorqueEstimator:
             torques = np.array(self._first_torques)
             times = self._step * np.arange(len(torques), dtype=float)
             baseline = first_baseline(times, torques)
-            self._detector = TorqueContactDetector(TorqueError(self._sd, self._sd), baseline)
+            self._detector = TorqueContactDetector(ReportedTorqueSd(self._sd, self._sd), baseline)
         sample = self._detector.run(np.array([self._t]), tau, J)
         contact = bool(sample.contact[0])
         if not contact:

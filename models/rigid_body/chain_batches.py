@@ -22,7 +22,7 @@ from wrenchsight.models.rigid_body.chain_kernels import (
     tool_pose,
 )
 from wrenchsight.models.rigid_body.conditioning import condition_numbers_of
-from wrenchsight.models.rigid_body.vector_kernels import vector_of
+from wrenchsight.models.rigid_body.vector_kernels import vector_at
 
 
 @kernel(nogil=True)
@@ -72,7 +72,7 @@ def inverse_dynamics_rows(
     table: Array, q: Array, v: Array, vdot: Array, tau: Array, links: Array
 ) -> None:
     n = q.shape[1]
-    gravity = vector_of(table, n, GRAVITY_W)
+    gravity = vector_at(table, n, GRAVITY_W)
     for k in range(q.shape[0]):
         place_links(table, q[k], links)
         place_inertia(table, links)
@@ -85,7 +85,7 @@ def inverse_dynamics_rows(
 @kernel(nogil=True)
 def regressor_rows(table: Array, q: Array, v: Array, vdot: Array, Y: Array, links: Array) -> None:
     n = q.shape[1]
-    gravity = vector_of(table, n, GRAVITY_W)
+    gravity = vector_at(table, n, GRAVITY_W)
     for k in range(q.shape[0]):
         place_links(table, q[k], links)
         link_velocities(v[k], links)

@@ -31,16 +31,16 @@ from wrenchsight.models.rigid_body.vector_kernels import (
     plus,
     rotated,
     rotated_back,
-    rotation_about,
-    rotation_of,
+    rotation_at,
     rotation_product,
-    symmetric_of,
+    symmetric_at,
     symmetric_outer,
     symmetric_rotated,
     symmetric_sum,
     symmetric_times,
     times,
-    vector_of,
+    turn_about,
+    vector_at,
     write_rotation,
     write_symmetric,
     write_vector,
@@ -50,7 +50,7 @@ from wrenchsight.models.rigid_body.vector_kernels import (
 R_PJ = 0  # 9: the joint frame in the one before, where the joint is at zero
 P_PJ = 9  # 3
 AXIS_J = 12  # 3
-PRISMATIC = 15  # 0: revolute
+IS_PRISMATIC = 15  # 0: revolute
 MASS_J = 16  # inertial parameters, about the origin and in axes of the joint frame
 MOMENT_J = 17  # 3: mass times centre of mass
 INERTIA_J = 20  # 6: xx xy yy xz yz zz
@@ -77,17 +77,17 @@ def place_links(table: Array, q: Array, links: Array) -> None:
     """Pose and screw of every joint."""
     R_WJ_q, p_WJ = UNIT_ROTATION, ZERO_VECTOR
     for i in range(q.shape[0]):
-        p_WJ = plus(p_WJ, rotated(R_WJ_q, vector_of(table, i, P_PJ)))
-        R_WJ_0 = rotation_product(R_WJ_q, rotation_of(table, i, R_PJ))
-        axis_J = vector_of(table, i, AXIS_J)
+        p_WJ = plus(p_WJ, rotated(R_WJ_q, vector_at(table, i, P_PJ)))
+        R_WJ_0 = rotation_product(R_WJ_q, rotation_at(table, i, R_PJ))
+        axis_J = vector_at(table, i, AXIS_J)
         axis_W = rotated(R_WJ_0, axis_J)
-        if table[i, PRISMATIC] != 0.0:
+        if table[i, IS_PRISMATIC] != 0.0:
             R_WJ_q = R_WJ_0
             p_WJ = plus(p_WJ, times(q[i], axis_W))
             write_vector(links, i, SCREW_ANGULAR, ZERO_VECTOR)
             write_vector(links, i, SCREW_LINEAR, axis_W)
         else:
-            R_WJ_q = rotation_product(R_WJ_0, rotation_about(axis_J, q[i]))
+            R_WJ_q = rotation_product(R_WJ_0, turn_about(axis_J, q[i]))
             write_vector(links, i, SCREW_ANGULAR, axis_W)
             write_vector(links, i, SCREW_LINEAR, cross(p_WJ, axis_W))
         write_rotation(links, i, R_WJ, R_WJ_q)
@@ -98,12 +98,12 @@ def place_links(table: Array, q: Array, links: Array) -> None:
 def tool_pose(table: Array, links: Array, R_WE: Array, p_WE: Array) -> None:
     """Pose of E; needs place_links."""
     n = table.shape[0] - 1
-    R_WL, p_WL = rotation_of(links, n - 1, R_WJ), vector_of(links, n - 1, P_WJ)
-    R = rotation_product(R_WL, rotation_of(table, n, R_LE))
+    R_WL, p_WL = rotation_at(links, n - 1, R_WJ), vector_at(links, n - 1, P_WJ)
+    R = rotation_product(R_WL, rotation_at(table, n, R_LE))
     R_WE[0, 0], R_WE[0, 1], R_WE[0, 2] = R[0]
     R_WE[1, 0], R_WE[1, 1], R_WE[1, 2] = R[1]
     R_WE[2, 0], R_WE[2, 1], R_WE[2, 2] = R[2]
-    p_WE[0], p_WE[1], p_WE[2] = plus(p_WL, rotated(R_WL, vector_of(table, n, P_LE)))
+    p_WE[0], p_WE[1], p_WE[2] = plus(p_WL, rotated(R_WL, vector_at(table, n, P_LE)))
 
 
 @kernel
@@ -111,19 +111,19 @@ def tool_jacobian(links: Array, p_WE: Array, J: Array) -> None:
     """Jacobian [angular; linear] at E; needs place_links and tool_pose."""
     p = p_WE[0], p_WE[1], p_WE[2]
     for i in range(J.shape[1]):
-        angular = vector_of(links, i, SCREW_ANGULAR)
+        angular = vector_at(links, i, SCREW_ANGULAR)
         J[0, i], J[1, i], J[2, i] = angular
-        J[3, i], J[4, i], J[5, i] = plus(vector_of(links, i, SCREW_LINEAR), cross(angular, p))
+        J[3, i], J[4, i], J[5, i] = plus(vector_at(links, i, SCREW_LINEAR), cross(angular, p))
 
 
 @kernel
 def place_inertia(table: Array, links: Array) -> None:
     """Inertia of every body about W's origin; needs place_links."""
     for i in range(table.shape[0] - 1):
-        R, p = rotation_of(links, i, R_WJ), vector_of(links, i, P_WJ)
+        R, p = rotation_at(links, i, R_WJ), vector_at(links, i, P_WJ)
         m = table[i, MASS_J]
-        h = rotated(R, vector_of(table, i, MOMENT_J))
-        inertia = symmetric_rotated(R, symmetric_of(table, i, INERTIA_J))
+        h = rotated(R, vector_at(table, i, MOMENT_J))
+        inertia = symmetric_rotated(R, symmetric_at(table, i, INERTIA_J))
         # The shift by p, linear in (m, h, I): with e = h + m p, the first moment about W's origin,
         # I_W = I + (p.e + p.h) 1 - (p e^T + h p^T).
         e = plus(h, times(m, p))
@@ -157,15 +157,15 @@ def link_inertia_times(
     links: Array, i: int, angular: Vector, linear: Vector
 ) -> tuple[Vector, Vector]:
     """The spatial inertia of body i times a motion vector; needs place_inertia."""
-    moment, inertia = vector_of(links, i, MOMENT_W), symmetric_of(links, i, INERTIA_W)
+    moment, inertia = vector_at(links, i, MOMENT_W), symmetric_at(links, i, INERTIA_W)
     return inertia_times(links[i, MASS_W], moment, inertia, angular, linear)
 
 
 @kernel
 def screw_dot(links: Array, j: int, angular: Vector, linear: Vector) -> float:
     """S_j times a force vector (moment, force), or a momentum."""
-    screw_angular = vector_of(links, j, SCREW_ANGULAR)
-    return dot(screw_angular, angular) + dot(vector_of(links, j, SCREW_LINEAR), linear)
+    screw_angular = vector_at(links, j, SCREW_ANGULAR)
+    return dot(screw_angular, angular) + dot(vector_at(links, j, SCREW_LINEAR), linear)
 
 
 @kernel
@@ -173,8 +173,8 @@ def link_velocities(v: Array, links: Array) -> None:
     """Spatial velocity of every body; needs place_links."""
     angular, linear = ZERO_VECTOR, ZERO_VECTOR
     for i in range(v.shape[0]):
-        angular = plus(angular, times(v[i], vector_of(links, i, SCREW_ANGULAR)))
-        linear = plus(linear, times(v[i], vector_of(links, i, SCREW_LINEAR)))
+        angular = plus(angular, times(v[i], vector_at(links, i, SCREW_ANGULAR)))
+        linear = plus(linear, times(v[i], vector_at(links, i, SCREW_LINEAR)))
         write_vector(links, i, V_ANGULAR, angular)
         write_vector(links, i, V_LINEAR, linear)
 
@@ -191,18 +191,18 @@ def momentum_and_forces(
 ) -> None:
     """M v, C^T v and G; needs place_links, place_inertia and link_velocities."""
     n = v.shape[0]
-    gravity = vector_of(table, n, GRAVITY_W)
+    gravity = vector_at(table, n, GRAVITY_W)
     H_angular, H_linear = ZERO_VECTOR, ZERO_VECTOR
     mass, moment = 0.0, ZERO_VECTOR
     for j in range(n - 1, -1, -1):
-        w, u = vector_of(links, j, V_ANGULAR), vector_of(links, j, V_LINEAR)
+        w, u = vector_at(links, j, V_ANGULAR), vector_at(links, j, V_LINEAR)
         link_angular, link_linear = link_inertia_times(links, j, w, u)
         H_angular, H_linear = plus(H_angular, link_angular), plus(H_linear, link_linear)
         mass += links[j, MASS_W]
-        moment = plus(moment, vector_of(links, j, MOMENT_W))
+        moment = plus(moment, vector_at(links, j, MOMENT_W))
         momentum[j] = screw_dot(links, j, H_angular, H_linear) + table[j, REFLECTED_INERTIA] * v[j]
         # S x V = [s x w; s x u + t x w]
-        s, t = vector_of(links, j, SCREW_ANGULAR), vector_of(links, j, SCREW_LINEAR)
+        s, t = vector_at(links, j, SCREW_ANGULAR), vector_at(links, j, SCREW_LINEAR)
         CTv[j] = -(dot(H_angular, cross(s, w)) + dot(H_linear, plus(cross(s, u), cross(t, w))))
         G[j] = gravity_torque(links, j, mass, moment, gravity)
     add_coupled_rotors(table, v, momentum)
@@ -222,13 +222,13 @@ def add_coupled_rotors(table: Array, rate: Array, out: Array) -> None:
 def gravity_terms(table: Array, G: Array, links: Array) -> None:
     """G; needs place_links only, since first moments need no inertia."""
     n = G.shape[0]
-    gravity = vector_of(table, n, GRAVITY_W)
+    gravity = vector_at(table, n, GRAVITY_W)
     mass, moment = 0.0, ZERO_VECTOR
     for j in range(n - 1, -1, -1):
         m = table[j, MASS_J]
-        h = rotated(rotation_of(links, j, R_WJ), vector_of(table, j, MOMENT_J))
+        h = rotated(rotation_at(links, j, R_WJ), vector_at(table, j, MOMENT_J))
         mass += m
-        moment = plus(moment, plus(h, times(m, vector_of(links, j, P_WJ))))
+        moment = plus(moment, plus(h, times(m, vector_at(links, j, P_WJ))))
         G[j] = gravity_torque(links, j, mass, moment, gravity)
 
 
@@ -239,10 +239,10 @@ def composite_mass_matrix(table: Array, M: Array, links: Array) -> None:
     inertia = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for j in range(M.shape[0] - 1, -1, -1):
         mass += links[j, MASS_W]
-        moment = plus(moment, vector_of(links, j, MOMENT_W))
-        inertia = symmetric_sum(inertia, symmetric_of(links, j, INERTIA_W))
+        moment = plus(moment, vector_at(links, j, MOMENT_W))
+        inertia = symmetric_sum(inertia, symmetric_at(links, j, INERTIA_W))
         # The momentum of all that joint j carries, at its unit velocity.
-        s, t = vector_of(links, j, SCREW_ANGULAR), vector_of(links, j, SCREW_LINEAR)
+        s, t = vector_at(links, j, SCREW_ANGULAR), vector_at(links, j, SCREW_LINEAR)
         H_angular, H_linear = inertia_times(mass, moment, inertia, s, t)
         for i in range(j + 1):
             M[i, j] = M[j, i] = screw_dot(links, i, H_angular, H_linear)
@@ -256,8 +256,8 @@ def link_accelerations(v: Array, vdot: Array, gravity: Vector, links: Array) -> 
     """Spatial acceleration of every body, minus gravity; needs link_velocities."""
     angular, linear = ZERO_VECTOR, minus(ZERO_VECTOR, gravity)
     for i in range(v.shape[0]):
-        w, u = vector_of(links, i, V_ANGULAR), vector_of(links, i, V_LINEAR)
-        s, t = vector_of(links, i, SCREW_ANGULAR), vector_of(links, i, SCREW_LINEAR)
+        w, u = vector_at(links, i, V_ANGULAR), vector_at(links, i, V_LINEAR)
+        s, t = vector_at(links, i, SCREW_ANGULAR), vector_at(links, i, SCREW_LINEAR)
         # S vdot + (V x S) v, with V x S = [w x s; w x t + u x s]
         angular = plus(angular, plus(times(vdot[i], s), times(v[i], cross(w, s))))
         linear = plus(linear, plus(times(vdot[i], t), times(v[i], plus(cross(w, t), cross(u, s)))))
@@ -273,10 +273,10 @@ def newton_euler(table: Array, vdot: Array, tau: Array, links: Array) -> None:
     """
     moment, force = ZERO_VECTOR, ZERO_VECTOR  # on all that the joint carries, about W's origin
     for j in range(tau.shape[0] - 1, -1, -1):
-        w, u = vector_of(links, j, V_ANGULAR), vector_of(links, j, V_LINEAR)
+        w, u = vector_at(links, j, V_ANGULAR), vector_at(links, j, V_LINEAR)
         H_angular, H_linear = link_inertia_times(links, j, w, u)
         rate_angular, rate_linear = link_inertia_times(
-            links, j, vector_of(links, j, A_ANGULAR), vector_of(links, j, A_LINEAR)
+            links, j, vector_at(links, j, A_ANGULAR), vector_at(links, j, A_LINEAR)
         )
         # I A + V x* H, with V x* H = [w x H_angular + u x H_linear; w x H_linear]
         turning = plus(cross(w, H_angular), cross(u, H_linear))
@@ -310,17 +310,17 @@ def inverse_dynamics_regressor(Y: Array, links: Array) -> None:
     """
     n = Y.shape[0]
     for i in range(n):
-        R, p = rotation_of(links, i, R_WJ), vector_of(links, i, P_WJ)
-        w_W, wdot_W = vector_of(links, i, V_ANGULAR), vector_of(links, i, A_ANGULAR)
-        velocity_W = plus(vector_of(links, i, V_LINEAR), cross(w_W, p))  # of the frame's origin
-        a_W = plus(vector_of(links, i, A_LINEAR), cross(wdot_W, p))
+        R, p = rotation_at(links, i, R_WJ), vector_at(links, i, P_WJ)
+        w_W, wdot_W = vector_at(links, i, V_ANGULAR), vector_at(links, i, A_ANGULAR)
+        velocity_W = plus(vector_at(links, i, V_LINEAR), cross(w_W, p))  # of the frame's origin
+        a_W = plus(vector_at(links, i, A_LINEAR), cross(wdot_W, p))
         a_W = plus(a_W, cross(w_W, velocity_W))
         w, wdot, a = rotated_back(R, w_W), rotated_back(R, wdot_W), rotated_back(R, a_W)
         first = 10 * i
         for j in range(i + 1):
-            s_W = vector_of(links, j, SCREW_ANGULAR)
+            s_W = vector_at(links, j, SCREW_ANGULAR)
             s = rotated_back(R, s_W)
-            t = rotated_back(R, plus(vector_of(links, j, SCREW_LINEAR), cross(s_W, p)))
+            t = rotated_back(R, plus(vector_at(links, j, SCREW_LINEAR), cross(s_W, p)))
             by_moment = plus(plus(cross(t, wdot), cross(w, cross(w, t))), cross(a, s))
             by_inertia = symmetric_sum(symmetric_outer(s, wdot), symmetric_outer(cross(s, w), w))
             Y[j, first] = dot(t, a)
@@ -384,9 +384,9 @@ def all_terms(table: Array, terms: Record, links: Array) -> None:
     composite_mass_matrix(table, plain(sample.M), links)
     coriolis_torque(table, v, plain(sample.Cv), links)
     last = q.shape[0] - 1
-    angular, p = vector_of(links, last, V_ANGULAR), (p_WE[0], p_WE[1], p_WE[2])
+    angular, p = vector_at(links, last, V_ANGULAR), (p_WE[0], p_WE[1], p_WE[2])
     V_WE[0], V_WE[1], V_WE[2] = angular
-    V_WE[3], V_WE[4], V_WE[5] = plus(vector_of(links, last, V_LINEAR), cross(angular, p))
+    V_WE[3], V_WE[4], V_WE[5] = plus(vector_at(links, last, V_LINEAR), cross(angular, p))
 
 
 class JointDynamics(NamedTuple):
@@ -418,11 +418,11 @@ def dynamics_terms(table: Array, dynamics: JointDynamics, links: Array) -> None:
     place_inertia(table, links)
     link_velocities(v, links)
     n = v.shape[0]
-    gravity = vector_of(table, n, GRAVITY_W)
+    gravity = vector_at(table, n, GRAVITY_W)
     mass, moment = 0.0, ZERO_VECTOR
     for j in range(n - 1, -1, -1):
         mass += links[j, MASS_W]
-        moment = plus(moment, vector_of(links, j, MOMENT_W))
+        moment = plus(moment, vector_at(links, j, MOMENT_W))
         G[j] = gravity_torque(links, j, mass, moment, gravity)
     composite_mass_matrix(table, dynamics.M, links)
     coriolis_torque(table, v, dynamics.Cv, links)

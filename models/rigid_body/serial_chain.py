@@ -39,10 +39,10 @@ from wrenchsight.models.rigid_body.chain_batches import (
 from wrenchsight.models.rigid_body.chain_kernels import (
     AXIS_J,
     GRAVITY_W,
+    IS_PRISMATIC,
     MASS_J,
     P_LE,
     P_PJ,
-    PRISMATIC,
     R_LE,
     R_PJ,
     REFLECTED_INERTIA,
@@ -131,7 +131,7 @@ class SerialChain:
         table[:n, R_PJ : R_PJ + 9] = self.R_PJ.reshape(n, 9)
         table[:n, P_PJ : P_PJ + 3] = self.p_PJ
         table[:n, AXIS_J : AXIS_J + 3] = self.axis
-        table[:n, PRISMATIC] = self.prismatic
+        table[:n, IS_PRISMATIC] = self.prismatic
         table[:n, MASS_J : MASS_J + 10] = self.inertial_parameters
         table[:n, REFLECTED_INERTIA] = self.reflected_inertia
         if self.motor_rates.size:

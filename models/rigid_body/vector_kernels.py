@@ -20,38 +20,38 @@ UNIT_ROTATION = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @kernel
-def vector_of(array: Array, row: int, column: int) -> Vector:
+def vector_at(array: Array, row: int, column: int) -> Vector:
     """Three numbers of a row, from a column on."""
     return array[row, column], array[row, column + 1], array[row, column + 2]
 
 
 @kernel
-def rotation_of(array: Array, row: int, column: int) -> Rotation:
+def rotation_at(array: Array, row: int, column: int) -> Rotation:
     """A (3, 3) matrix that stands row by row in a row, from a column on."""
     return (
-        vector_of(array, row, column),
-        vector_of(array, row, column + 3),
-        vector_of(array, row, column + 6),
+        vector_at(array, row, column),
+        vector_at(array, row, column + 3),
+        vector_at(array, row, column + 6),
     )
 
 
 @kernel
-def symmetric_of(array: Array, row: int, column: int) -> Symmetric:
+def symmetric_at(array: Array, row: int, column: int) -> Symmetric:
     """A symmetric matrix that stands in a row as xx, xy, yy, xz, yz, zz, from a column on."""
-    xx, xy, yy = vector_of(array, row, column)
-    xz, yz, zz = vector_of(array, row, column + 3)
+    xx, xy, yy = vector_at(array, row, column)
+    xz, yz, zz = vector_at(array, row, column + 3)
     return xx, xy, yy, xz, yz, zz
 
 
 @kernel
 def write_vector(array: Array, row: int, column: int, a: Vector) -> None:
-    """Writes a vector where `vector_of` reads it."""
+    """Writes a vector where `vector_at` reads it."""
     array[row, column], array[row, column + 1], array[row, column + 2] = a
 
 
 @kernel
 def write_rotation(array: Array, row: int, column: int, R: Rotation) -> None:
-    """Writes a matrix where `rotation_of` reads it."""
+    """Writes a matrix where `rotation_at` reads it."""
     write_vector(array, row, column, R[0])
     write_vector(array, row, column + 3, R[1])
     write_vector(array, row, column + 6, R[2])
@@ -59,7 +59,7 @@ def write_rotation(array: Array, row: int, column: int, R: Rotation) -> None:
 
 @kernel
 def write_symmetric(array: Array, row: int, column: int, matrix: Symmetric) -> None:
-    """Writes a matrix where `symmetric_of` reads it."""
+    """Writes a matrix where `symmetric_at` reads it."""
     xx, xy, yy, xz, yz, zz = matrix
     write_vector(array, row, column, (xx, xy, yy))
     write_vector(array, row, column + 3, (xz, yz, zz))
@@ -122,7 +122,7 @@ def rotation_product(A: Rotation, B: Rotation) -> Rotation:
 
 
 @kernel
-def rotation_about(axis: Vector, angle: float) -> Rotation:
+def turn_about(axis: Vector, angle: float) -> Rotation:
     """The rotation by an angle (rad) about a unit axis, as Rodrigues."""
     c, s = math.cos(angle), math.sin(angle)
     x, y, z = axis

@@ -33,7 +33,7 @@ CAPSULE_RADIUS_SHARE = 0.025  # radius of the capsules, of the arm's length
 
 
 @dataclass(frozen=True, eq=False)
-class JointDynamics:
+class JointProperties:
     """Friction and limits of the joints, n each.
 
     Attributes:
@@ -50,14 +50,14 @@ class JointDynamics:
     effort: Array
 
     @classmethod
-    def unlimited(cls, coulomb: Array, viscous: Array) -> "JointDynamics":
+    def unlimited(cls, coulomb: Array, viscous: Array) -> "JointProperties":
         """Friction alone, in joints and motors without limits."""
         infinite = np.full(len(coulomb), math.inf)
         return cls(coulomb, viscous, -infinite, infinite, infinite)
 
 
 def chain_mjcf(
-    name: str, chain: SerialChain, joints: JointDynamics, link_names: tuple[str, ...] = ()
+    name: str, chain: SerialChain, joints: JointProperties, link_names: tuple[str, ...] = ()
 ) -> str:
     """Returns a chain as MJCF.
 

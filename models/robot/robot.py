@@ -20,7 +20,7 @@ from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 from wrenchsight.models.files.bundled_files import bundled_files, named_file
 from wrenchsight.models.files.configuration import load_configuration, save_configuration
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.files.plausible_numbers import LARGEST, check_numbers
+from wrenchsight.models.files.plausible_numbers import MAX_NUMBER, check_numbers
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.arm import Arm, frozen
@@ -51,7 +51,7 @@ _KEY_RANGES = {
     "payload": (1e-3, _MAX_MASS),  # kg
     "position_resolution": (0.0, 0.1),  # rad (m)
     "gear_ratio": (1e-3, 1e5),
-    "current_bandwidth": (1e-3, LARGEST),  # Hz
+    "current_bandwidth": (1e-3, MAX_NUMBER),  # Hz
     **dict.fromkeys(("effort_limit", "rest_torque_per_ampere"), (_MIN_TORQUE, _MAX_TORQUE)),
 }
 

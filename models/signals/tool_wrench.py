@@ -9,7 +9,7 @@ from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.signals.low_pass import low_pass_update
 
 # Rows of the table of constants, (_NUM_ROWS, 3).
-_MASS, _COM, _INERTIA, _GRAVITY, _P_EJ, _R_EJ, _NUM_ROWS = 0, 1, 2, 5, 6, 7, 10
+_MASS_ROW, _COM_ROW, _INERTIA_ROW, _GRAVITY_ROW, _P_EJ, _R_EJ, _NUM_ROWS = 0, 1, 2, 5, 6, 7, 10
 
 
 def tool_table(
@@ -25,10 +25,10 @@ def tool_table(
         R_EJ, p_EJ: (3, 3), (3,) pose in E of the frame J at which the reaction is known.
     """
     table = np.zeros((_NUM_ROWS, 3))
-    table[_MASS, 0] = mass
-    table[_COM] = p_EC
-    table[_INERTIA : _INERTIA + 3] = I_C
-    table[_GRAVITY] = gravity
+    table[_MASS_ROW, 0] = mass
+    table[_COM_ROW] = p_EC
+    table[_INERTIA_ROW : _INERTIA_ROW + 3] = I_C
+    table[_GRAVITY_ROW] = gravity
     table[_P_EJ] = p_EJ
     table[_R_EJ : _R_EJ + 3] = R_EJ
     return table
@@ -99,13 +99,13 @@ def contact_wrench(
         reaction: (6,) on the tool at J, axes of J, rotation first: N m, N.
         out: (6,) N m and N.
     """
-    com, I_C = table[_COM], table[_INERTIA : _INERTIA + 3]
+    com, I_C = table[_COM_ROW], table[_INERTIA_ROW : _INERTIA_ROW + 3]
     R_EJ = table[_R_EJ : _R_EJ + 3]
     w, alpha, force, moment = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     force_J, moment_J, x = np.empty(3), np.empty(3), np.empty(3)
     _turn_back(R_WE, w_WE, w)
     _turn_back(R_WE, A_WE[:3], alpha)
-    _turn_back(R_WE, A_WE[3:] - table[_GRAVITY], force)
+    _turn_back(R_WE, A_WE[3:] - table[_GRAVITY_ROW], force)
     _turn(R_EJ, reaction[:3], moment_J)
     _turn(R_EJ, reaction[3:], force_J)
     x[:] = 0.0
@@ -113,7 +113,7 @@ def contact_wrench(
     _add_cross(1.0, alpha, com, force)
     _add_cross(1.0, w, x, force)
     for k in range(3):
-        force[k] = table[_MASS, 0] * force[k] - force_J[k]
+        force[k] = table[_MASS_ROW, 0] * force[k] - force_J[k]
     _turn(I_C, alpha, moment)
     _turn(I_C, w, x)
     _add_cross(1.0, w, x, moment)

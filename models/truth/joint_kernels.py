@@ -90,21 +90,21 @@ MIN_WANDER = 0.2
 # Columns of the table.
 STICTION, COULOMB, SPEED, VISCOUS, INVERSE_SATURATION, TEMPERATURE_SHARE = range(6)
 HEATING, INVERSE_TIME, FORWARDS, BACKWARDS, MOTORING, GENERATING = range(6, 12)
-RIPPLES = 12
+FIRST_RIPPLE = 12
 GAIN, POLE, COMPLIANCE, FREQUENCY, RESOLUTION, VELOCITY_NOISE, VELOCITY_RESOLUTION = range(24, 31)
 WANDER_SD, WANDER_DECAY, MOVING_NOISE, TRANSITION = range(31, 35)
 ERROR_AMPLITUDE, ERROR_PERIODS, ERROR_PHASE, ERROR_INVERSE_SPEED = range(35, 39)
-HARMONICS, ELEMENTS = 39, 40
-# From ELEMENTS on for each slip element, and then for each harmonic of the motor's position:
+NUM_HARMONICS, FIRST_ELEMENT = 39, 40
+# From FIRST_ELEMENT on for each slip element, and then for each harmonic of the motor's position:
 ELEMENT_WEIGHT, ELEMENT_STIFFNESS, ELEMENT_DECAY, ELEMENT_COLUMNS = range(4)
 HARMONIC_AMPLITUDE, HARMONIC_PERIODS, HARMONIC_PHASE, HARMONIC_COLUMNS = range(4)
-# From RIPPLES on for each of the gear, its other wheel, and cogging:
+# From FIRST_RIPPLE on for each of the gear, its other wheel, and cogging:
 RIPPLE_AMPLITUDE, RIPPLE_LOAD_SHARE, RIPPLE_PERIODS, RIPPLE_PHASE, RIPPLE_COLUMNS = range(5)
 NUM_RIPPLES = 3
 
 # Rows of the state; VIBRATION: amplitude of the joint's own velocity, rad/s, by a tool that works.
-CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, VIBRATION, SLIPS = range(9)
-# From SLIPS on for each slip element, N m: torque of its spring before the last tick's
+CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, VIBRATION, FIRST_SLIP = range(9)
+# From FIRST_SLIP on for each slip element, N m: torque of its spring before the last tick's
 # displacement, and its limits in that tick.
 SLIP_SPRING, SLIP_LOW, SLIP_HIGH, SLIP_ROWS = range(4)
 # Rows of the signals of a tick.
@@ -133,8 +133,8 @@ class JointMemory(NamedTuple):
     """The arrays that a tick reads and writes.
 
     Attributes:
-        state: (SLIPS + 3 K, n) at the beginning; NaN currents and deflections start settled.
-        next_state: (SLIPS + 3 K, n), written: at the end.
+        state: (FIRST_SLIP + 3 K, n) at the beginning; NaN currents and deflections start settled.
+        next_state: (FIRST_SLIP + 3 K, n), written: at the end.
         signals: (SIGNALS, n), written: motor torque, all other generalized force on the links
             (friction, ripple, cogging), true friction (minus the former), N m; motor current with
             the noise of its motion, A.
@@ -207,14 +207,14 @@ def joint_tick(
     """Single-sample kernel: one tick of all joints.
 
     Args:
-        table: (n, ELEMENTS + 3 K + 3 H), see the columns above; H stands in HARMONICS.
+        table: (n, FIRST_ELEMENT + 3 K + 3 H), see the columns above; H stands in NUM_HARMONICS.
         time_step: h, s.
         links: at the tick's beginning.
         inputs: of the tick.
         memory: its state at the beginning is read, the other arrays are written.
     """
     state, signals = memory.state, memory.signals
-    n, K = state.shape[1], (state.shape[0] - SLIPS) // SLIP_ROWS
+    n, K = state.shape[1], (state.shape[0] - FIRST_SLIP) // SLIP_ROWS
     balance = new_balance(n, K)
     for i in range(n):
         motor_velocity = links.v[i] + state[RATE, i]
@@ -331,7 +331,7 @@ def _set_elements(
         level = limits.forwards if limits.velocity > 0.0 else limits.backwards
         dry_damper = level * _even_slope(limits.velocity, table[i, TRANSITION])
     for k in range(elements.spring.shape[0]):
-        column = ELEMENTS + ELEMENT_COLUMNS * k
+        column = FIRST_ELEMENT + ELEMENT_COLUMNS * k
         weight = element_share * table[i, column + ELEMENT_WEIGHT]
         stiffness = table[i, column + ELEMENT_STIFFNESS] * time_step
         decay = table[i, column + ELEMENT_DECAY]
@@ -360,7 +360,7 @@ def _position_torque(
     """Ripple, transmission error and harmonics of joint i at its position, N m."""
     q, position_torque = links.q[i], 0.0
     for k in range(NUM_RIPPLES):
-        ripple = RIPPLES + RIPPLE_COLUMNS * k
+        ripple = FIRST_RIPPLE + RIPPLE_COLUMNS * k
         amplitude = table[i, ripple + RIPPLE_AMPLITUDE]
         amplitude += table[i, ripple + RIPPLE_LOAD_SHARE] * abs(load)
         angle = table[i, ripple + RIPPLE_PERIODS] * q + table[i, ripple + RIPPLE_PHASE]
@@ -372,8 +372,8 @@ def _position_torque(
         share = speed_ratio2 / (1.0 + speed_ratio2)
         position_torque += table[i, ERROR_AMPLITUDE] * share * wave
     motor_position = q + deflection(table, i, state[DEFLECTION, i], links.G[i])
-    for k in range(int(table[i, HARMONICS])):
-        harmonic = ELEMENTS + ELEMENT_COLUMNS * K + HARMONIC_COLUMNS * k
+    for k in range(int(table[i, NUM_HARMONICS])):
+        harmonic = FIRST_ELEMENT + ELEMENT_COLUMNS * K + HARMONIC_COLUMNS * k
         angle = table[i, harmonic + HARMONIC_PERIODS] * motor_position
         angle += table[i, harmonic + HARMONIC_PHASE]
         position_torque += table[i, harmonic + HARMONIC_AMPLITUDE] * math.sin(angle)
@@ -399,7 +399,7 @@ def _friction_after(i: int, balance: Balance, memory: JointMemory) -> float:
     dissipative = balance.damper[i] * (v + memory.state[RATE, i])
     for k in range(elements.spring.shape[0]):
         dissipative += element_torque(elements, k, i, v)
-        slip = SLIPS + SLIP_ROWS * k
+        slip = FIRST_SLIP + SLIP_ROWS * k
         next_state[slip + SLIP_SPRING, i] = elements.spring[k, i]
         next_state[slip + SLIP_LOW, i] = elements.low[k, i]
         next_state[slip + SLIP_HIGH, i] = elements.high[k, i]
@@ -443,8 +443,8 @@ def spring_torque(table: Array, time_step: float, state: Array, i: int, k: int, 
     It follows the displacement that the links really made. That is the predicted one where only
     the known torques acted: contact forces are known a tick late.
     """
-    slip = SLIPS + SLIP_ROWS * k
-    stiffness = table[i, ELEMENTS + ELEMENT_COLUMNS * k + ELEMENT_STIFFNESS]
+    slip = FIRST_SLIP + SLIP_ROWS * k
+    stiffness = table[i, FIRST_ELEMENT + ELEMENT_COLUMNS * k + ELEMENT_STIFFNESS]
     torque = state[slip + SLIP_SPRING, i] + stiffness * time_step * v
     return float(min(max(torque, state[slip + SLIP_LOW, i]), state[slip + SLIP_HIGH, i]))
 

@@ -35,8 +35,10 @@ from wrenchsight.models.truth.joint_kernels import (
     ELEMENT_DECAY,
     ELEMENT_STIFFNESS,
     ELEMENT_WEIGHT,
-    ELEMENTS,
     ERROR_AMPLITUDE,
+    FIRST_ELEMENT,
+    FIRST_RIPPLE,
+    FIRST_SLIP,
     FORWARDS,
     FREQUENCY,
     GAIN,
@@ -45,20 +47,18 @@ from wrenchsight.models.truth.joint_kernels import (
     HARMONIC_COLUMNS,
     HARMONIC_PERIODS,
     HARMONIC_PHASE,
-    HARMONICS,
     HEATING,
     INVERSE_SATURATION,
     INVERSE_TIME,
     MOTORING,
     MOVING_NOISE,
+    NUM_HARMONICS,
     POLE,
     RESOLUTION,
     RIGID_DAMPER,
     RIPPLE_COLUMNS,
-    RIPPLES,
     RISE,
     SLIP_ROWS,
-    SLIPS,
     SPEED,
     STICTION,
     TEMPERATURE_SHARE,
@@ -85,7 +85,7 @@ class TrueJoints:
     """The constants of a robot's joints for `wrenchsight.models.truth.joint_kernels`.
 
     Attributes:
-        table: (n, ELEMENTS + 3 K + 3 H).
+        table: (n, FIRST_ELEMENT + 3 K + 3 H).
         start_rise: K, of the joints at the start.
         on_motor: whether the encoders sit on the motors, and so see the gears' deflection.
         time_step: s, of a tick.
@@ -108,8 +108,8 @@ class TrueJoints:
     @property
     def num_elements(self) -> int:
         """Number of slip elements of each joint, K."""
-        harmonic_columns = HARMONIC_COLUMNS * int(self.table[0, HARMONICS])
-        return (int(self.table.shape[1]) - ELEMENTS - harmonic_columns) // ELEMENT_COLUMNS
+        harmonic_columns = HARMONIC_COLUMNS * int(self.table[0, NUM_HARMONICS])
+        return (int(self.table.shape[1]) - FIRST_ELEMENT - harmonic_columns) // ELEMENT_COLUMNS
 
     @property
     def compliance(self) -> Array:
@@ -117,8 +117,10 @@ class TrueJoints:
         return self.table[:, COMPLIANCE] if self.on_motor else np.zeros(self.num_joints)
 
     def initial_state(self) -> Array:
-        """(SLIPS + 3 K, n) of joints at rest, springs relaxed, gears settled under their load."""
-        state = np.zeros((SLIPS + SLIP_ROWS * self.num_elements, self.num_joints))
+        """(FIRST_SLIP + 3 K, n) of joints at rest, springs relaxed, gears settled under their
+        load.
+        """
+        state = np.zeros((FIRST_SLIP + SLIP_ROWS * self.num_elements, self.num_joints))
         state[[CURRENT, TRANSMITTED, DEFLECTION, WANDER]] = math.nan
         state[RISE] = self.start_rise
         return state
@@ -157,7 +159,7 @@ class TrueJoints:
         for i in range(self.num_joints):
             for k in range(self.num_elements):
                 torque = spring_torque(self.table, self.time_step, state, i, k, v[i])
-                stiffness = self.table[i, ELEMENTS + ELEMENT_COLUMNS * k + ELEMENT_STIFFNESS]
+                stiffness = self.table[i, FIRST_ELEMENT + ELEMENT_COLUMNS * k + ELEMENT_STIFFNESS]
                 energy[i] += torque**2 / (2.0 * stiffness)
         return energy
 
@@ -180,13 +182,13 @@ class TrueJoints:
         reader = _Reader(robot)
         slip = config.slip or SlipConfig(displacement=[0.0] * robot.num_joints)
         ripple = config.ripple or RippleConfig()
-        table = np.zeros((robot.num_joints, ELEMENTS + ELEMENT_COLUMNS * len(slip.weight)))
+        table = np.zeros((robot.num_joints, FIRST_ELEMENT + ELEMENT_COLUMNS * len(slip.weight)))
         _pack_friction(table, robot, config, reader, time_step)
         _pack_position(table, robot, config, reader)
         _pack_drive(table, robot, config, reader, time_step)
         _pack_elements(table, slip, reader, time_step)
         table = np.hstack([table, _harmonics(ripple, config.individual, reader)])
-        table[:, HARMONICS] = len(ripple.motor_periods)
+        table[:, NUM_HARMONICS] = len(ripple.motor_periods)
         on_motor = (config.elasticity or ElasticityConfig()).encoder == "motor"
         rise = reader.number(config.lubrication or LubricationConfig(), "start_rise")
         return cls(table, rise, on_motor, time_step, _motors(robot))
@@ -263,7 +265,7 @@ def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader:
         phases[2],
     ]
     for k, columns in enumerate((gear, second_wheel, cogging)):
-        first = RIPPLES + RIPPLE_COLUMNS * k
+        first = FIRST_RIPPLE + RIPPLE_COLUMNS * k
         table[:, first : first + RIPPLE_COLUMNS] = np.stack(columns, axis=1)
 
 
@@ -324,7 +326,7 @@ def _pack_elements(table: Array, slip: SlipConfig, reader: "_Reader", time_step:
         bending = (time_step * table[:, FREQUENCY]) ** 2 * table[:, COMPLIANCE]
         bearable = _MAX_DEFLECTION_SHARE * weight[k] / np.where(is_bent, bending, 1.0)
         stiffness = np.where(is_bent, np.minimum(stiffness, bearable), stiffness)
-        element = table[:, ELEMENTS + ELEMENT_COLUMNS * k :]
+        element = table[:, FIRST_ELEMENT + ELEMENT_COLUMNS * k :]
         element[:, ELEMENT_WEIGHT] = weight[k]
         element[:, ELEMENT_STIFFNESS] = np.maximum(stiffness, _MIN_STIFFNESS / time_step)
         decay = math.exp(-time_step / slip.creep_time[k])

@@ -62,7 +62,7 @@ def load_truth(path: str | Path) -> SimulatedTruthConfig:
     return load_configuration(path, SimulatedTruthConfig)
 
 
-def with_friction(robot: Robot, friction: str) -> Robot:
+def with_true_friction(robot: Robot, friction: str) -> Robot:
     """The robot with the part of its true friction that a scenario requests.
 
     Args:

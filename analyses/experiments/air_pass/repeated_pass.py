@@ -23,7 +23,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
     estimate_run,
     payload_reference,
 )
-from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceReading, Judgement
+from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceJudgement, ForceReading
 from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -46,7 +46,7 @@ class PassErrors:
         torque_error: (M, n) N m, of the observer's output.
     """
 
-    judged: tuple[Judgement, ...]
+    judged: tuple[ForceJudgement, ...]
     torque_error: Array
 
     @property
@@ -189,7 +189,7 @@ def loaded_pass(
         for force, sd, true in zip(
             result.wrench[:, 3:].T, result.standard_deviation[:, 3:].T, truth[rows].T, strict=True
         ):
-            judgement = Judgement.of(ForceReading(force, sd, result.valid), true)
+            judgement = ForceJudgement.of(ForceReading(force, sd, result.valid), true)
             assert judgement is not None
             judged.append(judgement)
         return PassErrors(tuple(judged), (tau_ext - torque)[rows])

@@ -90,7 +90,7 @@ class CurrentLog:
         )
 
 
-class Reading(NamedTuple):
+class MethodReading(NamedTuple):
     """What a method reads of N samples.
 
     Attributes:
@@ -104,7 +104,7 @@ class Reading(NamedTuple):
     tau_ext: Array | None = None
 
 
-Reader = Callable[[CurrentLog], Reading]
+Reader = Callable[[CurrentLog], MethodReading]
 
 
 class Ur10eArm:
@@ -149,14 +149,14 @@ class Ur10eArm:
     def smoothing_reader(self, robot: Robot) -> Reader:
         """How `ours` reads a log with `--smooth`: each sample also from those after it."""
 
-        def read(log: CurrentLog) -> Reading:
+        def read(log: CurrentLog) -> MethodReading:
             batch = smoothed_estimate(
                 _estimator(log, robot, self.models["ours"], "force_only"),
                 log.q,
                 log.v,
                 log.current,
             )
-            return Reading(batch.wrench, batch.covariance, batch.tau_ext)
+            return MethodReading(batch.wrench, batch.covariance, batch.tau_ext)
 
         return read
 
@@ -168,12 +168,12 @@ class Ur10eArm:
         """The article's model, with one covariance for all states."""
         return replace(self.models["article"], torque_error=None)
 
-    def _plain(self, log: CurrentLog, robot: Robot) -> Reading:
+    def _plain(self, log: CurrentLog, robot: Robot) -> MethodReading:
         if log.target is None:
             raise ValueError(f"{log.name} holds no target currents")
         tau = robot.joint_torque(log.target - log.current)
         J = np.asarray(robot.chain.jacobian(log.q))[:, 3:]
-        return Reading(
+        return MethodReading(
             _of_force(np.einsum("kaj,kj->ka", np.linalg.pinv(_turned(J)), tau)), None, tau
         )
 
@@ -184,7 +184,7 @@ def by_estimator(
     model: IdentifiedModel,
     method: str = "force_only",
     observer: Any = None,
-) -> Reading:
+) -> MethodReading:
     """A log read by the estimator: its observer, and a method of
     `wrenchsight.models.estimation.wrench`.
 
@@ -194,7 +194,7 @@ def by_estimator(
     estimator = _estimator(log, robot, model, method, observer)
     batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
     states_error = method == "force_only"
-    return Reading(batch.wrench, batch.covariance if states_error else None, batch.tau_ext)
+    return MethodReading(batch.wrench, batch.covariance if states_error else None, batch.tau_ext)
 
 
 def _estimator(

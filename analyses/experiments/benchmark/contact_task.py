@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.benchmark.arm import CurrentLog, Reading, Ur10eArm
+from wrenchsight.analyses.experiments.benchmark.arm import CurrentLog, MethodReading, Ur10eArm
 from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, reader_of
 from wrenchsight.analyses.experiments.benchmark.scores import spread
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
@@ -39,7 +39,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     tooled,
 )
 from wrenchsight.analyses.methods.estimate.contact_places import stretches
-from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceReading, Judgement
+from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceJudgement, ForceReading
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
@@ -152,7 +152,7 @@ class ContactTask:
         return command_reading(run, file, self._refits[run.run.name.controller])
 
     def _scored(self, read: ReadRun) -> dict[str, Any]:
-        judged: dict[str, list[Judgement]] = {kind: [] for kind in KINDS}
+        judged: dict[str, list[ForceJudgement]] = {kind: [] for kind in KINDS}
         for run in self._runs:
             reading = read(run)
             for kind, intervals in KINDS.items():
@@ -186,11 +186,11 @@ def _estimated(
     batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
     states_error = method == "force_only"
     is_known = np.asarray(np.isfinite(log.q).all(axis=1))
-    reading = Reading(batch.wrench, batch.covariance if states_error else None)
+    reading = MethodReading(batch.wrench, batch.covariance if states_error else None)
     return _along(run, reading, is_known, batch.fresh)
 
 
-def _along(run: PreparedRun, reading: Reading, is_known: Flags, fresh: Flags) -> ForceReading:
+def _along(run: PreparedRun, reading: MethodReading, is_known: Flags, fresh: Flags) -> ForceReading:
     """The force along the tool over blocks, where the posture is known."""
     z = run.R_WE[:, :, 2]
     force = np.where(is_known & fresh, -np.einsum("ki,ki->k", z, reading.wrench[:, 3:]), np.nan)

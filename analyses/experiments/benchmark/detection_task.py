@@ -19,7 +19,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.experiments.benchmark.arm import CurrentLog, Reader, Reading, Ur10eArm
+from wrenchsight.analyses.experiments.benchmark.arm import (
+    CurrentLog,
+    MethodReading,
+    Reader,
+    Ur10eArm,
+)
 from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, reader_of
 from wrenchsight.analyses.experiments.benchmark.scores import share
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import (
@@ -179,7 +184,7 @@ class DetectionTask:
         }
 
 
-def _sizes(reading: Reading) -> Array:
+def _sizes(reading: MethodReading) -> Array:
     """(N, 1 or n), what a level is set for."""
     if reading.tau_ext is not None:
         return np.asarray(np.abs(reading.tau_ext))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.benchmark.arm import Reader, Reading, by_estimator
+from wrenchsight.analyses.experiments.benchmark.arm import MethodReading, Reader, by_estimator
 from wrenchsight.analyses.study.own_methods import MethodEntry, MethodSetting, reason_of
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
@@ -75,7 +75,7 @@ def reader_of(made: Any, robot: Robot, model: IdentifiedModel, time_step: float)
     return lambda log: _reading("wrench of q, v and current", made, log.q, log.v, log.current)
 
 
-def wrench_of_torque(made: Any, J: Array, tau_ext: Array) -> Reading | None:
+def wrench_of_torque(made: Any, J: Array, tau_ext: Array) -> MethodReading | None:
     """Its wrench from joint torque (N, n) with J (N, 6, n); None: it has no such method.
 
     Raises:
@@ -133,7 +133,7 @@ def checked(quantity: str, value: Any, shape: tuple[int, ...]) -> Array:
     return array
 
 
-def _reading(call: str, method: Callable[..., Any], *signals: Array) -> Reading:
+def _reading(call: str, method: Callable[..., Any], *signals: Array) -> MethodReading:
     value = _called(call, method, *_copies(*signals))
     if not isinstance(value, tuple | list) or len(value) != 2:
         problem = f"{call}: expected a wrench and its covariance (or None)"
@@ -142,13 +142,13 @@ def _reading(call: str, method: Callable[..., Any], *signals: Array) -> Reading:
     N = len(signals[0])
     wrench = checked("wrench", wrench, (N, 6))
     if covariance is None:
-        return Reading(wrench)
+        return MethodReading(wrench)
     covariance = checked("covariance", covariance, (N, 6, 6))
     largest = np.abs(covariance).max(axis=(1, 2), keepdims=True)
     uneven = np.abs(covariance - covariance.transpose(0, 2, 1)) > _SYMMETRY_TOLERANCE * largest
     if uneven.any() or (np.diagonal(covariance, axis1=1, axis2=2) < 0.0).any():
         raise FaultError("covariance: expected symmetric matrices with variances of zero or more")
-    return Reading(wrench, covariance)
+    return MethodReading(wrench, covariance)
 
 
 def _copies(*signals: Array) -> list[Array]:

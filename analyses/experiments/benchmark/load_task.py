@@ -9,13 +9,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.benchmark.arm import CurrentLog, Reader, Reading, Ur10eArm
+from wrenchsight.analyses.experiments.benchmark.arm import (
+    CurrentLog,
+    MethodReading,
+    Reader,
+    Ur10eArm,
+)
 from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, reader_of
 from wrenchsight.analyses.experiments.benchmark.scores import spread
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import LEARNING_TIME
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import (
     TIME_STEP,
-    Scene,
+    LogScene,
     loaded_scene,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import LOADED_LOGS
@@ -32,7 +37,7 @@ class LoadTask:
 
     def __init__(self, arm: Ur10eArm) -> None:
         self._arm = arm
-        self._logs: dict[str, tuple[Scene, CurrentLog]] = {}
+        self._logs: dict[str, tuple[LogScene, CurrentLog]] = {}
         for name, mass in LOADED_LOGS.items():
             recording = arm.read(name)
             scene = loaded_scene(recording, mass, arm.robot, arm.models["ours"])
@@ -104,7 +109,7 @@ def _pieces(error: Array, judged: Flags) -> list[float]:
     ]
 
 
-def _inside(reading: Reading, error: Array) -> Array:
+def _inside(reading: MethodReading, error: Array) -> Array:
     assert reading.covariance is not None
     variance = np.diagonal(reading.covariance, axis1=1, axis2=2)[:, 3:]
     return np.asarray(np.abs(error) <= SIGMA_95 * np.sqrt(variance))

@@ -18,7 +18,7 @@ MIN_CUTOFF_PERIODS: Final = 5.0  # periods of the cutoff, of a log that is only 
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueLog:
+class LowPassedTorqueLog:
     """A low-passed log; N samples.
 
     Attributes:
@@ -38,7 +38,7 @@ class TorqueLog:
 
 def torque_log(
     recording: Recording, robot: Robot, model: IdentifiedModel, added: Array | None = None
-) -> TorqueLog:
+) -> LowPassedTorqueLog:
     """Low-passes a log and predicts its torque by a model.
 
     Args:
@@ -55,4 +55,4 @@ def torque_log(
         low_passed = low_pass(added)
         sample = np.searchsorted(recording.t, run.t - 1e-9)
         tau = tau + low_passed[np.minimum(sample, len(low_passed) - 1)]
-    return TorqueLog(run.q, run.v, tau, run.match(rigid + friction), run.used)
+    return LowPassedTorqueLog(run.q, run.v, tau, run.match(rigid + friction), run.used)

@@ -45,7 +45,7 @@ LOADED_SHARE: Final = 0.02  # of the peak
 
 
 @dataclass(frozen=True)
-class Episode:
+class ReportedContact:
     """A contact that a method reports, s, and the links that it names."""
 
     begin: float
@@ -83,7 +83,7 @@ class TouchTasks:
         return {task: by_method[entrant.name] for task, by_method in scored.items()}
 
     def _by_task(
-        self, methods: Mapping[str, Sequence[Sequence[Episode]]]
+        self, methods: Mapping[str, Sequence[Sequence[ReportedContact]]]
     ) -> dict[str, dict[str, dict[str, Any]]]:
         scores = {method: self._scored(episodes) for method, episodes in methods.items()}
         return {
@@ -91,7 +91,7 @@ class TouchTasks:
             for task in ("touches", "link")
         }
 
-    def _plain(self) -> list[list[Episode]]:
+    def _plain(self) -> list[list[ReportedContact]]:
         episodes = []
         for log in self._logs:
             alone = log.tau_ext - _baseline(log)
@@ -102,7 +102,7 @@ class TouchTasks:
             episodes.append(_episodes(log.t, contact, link))
         return episodes
 
-    def _ours(self) -> list[list[Episode]]:
+    def _ours(self) -> list[list[ReportedContact]]:
         episodes = []
         for log in self._logs:
             source = TorqueLog(log.path, None, self._robot, True, ReferenceConfig())
@@ -114,7 +114,7 @@ class TouchTasks:
             touches.episodes.finish()
             episodes.append(
                 [
-                    Episode(
+                    ReportedContact(
                         contact.begin,
                         contact.end,
                         tuple(contact.place.named() if contact.place else ()),
@@ -124,7 +124,7 @@ class TouchTasks:
             )
         return episodes
 
-    def _scored(self, episodes: Sequence[Sequence[Episode]]) -> dict[str, dict[str, Any]]:
+    def _scored(self, episodes: Sequence[Sequence[ReportedContact]]) -> dict[str, dict[str, Any]]:
         num_found, num_false, num_touches, delays = 0, 0, 0, list[float]()
         found_pct, delay, named, counts, ruled_out = ([] for _ in range(5))
         for log, reported, last in zip(self._logs, episodes, self._last, strict=True):
@@ -159,7 +159,7 @@ class TouchTasks:
         return {"touches": detected, "link": link}
 
 
-def _hit(episodes: Sequence[Episode], begin: float, end: float) -> Episode | None:
+def _hit(episodes: Sequence[ReportedContact], begin: float, end: float) -> ReportedContact | None:
     """The first episode that begins during a touch."""
     return next(
         (
@@ -171,7 +171,7 @@ def _hit(episodes: Sequence[Episode], begin: float, end: float) -> Episode | Non
     )
 
 
-def _episodes(t: Array, contact: Flags, link: Array) -> list[Episode]:
+def _episodes(t: Array, contact: Flags, link: Array) -> list[ReportedContact]:
     """Stretches of contact, pauses shorter than MAX_DELAY filled, by the link most often named."""
     joined = contact.copy()
     for pause in stretches(~contact):
@@ -182,7 +182,7 @@ def _episodes(t: Array, contact: Flags, link: Array) -> list[Episode]:
     for part in stretches(joined):
         named = link[part][link[part] > 0].astype(int)
         links = (int(np.bincount(named).argmax()),) if len(named) else ()
-        episodes.append(Episode(float(t[part.start]), float(t[part.stop - 1]), links))
+        episodes.append(ReportedContact(float(t[part.start]), float(t[part.stop - 1]), links))
     return episodes
 
 

@@ -23,7 +23,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
     highest_speed,
-    on_path,
+    scenario_on_path,
     task_path,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
@@ -34,7 +34,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from wrenchsight.analyses.methods.reference_sensor.force_errors import ForceReading, reductions
+from wrenchsight.analyses.methods.reference_sensor.force_errors import VariantReading, reductions
 from wrenchsight.analyses.output.figures import COLOUR
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -140,11 +140,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `combined` of `study`."""
     models, scenario = pushed_arm(context, SCENARIO, 0.35)
     robot = models.robot
-    scenarios = {path: on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
+    scenarios = {path: scenario_on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
     speed = highest_speed(list(scenarios.values()), robot)
     context.progress(0.35, "placing the path")
     bayesian = models.estimator(SP, speed, FAST_GAIN, WrenchReconstructionConfig("bayesian"))
-    scenarios["placed"] = on_path(scenario, robot, *found_path(robot, 0, bayesian.model))
+    scenarios["placed"] = scenario_on_path(scenario, robot, *found_path(robot, 0, bayesian.model))
     runs = pushed_runs(context, models, scenarios, 0.45)
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
@@ -186,7 +186,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _figures(readings: dict[str, ForceReading]) -> Iterator[Drawing]:
+def _figures(readings: dict[str, VariantReading]) -> Iterator[Drawing]:
     limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
     for name, key, colour, title, caption in (
         (

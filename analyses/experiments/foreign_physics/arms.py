@@ -31,7 +31,7 @@ _STRANGER_URDF = "cmeel.prefix/share/example-robot-data/robots/z1_description/ur
 
 
 @dataclass(frozen=True, eq=False)
-class TrueArm:
+class MujocoArm:
     """A true arm, and the robot that its user has.
 
     Attributes:
@@ -90,7 +90,7 @@ def stranger_urdf() -> Path:
     return Path(str(metadata.distribution("example-robot-data").locate_file(_STRANGER_URDF)))
 
 
-def draw_arm(file: str, seed: int) -> TrueArm:
+def draw_arm(file: str, seed: int) -> MujocoArm:
     """Draws the true arm behind a robot's file.
 
     Args:
@@ -114,7 +114,7 @@ def draw_arm(file: str, seed: int) -> TrueArm:
     def about(level: Array) -> Array:
         return np.asarray(level * rng.uniform(1.0 - FRICTION_SPREAD, 1.0 + FRICTION_SPREAD, n))
 
-    return TrueArm(
+    return MujocoArm(
         robot=robot,
         robot_file=file,
         chain=robot.chain.with_inertial_parameters(inertial, rotors),

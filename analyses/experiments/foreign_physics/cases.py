@@ -19,7 +19,7 @@ from wrenchsight.analyses.experiments.foreign_physics.motions import (
     via_instants,
     wave,
 )
-from wrenchsight.analyses.experiments.foreign_physics.scenes import Scene, Tool
+from wrenchsight.analyses.experiments.foreign_physics.scenes import MujocoScene, Tool
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
@@ -54,26 +54,26 @@ def scale(robot: Robot) -> float:
     return robot.payload / FULL_PAYLOAD
 
 
-def free(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def free(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """All joints move, nothing touches."""
-    return Scene(*wave(robot, FREE_SECONDS, seed))
+    return MujocoScene(*wave(robot, FREE_SECONDS, seed))
 
 
-def picks(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def picks(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """From posture to posture, with a rest of 1.2 s at each; nothing touches."""
-    return Scene(*pick_and_place(robot, PICK_SECONDS, seed))
+    return MujocoScene(*pick_and_place(robot, PICK_SECONDS, seed))
 
 
-def constant(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def constant(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """A constant force in motion."""
     t = grid(CONTACT_SECONDS)
     size = smooth_step((t - FIRST_CONTACT) / PUSH_RISE)[0]
     size = size * (1.0 - smooth_step((t - t[-1] + LAST_FREE) / PUSH_RISE)[0])
     force = scale(robot) * PUSH_FORCE * size[:, None] * _way(seed)
-    return replace(Scene(*wave(robot, CONTACT_SECONDS, seed)), wrench=_at_E(force))
+    return replace(MujocoScene(*wave(robot, CONTACT_SECONDS, seed)), wrench=_at_E(force))
 
 
-def steps(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def steps(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """Steps of 10 to 40 N in motion, each of another direction."""
     t, rng = grid(CONTACT_SECONDS), np.random.default_rng([seed, 6])
     force = np.zeros((len(t), 3))
@@ -83,18 +83,18 @@ def steps(robot: Robot, coulomb: Array, seed: int) -> Scene:
         way = rng.standard_normal(3)
         force[on] = scale(robot) * rng.uniform(10.0, 40.0) * way / np.linalg.norm(way)
         begin += 2.0 * STEP_SECONDS
-    return replace(Scene(*wave(robot, CONTACT_SECONDS, seed)), wrench=_at_E(force))
+    return replace(MujocoScene(*wave(robot, CONTACT_SECONDS, seed)), wrench=_at_E(force))
 
 
 def sine(frequency: float) -> "Case":
     """A force of 30 N that turns about zero with a frequency, in motion."""
 
-    def make(robot: Robot, coulomb: Array, seed: int) -> Scene:
+    def make(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
         t = grid(SINE_SECONDS)
         runs = (t >= FIRST_CONTACT) & (t < t[-1] - LAST_FREE)
         angle = 2.0 * np.pi * frequency * (t - FIRST_CONTACT)
         force = scale(robot) * PUSH_FORCE * (runs * np.sin(angle))[:, None] * _way(seed)
-        return replace(Scene(*wave(robot, SINE_SECONDS, seed)), wrench=_at_E(force))
+        return replace(MujocoScene(*wave(robot, SINE_SECONDS, seed)), wrench=_at_E(force))
 
     return make
 
@@ -102,13 +102,13 @@ def sine(frequency: float) -> "Case":
 def slide(force: float, tool: Tool) -> "Case":
     """The tool goes round on a plane and presses on it with a force in N."""
 
-    def make(robot: Robot, coulomb: Array, seed: int) -> Scene:
+    def make(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
         return _on_plane(robot, tool, _constant_push(robot, force), PATH_RADIUS)
 
     return make
 
 
-def press(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def press(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """The ball presses at rest with 30, 60 and 130 N in turn."""
     t = grid(CONTACT_SECONDS)
     asked = np.zeros(len(t))
@@ -120,41 +120,41 @@ def press(robot: Robot, coulomb: Array, seed: int) -> Scene:
     return _on_plane(robot, BALL_TOOL, asked, 0.0)
 
 
-def slow_reversal(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def slow_reversal(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """Slow motion to and fro, with a constant force in the middle."""
     t = grid(CONTACT_SECONDS)
     on = (t >= FIRST_CONTACT) & (t < t[-1] - 2.0 * LAST_FREE)
     force = 0.5 * scale(robot) * PUSH_FORCE * on[:, None] * _way(seed)
-    return replace(Scene(*slow_reversals(robot, CONTACT_SECONDS, seed)), wrench=_at_E(force))
+    return replace(MujocoScene(*slow_reversals(robot, CONTACT_SECONDS, seed)), wrench=_at_E(force))
 
 
-def payload(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def payload(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """A load at the tool through the whole log, which the model does not know."""
     load = scale(robot) * LOAD_MASS, np.array(LOAD_CENTRE)
-    return replace(Scene(*wave(robot, FREE_SECONDS, seed)), load=load)
+    return replace(MujocoScene(*wave(robot, FREE_SECONDS, seed)), load=load)
 
 
-def drift(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def drift(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """Friction is larger than it was at the identification; nothing touches."""
     return _drifted(free(robot, coulomb, seed))
 
 
-def drift_steps(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def drift_steps(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """Friction is larger than it was at the identification, and the force steps."""
     return _drifted(steps(robot, coulomb, seed))
 
 
-def ripple(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def ripple(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """The gears ripple, as they did not at the identification; the motion is slow."""
     return replace(slow_reversal(robot, coulomb, seed), ripple=RIPPLE_SHARE * coulomb)
 
 
-def elastic(robot: Robot, coulomb: Array, seed: int) -> Scene:
+def elastic(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """The gears are springs, the encoders at the motors; a force of 2 Hz."""
     return replace(sine(2.0)(robot, coulomb, seed), stiffness=JOINT_STIFFNESS)
 
 
-def _drifted(scene: Scene) -> Scene:
+def _drifted(scene: MujocoScene) -> MujocoScene:
     return replace(scene, coulomb_factor=DRIFT_COULOMB, viscous_factor=DRIFT_VISCOUS)
 
 
@@ -175,7 +175,7 @@ def _constant_push(robot: Robot, force: float) -> Array:
     return np.where(on, scale(robot) * force, 0.0)
 
 
-def _on_plane(robot: Robot, tool: Tool, push: Array, radius: float) -> Scene:
+def _on_plane(robot: Robot, tool: Tool, push: Array, radius: float) -> MujocoScene:
     """Down to a plane below the tool, round on it, and up again."""
     R_WE, p_WE = robot.chain.pose(robot.home)
     x, y, z = R_WE.T
@@ -189,7 +189,7 @@ def _on_plane(robot: Robot, tool: Tool, push: Array, radius: float) -> Scene:
         p = p + radius * ((1.0 - np.cos(angle)) * x + np.sin(angle) * y)
     motion = along_points(robot, p, CONTACT_SECONDS)
     return replace(
-        Scene(*motion),
+        MujocoScene(*motion),
         push=push,
         plane_point=p_WE + (tool.length + PLANE_GAP) * z,
         plane_normal=-z,
@@ -197,7 +197,7 @@ def _on_plane(robot: Robot, tool: Tool, push: Array, radius: float) -> Scene:
     )
 
 
-Case = Callable[[Robot, Array, int], Scene]
+Case = Callable[[Robot, Array, int], MujocoScene]
 """Makes the scene of a log.
 
 Args:

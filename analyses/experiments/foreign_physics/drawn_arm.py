@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from pydrake.math import RollPitchYaw
 
-from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm, draw_arm, robot_file
+from wrenchsight.analyses.experiments.foreign_physics.arms import MujocoArm, draw_arm, robot_file
 from wrenchsight.analyses.experiments.foreign_physics.cases import CASES, SMOOTH_CASES
 from wrenchsight.analyses.experiments.foreign_physics.identified_arms import (
     EXCITATION_SEEDS,
@@ -20,7 +20,11 @@ from wrenchsight.analyses.experiments.foreign_physics.identified_arms import (
 from wrenchsight.analyses.experiments.foreign_physics.motions import Motion
 from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import WorldLog, simulate
 from wrenchsight.analyses.experiments.foreign_physics.plain_tools import PlainModel
-from wrenchsight.analyses.experiments.foreign_physics.readings import Reading, figures, read_log
+from wrenchsight.analyses.experiments.foreign_physics.readings import (
+    EstimatedLog,
+    figures,
+    read_log,
+)
 from wrenchsight.models.files.configuration import save_configuration
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
@@ -45,7 +49,7 @@ class DrawnArm:
         keeps: whether logs and model are kept there.
     """
 
-    arm: TrueArm
+    arm: MujocoArm
     logs: tuple[Recording, ...]
     model: IdentifiedModel
     motions: tuple[Motion, ...]
@@ -74,7 +78,7 @@ class DrawnArm:
 
     @classmethod
     def _identified(
-        cls, arm: TrueArm, motions: tuple[Motion, ...], folder: Path, keeps: bool
+        cls, arm: MujocoArm, motions: tuple[Motion, ...], folder: Path, keeps: bool
     ) -> Self:
         paths, model_path = _log_paths(folder), folder / "model.yaml"
         if keeps and all(path.exists() for path in paths):
@@ -111,13 +115,13 @@ class DrawnArm:
         arm = self._of(case).arm
         return simulate(arm, CASES[case](arm.robot, arm.coulomb, arm.seed), arm.seed, case)
 
-    def read(self, case: str, log: WorldLog, draws: bool = True) -> Reading:
+    def read(self, case: str, log: WorldLog, draws: bool = True) -> EstimatedLog:
         """Reads the log of a case with the defaults of `estimate`."""
         one = self._of(case)
         return read_log(one.arm, one.model, log, self._folder(case), draws)
 
     def figures(
-        self, case: str, log: WorldLog, reading: Reading, with_plain: bool = True
+        self, case: str, log: WorldLog, reading: EstimatedLog, with_plain: bool = True
     ) -> dict[str, Any]:
         """The figures of a case's log, with those of plain tools beside."""
         plain = self._of(case).plain if with_plain else None

@@ -10,10 +10,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm
+from wrenchsight.analyses.experiments.foreign_physics.arms import MujocoArm
 from wrenchsight.analyses.experiments.foreign_physics.motions import Motion
 from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import WorldLog, simulate
-from wrenchsight.analyses.experiments.foreign_physics.scenes import Scene
+from wrenchsight.analyses.experiments.foreign_physics.scenes import MujocoScene
 from wrenchsight.analyses.methods.excite.excitation import excite_robot
 from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig
 from wrenchsight.analyses.methods.identify.identification import identify
@@ -56,10 +56,10 @@ def _excitation(file: str, seed: int, periods: int) -> Motion:
     return Motion(q, v, vdot)
 
 
-def identification_logs(arm: TrueArm, motions: tuple[Motion, ...]) -> tuple[WorldLog, ...]:
+def identification_logs(arm: MujocoArm, motions: tuple[Motion, ...]) -> tuple[WorldLog, ...]:
     """Logs of the true arm along these motions."""
     return tuple(
-        simulate(arm, Scene(*motion), _IDENTIFICATION_SEED + k, f"identification_{k}")
+        simulate(arm, MujocoScene(*motion), _IDENTIFICATION_SEED + k, f"identification_{k}")
         for k, motion in enumerate(motions)
     )
 

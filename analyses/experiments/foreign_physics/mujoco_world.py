@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm
-from wrenchsight.analyses.experiments.foreign_physics.scenes import Scene
+from wrenchsight.analyses.experiments.foreign_physics.arms import MujocoArm
+from wrenchsight.analyses.experiments.foreign_physics.scenes import MujocoScene
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.robot.mjcf import TIME_STEP, JointDynamics, chain_mjcf
+from wrenchsight.models.robot.mjcf import TIME_STEP, JointProperties, chain_mjcf
 
 LOG_STEP = 0.01  # s
 POSITION_STEP = 1e-4  # rad
@@ -55,7 +55,7 @@ class WorldLog:
     wrench: Array
 
 
-def simulate(arm: TrueArm, scene: Scene, seed: int, name: str = "log") -> WorldLog:
+def simulate(arm: MujocoArm, scene: MujocoScene, seed: int, name: str = "log") -> WorldLog:
     """Simulates a log; the same arguments give the same log.
 
     Args:
@@ -81,7 +81,7 @@ def simulate(arm: TrueArm, scene: Scene, seed: int, name: str = "log") -> WorldL
     return WorldLog(_measured(arm, q, v, tau, seed, name), wrench)
 
 
-def _measured(arm: TrueArm, q: Array, v: Array, tau: Array, seed: int, name: str) -> Recording:
+def _measured(arm: MujocoArm, q: Array, v: Array, tau: Array, seed: int, name: str) -> Recording:
     """What the controller logs of the truth."""
     rng = np.random.default_rng([seed, 1])
     current = arm.robot.motor_current(tau) + arm.current_noise_sd * rng.standard_normal(tau.shape)
@@ -97,7 +97,7 @@ def _measured(arm: TrueArm, q: Array, v: Array, tau: Array, seed: int, name: str
 class _World:
     """MuJoCo's state of an arm, and its controller."""
 
-    def __init__(self, arm: TrueArm, scene: Scene) -> None:
+    def __init__(self, arm: MujocoArm, scene: MujocoScene) -> None:
         self._scene = scene
         self._robot = arm.robot
         self._model = _true_model(arm, scene)
@@ -215,10 +215,10 @@ class _World:
         return np.concatenate([moment, force])
 
 
-def _true_model(arm: TrueArm, scene: Scene) -> mujoco.MjModel:
+def _true_model(arm: MujocoArm, scene: MujocoScene) -> mujoco.MjModel:
     """The true arm with what is around it in a scene."""
     robot = arm.robot
-    joints = JointDynamics.unlimited(
+    joints = JointProperties.unlimited(
         scene.coulomb_factor * arm.coulomb, scene.viscous_factor * arm.viscous
     )
     text = chain_mjcf(robot.name, arm.chain, joints)
@@ -293,9 +293,9 @@ def _with_springs(text: str, joint_names: tuple[str, ...], stiffness: float) -> 
     return ET.tostring(root, encoding="unicode")
 
 
-def _nominal_model(arm: TrueArm) -> mujoco.MjModel:
+def _nominal_model(arm: MujocoArm) -> mujoco.MjModel:
     """What the controller knows: the robot's file and the usual rotors, without friction."""
     none = np.zeros(arm.robot.num_joints)
     chain = replace(arm.robot.chain, reflected_inertia=arm.usual_rotors)
-    text = chain_mjcf(arm.robot.name, chain, JointDynamics.unlimited(none, none))
+    text = chain_mjcf(arm.robot.name, chain, JointProperties.unlimited(none, none))
     return mujoco.MjModel.from_xml_string(text)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow.csv
 
-from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm
+from wrenchsight.analyses.experiments.foreign_physics.arms import MujocoArm
 from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import WorldLog
 from wrenchsight.analyses.experiments.foreign_physics.plain_tools import PlainModel
 from wrenchsight.analyses.methods.estimate.estimation import estimate_log
@@ -37,7 +37,7 @@ REFUSED = -1  # in the place of reasons
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class EstimatedLog:
     """What `estimate` made of a log; N samples, force first.
 
     Attributes:
@@ -62,12 +62,12 @@ class Reading:
 
 
 def read_log(
-    arm: TrueArm,
+    arm: MujocoArm,
     model: IdentifiedModel,
     log: WorldLog,
     folder: Path,
     draws: bool = True,
-) -> Reading:
+) -> EstimatedLog:
     """Reads a log as the command does, and leaves its files in the folder.
 
     Args:
@@ -85,13 +85,13 @@ def read_log(
         result = estimate_log(path, arm.robot_file, model_path, folder / "estimate", draws=draws)
     except InputError as error:
         nothing = np.full((N, 6), np.nan)
-        return Reading(str(error), nothing, nothing, np.full(N, REFUSED), (), ())
+        return EstimatedLog(str(error), nothing, nothing, np.full(N, REFUSED), (), ())
     table = pyarrow.csv.read_csv(result.table)
     columns = {name: table[name].to_numpy() for name in table.column_names}
     if len(columns["t"]) != N:
         raise RuntimeError(f"{log.recording.source}: {len(columns['t'])} rows for {N} samples")
     contacts = result.metrics()["contact"]["contacts"]
-    return Reading(
+    return EstimatedLog(
         refusal="",
         wrench=np.column_stack([columns[axis] for axis in WRENCH_AXES]),
         sd=np.column_stack([columns[f"sd_{axis}"] for axis in WRENCH_AXES]),
@@ -103,7 +103,7 @@ def read_log(
 
 def figures(
     log: WorldLog,
-    reading: Reading,
+    reading: EstimatedLog,
     plain: PlainModel | None = None,
     steps: bool = True,
 ) -> dict[str, Any]:

@@ -38,7 +38,7 @@ class Tool:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class MujocoScene:
     """What happens to the arm in a log; N control steps.
 
     Attributes:

@@ -33,7 +33,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     read_variants,
 )
 from wrenchsight.analyses.methods.reference_sensor.force_errors import (
-    ForceReading,
+    VariantReading,
     draw_signal,
     envelope,
     reductions,
@@ -68,7 +68,7 @@ VARIANTS = (
 )
 
 
-def reversal_figure(run: TaskRun, readings: dict[str, ForceReading]) -> Figure:
+def reversal_figure(run: TaskRun, readings: dict[str, VariantReading]) -> Figure:
     """Force in Z by both laws, their errors, and the joints' velocities (Fig. 19)."""
     figure, axes = new_figure(3, 1, height=7.0)
     force, error, velocity = axes[:, 0]
@@ -214,7 +214,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _figures(run: TaskRun, readings: dict[str, ForceReading]) -> Iterator[Drawing]:
+def _figures(run: TaskRun, readings: dict[str, VariantReading]) -> Iterator[Drawing]:
     caption = "Force in Z with both of the article's laws, error, and joint velocity (Fig. 19)."
     yield "force-z", reversal_figure(run, readings), caption
 

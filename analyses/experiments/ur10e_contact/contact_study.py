@@ -36,8 +36,8 @@ from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import
     refit_rows,
 )
 from wrenchsight.analyses.methods.reference_sensor.judged_force import (
+    ForceJudgement,
     ForceReading,
-    Judgement,
     pooled_judgement,
 )
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -90,7 +90,7 @@ class ReadRun:
     prepared: PreparedRun
     readings: Mapping[str, ForceReading]
 
-    def judged(self, method: str, interval: str) -> Judgement | None:
+    def judged(self, method: str, interval: str) -> ForceJudgement | None:
         """Judges a method over an interval; None where the run lacks it or has no reading there."""
         return judge_interval(self.prepared, self.readings[method], interval)
 
@@ -144,7 +144,7 @@ def read_runs(
 
 def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
     """Bias, scatter and band by scene, controller, speed, interval and method, and pooled."""
-    judged: dict[tuple[str, ...], list[Judgement]] = {path: [] for path in _paths()}
+    judged: dict[tuple[str, ...], list[ForceJudgement]] = {path: [] for path in _paths()}
     for read in runs:
         name = read.prepared.run.name
         half = "settled" if name.stem in SETTLED_ON else "checked"

@@ -24,7 +24,7 @@ from wrenchsight.models.detection.torque_contact import (
     TorqueContact,
     TorqueContactDetector,
     first_baseline,
-    learn_torque_error,
+    learn_reported_torque_sd,
 )
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
@@ -80,7 +80,7 @@ class TorqueTouches:
 
     def __init__(self, log: TorqueLog) -> None:
         t, tau, J = _beginning(log)
-        self.error = learn_torque_error(t, tau, J)
+        self.error = learn_reported_torque_sd(t, tau, J)
         self._detector = TorqueContactDetector(self.error, first_baseline(t, tau))
         self.episodes = ContactEpisodes(log.num_joints, PAUSE_TIME)
         self._shifts: list[float] = []

@@ -29,7 +29,7 @@ from wrenchsight.models.calibration.load_identification import (
 from wrenchsight.models.calibration.load_parameters import (
     body_parameters,
     flange_map,
-    inertia_matrix,
+    load_inertia_matrix,
     realisable_inertia,
     tool_parameters,
 )
@@ -300,7 +300,7 @@ def _tool(body: Array, robot: Robot, name: str) -> ToolConfig:
         body = body + tool_parameters(stated_tool)
     mass = max(float(body[0]), 1e-9)
     com = body[1:4] / mass
-    about = inertia_matrix(body) - mass * (com @ com * np.eye(3) - np.outer(com, com))
+    about = load_inertia_matrix(body) - mass * (com @ com * np.eye(3) - np.outer(com, com))
     tensor = realisable_inertia(about, mass)
     if stated_tool is None:
         tool = ToolConfig(name=name)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from wrenchsight.analyses.methods.place.placement_search import SearchResult, coarse_stride
-from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.placement.placement_task import PlacementTask
@@ -79,7 +79,7 @@ def _taken_away(key: str) -> str:
     return "with half the path_length" if key == "path_length" else f"without {key}"
 
 
-def _shortfalls(program: PlacementProgram, end: Solution) -> list[str]:
+def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
     """What an end lacks of each constraint, the largest first."""
     placement = end.placement
     errors = np.abs(pose_errors(program.robot.chain, placement, program.path_length))

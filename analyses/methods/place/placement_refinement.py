@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import TIE_TOLERANCE, first_of_least
 from wrenchsight.models.planning.motion.posture_measures import smoothed
@@ -44,9 +44,9 @@ _TIGHT_OPTIONS = {
 def finished(
     robot: Robot,
     program: PlacementProgram,
-    solution: Solution,
+    solution: PlacementSolution,
     corrected: Callable[[Placement], Placement | None],
-) -> Solution:
+) -> PlacementSolution:
     """The optimum that a solution is near to, as the member of its family that stands for all.
 
     Args:

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.analyses.methods.place.placement_refinement import finished
-from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.numerics.ties import in_order
@@ -48,7 +48,7 @@ from wrenchsight.models.planning.placement.placements import (
     between_points,
     interpolated,
     on_all_branches,
-    on_path,
+    placement_on_path,
 )
 from wrenchsight.models.robot.robot import Robot
 
@@ -150,7 +150,7 @@ class SearchResult:
     evaluations: int = 0
     interrupted: bool = False
     history: list[tuple[float, float]] = field(default_factory=list)
-    nearest: list[Solution] = field(default_factory=list)
+    nearest: list[PlacementSolution] = field(default_factory=list)
 
     @property
     def best(self) -> Optimum | None:
@@ -219,8 +219,8 @@ class PlacementSearch:
     ) -> SearchResult:
         result = SearchResult()
         clock = _Clock(result)
-        ends: list[Solution] = []
-        solutions: list[Solution] = []
+        ends: list[PlacementSolution] = []
+        solutions: list[PlacementSolution] = []
         sources: list[_Source] = []
         try:
             progress(0.02, "looking at random placements")
@@ -282,9 +282,9 @@ class PlacementSearch:
         size = (program.path_length, program.num_segments // self._stride)
         return PlacementProgram(self._robot, program.measure, bounds, *size, program.cell, has_cost)
 
-    def _feasibility(self, starts: list[Placement]) -> list[Solution]:
+    def _feasibility(self, starts: list[Placement]) -> list[PlacementSolution]:
         """Ends of the coarse program without a cost, up to the first that keeps all constraints."""
-        program, ends = self._coarse_program(has_cost=False), list[Solution]()
+        program, ends = self._coarse_program(has_cost=False), list[PlacementSolution]()
         for start in starts:
             coarse_start = replace(start, q=start.q[:: self._stride])
             ends.append(program.solve(coarse_start, options=_FEASIBILITY_OPTIONS))
@@ -295,9 +295,9 @@ class PlacementSearch:
     def _rough(
         self,
         starts: list[Placement],
-        ends: list[Solution],
+        ends: list[PlacementSolution],
         result: SearchResult,
-    ) -> Iterator[Solution]:
+    ) -> Iterator[PlacementSolution]:
         """Solves the coarse program from each start and adds the ends."""
         for start in starts:
             coarse_start = replace(start, q=start.q[:: self._stride])
@@ -306,17 +306,17 @@ class PlacementSearch:
             ends.append(end)
             yield end
 
-    def _violation_of(self, end: Solution) -> float:
+    def _violation_of(self, end: PlacementSolution) -> float:
         return self._coarse.violation(end.placement)
 
-    def _is_kept(self, end: Solution) -> bool:
+    def _is_kept(self, end: PlacementSolution) -> bool:
         return self._violation_of(end) < _ROUGHLY_FEASIBLE
 
-    def _with_all_points(self, end: Solution) -> Placement | None:
+    def _with_all_points(self, end: PlacementSolution) -> Placement | None:
         """The end of a rough solve at all points of the path; None where its branch ends there."""
         return between_points(self._robot, end.placement, self.program.path_length, self._stride)
 
-    def _record(self, end: Solution, clock: "_Clock") -> None:
+    def _record(self, end: PlacementSolution, clock: "_Clock") -> None:
         """Records an end that keeps all constraints, put on its path to rounding."""
         if self._is_kept(end) and end.cost < 1.1 * clock.cost:
             placement = self._with_all_points(end)
@@ -324,7 +324,7 @@ class PlacementSearch:
             if placement is not None:
                 clock.better(self.program.cost(placement.q), placement)
 
-    def _best_corrected(self, ends: list[Solution], clock: "_Clock") -> Placement | None:
+    def _best_corrected(self, ends: list[PlacementSolution], clock: "_Clock") -> Placement | None:
         """The best end of the rough solves that keeps all constraints, also between points."""
         if clock.best is not None and self.corrected(clock.best) is not None:
             return clock.best
@@ -526,7 +526,7 @@ class PlacementSearch:
         return np.asarray(np.where(excess < 0.5, mean * (1.0 + 2.0 * excess), np.inf))
 
     def _varied(
-        self, ends: list[Solution], effort: SearchEffort, result: SearchResult
+        self, ends: list[PlacementSolution], effort: SearchEffort, result: SearchResult
     ) -> list[Placement]:
         """The best kinds of placements with the tool turned about the path, on all branches."""
         kept = [end for end in ends if self._is_kept(end)]
@@ -557,8 +557,8 @@ class PlacementSearch:
         return starts
 
     def _different(
-        self, ends: list[Solution], count: int, gap: float = _ROUGH_END_TOLERANCE
-    ) -> list[Solution]:
+        self, ends: list[PlacementSolution], count: int, gap: float = _ROUGH_END_TOLERANCE
+    ) -> list[PlacementSolution]:
         """The best ends, one of each kind; kinds differ in their profiles by `gap`."""
         profiles = [self._posture.values(end.placement.q) for end in ends]
         chosen: list[int] = []
@@ -571,8 +571,8 @@ class PlacementSearch:
         return [ends[index] for index in chosen]
 
     def _solve(
-        self, end: Solution, solver: str, result: SearchResult, clock: "_Clock"
-    ) -> Solution | None:
+        self, end: PlacementSolution, solver: str, result: SearchResult, clock: "_Clock"
+    ) -> PlacementSolution | None:
         """Solves the program from the end of a rough solve; None if it breaks a constraint."""
         start = self._with_all_points(end)
         if start is None:  # the solver may find a way from one branch to the other
@@ -590,7 +590,9 @@ class PlacementSearch:
         clock.better(cost, placement)
         return replace(solution, placement=placement, cost=cost)
 
-    def _finished(self, solution: Solution, result: SearchResult, clock: "_Clock") -> Solution:
+    def _finished(
+        self, solution: PlacementSolution, result: SearchResult, clock: "_Clock"
+    ) -> PlacementSolution:
         refined_solution = finished(self._robot, self.program, solution, self.corrected)
         result.evaluations += refined_solution.evaluations - solution.evaluations
         clock.better(refined_solution.cost, refined_solution.placement)
@@ -602,7 +604,7 @@ class PlacementSearch:
         Joint limits, continuity and clearance are checked between the points too.
         """
         program = self.program
-        exact = on_path(self._robot, placement, program.path_length)
+        exact = placement_on_path(self._robot, placement, program.path_length)
         if exact is None or np.max(np.abs(exact.q - placement.q)) > 1e-3:
             return None
         if program.violation(exact) > CONSTRAINT_TOLERANCE:
@@ -612,9 +614,9 @@ class PlacementSearch:
             return None
         return exact
 
-    def _kinds(self, solutions: list[Solution]) -> list[Solution]:
+    def _kinds(self, solutions: list[PlacementSolution]) -> list[PlacementSolution]:
         """Solutions that differ in their profiles, best first."""
-        kinds: list[Solution] = []
+        kinds: list[PlacementSolution] = []
         profiles: list[Array] = []
         for index in in_order([solution.cost for solution in solutions]):
             values = self._posture.values(solutions[index].placement.q)
@@ -627,8 +629,8 @@ class PlacementSearch:
 
     def _sort(
         self,
-        solutions: list[Solution],
-        ends: list[Solution],
+        solutions: list[PlacementSolution],
+        ends: list[PlacementSolution],
         sources: list[_Source],
         result: SearchResult,
     ) -> None:
@@ -653,7 +655,9 @@ class PlacementSearch:
             for index, solution in enumerate(kinds)
         ]
 
-    def _kind_of(self, end: Solution, sources: list[_Source], profiles: list[Array]) -> int | None:
+    def _kind_of(
+        self, end: PlacementSolution, sources: list[_Source], profiles: list[Array]
+    ) -> int | None:
         """The optimum that a fine solve came to from an end like this one; None for none."""
         if not self._is_kept(end):
             return None

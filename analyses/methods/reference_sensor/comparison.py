@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceReading, Judgement
+from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceJudgement, ForceReading
 from wrenchsight.analyses.methods.reference_sensor.mounting import Mounting, find_mounting
 from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
 from wrenchsight.analyses.methods.reference_sensor.sensor_log import WINDOW_BLOCKS, SensorLog
@@ -53,15 +53,15 @@ class SensorComparison:
     mounting: Mounting
     notices: tuple[str, ...]
 
-    def judged(self, axis: str, phase: str) -> Judgement | None:
+    def judged(self, axis: str, phase: str) -> ForceJudgement | None:
         """One quantity in one phase; None where no average of it has a reading."""
         return self.judged_over(axis, self.phases[phase])
 
-    def judged_over(self, axis: str, rows: Flags) -> Judgement | None:
+    def judged_over(self, axis: str, rows: Flags) -> ForceJudgement | None:
         """One quantity over some of the averages (M,); None where none has a reading."""
         k = self.axes.index(axis)
         reading = ForceReading(self.reading[rows, k], self.sd[rows, k], self.valid[rows])
-        return Judgement.of(reading, self.sensor[rows, k])
+        return ForceJudgement.of(reading, self.sensor[rows, k])
 
     def metrics(self) -> dict[str, Any]:
         """The mounting, and by phase the errors of each quantity; null where nothing was judged."""

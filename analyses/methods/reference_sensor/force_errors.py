@@ -26,7 +26,7 @@ FIGURE_COLUMNS = 1500  # of a figure: a longer signal is drawn as its extremes, 
 
 
 @dataclass(frozen=True, eq=False)
-class ForceReading:
+class VariantReading:
     """Reading of one variant along one run.
 
     Attributes:
@@ -48,9 +48,9 @@ class ForceReading:
         """(T, 3) N, reading minus reference."""
         return np.asarray(self.force - self.reference)
 
-    def part(self, rows: slice | NDArray[np.bool_]) -> "ForceReading":
+    def part(self, rows: slice | NDArray[np.bool_]) -> "VariantReading":
         """Some of its rows."""
-        return ForceReading(
+        return VariantReading(
             self.name,
             self.t[rows],
             self.force[rows],
@@ -119,7 +119,7 @@ def draw_signal(axis: Any, t: Array, x: Array, colour: str, label: str, **style:
     axis.fill_between(times, low, high, color=colour, lw=0.6, label=label, **style)
 
 
-def draw_band(axis: Any, reading: ForceReading, k: int, edges: bool = False) -> None:
+def draw_band(axis: Any, reading: VariantReading, k: int, edges: bool = False) -> None:
     """Draws the stated 95 % band around the reference: where readings should lie.
 
     Args:

@@ -1,4 +1,4 @@
-"""Judgement of a force reading by a sensor: bias, scatter, and coverage of the stated band.
+"""ForceJudgement of a force reading by a sensor: bias, scatter, and coverage of the stated band.
 
 All numbers are over averages of some time, so that two readings of one log are judged alike
 whatever their rates.
@@ -39,7 +39,7 @@ class ForceReading:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ForceJudgement:
     """A reading against the truth over one interval of one log.
 
     Attributes:
@@ -67,7 +67,7 @@ class Judgement:
     inside_95_valid: float | None = None
 
     @classmethod
-    def of(cls, reading: ForceReading, truth: Array) -> "Judgement | None":
+    def of(cls, reading: ForceReading, truth: Array) -> "ForceJudgement | None":
         """Judges the averages that have a reading; None where there is none.
 
         Args:
@@ -129,7 +129,7 @@ def correlation(a: Array, b: Array) -> float | None:
     return float(np.corrcoef(a, b)[0, 1])
 
 
-def pooled_judgement(judgements: Sequence[Judgement]) -> dict[str, Any]:
+def pooled_judgement(judgements: Sequence[ForceJudgement]) -> dict[str, Any]:
     """Means over logs, under the keys of a study's metrics; None where nothing was judged."""
 
     def mean(values: list[float | None], factor: float = 1.0) -> float | None:

@@ -15,7 +15,7 @@ from wrenchsight.models.identification.simulator_friction import (
     simulator_friction,
 )
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.robot.mjcf import JointDynamics, chain_mjcf
+from wrenchsight.models.robot.mjcf import JointProperties, chain_mjcf
 from wrenchsight.models.robot.robot import Robot, bundled_robots
 
 FORMATS: Final = ("urdf", "mjcf")
@@ -72,7 +72,7 @@ def export_robot(
     if form == "urdf":
         text = identified_urdf(robot, model.inertial_parameters, rotors, friction)
     else:
-        joints = JointDynamics(
+        joints = JointProperties(
             friction.coulomb,
             friction.viscous,
             robot.position_lower,

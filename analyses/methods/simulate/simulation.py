@@ -58,7 +58,7 @@ from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_joints import TrueJoints
-from wrenchsight.models.truth.true_robot import with_friction, with_truth_named
+from wrenchsight.models.truth.true_robot import with_true_friction, with_truth_named
 
 _PROGRESS_PERIOD = 0.1  # s between two reports of progress
 _QUICK_DURATION = 1.0  # s
@@ -425,7 +425,7 @@ def known_model(
     spread = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
     v[:, at_rest] = spread[:, np.newaxis]
     moving[:, at_rest] = True
-    joints = TrueJoints.of(with_friction(robot, scenario.friction), scenario.time_step)
+    joints = TrueJoints.of(with_true_friction(robot, scenario.friction), scenario.time_step)
     torque = joints.sliding_torque(v, robot.chain.inverse_dynamics(q, v, vdot))
     law = np.zeros((robot.num_joints, 2))
     for i in range(robot.num_joints):

@@ -26,7 +26,7 @@ _BLOCK_POSTURES = 8  # postures that a thread takes at a time
 
 
 @kernel
-def pose_error(
+def goal_minus_pose(
     R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array, turn: Array
 ) -> float:
     """Writes the rotation vector and translation (6,) in W from (R, p) to the goal.
@@ -152,7 +152,7 @@ def _approach(
         scratch = np.empty((n, SCRATCH_COLUMNS))
         for m in range(b * _BLOCK_POSTURES, min(M, (b + 1) * _BLOCK_POSTURES)):
             pose_and_jacobian(table, q[m], R, p, J, scratch)
-            size = pose_error(R, p, R_goal[m], p_goal[m], error, turn)
+            size = goal_minus_pose(R, p, R_goal[m], p_goal[m], error, turn)
             for _ in range(max_steps):
                 if size < aim or not math.isfinite(size):
                     break
@@ -169,5 +169,5 @@ def _approach(
                 for j in range(n):
                     q[m, j] = min(max(q[m, j] + scale * step[j], lower[j]), upper[j])
                 pose_and_jacobian(table, q[m], R, p, J, scratch)
-                size = pose_error(R, p, R_goal[m], p_goal[m], error, turn)
+                size = goal_minus_pose(R, p, R_goal[m], p_goal[m], error, turn)
             errors[m] = size

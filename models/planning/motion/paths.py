@@ -72,29 +72,31 @@ class StraightPath:
         return np.broadcast_to(self.R_WE, (*p_WE.shape[:-1], 3, 3)), p_WE
 
 
-class Progress(NamedTuple):
-    """Progress along a path, and its derivatives by u, the fraction of the time that has passed."""
+class PathProgress(NamedTuple):
+    """PathProgress along a path, and its derivatives by u, the fraction of the time that has
+    passed.
+    """
 
     s: Array  # 0 at the start of the path, 1 at its end
     ds_du: Array
     d2s_du2: Array
 
 
-TimeLaw = Callable[[Array], Progress]
+TimeLaw = Callable[[Array], PathProgress]
 """From u in [0, 1] to the progress along the path. Outside of [0, 1] it rests at the ends."""
 
 
-def uniform_acceleration(u: Array) -> Progress:
+def uniform_acceleration(u: Array) -> PathProgress:
     """Accelerates evenly over the first half of the time, decelerates evenly over the second."""
     return _trapezoidal(u, 0.5)
 
 
-def thirds(u: Array) -> Progress:
+def thirds(u: Array) -> PathProgress:
     """Accelerates evenly for a third of the time, keeps the speed, decelerates for a third."""
     return _trapezoidal(u, 1.0 / 3.0)
 
 
-def constant_speed(u: Array) -> Progress:
+def constant_speed(u: Array) -> PathProgress:
     """Keeps its speed but for the first and the last tenth of the time.
 
     There the speed follows half a cosine, so that the acceleration begins and ends at zero.
@@ -113,7 +115,7 @@ def steady_speed(ramp: float) -> TimeLaw:
     return lambda u: _steady(u, ramp)
 
 
-def _steady(u: Array, ramp: float) -> Progress:
+def _steady(u: Array, ramp: float) -> PathProgress:
     speed = 1.0 / (1.0 - ramp)
     u = np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)
     is_second_half = u > 0.5
@@ -124,7 +126,7 @@ def _steady(u: Array, ramp: float) -> Progress:
     ds = 0.5 * speed * (1.0 - np.cos(phase))
     d2s = 0.5 * speed * np.pi / ramp * np.sin(phase)
     d2s = np.where(x < ramp, d2s, 0.0)
-    return Progress(
+    return PathProgress(
         np.where(is_second_half, 1.0 - done, done), ds, np.where(is_second_half, -d2s, d2s)
     )
 
@@ -132,17 +134,17 @@ def _steady(u: Array, ramp: float) -> Progress:
 def there_and_back(law: TimeLaw) -> TimeLaw:
     """The law forward in the first half of the time, and backward in the second."""
 
-    def forth_and_back(u: Array) -> Progress:
+    def forth_and_back(u: Array) -> PathProgress:
         u = np.asarray(u, dtype=np.float64)
         is_back = u > 0.5
         progress = law(np.where(is_back, 2.0 - 2.0 * u, 2.0 * u))
         ds = np.where(is_back, -2.0, 2.0) * progress.ds_du
-        return Progress(progress.s, ds, 4.0 * progress.d2s_du2)
+        return PathProgress(progress.s, ds, 4.0 * progress.d2s_du2)
 
     return forth_and_back
 
 
-def _trapezoidal(u: Array, ramp: float) -> Progress:
+def _trapezoidal(u: Array, ramp: float) -> PathProgress:
     """Even acceleration over `ramp` of the time, constant speed, even deceleration."""
     u = np.asarray(u, dtype=np.float64)
     outside = (u < 0.0) | (u > 1.0)
@@ -154,7 +156,7 @@ def _trapezoidal(u: Array, ramp: float) -> Progress:
     done = np.where(is_ramp, 0.5 * speed / ramp * x**2, speed * (x - 0.5 * ramp))
     ds = np.where(is_ramp, speed / ramp * x, speed)
     d2s = np.where(is_ramp & ~outside, speed / ramp, 0.0)
-    return Progress(
+    return PathProgress(
         np.where(is_second_half, 1.0 - done, done), ds, np.where(is_second_half, -d2s, d2s)
     )
 

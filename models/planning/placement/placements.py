@@ -227,7 +227,7 @@ def on_all_branches(
     return PlacementBatch(q, n_W[row], p_WM[row], R_WE[row]), is_reached, row
 
 
-def on_path(robot: Robot, placement: Placement, path_length: float) -> Placement | None:
+def placement_on_path(robot: Robot, placement: Placement, path_length: float) -> Placement | None:
     """The same placement with each posture moved onto its point exactly; None if one cannot be."""
     q = placement.q[np.newaxis].copy()
     is_reached = correct_paths(
@@ -261,7 +261,9 @@ def between_points(
     from one to the next no joint takes more than three times its share of the step between the
     points (and a rounding), all of them lie on one branch.
     """
-    fine = on_path(robot, replace(placement, q=interpolated(placement.q, parts)), path_length)
+    fine = placement_on_path(
+        robot, replace(placement, q=interpolated(placement.q, parts)), path_length
+    )
     if fine is None:
         return None
     steps = np.max(np.abs(np.diff(placement.q, axis=0)))

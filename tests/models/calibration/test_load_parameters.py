@@ -7,8 +7,8 @@ import pytest
 from wrenchsight.models.calibration.load_parameters import (
     body_parameters,
     flange_map,
-    inertia_matrix,
     load_columns,
+    load_inertia_matrix,
     moved_parameters,
     parameters_of,
     realisable_inertia,
@@ -66,7 +66,7 @@ def test_a_loads_torque_is_what_pinocchio_adds(request, name):
 def test_flange_map_keeps_the_mass(ur10e):
     moved = flange_map(ur10e) @ body_parameters(MASS, COM, INERTIA)
     assert moved[0] == pytest.approx(MASS)
-    principal = np.linalg.eigvalsh(inertia_matrix(moved))
+    principal = np.linalg.eigvalsh(load_inertia_matrix(moved))
     assert (principal > np.linalg.eigvalsh(INERTIA)).all()  # farther from that origin
 
 

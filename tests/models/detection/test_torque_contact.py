@@ -7,7 +7,7 @@ from wrenchsight.models.detection.torque_contact import (
     CONTACT_LEVEL,
     TorqueContactDetector,
     first_baseline,
-    learn_torque_error,
+    learn_reported_torque_sd,
 )
 
 T = 0.01  # s
@@ -31,7 +31,7 @@ def touched() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def found_in(t, tau, J, error=None):
-    error = learn_torque_error(t, tau, J) if error is None else error
+    error = learn_reported_torque_sd(t, tau, J) if error is None else error
     return TorqueContactDetector(error, first_baseline(t, tau)).run(t, tau, J)
 
 
@@ -50,7 +50,7 @@ def test_every_touch_is_found_and_nothing_else(touched) -> None:
 
 
 def test_the_error_is_noise_step_and_a_floor(touched) -> None:
-    error = learn_torque_error(*touched)
+    error = learn_reported_torque_sd(*touched)
     joint_sd = np.r_[np.full(3, np.hypot(NOISE, 0.08)), np.full(4, NOISE)]
     expected = np.sqrt(joint_sd**2 + np.mean(joint_sd**2))
     # Twenty steps tell their sd to a quarter; the baseline's own noise is on top.
@@ -60,7 +60,7 @@ def test_the_error_is_noise_step_and_a_floor(touched) -> None:
 
 def test_chunks_change_nothing(touched) -> None:
     t, tau, J = touched
-    error = learn_torque_error(t, tau, J)
+    error = learn_reported_torque_sd(t, tau, J)
     whole = found_in(t, tau, J, error)
     detector = TorqueContactDetector(error, first_baseline(t, tau))
     parts = [detector.run(t[a:b], tau[a:b], J[a:b]) for a, b in ((0, 210), (210, 1700), (1700, N))]
@@ -71,7 +71,7 @@ def test_chunks_change_nothing(touched) -> None:
 
 def test_a_force_that_falls_slowly_stays_a_contact(touched) -> None:
     t, tau, J = touched
-    error = learn_torque_error(t, tau, J)
+    error = learn_reported_torque_sd(t, tau, J)
     tau = tau.copy()
     tau[:] = 0.4
     tau[300:1300, 1] += np.linspace(10.0, 1.0, 1000)
@@ -82,7 +82,7 @@ def test_a_force_that_falls_slowly_stays_a_contact(touched) -> None:
 
 def test_one_wild_sample_is_no_contact(touched) -> None:
     t, tau, J = touched
-    error = learn_torque_error(t, tau, J)
+    error = learn_reported_torque_sd(t, tau, J)
     tau = np.full_like(tau, 0.4)
     tau[500, 2] += 50.0
     contacts = found_in(t, tau, J, error)
@@ -110,12 +110,12 @@ def test_motion_has_an_error_of_its_own() -> None:
     tau = NOISE * rng.normal(size=(len(t), 7))
     slow = np.sin(2.0 * np.pi * 0.8 * t[late])
     tau[late, 1] += slow
-    error = learn_torque_error(t, tau, J)
+    error = learn_reported_torque_sd(t, tau, J)
     assert error.moving_sd[1] > 5.0 * error.rest_sd[1]
     assert not found_in(t, tau, J, error).contact.any()
 
 
 def test_a_log_that_says_nothing_has_some_error() -> None:
     t, J = T * np.arange(10), np.zeros((10, 6, 7))
-    error = learn_torque_error(t, np.full((10, 7), np.nan), J)
+    error = learn_reported_torque_sd(t, np.full((10, 7), np.nan), J)
     assert (error.rest_sd > 0.0).all()

@@ -13,16 +13,16 @@ from wrenchsight.models.rigid_body.vector_kernels import (
     plus,
     rotated,
     rotated_back,
-    rotation_about,
-    rotation_of,
+    rotation_at,
     rotation_product,
-    symmetric_of,
+    symmetric_at,
     symmetric_outer,
     symmetric_rotated,
     symmetric_sum,
     symmetric_times,
     times,
-    vector_of,
+    turn_about,
+    vector_at,
     write_rotation,
     write_symmetric,
     write_vector,
@@ -55,7 +55,7 @@ def test_vectors() -> None:
 def test_rotations() -> None:
     a, direction, other = _vectors(3)
     axis = times(1.0 / float(np.linalg.norm(direction)), direction)
-    R, S = rotation_about(axis, 0.7), rotation_about((0.0, 0.6, 0.8), -2.0)
+    R, S = turn_about(axis, 0.7), turn_about((0.0, 0.6, 0.8), -2.0)
     assert _close(R, Rotation.from_rotvec(0.7 * np.array(axis)).as_matrix())
     assert _close(rotated(R, a), np.array(R) @ a)
     assert _close(rotated_back(R, other), np.array(R).T @ other)
@@ -66,7 +66,7 @@ def test_symmetric_matrices() -> None:
     a, b, first, second = _vectors(4)
     A: Symmetric = (*first, *second)
     B: Symmetric = (*second, *a)
-    R = rotation_about((0.0, 0.6, 0.8), -2.0)
+    R = turn_about((0.0, 0.6, 0.8), -2.0)
     assert _close(symmetric_times(A, a), _matrix(A) @ a)
     assert _close(_matrix(symmetric_sum(A, B)), _matrix(A) + _matrix(B))
     assert _close(_matrix(symmetric_rotated(R, A)), np.array(R) @ _matrix(A) @ np.array(R).T)
@@ -76,11 +76,11 @@ def test_symmetric_matrices() -> None:
 def test_columns_are_read_as_they_are_written() -> None:
     a, b = _vectors(2)
     array = np.zeros((2, 20))
-    R, A = rotation_about((0.0, 0.6, 0.8), -2.0), (*a, *b)
+    R, A = turn_about((0.0, 0.6, 0.8), -2.0), (*a, *b)
     write_vector(array, 1, 1, a)
     write_rotation(array, 1, 4, R)
     write_symmetric(array, 1, 13, A)
-    assert vector_of(array, 1, 1) == a
-    assert rotation_of(array, 1, 4) == R
-    assert symmetric_of(array, 1, 13) == A
+    assert vector_at(array, 1, 1) == a
+    assert rotation_at(array, 1, 4) == R
+    assert symmetric_at(array, 1, 13) == A
     assert np.count_nonzero(array[0]) == 0 and array[1, 0] == 0.0 and array[1, 19] == 0.0

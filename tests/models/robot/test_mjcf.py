@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 import pytest
 
-from wrenchsight.models.robot.mjcf import JointDynamics, chain_mjcf
+from wrenchsight.models.robot.mjcf import JointProperties, chain_mjcf
 from wrenchsight.models.robot.robot import Robot
 
 SAMPLES = 20
@@ -16,9 +16,9 @@ SAMPLES = 20
 CLOSE = 1e-9
 
 
-def _model(robot: Robot, joints: JointDynamics | None = None) -> mujoco.MjModel:
+def _model(robot: Robot, joints: JointProperties | None = None) -> mujoco.MjModel:
     none = np.zeros(robot.num_joints)
-    joints = joints or JointDynamics.unlimited(none, none)
+    joints = joints or JointProperties.unlimited(none, none)
     return mujoco.MjModel.from_xml_string(chain_mjcf(robot.name, robot.chain, joints))
 
 
@@ -58,7 +58,7 @@ def test_prismatic_joints_and_joints_without_limits(
 ) -> None:
     robot = serial_robot([("prismatic", "0 0 1", "0 0 0"), ("continuous", "0 1 0", "0.1 0 0.2")])
     n = robot.num_joints
-    joints = JointDynamics(
+    joints = JointProperties(
         np.full(n, 0.5), np.full(n, 0.2), robot.position_lower, robot.position_upper, np.ones(n)
     )
     model = _model(robot, joints)
@@ -77,4 +77,4 @@ def test_coupled_motors_are_refused() -> None:
     coupled = replace(robot.chain, motor_rates=np.eye(6))
     none = np.zeros(6)
     with pytest.raises(ValueError, match="motors are coupled"):
-        chain_mjcf("ur5e", coupled, JointDynamics.unlimited(none, none))
+        chain_mjcf("ur5e", coupled, JointProperties.unlimited(none, none))

@@ -9,16 +9,16 @@ from scipy.optimize import brentq, minimize
 from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 from wrenchsight.models.truth.joint_kernels import (
     DEFLECTION,
-    ELEMENTS,
     ERROR_AMPLITUDE,
+    FIRST_ELEMENT,
+    FIRST_SLIP,
     GEAR_DAMPING,
-    HARMONICS,
+    NUM_HARMONICS,
     RATE,
     RIGID_DAMPER,
     RISE,
     SIGNALS,
     SLIP_ROWS,
-    SLIPS,
     TAU_F,
     TAU_J,
     TORQUE,
@@ -58,7 +58,7 @@ KEYS = (
 def one_joint(elements=((1.0, 1e4, 1.0),), ripples=(), drive=(), on_motor=True, **values):
     """A joint by the names of its table's columns; elements are (weight, stiffness, kept)."""
     plain = {"speed": 1.0, "forwards": 1.0, "backwards": 1.0, "inverse_time": 1.0} | values
-    row = np.zeros(ELEMENTS + 3 * len(elements))
+    row = np.zeros(FIRST_ELEMENT + 3 * len(elements))
     for k, key in enumerate(KEYS):
         row[k] = plain.get(key, 0.0)
     for k, ripple in enumerate(ripples):
@@ -66,7 +66,7 @@ def one_joint(elements=((1.0, 1e4, 1.0),), ripples=(), drive=(), on_motor=True, 
     row[24] = 1.0  # gain: a current is a torque
     row[27] = 2.0 * np.pi * 8.0
     row[24 : 24 + len(drive)] = drive
-    row[ELEMENTS:] = np.ravel(elements)
+    row[FIRST_ELEMENT:] = np.ravel(elements)
     return TrueJoints(row[None], 0.0, on_motor, H)
 
 
@@ -261,7 +261,7 @@ def test_hysteresis_is_that_of_play_operators():
 
 def test_a_joint_that_is_held_creeps_with_the_time_of_its_spring():
     bench = Bench(one_joint(((1.0, 1e4, math.exp(-H / 0.5)),), stiction=10.0, coulomb=10.0), M=1e12)
-    bench.state[SLIPS : SLIPS + SLIP_ROWS, 0] = 4.0, -10.0, 10.0
+    bench.state[FIRST_SLIP : FIRST_SLIP + SLIP_ROWS, 0] = 4.0, -10.0, 10.0
     for _ in range(300):
         bench.tick()
     left = spring_torque(bench.joints.table, H, bench.state, 0, 0, 0.0)
@@ -485,7 +485,7 @@ def test_harmonics_are_those_of_the_motor_s_position_and_repeat_with_it():
     harmonics = ((0.8, 202.0, 0.4), (0.3, 404.0, 1.0))
     plain = one_joint(elements=((0.5, 1e4, 1.0), (0.5, 1e3, 1.0)), drive=(1.0, 0.0, 1e-4))
     table = np.hstack([plain.table, np.ravel(harmonics)[None]])
-    table[:, HARMONICS] = 2
+    table[:, NUM_HARMONICS] = 2
     joints = TrueJoints(table, 0.0, True, H)
     assert joints.num_elements == 2
     for q, G in ((0.3, 0.0), (0.3, 20.0), (-1.7, 0.0), (0.3 + 2.0 * np.pi, 0.0)):

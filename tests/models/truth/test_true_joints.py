@@ -20,13 +20,13 @@ from wrenchsight.models.robot.truth_config import (
 )
 from wrenchsight.models.truth.joint_kernels import (
     COULOMB,
-    ELEMENTS,
+    FIRST_ELEMENT,
+    FIRST_RIPPLE,
+    FIRST_SLIP,
     GAIN,
-    HARMONICS,
+    NUM_HARMONICS,
     POLE,
-    RIPPLES,
     SIGNALS,
-    SLIPS,
     STICTION,
     TAU_J,
     TORQUE,
@@ -56,7 +56,7 @@ def test_without_mechanisms_the_table_is_the_plain_truth(robot):
     np.testing.assert_array_equal(joints.table[:, COULOMB], robot.truth.coulomb)
     np.testing.assert_array_equal(joints.table[:, STICTION], robot.truth.stiction)
     np.testing.assert_array_equal(joints.table[:, VISCOUS], robot.truth.viscous)
-    np.testing.assert_array_equal(joints.table[:, RIPPLES + 3], 0.0)  # phase
+    np.testing.assert_array_equal(joints.table[:, FIRST_RIPPLE + 3], 0.0)  # phase
     np.testing.assert_array_equal(joints.table[:, GAIN], robot.torque_per_ampere)
     np.testing.assert_array_equal(joints.table[:, POLE], 0.0)
     np.testing.assert_array_equal(joints.compliance, 0.0)
@@ -86,22 +86,22 @@ def test_arms_differ_in_their_phases(robot):
         TrueJoints.of(with_mechanisms(robot, ripple=RippleConfig(), individual=k), 1e-3).table
         for k in (0, 1)
     ]
-    assert np.all(tables[0][:, RIPPLES + 3] != tables[1][:, RIPPLES + 3])
+    assert np.all(tables[0][:, FIRST_RIPPLE + 3] != tables[1][:, FIRST_RIPPLE + 3])
 
 
 def test_harmonics_stand_behind_the_slip_elements(robot):
     slip = SlipConfig([1e-3] * 6, [0.5, 0.5], [1.0, 2.0], [9.0, 9.0])
     ripple = RippleConfig(motor_periods=[202.0, 404.0], motor_amplitudes=[[0.1] * 6, [0.2] * 6])
     joints = TrueJoints.of(with_mechanisms(robot, slip=slip, ripple=ripple), 1e-3)
-    assert joints.num_elements == 2 and joints.initial_state().shape == (SLIPS + 6, 6)
-    rows = joints.table[:, ELEMENTS + 6 :].reshape(6, 2, 3)
+    assert joints.num_elements == 2 and joints.initial_state().shape == (FIRST_SLIP + 6, 6)
+    rows = joints.table[:, FIRST_ELEMENT + 6 :].reshape(6, 2, 3)
     np.testing.assert_array_equal(rows[:, :, :2], np.tile([[0.1, 202.0], [0.2, 404.0]], (6, 1, 1)))
     assert len(np.unique(rows[:, :, 2])) == 12  # phases of their own
     other = with_mechanisms(robot, slip=slip, ripple=ripple, individual=1)
     assert np.all(TrueJoints.of(other, 1e-3).table[:, -1] != joints.table[:, -1])
     without = TrueJoints.of(with_mechanisms(robot, slip=slip, ripple=RippleConfig()), 1e-3).table
-    columns = np.delete(joints.table[:, : ELEMENTS + 6], HARMONICS, axis=1)
-    np.testing.assert_array_equal(columns, np.delete(without, HARMONICS, axis=1))
+    columns = np.delete(joints.table[:, : FIRST_ELEMENT + 6], NUM_HARMONICS, axis=1)
+    np.testing.assert_array_equal(columns, np.delete(without, NUM_HARMONICS, axis=1))
 
 
 def test_an_encoder_on_the_link_sees_no_deflection(robot):

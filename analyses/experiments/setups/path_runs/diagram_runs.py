@@ -19,7 +19,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import EstimatorVariant
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
-from wrenchsight.analyses.methods.reference_sensor.force_errors import ForceReading
+from wrenchsight.analyses.methods.reference_sensor.force_errors import VariantReading
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.diagrams.closed_loop import LogRequest, LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
@@ -38,7 +38,7 @@ def read_in_diagram(
     robot: Robot,
     estimator: WrenchEstimator,
     progress: Callable[[float], None],
-) -> ForceReading:
+) -> VariantReading:
     """Simulates a scenario in the diagram and returns what its estimator reads.
 
     Args:
@@ -71,7 +71,7 @@ def read_in_diagram(
     start, end = uniform_motion(line_of(scenario))
     rows = (t >= start + estimator.observer.settling_time) & (t <= end)
     covariance = logged["covariance"][rows].reshape(-1, 6, 6)
-    return ForceReading(
+    return VariantReading(
         name,
         t[rows],
         logged["wrench"][rows, 3:],
@@ -87,7 +87,7 @@ def diagram_metrics(
     variant: EstimatorVariant,
     speed: float,
 ) -> dict[str, Any]:
-    """Figures of a variant read in the diagram, as `ForceReading.metrics`.
+    """Figures of a variant read in the diagram, as `VariantReading.metrics`.
 
     Args:
         scenario: of the path that the variant is read on.

@@ -11,15 +11,15 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     RepetitionReader,
     TaskRun,
     line_of,
-    on_path,
     planned_task,
     read_repetition,
     repetition_torque,
     run_task,
+    scenario_on_path,
     task_path,
 )
 from wrenchsight.analyses.methods.reference_sensor.force_errors import (
-    ForceReading,
+    VariantReading,
     draw_band,
     draw_signal,
     reductions,
@@ -88,7 +88,7 @@ class RepeatedCycles:
     """
 
     runs: dict[str, TaskRun]
-    readings: dict[str, ForceReading]
+    readings: dict[str, VariantReading]
     scenario: Scenario
     metrics: dict[str, Any]
 
@@ -104,11 +104,11 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     errors = {error.K_0: error for error in learnt}
     prior = live_prior(robot.payload)
     runs: dict[str, TaskRun] = {}
-    readings: dict[str, ForceReading] = {}
+    readings: dict[str, VariantReading] = {}
     torque_rms: dict[str, Array] = {}
     for k, path in enumerate(PATHS):
         context.progress(0.05 + 0.85 * k / len(PATHS), f"simulating, {path} path")
-        moved = on_path(scenario, robot, *task_path(robot, path))
+        moved = scenario_on_path(scenario, robot, *task_path(robot, path))
         run = run_task(moved, robot, path).between(motion.lead_in)
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)

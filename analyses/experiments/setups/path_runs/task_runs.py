@@ -26,7 +26,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     branch_start,
     found_path,
 )
-from wrenchsight.analyses.methods.reference_sensor.force_errors import ForceReading
+from wrenchsight.analyses.methods.reference_sensor.force_errors import VariantReading
 from wrenchsight.analyses.methods.simulate.fast_runs import run_free
 from wrenchsight.analyses.study.experiment import ExperimentContext, FigureFile
 from wrenchsight.analyses.study.shared_results import shared
@@ -129,7 +129,9 @@ def task_path(robot: Robot, name: str) -> tuple[StraightPath, Array]:
     return INITIAL_PATH, INITIAL_POSTURE
 
 
-def on_path(scenario: Scenario, robot: Robot, path: StraightPath, posture: Array) -> Scenario:
+def scenario_on_path(
+    scenario: Scenario, robot: Robot, path: StraightPath, posture: Array
+) -> Scenario:
     """The scenario's line motion, moved to a path; its times stay.
 
     Args:
@@ -258,7 +260,7 @@ def write_runs_page(
 
 def read_run(
     name: str, run: TaskRun, estimator: WrenchEstimator, tau_f: Array | None = None
-) -> ForceReading:
+) -> VariantReading:
     """Reads a run with an estimator; the start (3 / K_0) is left out.
 
     Args:
@@ -280,7 +282,7 @@ def read_run(
         force[rows] = part.wrench[:, 3:]
         sd[rows] = part.standard_deviation[:, 3:]
     settled = recording.t - recording.t[0] >= estimator.observer.settling_time
-    return ForceReading(
+    return VariantReading(
         name,
         recording.t[settled],
         force[settled],
@@ -325,7 +327,7 @@ class RepetitionReader:
 
 def read_repetition(
     run: TaskRun, robot: Robot, period: int, readers: Sequence[RepetitionReader]
-) -> list[ForceReading]:
+) -> list[VariantReading]:
     """Reads the second cycle by eqs. 4 and 20, with the first one's torque as tau_d.
 
     Args:
@@ -356,7 +358,7 @@ def read_repetition(
             force[k, rows] = part.wrench[:, 3:]
             sd[k, rows] = np.sqrt(np.diagonal(part.covariance, axis1=1, axis2=2)[:, 3:])
     return [
-        ForceReading(entry.name, t - t[0], force[k], sd[k], run.reference[period:])
+        VariantReading(entry.name, t - t[0], force[k], sd[k], run.reference[period:])
         for k, entry in enumerate(readers)
     ]
 

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import TaskRun, read_run
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
 from wrenchsight.analyses.methods.reference_sensor.force_errors import (
-    ForceReading,
+    VariantReading,
     draw_band,
     draw_signal,
     force_metrics,
@@ -52,7 +52,7 @@ def read_variants(
     runs: Mapping[str, TaskRun],
     variants: Sequence[EstimatorVariant],
     speed: float,
-) -> dict[str, ForceReading]:
+) -> dict[str, VariantReading]:
     """Readings by variant; the prior is `live_prior` of the robot's payload.
 
     Args:
@@ -88,7 +88,7 @@ def lag_alone(run: TaskRun, gain: float = K_0) -> dict[str, Any]:
     return _without_band(force_metrics(force, np.zeros_like(force), run.reference))
 
 
-def against_lagged(reading: ForceReading, run: TaskRun, gain: float = K_0) -> dict[str, Any]:
+def against_lagged(reading: VariantReading, run: TaskRun, gain: float = K_0) -> dict[str, Any]:
     """Errors of a reading with this gain against the true force behind K_0 / (s + K_0)."""
     rows = np.searchsorted(run.recording.t, reading.t)
     return _without_band(force_metrics(reading.force, reading.sd, _lagged(run, gain)[rows]))
@@ -105,7 +105,7 @@ def _without_band(metrics: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def axes_figure(reading: ForceReading, title: str, colour: str, limits: Array) -> Figure:
+def axes_figure(reading: VariantReading, title: str, colour: str, limits: Array) -> Figure:
     """Force along X, Y and Z with the sensor's and the stated band (the article's Figs. 20, 21).
 
     Args:

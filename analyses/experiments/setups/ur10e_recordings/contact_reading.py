@@ -34,7 +34,7 @@ from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import
     joint_torques,
     refit_rows,
 )
-from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceReading, Judgement
+from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceJudgement, ForceReading
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.estimation.contact_filter import ContactConfig
@@ -181,13 +181,15 @@ def plain_friction() -> PreslidingFriction:
     )
 
 
-def judge_interval(prepared: PreparedRun, reading: ForceReading, interval: str) -> Judgement | None:
+def judge_interval(
+    prepared: PreparedRun, reading: ForceReading, interval: str
+) -> ForceJudgement | None:
     """Judges a reading over an interval; None where the run lacks the interval, or its reading."""
     windows = prepared.windows(interval)
     if not len(windows):
         return None
     truth = prepared.truth[windows].mean(axis=1)
-    return Judgement.of(averaged(reading, windows), truth)
+    return ForceJudgement.of(averaged(reading, windows), truth)
 
 
 def block_mean(signal: Array) -> Array:

@@ -17,7 +17,7 @@ TIME_STEP = 0.01  # s, of the UR10e's logs
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class LogScene:
     """A log with its truth.
 
     Attributes:
@@ -34,7 +34,9 @@ class Scene:
     resolution: Array
 
 
-def loaded_scene(recording: Recording, mass: float, robot: Robot, model: IdentifiedModel) -> Scene:
+def loaded_scene(
+    recording: Recording, mass: float, robot: Robot, model: IdentifiedModel
+) -> LogScene:
     """The log with E at the point where its load acts; this point is found from its first 10 s."""
     uniform, step = resampled(recording, TIME_STEP), position_resolution(recording.q)
     config = WrenchEstimatorConfig(
@@ -51,4 +53,4 @@ def loaded_scene(recording: Recording, mass: float, robot: Robot, model: Identif
     if any(robot.config.tool_frame.xyz) or any(robot.config.tool_frame.rpy):
         raise ValueError("the load's point is given in the flange")
     robot_at_load = robot.with_tool(robot.config.tool, PoseConfig([float(x) for x in point]))
-    return Scene(uniform, truth, robot_at_load, model, step)
+    return LogScene(uniform, truth, robot_at_load, model, step)

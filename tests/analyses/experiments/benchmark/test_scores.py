@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import binomtest
 
 from wrenchsight.analyses.experiments.benchmark import detection_task, touch_task
-from wrenchsight.analyses.experiments.benchmark.arm import Reading
+from wrenchsight.analyses.experiments.benchmark.arm import MethodReading
 from wrenchsight.analyses.experiments.benchmark.contact_task import _bridged
 from wrenchsight.analyses.experiments.benchmark.scores import share, spread
-from wrenchsight.analyses.experiments.benchmark.touch_task import Episode, TouchTasks
+from wrenchsight.analyses.experiments.benchmark.touch_task import ReportedContact, TouchTasks
 from wrenchsight.analyses.experiments.setups.panda_recordings.touch_logs import TouchLog
 
 
@@ -52,10 +52,10 @@ def test_a_wrench_alone_is_sized_by_its_covariance():
     wrench[:, 3:] = [[3.0, 0.0, 4.0], [0.0, 2.0, 0.0]]
     covariance = np.tile(np.diag([9.0, 9.0, 9.0, 1.0, 4.0, 16.0]), (2, 1, 1))
     sizes = detection_task._sizes
-    np.testing.assert_allclose(sizes(Reading(wrench)), [[5.0], [2.0]])
+    np.testing.assert_allclose(sizes(MethodReading(wrench)), [[5.0], [2.0]])
     expected = [[np.hypot(3.0, 1.0)], [1.0]]
-    np.testing.assert_allclose(sizes(Reading(wrench, covariance)), expected)
-    np.testing.assert_array_equal(sizes(Reading(wrench, None, -wrench)), np.abs(wrench))
+    np.testing.assert_allclose(sizes(MethodReading(wrench, covariance)), expected)
+    np.testing.assert_array_equal(sizes(MethodReading(wrench, None, -wrench)), np.abs(wrench))
 
 
 def test_gaps_hold_the_last_known_value():
@@ -81,10 +81,11 @@ def touched():
 def test_touches_found_false_late_and_their_links(touched):
     assert touched._last == [[4, 4, 4]]
     episodes = [
-        Episode(1.03, 1.4, (4, 5)),
-        Episode(1.8, 2.5, (4,)),  # begins before its touch: false to the label, and not its own
-        Episode(3.05, 3.4, (3, 6)),  # not the link, and one that statics rule out
-        Episode(4.5, 4.6, (1,)),  # false
+        ReportedContact(1.03, 1.4, (4, 5)),
+        # begins before its touch: false to the label, and not its own
+        ReportedContact(1.8, 2.5, (4,)),
+        ReportedContact(3.05, 3.4, (3, 6)),  # not the link, and one that statics rule out
+        ReportedContact(4.5, 4.6, (1,)),  # false
     ]
     scores = touched._scored([episodes])
     touches, link = scores["touches"], scores["link"]

@@ -7,14 +7,18 @@ import pytest
 
 pytest.importorskip("mujoco", reason="needs MuJoCo: python -m pip install 'wrenchsight[study]'")
 
-from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm, draw_arm
+from wrenchsight.analyses.experiments.foreign_physics.arms import MujocoArm, draw_arm
 from wrenchsight.analyses.experiments.foreign_physics.cases import BALL_TOOL, CASES, JOINT_STIFFNESS
 from wrenchsight.analyses.experiments.foreign_physics.experiment import EXPERIMENT, summed_up
 from wrenchsight.analyses.experiments.foreign_physics.motions import pick_and_place, wave
 from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import simulate
 from wrenchsight.analyses.experiments.foreign_physics.plain_tools import PlainModel
-from wrenchsight.analyses.experiments.foreign_physics.readings import Reading, figures, read_log
-from wrenchsight.analyses.experiments.foreign_physics.scenes import Scene
+from wrenchsight.analyses.experiments.foreign_physics.readings import (
+    EstimatedLog,
+    figures,
+    read_log,
+)
+from wrenchsight.analyses.experiments.foreign_physics.scenes import MujocoScene
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 
 STEPS = 600  # of 1 ms
@@ -24,25 +28,25 @@ TORQUE_NOISE = 1.5
 
 
 @pytest.fixture(scope="module")
-def arm() -> TrueArm:
+def arm() -> MujocoArm:
     """A drawn UR10e without friction, whose statics are exact."""
     drawn = draw_arm("ur10e", 3)
     return replace(drawn, coulomb=0.0 * drawn.coulomb, viscous=drawn.viscous)
 
 
-def _still(arm: TrueArm) -> Scene:
+def _still(arm: MujocoArm) -> MujocoScene:
     none = np.zeros((STEPS, arm.robot.num_joints))
-    return Scene(none + arm.robot.home, none, none)
+    return MujocoScene(none + arm.robot.home, none, none)
 
 
-def _torque_beyond_gravity(arm: TrueArm, log) -> np.ndarray:
+def _torque_beyond_gravity(arm: MujocoArm, log) -> np.ndarray:
     """(n,) N m at the end of a log at rest."""
     q, current = log.recording.q[-20:], log.recording.current[-20:]
     tau_J = arm.robot.joint_torque(current)
     return np.mean(tau_J - arm.chain.gravity_torque(q), axis=0)
 
 
-def test_the_motors_hold_against_a_push(arm: TrueArm) -> None:
+def test_the_motors_hold_against_a_push(arm: MujocoArm) -> None:
     wrench = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
     scene = replace(_still(arm), wrench=np.tile(wrench, (STEPS, 1)))
     log = simulate(arm, scene, 0)
@@ -52,7 +56,7 @@ def test_the_motors_hold_against_a_push(arm: TrueArm) -> None:
     np.testing.assert_allclose(_torque_beyond_gravity(arm, log), expected, atol=TORQUE_NOISE)
 
 
-def test_a_load_weighs_what_it_weighs_and_the_motors_carry_it(arm: TrueArm) -> None:
+def test_a_load_weighs_what_it_weighs_and_the_motors_carry_it(arm: MujocoArm) -> None:
     mass, centre_E = 3.0, np.array([0.05, 0.02, 0.1])
     log = simulate(arm, replace(_still(arm), load=(mass, centre_E)), 0)
     R_WE, _ = arm.chain.pose(log.recording.q[-1])
@@ -64,7 +68,7 @@ def test_a_load_weighs_what_it_weighs_and_the_motors_carry_it(arm: TrueArm) -> N
     np.testing.assert_allclose(_torque_beyond_gravity(arm, log), carried, atol=TORQUE_NOISE)
 
 
-def test_a_ball_on_a_plane_pushes_back_along_the_normal_and_the_motors_push(arm: TrueArm) -> None:
+def test_a_ball_on_a_plane_pushes_back_along_the_normal_and_the_motors_push(arm: MujocoArm) -> None:
     _, p_WE = arm.chain.pose(arm.robot.home)
     z = arm.chain.pose(arm.robot.home)[0][:, 2]
     scene = replace(
@@ -103,7 +107,7 @@ def test_the_same_seed_gives_the_same_log_and_another_does_not() -> None:
     assert np.abs(one.current - other.current).max() > 0.1
 
 
-def test_elastic_gears_follow_the_motors_and_hold_the_same_gravity(arm: TrueArm) -> None:
+def test_elastic_gears_follow_the_motors_and_hold_the_same_gravity(arm: MujocoArm) -> None:
     scene = _still(arm)
     rigid, elastic = (
         simulate(arm, s, 0) for s in (scene, replace(scene, stiffness=JOINT_STIFFNESS))
@@ -113,7 +117,7 @@ def test_elastic_gears_follow_the_motors_and_hold_the_same_gravity(arm: TrueArm)
 
 
 @pytest.mark.parametrize("motion", [wave, pick_and_place])
-def test_velocities_and_accelerations_are_those_of_the_positions(arm: TrueArm, motion) -> None:
+def test_velocities_and_accelerations_are_those_of_the_positions(arm: MujocoArm, motion) -> None:
     q, v, vdot = motion(arm.robot, 8.0, 0)
     # Second-order differences at 1 ms of motions of .3 Hz and quintics
     np.testing.assert_allclose(np.gradient(q, 1e-3, axis=0)[1:-1], v[1:-1], atol=1e-4)
@@ -143,7 +147,9 @@ def _about_centre(parameters: np.ndarray) -> np.ndarray:
 @pytest.mark.long
 def test_plain_tools_read_a_push_and_find_the_friction() -> None:
     drawn = draw_arm("ur10e", 2)
-    logs = [simulate(drawn, Scene(*wave(drawn.robot, 12.0, k, 1.0)), k).recording for k in (7, 8)]
+    logs = [
+        simulate(drawn, MujocoScene(*wave(drawn.robot, 12.0, k, 1.0)), k).recording for k in (7, 8)
+    ]
     plain = PlainModel.fit(drawn.robot, logs)
     # Noise of .06 A in 2 x 300 rows and the acceleration's rows share the rest
     np.testing.assert_allclose(plain.coulomb, drawn.coulomb, rtol=0.15)
@@ -154,9 +160,9 @@ def test_plain_tools_read_a_push_and_find_the_friction() -> None:
     assert np.sqrt(np.mean(error**2)) < 5.0  # N, of 30
 
 
-def _reading(truth: np.ndarray, error: np.ndarray, contacts) -> Reading:
+def _reading(truth: np.ndarray, error: np.ndarray, contacts) -> EstimatedLog:
     N = len(truth)
-    return Reading("", truth + error, np.ones((N, 6)), np.zeros(N, np.int64), contacts, ())
+    return EstimatedLog("", truth + error, np.ones((N, 6)), np.zeros(N, np.int64), contacts, ())
 
 
 def test_figures_count_shares_false_and_missed_contacts() -> None:
@@ -220,7 +226,7 @@ def test_a_short_log_is_read_by_the_command_s_own_call(tmp_path) -> None:
     drawn = replace(drawn, viscous=0.0 * drawn.viscous)
     wrench = np.zeros((3000, 6))
     wrench[1000:, 5] = -30.0
-    scene = replace(Scene(*wave(drawn.robot, 3.0, 0)), wrench=wrench)
+    scene = replace(MujocoScene(*wave(drawn.robot, 3.0, 0)), wrench=wrench)
     log = simulate(drawn, scene, 4)
     reading = read_log(drawn, IdentifiedModel.nominal(drawn.robot), log, tmp_path, draws=False)
     assert not reading.refusal

@@ -10,12 +10,16 @@ from wrenchsight.analyses.methods.place.placement_refinement import (
     refined,
     standard_member,
 )
-from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.planning.motion.path_postures import track_paths
 from wrenchsight.models.planning.motion.posture_measures import ConditionNumber, ForceSd
 from wrenchsight.models.planning.placement.placement_task import load_task
-from wrenchsight.models.planning.placement.placements import Placement, on_path, quaternion_from
+from wrenchsight.models.planning.placement.placements import (
+    Placement,
+    placement_on_path,
+    quaternion_from,
+)
 from wrenchsight.models.robot.robot import Robot
 
 LENGTH, SEGMENTS = 1.0, 20
@@ -51,14 +55,14 @@ def placed(robot, posture):
 
 def corrected(robot, program):
     def put(placement):
-        exact = on_path(robot, placement, LENGTH)
+        exact = placement_on_path(robot, placement, LENGTH)
         return exact if exact is not None and program.violation(exact) < 1e-7 else None
 
     return put
 
 
 def optimum(robot, program, placement):
-    start = Solution(placement, program.cost(placement.q), False, "", 0)
+    start = PlacementSolution(placement, program.cost(placement.q), False, "", 0)
     return finished(robot, program, start, corrected(robot, program))
 
 

@@ -12,7 +12,7 @@ from wrenchsight.analyses.methods.place.placement_search import (
     coarse_stride,
     profile_gaps,
 )
-from wrenchsight.diagrams.placement.placement_program import PlacementProgram, Solution
+from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
 from wrenchsight.models.planning.placement.placement_task import PlacementTask, load_task
 from wrenchsight.models.planning.placement.placements import Placement, between_points
@@ -119,7 +119,7 @@ def test_an_interrupt_keeps_the_best_so_far(
 ) -> None:
     solve, count = PlacementProgram.solve, 0
 
-    def interrupted(*arguments: Any, **options: Any) -> Solution:
+    def interrupted(*arguments: Any, **options: Any) -> PlacementSolution:
         nonlocal count
         count += 1
         if count > 4:  # one finds out whether the task can be kept, three are from the guess

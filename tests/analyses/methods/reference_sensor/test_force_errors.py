@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.methods.reference_sensor.force_errors import (
-    ForceReading,
+    VariantReading,
     envelope,
     force_metrics,
     reductions,
@@ -72,7 +72,7 @@ def test_an_envelope_loses_no_peak():
 
 def test_errors_are_reading_minus_reference_and_rows_keep_their_order():
     three = np.ones((5, 3))
-    reading = ForceReading("a", np.arange(5.0), 3 * three, three, three)
+    reading = VariantReading("a", np.arange(5.0), 3 * three, three, three)
     assert (reading.error == 2.0).all()
     metrics = {name: reading.metrics() for name in ("first", "second")}
     figure = variants_figure(metrics, {"first": "first", "second": "second"}, "title")

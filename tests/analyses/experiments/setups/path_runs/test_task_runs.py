@@ -10,12 +10,12 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
     RepetitionReader,
     highest_speed,
-    on_path,
     planned_task,
     read_repetition,
     read_run,
     repetition_torque,
     run_task,
+    scenario_on_path,
     task_path,
     task_scenario,
     uniform_motion,
@@ -54,7 +54,7 @@ def test_the_articles_paths_have_its_condition_numbers(sts):
     largest = {"initial": 59.567, "optimised": 17.665}
     scenario = task_scenario("Combined", 0)
     for name in PATHS[:2]:
-        trajectory = make_trajectory(on_path(scenario, sts, *task_path(sts, name)), sts)
+        trajectory = make_trajectory(scenario_on_path(scenario, sts, *task_path(sts, name)), sts)
         jcn = sts.chain.condition_number(trajectory.q)
         assert jcn.max() == pytest.approx(largest[name], abs=2e-3)
         _, p_WE = sts.chain.pose(trajectory.q[[0, -1]])

@@ -13,7 +13,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
-from wrenchsight.analyses.methods.reference_sensor.force_errors import ForceReading
+from wrenchsight.analyses.methods.reference_sensor.force_errors import VariantReading
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 
@@ -52,7 +52,7 @@ def test_a_reading_that_lags_as_the_observer_does_errs_by_nothing_else(run):
     force[:, 1] = lagged + 1.5
     late = t > 1.0  # where the low-pass has settled
     ones = np.ones_like(force)
-    reading = ForceReading("a", t, force, ones, run.reference).part(late)
+    reading = VariantReading("a", t, force, ones, run.reference).part(late)
     figures = against_lagged(reading, run, K_0)
     assert figures["bias_y_n"] == pytest.approx(1.5, abs=0.02)
     assert figures["rmse_y_n"] == pytest.approx(1.5, rel=0.02)
