@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import BasicVector, Context, DependencyTicket
 
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.machining.machining_process import MachiningProcess, add_unbalance_force
@@ -105,68 +105,71 @@ class TrueArm(SampledBlock):
     """
 
     def __init__(self, parts: ArmParts) -> None:
-        joints, process, sensor = parts.joints, parts.process, parts.sensor
-        n = joints.num_joints
-        if process is not None and parts.contacts is None:
+        if parts.process is not None and parts.contacts is None:
             raise ValueError("true arm: a machining process needs contact")
-        self._n, self._contacts = n, parts.contacts
-        self._motion_type = motion_type(n)
-        memory = np.zeros(0) if process is None else process.initial_state
-        initial = joints.initial_state()
-        filtered = 0 if sensor is None else sensor.memory_size
-        layout = ArmLayout(initial.size, memory.size, joints.time_step)
-        self._layout, self._joint_size = layout, layout.joints
-        parts_of_state = initial.ravel(), np.full(n, np.nan), memory, np.zeros(12 + filtered)
-        held = {
+        self._n, self._contacts = parts.joints.num_joints, parts.contacts
+        self._process = parts.process
+        self._motion_type = motion_type(self._n)
+        self._layout, initial = _initial_state(parts)
+        self._sizes = {
             "motion": sum(self.motion_sizes.values()),
             "drives": sum(self.drive_sizes.values()),
         }
         if parts.contacts is not None:
-            held["truth"] = sum(self.truth_sizes.values())
-        SampledBlock.__init__(self, joints.time_step, np.concatenate(parts_of_state), held)
+            self._sizes["truth"] = sum(self.truth_sizes.values())
+        SampledBlock.__init__(self, parts.joints.time_step, initial, self._sizes)
         self._make_constants(parts)
-        self._x = self.DeclareVectorInputPort("state", 2 * n)
-        self._command = self.DeclareVectorInputPort("current_command", n)
+        self._x = self.DeclareVectorInputPort("state", 2 * self._n)
+        self._command = self.DeclareVectorInputPort("current_command", self._n)
         prerequisites = {self._x.ticket()} | self.state_tickets
         self._motion = self.DeclareVectorOutputPort(
-            "motion", held["motion"], self._calc_motion, prerequisites
+            "motion", self._sizes["motion"], self._calc_motion, prerequisites
         )
         self._drives = self.DeclareVectorOutputPort(
-            "drives", held["drives"], self._calc_drives, prerequisites | {self._command.ticket()}
+            "drives",
+            self._sizes["drives"],
+            self._calc_drives,
+            prerequisites | {self._command.ticket()},
         )
         if parts.contacts is not None:
-            self._results = self.DeclareAbstractInputPort(
-                "contact_results", Value[ContactResults]()
-            )
-            self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
-            in_contact = prerequisites | {self._results.ticket(), self._tau_contact.ticket()}
-            self._truth = self.DeclareVectorOutputPort(
-                "truth", held["truth"], self._calc_truth, in_contact
-            )
-        self._weld: int | None = None
-        if sensor is not None:
-            self._weld = sensor.weld
-            self._reactions = self.DeclareAbstractInputPort(
-                "reaction_forces", Value[list[SpatialForce]]()
-            )
-            self._vdot = self.DeclareVectorInputPort("vdot", n)
-        self._pushed = bool(parts.script.segments) or process is not None
+            self._declare_contact_ports(prerequisites)
+        self._weld = None if parts.sensor is None else parts.sensor.weld
+        if parts.sensor is not None:
+            self._declare_sensor_ports()
+        self._pushed = bool(parts.script.segments) or parts.process is not None
         if self._pushed:
-            # A pattern for the output, which copies it.
-            self._applied_force = ExternallyAppliedSpatialForce()
-            self._applied_force.body_index = parts.tool_body
-            self._applied_force.p_BoBq_B = np.array(parts.p_BE, dtype=np.float64)
-            self.DeclareAbstractOutputPort(
-                "spatial_forces",
-                Value[list[ExternallyAppliedSpatialForce]],
-                self._calc_spatial_forces,
-                prerequisites,
-            )
-        if process is not None:
-            self._process = process
+            self._declare_force_port(parts, prerequisites)
+        if parts.process is not None:
             self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, prerequisites)
-        # Memory that is settled once; nothing in it outlives a call.
-        self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
+
+    def _declare_contact_ports(self, prerequisites: set[DependencyTicket]) -> None:
+        """Declares what the plant says of contact, and the truth that follows from it."""
+        self._results = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
+        self._tau_contact = self.DeclareVectorInputPort("tau_contact", self._n)
+        in_contact = prerequisites | {self._results.ticket(), self._tau_contact.ticket()}
+        self._truth = self.DeclareVectorOutputPort(
+            "truth", self._sizes["truth"], self._calc_truth, in_contact
+        )
+
+    def _declare_sensor_ports(self) -> None:
+        """Declares what the force/torque sensor reads of the plant."""
+        self._reactions = self.DeclareAbstractInputPort(
+            "reaction_forces", Value[list[SpatialForce]]()
+        )
+        self._vdot = self.DeclareVectorInputPort("vdot", self._n)
+
+    def _declare_force_port(self, parts: ArmParts, prerequisites: set[DependencyTicket]) -> None:
+        """Declares the force of script and process on the tool."""
+        # A pattern for the output, which copies it.
+        self._applied_force = ExternallyAppliedSpatialForce()
+        self._applied_force.body_index = parts.tool_body
+        self._applied_force.p_BoBq_B = np.array(parts.p_BE, dtype=np.float64)
+        self.DeclareAbstractOutputPort(
+            "spatial_forces",
+            Value[list[ExternallyAppliedSpatialForce]],
+            self._calc_spatial_forces,
+            prerequisites,
+        )
 
     def _make_constants(self, parts: ArmParts) -> None:
         """Makes the constants of the kernels."""
@@ -212,6 +215,9 @@ class TrueArm(SampledBlock):
             ends=np.empty((0, 3)) if variations is None else variations.ends,
         )
 
+        # What is not connected is without effect.
+        self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
+
     @property
     def motion_sizes(self) -> dict[str, int]:
         """Sizes of the parts of `motion`: its terms together, and each of the other fields."""
@@ -224,7 +230,7 @@ class TrueArm(SampledBlock):
     def drive_sizes(self) -> dict[str, int]:
         """Sizes of the parts of `drives`: the signals of `joint_tick`, current, joints' state."""
         names = ("tau_J", "generalized_force", "tau_f", "current_true", "current")
-        return dict.fromkeys(names, self._n) | {"joint_state": self._joint_size}
+        return dict.fromkeys(names, self._n) | {"joint_state": self._layout.joints}
 
     @property
     def truth_sizes(self) -> dict[str, int]:
@@ -289,6 +295,7 @@ class TrueArm(SampledBlock):
 
     def _calc_unbalance(self, context: Context, output: BasicVector) -> None:
         R_WE, wrench = self._motion_at(context)["R_WE"][0], np.zeros(6)
+        assert self._process is not None
         add_unbalance_force(self._process.table, context.get_time(), R_WE, wrench[3:])
         output.SetFromVector(wrench)
 
@@ -309,3 +316,14 @@ class TrueArm(SampledBlock):
             memory,
         )
         return outputs
+
+
+def _initial_state(parts: ArmParts) -> tuple[ArmLayout, Array]:
+    """The layout of ArmState, and the flat state of an arm at rest that has measured nothing."""
+    joints = parts.joints.initial_state().ravel()
+    lagged = np.full(parts.joints.num_joints, np.nan)
+    process = np.zeros(0) if parts.process is None else parts.process.initial_state
+    wrench, sensed = np.zeros(6), np.zeros(6)
+    sensor_filter = np.zeros(0 if parts.sensor is None else parts.sensor.memory_size)
+    layout = ArmLayout(joints.size, process.size, parts.joints.time_step)
+    return layout, np.concatenate([joints, lagged, process, wrench, sensed, sensor_filter])
