@@ -533,18 +533,8 @@ def _fourier(motion: FourierMotion, robot: Robot) -> JointTrajectory:
 
 
 def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
-    if motion.time_law not in TIME_LAWS:
-        choices = ", ".join(TIME_LAWS)
-        raise InputError(
-            "scenario",
-            "motion.time_law",
-            f'"{motion.time_law}", expected {choices}',
-            nearest(motion.time_law, TIME_LAWS),
-        )
-    if not motion.one_way > 0 or motion.passes < 1 or not motion.start >= 0:
-        raise InputError("scenario", "motion", "one_way must be above 0, passes 1 or more")
-    if not 0 < motion.ramp <= 0.5:
-        raise InputError("scenario", "motion.ramp", f"{motion.ramp}, expected above 0, at most 0.5")
+    """The motion along a straight line, there and back as often as stated, after a lead-in."""
+    _check_line(motion)
     R_home, p_home = robot.chain.pose(robot.home)
     path = StraightPath(
         np.array(motion.n_W),
@@ -566,12 +556,6 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
         count = (motion.passes + 1) // 2
     # A lead-in is the end of one more time there and back.
     first_cycle = -1 if motion.lead_in > 0 else 0
-    if not 0 <= motion.lead_in <= (motion.one_way if motion.passes > 1 else 0.0):
-        raise InputError(
-            "scenario",
-            "motion.lead_in",
-            f"{motion.lead_in}, expected 0 to one_way, and two passes or more",
-        )
     begin = motion.start + motion.lead_in
     t = np.concatenate([begin + k * cycle.duration + cycle.t for k in range(first_cycle, count)])
     end = begin + motion.passes * motion.one_way
@@ -584,3 +568,25 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
         v=np.tile(cycle.v, (num_cycles, 1))[is_in_motion],
         vdot=np.tile(cycle.vdot, (num_cycles, 1))[is_in_motion],
     )
+
+
+def _check_line(motion: LineMotion) -> None:
+    """Raises InputError where a number of the line's motion is out of range."""
+    if motion.time_law not in TIME_LAWS:
+        choices = ", ".join(TIME_LAWS)
+        raise InputError(
+            "scenario",
+            "motion.time_law",
+            f'"{motion.time_law}", expected {choices}',
+            nearest(motion.time_law, TIME_LAWS),
+        )
+    if not motion.one_way > 0 or motion.passes < 1 or not motion.start >= 0:
+        raise InputError("scenario", "motion", "one_way must be above 0, passes 1 or more")
+    if not 0 < motion.ramp <= 0.5:
+        raise InputError("scenario", "motion.ramp", f"{motion.ramp}, expected above 0, at most 0.5")
+    if not 0 <= motion.lead_in <= (motion.one_way if motion.passes > 1 else 0.0):
+        raise InputError(
+            "scenario",
+            "motion.lead_in",
+            f"{motion.lead_in}, expected 0 to one_way, and two passes or more",
+        )

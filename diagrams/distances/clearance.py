@@ -108,29 +108,50 @@ class Clearance:
             add(plant)
 
         self.shapes = shapes = ArmShapes(robot, add_all)
+        self.margin = margin
         self._own = {
             geometry
             for geometry, body in shapes.body.items()
             if body.model_instance() == shapes.parts.model_instance
         }
-        others = {geometry: shapes.name(geometry) for geometry in shapes.body.keys() - self._own}
-        self._workpiece_shapes = {shape for shape, name in others.items() if name == WORKPIECE}
-        self._floor_shapes = {shape for shape, name in others.items() if name == FLOOR}
-        self._may_touch_workpiece = {
-            geometry
-            for geometry in self._own
-            if shapes.body[geometry].index() == shapes.tool.index()
-        }
-        if tip_only:
-            self._may_touch_workpiece = _working_shapes(shapes, margin)
-        self.margin = margin
+        self._workpiece_shapes = self._others_named({WORKPIECE})
+        self._floor_shapes = self._others_named({FLOOR})
+        self._obstacle_shapes = self._others_named({box.name for box in obstacles} - {FLOOR})
+        self._may_touch_workpiece = (
+            _working_shapes(shapes, margin)
+            if tip_only
+            else {shape for shape in self._own if shapes.body[shape].index() == shapes.tool.index()}
+        )
         self._required: dict[tuple[Any, Any], float] = {}
-        overlapping: list[str] = []
-        wrist: dict[tuple[Any, Any], float] = {}
-        obstacle_names = {obstacle.name for obstacle in obstacles} - {FLOOR}
-        self._obstacle_shapes = {shape for shape, name in others.items() if name in obstacle_names}
+        # Pairs within the arm, and of the arm with the floor.
         counted = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
-        for pair in shapes.pairs(robot.home, 1.5 * INFLUENCE_DISTANCE):
+        self.overlapping = self._require_at_home(robot, counted)
+        self._require_of_others()
+        near: dict[str, float] = {}
+        for key, required in self._required.items():
+            if np.isfinite(required) and required < margin and counted.issuperset(key):
+                near[self._names(key)] = min(required, near.get(self._names(key), np.inf))
+        self.near_at_home = tuple(near.items())
+        self.has_shapes = bool(self._own)
+        self._speed_radius = _speed_radius(robot, shapes)
+
+    def _others_named(self, names: set[str]) -> set[Any]:
+        """Shapes of these names that are none of the arm's."""
+        others = self.shapes.body.keys() - self._own
+        return {shape for shape in others if self.shapes.name(shape) in names}
+
+    def _names(self, pair: tuple[Any, Any]) -> str:
+        return " and ".join(self.shapes.name(shape) for shape in pair)
+
+    def _require_at_home(self, robot: Robot, counted: set[Any]) -> tuple[str, ...]:
+        """Requirements of the pairs among `counted` shapes that are near in the home posture.
+
+        Returns:
+            The pairs that overlap there, by name.
+        """
+        overlapping: list[str] = []
+        neighbours: dict[tuple[Any, Any], float] = {}  # two joints apart at most; their distance
+        for pair in self.shapes.pairs(robot.home, 1.5 * INFLUENCE_DISTANCE):
             key = (pair.id_A, pair.id_B)
             if not counted.issuperset(key):
                 continue
@@ -139,22 +160,13 @@ class Clearance:
                 self._required[key] = -np.inf
             elif pair.distance <= 0.0:
                 self._required[key] = -np.inf
-                overlapping.append(" and ".join(shapes.name(shape) for shape in key))
+                overlapping.append(self._names(key))
             else:
-                self._required[key] = min(margin, 0.5 * pair.distance)
+                self._required[key] = min(self.margin, 0.5 * pair.distance)
                 if abs(first - second) <= 2:
-                    wrist[key] = pair.distance
-        self._drop_always_clear(robot, wrist)
-        self._require_of_others()
-        self.overlapping = tuple(dict.fromkeys(overlapping))
-        near: dict[str, float] = {}
-        for key, required in self._required.items():
-            if np.isfinite(required) and required < margin and counted.issuperset(key):
-                names = " and ".join(shapes.name(shape) for shape in key)
-                near[names] = min(required, near.get(names, np.inf))
-        self.near_at_home = tuple(near.items())
-        self.has_shapes = bool(self._own)
-        self._speed_radius = _speed_radius(robot, shapes)
+                    neighbours[key] = pair.distance
+        self._drop_always_clear(robot, neighbours)
+        return tuple(dict.fromkeys(overlapping))
 
     def _level(self, shape: Any) -> int:
         return self.shapes.level.get(self.shapes.body[shape].index(), 0)
