@@ -1,6 +1,6 @@
 """The closed loop: robot cell, controller and estimator."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import (
+    Adder,
     Demultiplexer,
     Gain,
     LogVectorOutput,
@@ -21,6 +22,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from wrenchsight.diagrams.distances.links_apart import links_apart
 from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.diagrams.machining import make_machining_path, with_planned_force
+from wrenchsight.diagrams.outputs import split_outputs
 from wrenchsight.diagrams.pages.run_page import add_wrench_arrows
 from wrenchsight.diagrams.robot_cell import RobotCell, make_robot_cell
 from wrenchsight.diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
@@ -29,7 +31,8 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import AirPassCorrection
 from wrenchsight.models.machining.machining_path import MachiningPath
-from wrenchsight.models.machining.machining_reference import MachiningReference
+from wrenchsight.models.machining.machining_reference import initial_memory, plan_pass
+from wrenchsight.models.machining.tool_vibration import vibration_constants
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.robot.motors import motor_gain
@@ -39,22 +42,16 @@ from wrenchsight.systems.joint_tracking_controller import (
     JointTrackingConfig,
     JointTrackingController,
 )
-from wrenchsight.systems.machining.machining_controller import MachiningController
+from wrenchsight.systems.machining.air_pass_correction import AirPassCorrectionSystem
+from wrenchsight.systems.machining.freed_friction_feedforward import FreedFrictionFeedforward
+from wrenchsight.systems.machining.machining_reference import MachiningReference
+from wrenchsight.systems.machining.tool_vibration_tracker import ToolVibrationTracker
 from wrenchsight.systems.path_reference import PathReference
 from wrenchsight.systems.pose_reference import PoseReference
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
-from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 _READING_SIGNALS = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid")
-_PASS_SIGNALS = (
-    "reference",
-    "force_setpoint",
-    "phase",
-    "fault",
-    "progress",
-    "feed_time",
-    "pose_error",
-)
+_PASS_SIGNALS = ("reference", "force_setpoint", "phase", "fault", "progress", "feed_time")
 _FREED_SIGNALS = ("freed_torque", "freed_sd", "tool_vibration")  # after an air pass
 
 
@@ -65,9 +62,8 @@ class ClosedLoop:
     Attributes:
         diagram: everything; the subsystems are named robot_cell, estimator, controller, ...
         cell: the robot cell.
-        estimator: the estimator's diagram; None in a loop without one, or where it is in the
-            MachiningController.
-        controller: JointTrackingController, ImpedanceController or MachiningController.
+        estimator: the estimator's diagram; None in a loop without one.
+        controller: JointTrackingController or ImpedanceController.
         trajectory: the reference motion of the joints.
         log: of all signals, one entry a tick; `signals` says where in an entry each signal is.
         signals: columns of the log by the name of the signal.
@@ -113,8 +109,7 @@ class LoopEstimator:
 
     Attributes:
         model: that it knows, and that its output `terms` is of; None: the controller's.
-        fused: whether it is one block instead of its stages: the same numbers, sooner. In machining
-            it always is one block with reference and controller.
+        fused: whether it is one block instead of its stages: the same numbers, sooner.
         air_pass: correction of a machining scenario, learnt along the same path; None: none.
     """
 
@@ -165,7 +160,7 @@ class _Control:
     """A controller in the loop, with its estimator.
 
     Attributes:
-        controller: JointTrackingController, ImpedanceController or MachiningController.
+        controller: JointTrackingController or ImpedanceController.
         tau_command: (n,) N m.
         terms: RigidBodyTerms of the model.
         signals: to be logged, of controller and reference.
@@ -333,18 +328,25 @@ def _logged_signals(control: _Control, cell: RobotCell, log: LogRequest) -> dict
     return signals if log.only is None else {name: signals[name] for name in log.only}
 
 
-def _add_loop_estimator(parts: _LoopParts, estimator: LoopEstimator) -> Diagram:
-    """Adds the estimator of a loop, which reads the cell's encoders and currents."""
+def _add_loop_estimator(
+    parts: _LoopParts, estimator: LoopEstimator, config: WrenchEstimatorConfig | None = None
+) -> Diagram:
+    """Adds the estimator of a loop, which reads the cell's encoders and currents.
+
+    Args:
+        config: None: the scenario's.
+    """
     cell = parts.cell.diagram
     return add_estimator_to_ports(
         parts.builder,
         parts.robot,
         estimator.model or parts.model,
-        _estimator_config(parts.scenario),
+        config or _estimator_config(parts.scenario),
         q=cell.GetOutputPort("q"),
         v=cell.GetOutputPort("v"),
         current=cell.GetOutputPort("current"),
         fused=estimator.fused,
+        corrected=estimator.air_pass is not None,
     )
 
 
@@ -393,57 +395,158 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
 
 
 def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstimator) -> _Control:
-    """Adds a MachiningController, which holds the estimator, and splits its output port.
+    """Adds the reference of a pass, the estimator and an impedance controller.
+
+        feed_time --> air_pass --> correction --+
+                     vibration --> freed_torque -+-> estimator --> wrench
+                                                                     v
+        terms, wrench --> reference --> pose_reference, ... --> controller --> tau_command
+
+    Air pass and vibration are there after an air pass alone. Without a sensor the command is then
+    less the friction that the tool's vibration frees.
 
     Raises:
-        ValueError: an air pass for an observer that reads the wrench itself; as
-            MachiningController.
+        ValueError: an observer that reads the present torque, which only the command makes; an air
+            pass for an observer that reads the wrench itself, or has no gain K_0.
     """
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
     air_pass, model = requested.air_pass, requested.model or parts.model
     config = _estimator_config(scenario)
     config = replace(config, reconstruction=with_planned_force(config.reconstruction, robot, plan))
-    estimator = WrenchEstimator(robot, model, config)
-    if air_pass is not None and estimator.observed_size:
-        raise ValueError("an air pass needs an observer of joint torque, not of the wrench")
+    known = WrenchEstimator(robot, model, config)
+    if known.observer.reads_present_torque:
+        raise ValueError("machining: an observer that reads the present torque closes a loop")
+    estimator = _add_loop_estimator(parts, requested, config)
+    readings, terms = _readings(estimator), estimator.GetOutputPort("terms")
+    wrench = readings["wrench"]
+    if uses_sensor(scenario):
+        wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
     # After an air pass force feedback counts where its correction is valid.
     steady = plan.steady if air_pass is None else air_pass.steady_at(plan.trajectory.t)
-    period, reads_sensor = estimator.observer.time_step, uses_sensor(scenario)
-    block = MachiningController(
-        reference=MachiningReference(
-            robot,
-            parts.model.chain(robot),
-            replace(plan, steady=steady),
-            scenario.machining.phases,
-            period,
-            reads_at_rest=reads_sensor,
+    reference = _add_reference(parts, replace(plan, steady=steady), terms, wrench)
+    controller = builder.AddNamedSystem(
+        "controller",
+        ImpedanceController(
+            parts.model.friction.feedforward,
+            robot.effort_limit,
+            scenario.time_step,
+            scenario.controller,
         ),
-        estimator=WrenchEstimatorSystem(estimator, air_pass is not None),
-        controller=ImpedanceController(
-            parts.model.friction.feedforward, robot.effort_limit, period, scenario.controller
-        ),
-        air_pass=air_pass,
-        time_step=period,
-        reads_sensor=reads_sensor,
     )
-    _check_damping(block.impedance, robot, plan.q_start)
-    builder.AddNamedSystem("controller", block)
-    cell = parts.cell.diagram
-    for name in ("q", "v", "current"):
-        builder.Connect(cell.GetOutputPort(name), block.GetInputPort(name))
-    if reads_sensor:
-        builder.Connect(cell.GetOutputPort("ft_wrench"), block.GetInputPort("wrench"))
-    action = builder.AddNamedSystem("action", Demultiplexer(list(block.sizes.values())))
-    builder.Connect(block.GetOutputPort("action"), action.get_input_port())
-    ports = {name: action.get_output_port(i) for i, name in enumerate(block.sizes)}
+    _check_damping(controller, robot, plan.q_start)
+    _connect_all(builder, controller, reference | {"terms": terms, "wrench": wrench})
+    action = split_outputs(builder, controller)
+    tau_command = action["tau_command"]
+    signals = {name: reference[name] for name in _PASS_SIGNALS} | {
+        "pose_error": action["pose_error"]
+    }
+    if air_pass is not None:
+        tracked = _add_correction(parts, known, air_pass, estimator, reference)
+        signals |= {name: tracked[name] for name in _FREED_SIGNALS}
+        if not uses_sensor(scenario):  # a sensor's feedback makes up for friction that is freed
+            viscous = known.friction.feedforward.coulomb_viscous.viscous
+            less_freed = builder.AddNamedSystem(
+                "freed_friction", FreedFrictionFeedforward(controller.law, viscous)
+            )
+            _connect_all(builder, less_freed, reference | tracked | {"tau_command": tau_command})
+            tau_command = less_freed.get_output_port()
     return _Control(
-        controller=block,
-        tau_command=ports["tau_command"],
-        terms=block.GetOutputPort("terms"),
-        signals={name: ports[name] for name in (*_PASS_SIGNALS, *_FREED_SIGNALS) if name in ports},
-        readings={name: ports[name] for name in _READING_SIGNALS},
+        controller=controller,
+        tau_command=tau_command,
+        terms=terms,
+        signals=signals,
+        readings=readings,
+        estimator=estimator,
     )
+
+
+def _add_reference(
+    parts: _LoopParts, plan: MachiningPath, terms: OutputPort, wrench: OutputPort
+) -> dict[str, OutputPort]:
+    """Adds the reference of a pass; returns its ports by their names.
+
+    Args:
+        terms: of the model.
+        wrench: of the force feedback.
+    """
+    builder, robot, machining = parts.builder, parts.robot, parts.scenario.machining
+    assert machining is not None
+    chain = parts.model.chain(robot)
+    planned = plan_pass(
+        robot,
+        chain,
+        plan,
+        machining.phases,
+        parts.scenario.time_step,
+        reads_at_rest=uses_sensor(parts.scenario),
+    )
+    block = builder.AddNamedSystem(
+        "reference", MachiningReference(planned, initial_memory(chain, plan))
+    )
+    _connect_all(builder, block, {"terms": terms, "wrench": wrench})
+    return split_outputs(builder, block)
+
+
+def _add_correction(
+    parts: _LoopParts,
+    known: WrenchEstimator,
+    air_pass: AirPassCorrection,
+    estimator: Diagram,
+    reference: dict[str, OutputPort],
+) -> dict[str, OutputPort]:
+    """Adds the air pass and the tracker of the tool's vibration, which correct the estimator.
+
+    Args:
+        known: what `estimator` is made of.
+        reference: ports of the pass.
+
+    Returns:
+        The tracker's ports by their names.
+    """
+    builder, n = parts.builder, parts.robot.num_joints
+    taught = builder.AddNamedSystem("air_pass", AirPassCorrectionSystem(air_pass))
+    _connect_all(builder, taught, reference)
+    tracker = builder.AddNamedSystem(
+        "vibration", ToolVibrationTracker(vibration_constants(known), parts.scenario.time_step)
+    )
+    correction, tracked = split_outputs(builder, taught), split_outputs(builder, tracker)
+    learnt = {
+        "correction": correction["correction"],
+        "correction_spread": correction["spread"],
+        "correction_valid": correction["valid"],
+    }
+    observed = {
+        name: estimator.GetOutputPort(name)
+        for name in ("terms", "tau_ext", "tau_ext_valid", "torque_error", "tau_f", "fault")
+    }
+    _connect_all(builder, tracker, reference | learnt | observed)
+    freed_sign = builder.AddNamedSystem("less_freed", Gain(-1.0, n))
+    total = builder.AddNamedSystem("tau_correction", Adder(2, n))
+    joints = builder.AddNamedSystem("reference_joints", Demultiplexer(3 * n, n))
+    builder.Connect(tracked["freed_torque"], freed_sign.get_input_port())
+    builder.Connect(correction["correction"], total.get_input_port(0))
+    builder.Connect(freed_sign.get_output_port(), total.get_input_port(1))
+    builder.Connect(reference["reference"], joints.get_input_port())
+    sources = {
+        "tau_correction": total.get_output_port(),
+        "correction_valid": correction["valid"],
+        "correction_sd": tracked["freed_sd"],
+        "v_planned": joints.get_output_port(1),
+    }
+    for name, port in sources.items():
+        if estimator.HasInputPort(name):  # a friction law with memory takes no planned speed
+            builder.Connect(port, estimator.GetInputPort(name))
+    return tracked
+
+
+def _connect_all(
+    builder: DiagramBuilder, block: LeafSystem, sources: Mapping[str, OutputPort]
+) -> None:
+    """Connects the inputs of a block to the sources of their names."""
+    for k in range(block.num_input_ports()):
+        port = block.get_input_port(k)
+        builder.Connect(sources[port.get_name()], port)
 
 
 def uses_sensor(scenario: Scenario) -> bool:
@@ -476,10 +579,8 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     builder.Connect(pose.get_output_port(), controller.GetInputPort("pose_reference"))
     builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
     builder.Connect(terms, controller.GetInputPort("terms"))
-    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    action = builder.AddNamedSystem("action", Demultiplexer(controller.sizes(robot.num_joints)))
-    builder.Connect(controller.GetOutputPort("action"), action.get_input_port())
-    signals["pose_error"] = action.get_output_port(1)
+    action = split_outputs(builder, controller)
+    signals["pose_error"] = action["pose_error"]
     if config.force is not None:
         wrench = readings["wrench"]
         if uses_sensor(scenario):
@@ -488,7 +589,7 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
         builder.Connect(wrench, controller.GetInputPort("wrench"))
     return _Control(
         controller=controller,
-        tau_command=action.get_output_port(0),
+        tau_command=action["tau_command"],
         terms=terms,
         signals=signals,
         readings=readings,

@@ -15,7 +15,6 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from wrenchsight.models.estimation.estimator_arrays import tick_sizes
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -32,6 +31,7 @@ from wrenchsight.systems.presliding_friction import PreslidingFrictionSystem
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 from wrenchsight.systems.sample_check import SampleCheckSystem
 from wrenchsight.systems.semi_parametric_friction import SemiParametricFrictionSystem
+from wrenchsight.systems.torque_correction import TorqueCorrection
 from wrenchsight.systems.torque_error import TorqueErrorSystem
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
@@ -44,6 +44,7 @@ def make_estimator(
     fused: bool = False,
     detection: ContactDetectionConfig | None = None,
     stages: Mapping[str, LeafSystem] | None = None,
+    corrected: bool = False,
 ) -> Diagram:
     """Builds the estimator: from a controller's measurements to the wrench at the tool.
 
@@ -71,6 +72,10 @@ def make_estimator(
               fault             (1,) what is wrong with q and v of the tick, and with the current of
                                 the one before: a sum of the codes of
                                 `models.observers.sample_check`, or 0; such a sample is missing
+              tau_f             (n,) N m, friction of the model, that was taken off
+              tau_ext_valid     (1,) 1 where tau_ext belongs to the sample, and its correction holds
+              torque_error      (ERROR_ROWS n,) of `systems.torque_error`; of a model that has
+                                learnt one, or with `corrected`
 
     The outputs at a tick t = k time_step are those of row k of `WrenchEstimator.run` over the same
     samples: they use q and v of that very tick and motor torque up to it. Between two ticks the
@@ -87,6 +92,17 @@ def make_estimator(
 
     With `fused` all of them are one block, `block`, with the same parameters
     (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers in a third of the time.
+
+    With `corrected` there are further inputs, all of them to be connected, for what is known of the
+    model's error besides the model, as from an air pass (`models.machining.air_pass`):
+
+              tau_correction    (n,) N m, added to the observed tau_ext; where it is not finite
+                                nothing is added, and the reading is not valid
+              correction_valid  (1,) 1 where a corrected reading may be valid, else 0
+              correction_sd     (n,) N m, of the correction, beyond the model's torque error
+              v_planned         (n,) rad/s, at which a friction law without memory is evaluated in
+                                the place of v, and without regard to which joints rest; of such a
+                                law alone
 
     With `detection` there is one block more, `detection`
     (`systems.contact_detection.ContactDetection`), and outputs (1,) each: contact_statistic,
@@ -111,18 +127,24 @@ def make_estimator(
         fused: whether it is one block instead of its stages.
         detection: configuration of the contact detector; None: there is none.
         stages: blocks of yours by the name of the stage; of a staged estimator only.
+        corrected: whether there are inputs for a correction of tau_ext.
 
     Raises:
         InputError: the model belongs to another robot.
         ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`; a stage
-            that there is none, or without a port that it needs.
+            that there is none, or without a port that it needs; a correction of an observer that
+            reads the wrench itself.
     """
     estimator = WrenchEstimator(robot, model, config)
+    if corrected and estimator.observed_size:
+        raise ValueError(
+            f"{name}: only an observer of joint torque can be corrected, not of wrench"
+        )
     if fused:
         if stages:
             raise ValueError(f"{name}: a fused estimator has no stages to replace")
-        return _fused(estimator, name, detection)
-    return _staged(estimator, name, detection, dict(stages or {}))
+        return _fused(estimator, name, detection, corrected)
+    return _staged(estimator, name, detection, dict(stages or {}), corrected)
 
 
 _STAGE_OUTPUTS = {
@@ -151,6 +173,7 @@ def _staged(
     name: str,
     detection: ContactDetectionConfig | None,
     stages: dict[str, LeafSystem],
+    corrected: bool,
 ) -> Diagram:
     """The estimator as a block a stage."""
     _check_stages(name, stages)
@@ -162,7 +185,9 @@ def _staged(
 
     terms = add("terms", RigidBodyTermsSystem(estimator.chain))
     motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
-    friction = add("friction", _friction_system(estimator.friction, period, estimator.learnt))
+    at_planned_speed = corrected and estimator.friction.state_rows == 0
+    knows_rest = estimator.learnt and not at_planned_speed
+    friction = add("friction", _friction_system(estimator.friction, period, knows_rest))
     observer = add("observer", _observer_system(estimator.observer))
     reconstruction = add(
         "reconstruction",
@@ -171,7 +196,7 @@ def _staged(
     tau_ext, tau_ext_valid = _signals(builder, "observed", observer, ("tau_ext", "valid"))
     wrench_signals = ("wrench", "covariance", "condition_number", "valid", "invalid")
     wrench_ports = _signals(builder, "reading", reconstruction, wrench_signals)
-    blocks: list[LeafSystem] = [terms, motor, friction, observer]
+    blocks: list[LeafSystem] = [terms, motor, observer]
     sources = _checked_inputs(builder, estimator) | {
         "terms": terms.GetOutputPort("terms"),
         "tau_J": motor.GetOutputPort("tau_J"),
@@ -185,18 +210,35 @@ def _staged(
         sources["observed"] = observer.GetOutputPort("wrench")
     wrench_sources = dict(sources)
     uses_sd = isinstance(observer, ExternalTorqueObserver) and observer.uses_sd
-    has_error = estimator.learnt or "torque_error" in stages
+    has_error = estimator.learnt or corrected or "torque_error" in stages
     if has_error or uses_sd or detection is not None:  # else no block reads it
         error = add("torque_error", TorqueErrorSystem(estimator.error, period))
         sources["torque_error"] = error.GetOutputPort("torque_error")
         blocks.append(error)
+        if corrected and error.HasInputPort("added_sd"):
+            builder.ExportInput(error.GetInputPort("added_sd"), "correction_sd")
+        builder.ExportOutput(sources["torque_error"], "torque_error")
     _connect(builder, blocks, sources)
+    if at_planned_speed:
+        builder.ExportInput(friction.GetInputPort("v"), "v_planned")
+        _connect(builder, [friction], {name: sources[name] for name in sources if name != "v"})
+    else:
+        _connect(builder, [friction], sources)
+    if corrected:
+        correction = builder.AddNamedSystem("correction", TorqueCorrection(estimator.num_joints))
+        for signal in ("tau_correction", "correction_valid"):
+            builder.ExportInput(correction.GetInputPort(signal), signal)
+        _connect(builder, [correction], sources)
+        wrench_sources["corrected"] = correction.GetOutputPort("corrected")
+        wrench_sources["tau_ext"] = correction.GetOutputPort("tau_ext")
+        sources |= {name: correction.GetOutputPort(name) for name in ("tau_ext", "tau_ext_valid")}
     if has_error:
         wrench_sources["torque_error"] = sources["torque_error"]
     else:  # of one covariance, and without a lag
         del wrench_sources["pole"]
     _connect(builder, [reconstruction], wrench_sources)
-    builder.ExportOutput(sources["tau_ext"], "tau_ext")
+    for signal in ("tau_ext", "tau_f", "tau_ext_valid"):
+        builder.ExportOutput(sources[signal], signal)
     for signal, port in zip(wrench_signals, wrench_ports, strict=True):
         builder.ExportOutput(port, signal)
     builder.ExportOutput(_terms_as_read(builder, estimator), "terms")
@@ -305,52 +347,45 @@ def _fused(
     estimator: WrenchEstimator,
     name: str,
     detection: ContactDetectionConfig | None,
+    corrected: bool,
 ) -> Diagram:
     """The estimator as one block."""
     builder = DiagramBuilder()
-    block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator))
-    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    reading = builder.AddNamedSystem("reading", Demultiplexer(block.tick_sizes))
-    builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
+    block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator, corrected))
     for k in range(block.num_input_ports()):
         port = block.get_input_port(k)
         builder.ExportInput(port, port.get_name())
-    signals = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid")
-    ports = [reading.get_output_port(k) for k in range(len(signals))]
-    for signal, source in zip(signals, ports, strict=True):
-        builder.ExportOutput(source, signal)
-    builder.ExportOutput(block.GetOutputPort("terms"), "terms")
-    builder.ExportOutput(block.GetOutputPort("fault"), "fault")
+    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
+    sizes: dict[str, int] = {}
+    for part, size in block.reading_sizes.items():
+        if part == "signals":
+            sizes |= {f"signals {row}": estimator.num_joints for row in range(TORQUE_SD)}
+        else:
+            sizes[part] = size
+    reading = builder.AddNamedSystem("reading", Demultiplexer(list(sizes.values())))
+    builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
+    sources = {part: reading.get_output_port(k) for k, part in enumerate(sizes)}
+    sources |= {
+        "tau_f": sources[f"signals {TAU_F}"],
+        "v": sources[f"signals {V}"],
+        "tau_ext_valid": sources["counts"],
+        "terms": block.GetOutputPort("terms"),
+        "pole": block.GetOutputPort("pole"),
+        "law": block.GetOutputPort("law"),
+    }
+    for signal in (
+        *("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid"),
+        *("terms", "fault", "tau_f", "tau_ext_valid"),
+    ):
+        builder.ExportOutput(sources[signal], signal)
+    if estimator.learnt or corrected:
+        builder.ExportOutput(sources["torque_error"], "torque_error")
     if detection is not None:
         robot = estimator.robot
         motor = builder.AddNamedSystem("detection_motor", MotorCurrentTorqueSource.of(robot))
-        n, sizes = estimator.num_joints, tick_sizes(estimator.num_joints)
-        detector_sizes = {name: size for name, size in sizes.items() if name not in signals}
-        split_signals = {f"signals {row}": n for row in range(TORQUE_SD)}
-        parts: dict[str, int] = {}
-        for part, size in detector_sizes.items():
-            parts |= split_signals if part == "signals" else {part: size}
-        signals_demux = builder.AddNamedSystem(
-            "detection_signals", Demultiplexer(list(parts.values()))
-        )
-        source_of = {part: signals_demux.get_output_port(k) for k, part in enumerate(parts)}
-        builder.Connect(reading.get_output_port(len(signals)), signals_demux.get_input_port())
         builder.Connect(block.GetOutputPort("checked_current"), motor.GetInputPort("current"))
-        _detect(
-            builder,
-            ContactDetector.of(estimator, detection),
-            {
-                "v": source_of[f"signals {V}"],
-                "terms": block.GetOutputPort("terms"),
-                "torque_error": source_of["torque_error"],
-                "tau_ext": ports[0],
-                "tau_ext_valid": source_of["counts"],
-                "tau_J": motor.GetOutputPort("tau_J"),
-                "tau_f": source_of[f"signals {TAU_F}"],
-                "pole": block.GetOutputPort("pole"),
-                "law": block.GetOutputPort("law"),
-            },
-        )
+        sources["tau_J"] = motor.GetOutputPort("tau_J")
+        _detect(builder, ContactDetector.of(estimator, detection), sources)
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
@@ -369,6 +404,7 @@ def add_estimator_to_ports(
     fused: bool = False,
     detection: ContactDetectionConfig | None = None,
     stages: Mapping[str, LeafSystem] | None = None,
+    corrected: bool = False,
 ) -> Diagram:
     """Adds `make_estimator` to `builder` and wires its inputs to the ports that are given.
 
@@ -376,7 +412,7 @@ def add_estimator_to_ports(
 
     Args:
         q, v, current: output ports of systems in `builder`, (n,) each; None is left unconnected.
-        fused, detection, stages: as `make_estimator`.
+        fused, detection, stages, corrected: as `make_estimator`.
 
     Returns:
         the estimator, a subsystem of `builder`.
@@ -398,7 +434,7 @@ def add_estimator_to_ports(
                 f"{robot.name}, and {label} has {port.size()}"
             )
     estimator = builder.AddSystem(
-        make_estimator(robot, model, config, name, fused, detection, stages)
+        make_estimator(robot, model, config, name, fused, detection, stages, corrected)
     )
     for signal, port in sources.items():
         if port is not None:

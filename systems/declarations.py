@@ -12,6 +12,7 @@ from pydrake.systems.framework import (
     DependencyTicket,
     LeafSystem,
     NumericParameterIndex,
+    OutputPort,
     ValueProducer,
 )
 
@@ -64,6 +65,32 @@ def declare_cached(
 
     producer = ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=write)
     return block.DeclareCacheEntry(name, producer, tickets)
+
+
+def declare_outputs(
+    block: LeafSystem,
+    sizes: Mapping[str, int],
+    calc: Callable[[Context, BasicVector], None],
+    tickets: set[DependencyTicket],
+) -> OutputPort:
+    """Declares the output ports of a block that computes all of them at once.
+
+    A port of its own for each output is as many calls into Python at a tick. So there is one more,
+    `all`, with the outputs one after the other: Drake's Demultiplexer splits it with `sizes`, as
+    `diagrams.outputs.split_outputs` does.
+
+    Args:
+        block: that gets the ports.
+        sizes: of the outputs, by name.
+        calc: writes `all`.
+        tickets: its prerequisites.
+
+    Returns:
+        The port `all`.
+    """
+    port = block.DeclareVectorOutputPort("all", sum(sizes.values()), calc, tickets)
+    declare_parts(block, port.Eval, sizes, tickets)
+    return port
 
 
 def declare_parts(

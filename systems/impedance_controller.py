@@ -15,14 +15,12 @@ from wrenchsight.models.control.impedance import (
     impedance_action,
     impedance_law,
 )
-from wrenchsight.models.control.joint_tracking import LARGEST_INPUT, holding_torque
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
-from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
-from wrenchsight.systems.declarations import declare_cached, declare_parts
+from wrenchsight.systems.declarations import declare_cached, declare_outputs
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -90,8 +88,8 @@ class ImpedanceController(SampledBlock):
       reference      -->  | ImpedanceController |
       wrench         -->  |                     | --> pose_error
       force_setpoint -->  |                     |
-      force_active   -->  |                     | --> action
-      feedback_valid -->  |                     |
+      force_active   -->  |                     | --> valid
+      feedback_valid -->  |                     | --> integral
                           +---------------------+
 
     Inputs:      terms           RigidBodyTerms (abstract) of the model
@@ -110,8 +108,8 @@ class ImpedanceController(SampledBlock):
                  pose_error      (6,) rotation vector rad, translation m, from D to E, in the axes
                                  of the stiffness
                  valid           (1,) 1, or 0 at a tick whose inputs are not finite numbers
-                 action          (n + 6 + 1,) these two and the integral at the end of the tick, one
-                                 after the other, in one port
+                 integral        (1,) N s, of the force error, at the end of the tick
+                 all             these, one after the other (`declarations.declare_outputs`)
     State:       that of SampledBlock; its memory is (1,) the integral of the force error, N s; it
                  stands still while a drive is at its limit, and ki ∫ never exceeds integral_limit.
                  Without force control there is no state
@@ -148,7 +146,9 @@ class ImpedanceController(SampledBlock):
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         n = self._effort_limit.shape[0]
         period = time_step if config.force is not None else 0.0
-        SampledBlock.__init__(self, period, np.zeros(1), {"action": sum(self.sizes(n)), "valid": 1})
+        self.output_sizes = {"tau_command": n, "pose_error": 6, "valid": 1, "integral": 1}
+        held = {"all": sum(self.output_sizes.values())}
+        SampledBlock.__init__(self, period, np.zeros(1), held)
         self._n = n
         self._time_step = time_step
         self._in_E = _in_E(config.axes, "axes")
@@ -190,17 +190,7 @@ class ImpedanceController(SampledBlock):
             self._feedback_valid.ticket(),
             self._law.ticket(),
         } | self.state_tickets
-        self._action = self.DeclareVectorOutputPort(
-            "action", sum(self.sizes(n)), self._calc_action, prerequisites
-        )
-        parts = {"tau_command": n, "pose_error": 6}
-        declare_parts(self, self._action.Eval, parts, prerequisites)
-        self._valid = self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
-
-    @staticmethod
-    def sizes(num_joints: int) -> tuple[int, int, int]:
-        """The parts of `action`, in their order."""
-        return num_joints, 6, 1
+        self._all = declare_outputs(self, self.output_sizes, self._calc_all, prerequisites)
 
     def damping_per_tick(self, M: Array, J: Array, R_WE: Array) -> float:
         """The largest share of a velocity that the damper takes off in one tick, at M, J, R_WE."""
@@ -231,54 +221,34 @@ class ImpedanceController(SampledBlock):
         """Whether it controls a force at all."""
         return self._has_force
 
-    def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "valid")
-        output[0] = float(self._is_usable(context)) if held is None else held.item()
-
-    def _is_usable(self, context: Context) -> bool:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        numbers = [self._pose_reference.Eval(context), terms.q, terms.v]
-        if self._reference.HasValue(context):
-            numbers.append(self._reference.Eval(context))
-        if self._has_force:
-            numbers.append(self._force_setpoint.Eval(context))
-        return all(all_below(values, LARGEST_INPUT) for values in numbers)
-
-    def _calc_action(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "action")
+    def _calc_all(self, context: Context, output: BasicVector) -> None:
+        out, held = output.get_mutable_value(), self.held(context, "all")
         if held is not None:
-            output.SetFromVector(held)
+            out[:] = held
             return
-        has_reference, has_force = self._reference.HasValue(context), self._has_force
+        n, has_force = self._n, self._has_force
+        has_reference = self._reference.HasValue(context)
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        integral = self.memory(context).item()
-        if not self._is_usable(context):
-            action = output.get_mutable_value()
-            action[:] = 0.0
-            action[: self._n] = holding_torque(terms, self._effort_limit)
-            action[-1] = integral
-            return
-        wrench = self._wrench.Eval(context) if has_force else _NO_WRENCH
-        is_wrench_known = all_below(wrench, LARGEST_INPUT)
-        impedance_action(
-            self._law.Eval(context),
+        out[n + 6 :] = impedance_action(
+            self._law.EvalAbstract(context).get_value(),
             terms.record,
             self._pose_reference.Eval(context),
             self._reference.Eval(context) if has_reference else self._at_rest,
             (
                 self._controls_force(context),
-                is_wrench_known and _is_on(self._feedback_valid, context),
-                self._force_setpoint.Eval(context)[0] if has_force else 0.0,
-                wrench if is_wrench_known else _NO_WRENCH,
-                integral,
+                _is_on(self._feedback_valid, context),
+                self._force_setpoint.Eval(context).item() if has_force else 0.0,
+                self._wrench.Eval(context) if has_force else _NO_WRENCH,
+                self.memory(context).item(),
             ),
-            output.get_mutable_value(),
+            out[:n],
+            out[n : n + 6],
         )
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        action = self._action.Eval(context)
-        memory[:] = action[-1:]
-        return action, self._valid.Eval(context)
+        out = self._all.Eval(context)
+        memory[:] = out[-1:]
+        return (out,)
 
 
 def _is_on(port: InputPort, context: Context) -> bool:

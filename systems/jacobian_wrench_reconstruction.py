@@ -63,6 +63,7 @@ class JacobianWrenchReconstruction(SampledBlock):
       terms         -->  |                              | --> covariance
       tau_ext       -->  |                              | --> condition_number
       tau_ext_valid -->  | JacobianWrenchReconstruction | --> valid
+      corrected     -->  |                              |
       fault         -->  |                              | --> invalid
       observed      -->  |                              | --> reading
       torque_error  -->  |                              |
@@ -72,6 +73,8 @@ class JacobianWrenchReconstruction(SampledBlock):
     Inputs:      terms              RigidBodyTerms (abstract): J at E in axes of W
                  tau_ext            (n,) N m, positive along the motion it causes
                  tau_ext_valid      (1,) 0 where tau_ext is held or unknown; optional, else 1
+                 corrected          (1,) 0 where tau_ext lacks a correction that it should have;
+                                    optional, else 1
                  fault              (1,) fault codes of the sample; optional
                  observed           (42,) wrench and covariance, of an observer that reads them
                                     itself; to be left unconnected otherwise
@@ -122,6 +125,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
+        self._corrected = self.DeclareVectorInputPort("corrected", 1)
         self._observed = self.DeclareVectorInputPort("observed", OBSERVED)
         self._fault = self.DeclareVectorInputPort("fault", 1)
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
@@ -130,7 +134,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         tuned = self._parameters.tickets | {self._pole.ticket()}
         self._tables = declare_cached(self, "reconstruction tables", self._calc_tables, tuned)
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._fault]
-        ports += [self._observed, self._torque_error]
+        ports += [self._corrected, self._observed, self._torque_error]
         tickets = {port.ticket() for port in ports} | {self._tables.ticket()} | self.state_tickets
         self._no_torque = np.full(n, np.nan)
         # Nothing in it outlives a call.
@@ -189,7 +193,8 @@ class JacobianWrenchReconstruction(SampledBlock):
             tau_ext=tau_ext,
             is_fresh=is_fresh,
             is_missing=not (is_usable and np.isfinite(terms.momentum).all()),
-            is_corrected=True,
+            is_corrected=not self._corrected.HasValue(context)
+            or self._corrected.Eval(context).item() == 1.0,
             fault=int(fault),
             observed=observed,
         )

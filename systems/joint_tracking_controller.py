@@ -13,9 +13,9 @@ from pydrake.systems.framework import BasicVector, Context
 from wrenchsight.models.control.joint_tracking import (
     LARGEST_INPUT,
     advance_integral,
-    holding_torque,
     tracking_law,
     tracking_torque_of,
+    write_holding_torque,
 )
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
@@ -146,7 +146,7 @@ class JointTrackingController(SampledBlock):
             return
         if not self._is_usable(context):
             terms = cast(RigidBodyTerms, self._terms.Eval(context))
-            tau[:] = holding_torque(terms, self._effort_limit)
+            write_holding_torque(terms.record, self._effort_limit, tau)
             return
         tracking_torque_of(
             self._law.EvalAbstract(context).get_value(),

@@ -28,6 +28,7 @@ class TorqueErrorSystem(SampledBlock):
       tau_J, tau_f --> | TorqueErrorSystem | --> torque_error
       pole        -->  |                   |
       law         -->  |                   |
+      added_sd    -->  |                   |
                        +-------------------+
 
     Inputs:  q, v          (n,) rad and rad/s
@@ -35,6 +36,8 @@ class TorqueErrorSystem(SampledBlock):
              tau_J, tau_f  (n,) N m; what the gear transmits counts for the sample after
              pole          (n,) 1/s of the observer, below 0 for one without such a lag
              law           FrictionLaw (abstract) as it is now, whose level is the stiction band
+             added_sd      (n,) N m, of what corrects the observed torque, added in squares;
+                           optional
     Output:  torque_error  (ERROR_ROWS n,) a `TorqueError`, flat: sd, stiction, drift, J_seen row by
                            row, rows of its state; no direct feedthrough from tau_J and tau_f
     State:   that of SampledBlock; its memory is (STAGE_ROWS, n), flat
@@ -62,7 +65,8 @@ class TorqueErrorSystem(SampledBlock):
         self._tables = declare_cached(
             self, "tables", self._calc_tables, {self._pole.ticket(), self._law.ticket()}
         )
-        ports = self._q, self._v, self._terms
+        self._added_sd = self.DeclareVectorInputPort("added_sd", n)
+        ports = self._q, self._v, self._terms, self._added_sd
         tickets = {port.ticket() for port in ports} | self.state_tickets
         # The error and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(
@@ -87,6 +91,9 @@ class TorqueErrorSystem(SampledBlock):
         table, poles = self._tables.EvalAbstract(context).get_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
         torque_error_sample(table, poles, state, q, v, contiguous(J)[0], error)
+        if self._added_sd.HasValue(context):
+            sd = error[: self._n]
+            sd[:] = np.sqrt(sd**2 + self._added_sd.Eval(context) ** 2)
         return error, state
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:

@@ -5,17 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, DependencyTicket
+from pydrake.systems.framework import BasicVector, Context, DependencyTicket, InputPort
 
-from wrenchsight.models.estimation.estimator import Correction, WrenchEstimator
+from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
-    PackedArrays,
     tick_sizes,
     workspace_of,
     workspace_size,
 )
-from wrenchsight.models.estimation.kernel_choice import KernelChoice
 from wrenchsight.models.estimation.tick import (
     OVERRIDE_CORRECTION,
     OVERRIDE_COUNTS,
@@ -46,22 +44,6 @@ class _Tuned(NamedTuple):
     pole: Array | None
 
 
-class TickArguments(NamedTuple):
-    """The arguments of `tick_update` besides a sample and the state.
-
-    Attributes:
-        choice: of the kernels.
-        packed: the estimator's constants, a Packed.
-        overrides: learnt correction of an air pass, written by `WrenchEstimatorSystem.read`.
-        scratch: memory that is overwritten.
-    """
-
-    choice: KernelChoice
-    packed: PackedArrays
-    overrides: Array
-    scratch: Array
-
-
 class WrenchEstimatorSystem(SampledBlock):
     """Estimates the wrench as `diagrams.estimator.make_estimator` does, in one block.
 
@@ -76,11 +58,12 @@ class WrenchEstimatorSystem(SampledBlock):
                         |                       | --> checked_current
                         +-----------------------+ --> reading
 
-    Inputs:     as make_estimator's
+    Inputs:     as make_estimator's, with `corrected` those of a correction, too
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, invalid,
                 terms, fault; checked_current (n,) A, NaN where it is impossible;
-                reading  the first six one after the other, in this order, then the memory of the
-                         update, in one port; Drake's Demultiplexer splits it with `tick_sizes`
+                reading  the first six one after the other, in this order, then the fault and the
+                         memory of the update, in one port; Drake's Demultiplexer splits it with
+                         `reading_sizes`
                 pole     (n,) 1/s of the observer, below 0 for one without
                 law      FrictionLaw (abstract) as it is now
     State:      that of SampledBlock; its memory is `WrenchEstimator.initial_state`
@@ -94,21 +77,19 @@ class WrenchEstimatorSystem(SampledBlock):
 
     Args:
         estimator: robot, model and configuration.
-        has_correction: whether `read` takes the learnt correction of an air pass.
+        corrected: whether there are inputs for a correction of tau_ext.
 
     Raises:
         ValueError: an output is evaluated with a parameter that its part does not accept.
     """
 
-    def __init__(self, estimator: WrenchEstimator, has_correction: bool = False) -> None:
+    def __init__(self, estimator: WrenchEstimator, corrected: bool = False) -> None:
         n, period = estimator.num_joints, estimator.observer.time_step
         self._size = sum(tick_sizes(n).values())
         held = {"reading": self._size, "checked_current": n}
         SampledBlock.__init__(self, period, estimator.initial_state(), held)
         self._estimator, self._n = estimator, n
-        self._choice: KernelChoice = estimator.choice
-        # A learnt correction evaluates a law without memory at the planned speeds.
-        self._planned = has_correction and estimator.friction.state_rows == 0
+        self._choice = estimator.choice
         self._law = estimator.friction
         self._parameters = TunedParameters(
             self,
@@ -129,17 +110,31 @@ class WrenchEstimatorSystem(SampledBlock):
             self._v.ticket(),
             self._tuned.ticket(),
         }
+        self._correction = self._declare_correction() if corrected else {}
+        prerequisites |= {port.ticket() for port in self._correction.values()}
         # An observer that does not read the present torque leaves a loop over it open.
         self._reads_current = estimator.observer.reads_present_torque
         if self._reads_current:
             prerequisites.add(self._current.ticket())
         self._declare_outputs(prerequisites)
         # Scratch memory, allocated once; nothing in it outlives a call.
-        self._overrides = np.zeros((OVERRIDE_TAU_F + self._planned if has_correction else 0, n))
+        self._overrides = np.zeros((len(self._correction), n))
         self._unread = np.zeros(n)
         self._checked = np.zeros((3, n))
         self._scratch = np.empty(workspace_size(n))
         self._checked_in_tick = workspace_of(self._scratch, n).checked[2]  # after an update
+
+    def _declare_correction(self) -> dict[int, InputPort]:
+        """Declares the inputs of a correction, by the row of the overrides that they fill."""
+        n = self._n
+        ports = {
+            OVERRIDE_CORRECTION: self.DeclareVectorInputPort("tau_correction", n),
+            OVERRIDE_COUNTS: self.DeclareVectorInputPort("correction_valid", 1),
+            OVERRIDE_SD: self.DeclareVectorInputPort("correction_sd", n),
+        }
+        if self._estimator.friction.state_rows == 0:
+            ports[OVERRIDE_TAU_F] = self.DeclareVectorInputPort("v_planned", n)
+        return ports
 
     def _declare_outputs(self, prerequisites: set[DependencyTicket]) -> None:
         """Declares the output ports.
@@ -174,10 +169,9 @@ class WrenchEstimatorSystem(SampledBlock):
         return self._estimator
 
     @property
-    def tick_sizes(self) -> list[int]:
-        """Sizes: tau_ext, wrench, covariance, condition_number, valid, invalid; the rest."""
-        sizes = list(tick_sizes(self._n).values())
-        return [*sizes[:6], sum(sizes[6:])]
+    def reading_sizes(self) -> dict[str, int]:
+        """Sizes of the parts of `reading`, in their order: of `tick_sizes`."""
+        return tick_sizes(self._n)
 
     def _calc_tuned(self, context: Context) -> _Tuned:
         estimator, values = self._estimator, self._parameters.at(context)
@@ -206,50 +200,14 @@ class WrenchEstimatorSystem(SampledBlock):
     def _calc_law(self, context: Context, value: Value) -> None:
         value.set_value(self._tuned_at(context).law)
 
-    def initial_state(self) -> Array:
-        """The estimator's state before the first sample, flat."""
-        return self._estimator.initial_state()
-
-    @property
-    def default_packed(self) -> Packed:
-        """The constants of the estimator as it was given, whatever a context holds."""
-        return self._estimator.packed
-
-    @property
-    def tick_arguments(self) -> TickArguments:
-        """The arguments of `tick_update` for the estimator as it was given."""
-        packed = self._estimator.packed[:]
-        return TickArguments(self._choice, packed, self._overrides, self._scratch)
-
-    def read(
-        self,
-        packed: Packed,
-        state: Array,
-        q: Array,
-        v: Array,
-        current: Array,
-        correction: Correction | None,
-        reading: Array,
-    ) -> None:
-        """Computes the first half of a tick: writes `reading`, and leaves `state` as it is.
-
-        Args:
-            packed: constants.
-            state: flat.
-            q, v, current: (n,) rad, rad/s and A; the current counts where the observer reads the
-                present torque.
-            correction: learnt correction of an air pass, for this sample; None without one.
-            reading: of `tick_sizes`, written.
-        """
-        if correction is not None:
-            if self._planned:
-                v_planned = np.asarray(correction.v_planned, float)
-                friction_torque(packed.part("friction"), v_planned, self._overrides[OVERRIDE_TAU_F])
-            self._overrides[OVERRIDE_CORRECTION] = correction.tau_correction
-            self._overrides[OVERRIDE_COUNTS] = correction.counts
-            self._overrides[OVERRIDE_SD] = correction.sd
-        sample = (q, v, current, self._overrides)
-        tick_output(self._choice, packed[:], state, sample, reading, self._scratch)
+    def _correct(self, context: Context, packed: Packed) -> None:
+        """Writes the overrides of a context's correction."""
+        for row, port in self._correction.items():
+            values = port.Eval(context)
+            if row == OVERRIDE_TAU_F:
+                friction_torque(packed.part("friction"), values, self._overrides[row])
+            else:
+                self._overrides[row] = values
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         out, held = output.get_mutable_value(), self.held(context, "reading")
@@ -257,6 +215,7 @@ class WrenchEstimatorSystem(SampledBlock):
             out[:] = held
             return
         packed = self._tuned_at(context).packed
+        self._correct(context, packed)
         current = self._current.Eval(context) if self._reads_current else self._unread
         sample = (self._q.Eval(context), self._v.Eval(context), current, self._overrides)
         memory = self.memory(context)

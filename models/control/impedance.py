@@ -16,8 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.control.joint_tracking import friction_feedforward
+from wrenchsight.models.control.joint_tracking import (
+    LARGEST_INPUT,
+    friction_feedforward,
+    write_holding_torque,
+)
 from wrenchsight.models.numerics.arrays import Array, Record, record
+from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
 from wrenchsight.models.numerics.views import copy_to, plain
@@ -331,6 +336,18 @@ class ForceControlInputs(NamedTuple):
     integral: float
 
 
+class ImpedanceTick(NamedTuple):
+    """What a tick leaves besides torque and pose error.
+
+    Attributes:
+        is_usable: whether all inputs but the wrench are finite, below LARGEST_INPUT.
+        integral: N s, of the force error, at the end of the tick.
+    """
+
+    is_usable: bool
+    integral: float
+
+
 @kernel
 def impedance_action(
     law: Record,
@@ -338,22 +355,39 @@ def impedance_action(
     pose_reference: Array,
     reference: Array,
     packed_force: tuple[Any, ...],
-    action: Array,
-) -> None:
-    """Writes the action of ImpedanceController: torque (n,), pose error (6,), integral (1,).
+    tau: Array,
+    error: Array,
+) -> ImpedanceTick:
+    """Writes the commanded torque and the pose error of ImpedanceController.
+
+    Where an input is not usable the torque is `write_holding_torque`, the error 0, and the integral
+    stays. A wrench that is not finite is no feedback.
 
     Args:
         law: of `impedance_law`; without has_force the integral stays.
         terms: of `terms_type`.
         pose_reference: (18,) R_WD row by row, p_WD, V_WD.
         packed_force: ForceControlInputs.
-        action: written, with the integral at the end of the tick.
+        tau: (n,) N m, written.
+        error: (6,) of `pose_error`, written.
         others: as in impedance_torque.
     """
     force = ForceControlInputs(*packed_force)
     is_active, setpoint, integral = force.is_active, force.setpoint, force.integral
+    effort_limit = law[0].effort_limit
+    is_usable = (
+        abs(setpoint) < LARGEST_INPUT
+        and all_below(pose_reference, LARGEST_INPUT)
+        and all_below(reference, LARGEST_INPUT)
+        and all_below(plain(terms[0].q), LARGEST_INPUT)
+        and all_below(plain(terms[0].v), LARGEST_INPUT)
+    )
+    if not is_usable:
+        write_holding_torque(terms, plain(effort_limit), tau)
+        error[:] = 0.0
+        return ImpedanceTick(False, integral)
     n = terms[0].v.shape[0]
-    R_WE, p_WE, effort_limit = plain(terms[0].R_WE), plain(terms[0].p_WE), law[0].effort_limit
+    R_WE, p_WE = plain(terms[0].R_WE), plain(terms[0].p_WE)
     desired = DesiredPose(
         pose_reference[:9].reshape(3, 3), pose_reference[9:12], pose_reference[12:]
     )
@@ -368,25 +402,25 @@ def impedance_action(
         push += d_W[k] * force.wrench[3 + k]
     free_direction = d_W if is_active else no_direction
     impedance_wrench(law, terms, desired, free_direction, commanded)
-    error = setpoint - push if force.is_valid else 0.0
+    is_read = force.is_valid and all_below(force.wrench, LARGEST_INPUT)
+    force_error = setpoint - push if is_read else 0.0
     ki, limit = law[0].integral, law[0].integral_limit
     bound = limit / ki if ki > 0.0 else 0.0
     if is_active:
-        normal_force = setpoint + law[0].proportional * error + ki * integral
+        normal_force = setpoint + law[0].proportional * force_error + ki * integral
         for k in range(3):
             commanded[3 + k] -= normal_force * d_W[k]
-    tau = action[:n]
     impedance_torque(law, terms, reference, commanded, tau)
-    in_E = law[0].in_E == 1.0
-    pose_error(in_E, R_WE, p_WE, desired.R_WD, desired.p_WD, action[n : n + 6])
-    has_force = law[0].has_force == 1.0
+    pose_error(law[0].in_E == 1.0, R_WE, p_WE, desired.R_WD, desired.p_WD, error)
+    if law[0].has_force != 1.0:
+        return ImpedanceTick(True, integral)
     if is_active:
         saturated = False
         for j in range(n):
             saturated = saturated or abs(tau[j]) >= effort_limit[j]
-        if not (saturated and error * integral > 0.0):
-            integral += law[0].time_step * error
-    elif has_force and ki > 0.0:
+        if not (saturated and force_error * integral > 0.0):
+            integral += law[0].time_step * force_error
+    elif ki > 0.0:
         # The push of the spring, less the set-point with which force control will begin.
         free_wrench = np.empty(6)
         impedance_wrench(law, terms, desired, d_W, free_wrench)
@@ -394,4 +428,4 @@ def impedance_action(
         for k in range(3):
             spring += d_W[k] * (commanded[3 + k] - free_wrench[3 + k])
         integral = (-spring - setpoint) / ki
-    action[n + 6] = min(max(integral, -bound), bound) if has_force else integral
+    return ImpedanceTick(True, min(max(integral, -bound), bound))

@@ -7,20 +7,27 @@ from wrenchsight.models.numerics.arrays import Array, Record, record
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
 LARGEST_INPUT = 1e9  # SI; a controller's input beyond is not a finite number's work
 
 
-def holding_torque(terms: RigidBodyTerms, effort_limit: Array) -> Array:
-    """Returns Cv + G (n,), N m, within the limits; 0 where it is not known.
+@kernel
+def write_holding_torque(terms: Record, effort_limit: Array, tau: Array) -> None:
+    """Writes Cv + G (n,), N m, within the limits; 0 where it is not known.
 
     The command of a tick whose reference cannot be used.
+
+    Args:
+        terms: of `terms_type`.
+        effort_limit: (n,) N m.
+        tau: written.
     """
-    tau = terms.Cv + terms.G
-    if not np.isfinite(tau).all():
-        return np.zeros_like(tau)
-    return np.clip(tau, -effort_limit, effort_limit)
+    is_known = True
+    for i in range(tau.shape[0]):
+        tau[i] = terms[0].Cv[i] + terms[0].G[i]
+        is_known = is_known and np.isfinite(tau[i])
+    for i in range(tau.shape[0]):
+        tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i]) if is_known else 0.0
 
 
 @kernel

@@ -23,11 +23,11 @@ from wrenchsight.models.machining.machining_phases import (
     setpoint,
     work_time,
 )
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.kernel import kernel
-from wrenchsight.models.numerics.views import Layout, joined, part
+from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.planning.motion.paths import quintic_at
-from wrenchsight.models.rigid_body.chain_kernels import pose_and_jacobian
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
@@ -40,12 +40,11 @@ how much less is not known. Settled on grinding and polishing at 15 s one way, i
 set-point in grinding, and up to 6 N below it in polishing. With 1 it lies up to 20 and 7 N above
 it, with 0.3 up to 15 N above and 8 N below it.
 """
-_POSE = 18  # entries of a pose's reference: R_WD (9) row by row, p_WD (3) m, V_WD (6) rad/s, m/s
 _SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank
 
 
-class Plan(NamedTuple):
-    """Constants of a pass, as the kernels read them.
+class PassPlan(NamedTuple):
+    """Constants of a pass, for the kernels of this module; made by `plan_pass`.
 
     Attributes:
         phases: table of PhasesConfig.
@@ -54,10 +53,10 @@ class Plan(NamedTuple):
         t, q, v, vdot: the planned JointTrajectory, (T,) s evenly spaced and (T, n).
         place, force: (T,) place on the path, and set-point of the normal force, N, at these times.
         trusted: (T,) 1 where the force feedback can be used at work, else 0.
-        numbers: `pushes_on`, m/s, and the time step, s. Above 0 where the feedback is wrong at
-            rest, as an estimate is. In the touch v_d is then that of going on into the surface at
-            this speed, so that the friction of the joints at rest is fed forward together with the
-            contact force (PUSH).
+        pushes_on: m/s, above 0 where the feedback is wrong at rest, as an estimate is. In the touch
+            v_d is then that of going on into the surface at this speed, so that the friction of the
+            joints at rest is fed forward together with the contact force (PUSH).
+        time_step: s.
     """
 
     phases: Array
@@ -70,7 +69,8 @@ class Plan(NamedTuple):
     place: Array
     force: Array
     trusted: Array
-    numbers: Array
+    pushes_on: float
+    time_step: float
 
 
 class PassMemory(NamedTuple):
@@ -85,136 +85,108 @@ class PassMemory(NamedTuple):
     anchor: Array
 
 
-class ArmPosture(NamedTuple):
-    """The joints of the arm and the pose of E at one time.
+class PassProgress(NamedTuple):
+    """Where a pass is, and what force it wants.
 
     Attributes:
-        q: (n,) rad.
-        R_WE, p_WE: (3, 3) and (3,) m.
+        force_setpoint: N out of the surface.
+        force_active: 1 under force control, else 0.
+        phase: a Phase.
+        fault: a Fault.
+        progress: place on the path, 0 to 1.
+        feed_time: s since the feed started, -1 but for the work itself.
+        feedback_valid: 1 where the force feedback can be used, else 0: always with a sensor, with
+            an estimate while the feed is steady.
     """
 
-    q: Array
-    R_WE: Array
-    p_WE: Array
+    force_setpoint: float
+    force_active: float
+    phase: float
+    fault: float
+    progress: float
+    feed_time: float
+    feedback_valid: float
 
 
-@kernel(inline="always")
-def plan_of(values: Array, layout: Layout) -> Plan:
-    """The parts of a Plan that were `joined`."""
-    return Plan(
-        part(values, layout, 0)[0],
-        part(values, layout, 1),
-        part(values, layout, 2),
-        part(values, layout, 3)[0],
-        part(values, layout, 4),
-        part(values, layout, 5),
-        part(values, layout, 6),
-        part(values, layout, 7)[0],
-        part(values, layout, 8)[0],
-        part(values, layout, 9)[0],
-        part(values, layout, 10)[0],
-    )
-
-
-class MachiningReference:
-    """The plan of a pass for the kernels of this module, and their initial state.
-
-    Attributes:
-        sizes: parts of what `machining_reference` writes, in their order:
-            pose_reference (18), R_WD row by row, p_WD m, V_WD rad/s, m/s; reference (3n), q_d,
-            v_d, vdot_d, rad, rad/s, rad/s^2; force_setpoint, N out of the surface; force_active,
-            1 under force control, else 0; phase, a Phase; fault, a Fault; progress, place on the
-            path, 0 to 1; feed_time, s since the feed started, -1 but for the work itself;
-            feedback_valid, 1 where the force feedback can be used, else 0: always with a sensor,
-            with an estimate while the feed is steady.
-        initial_state: (7 + 15,) of the phases, and the anchor, before the first tick.
-        plan: a Plan, `joined`.
+def plan_pass(
+    robot: Robot,
+    chain: SerialChain,
+    path: MachiningPath,
+    config: PhasesConfig,
+    time_step: float,
+    reads_at_rest: bool = True,
+) -> PassPlan:
+    """Returns a pass for the kernels of this module.
 
     Args:
         robot: its joint limits.
         chain: kinematics of the model.
-        plan: path, motion and forces.
+        path: path, motion and forces.
         config: of the phases.
         time_step: s.
         reads_at_rest: whether the force feedback is right where joints rest or reverse: a sensor's
             is, an estimate's is not.
     """
+    motion = path.trajectory
+    return PassPlan(
+        phases=config.table,
+        chain=np.ascontiguousarray(chain.table),
+        limits=np.array([robot.position_lower, robot.position_upper]),
+        t=motion.t,
+        q=motion.q,
+        v=motion.v,
+        vdot=motion.vdot,
+        place=np.array(path.s, dtype=np.float64),
+        force=np.array(path.setpoint, dtype=np.float64),
+        trusted=np.array(path.steady, dtype=np.float64),
+        pushes_on=0.0 if reads_at_rest else PUSH * config.approach_speed,
+        time_step=time_step,
+    )
 
-    def __init__(
-        self,
-        robot: Robot,
-        chain: SerialChain,
-        plan: MachiningPath,
-        config: PhasesConfig,
-        time_step: float,
-        reads_at_rest: bool = True,
-    ) -> None:
-        self.sizes = {"pose_reference": _POSE, "reference": 3 * robot.num_joints} | dict.fromkeys(
-            ("force_setpoint", "force_active", "phase", "fault", "progress", "feed_time",
-             "feedback_valid"), 1
-        )  # fmt: skip
-        R_WD, p_WD = chain.pose(plan.q_start)
-        self.initial_state = np.concatenate([initial_state(), R_WD.ravel(), p_WD, -R_WD[:, 2]])
-        path, pushes_on = plan.trajectory, 0.0 if reads_at_rest else PUSH * config.approach_speed
-        limits = np.array([robot.position_lower, robot.position_upper])
-        self.plan = joined(
-            Plan(
-                config.table,
-                chain.table,
-                limits,
-                path.t,
-                path.q,
-                path.v,
-                path.vdot,
-                plan.s,
-                plan.setpoint,
-                plan.steady,
-                np.array([pushes_on, time_step]),
-            )
-        )
+
+def initial_memory(chain: SerialChain, path: MachiningPath) -> PassMemory:
+    """The memory of a pass before its first tick: E is where the path's run starts."""
+    R_WD, p_WD = chain.pose(path.q_start)
+    return PassMemory(initial_state(), np.concatenate([R_WD.ravel(), p_WD, -R_WD[:, 2]]))
 
 
 @kernel
 def machining_reference(
-    plan: Plan,
+    plan: PassPlan,
     t: float,
     memory: PassMemory,
-    q: Array,
-    J: Array,
-    scratch: Array,
-    out: Array,
-) -> None:
-    """Writes the reference (18 + 3n + 7,) of MachiningReference at time t.
+    terms: Record,
+    pose: Array,
+    reference: Array,
+) -> PassProgress:
+    """Writes the reference of a pass at time t; returns its progress.
 
     Args:
-        plan: constants of the pass.
         t: s.
         memory: of the pass.
-        q: (n,) rad, positions of the joints.
-        J: (6, n) at q.
-        scratch: (n, SCRATCH_COLUMNS), overwritten.
-        out: written.
+        terms: of `terms_type`: where the arm is.
+        pose: (18,), written: R_WD row by row, p_WD m, V_WD rad/s, m/s.
+        reference: (3, n), written: q_d, v_d, vdot_d: rad, rad/s, rad/s^2.
     """
     state, anchor = memory
-    n, pushes_on = q.shape[0], plan.numbers[0]
-    phase = int(state[PHASE])
+    n, phase = reference.shape[1], int(state[PHASE])
     is_force_controlled = force_controlled(phase)
-    pose, reference = out[:_POSE], out[_POSE : _POSE + 3 * n]
     time = work_time(state, t, plan.t[-1] - plan.t[0])
     if is_force_controlled:
-        quintic_at(plan.t, plan.q, plan.v, plan.vdot, time, reference.reshape(3, n))
+        quintic_at(plan.t, plan.q, plan.v, plan.vdot, time, reference)
         R_WD, J_D = np.empty((3, 3)), np.empty((6, n))
-        pose_and_jacobian(plan.chain, reference[:n], R_WD, pose[9:12], J_D, scratch)
+        scratch = np.empty((n, SCRATCH_COLUMNS))
+        pose_and_jacobian(plan.chain, reference[0], R_WD, pose[9:12], J_D, scratch)
         pose[:9] = R_WD.ravel()
         for i in range(6):
             pose[12 + i] = 0.0
             for j in range(n):
-                pose[12 + i] += J_D[i, j] * reference[n + j]
-        if phase == Phase.TOUCH and pushes_on > 0.0:
+                pose[12 + i] += J_D[i, j] * reference[1, j]
+        if phase == Phase.TOUCH and plan.pushes_on > 0.0:
             into = np.zeros(6)
             for i in range(3):
-                into[3 + i] = pushes_on * R_WD[i, 2]
-            _joint_velocity(J_D, into, reference[n : 2 * n])
+                into[3 + i] = plan.pushes_on * R_WD[i, 2]
+            _joint_velocity(J_D, into, reference[1])
     else:
         distance, speed = outward_travel(plan.phases, state, t)
         pose[:9] = anchor[:9]
@@ -222,40 +194,43 @@ def machining_reference(
             pose[9 + i] = anchor[9 + i] + distance * anchor[12 + i]
             pose[12 + i] = 0.0
             pose[15 + i] = speed * anchor[12 + i]
-        reference[:n] = q
-        _joint_velocity(J, pose[12:], reference[n : 2 * n])
-        reference[2 * n :] = 0.0
-    out[-7] = _setpoint_now(plan, state, t)
-    out[-6] = 1.0 if is_force_controlled else 0.0
-    out[-5], out[-4] = state[PHASE], state[FAULT]
-    out[-3] = _on_path(plan.t, plan.place, time)
-    out[-2] = time if phase == Phase.WORK else -1.0
-    out[-1] = 1.0 if _is_trusted(plan, state, t) else 0.0
+        for j in range(n):
+            reference[0, j] = terms[0].q[j]
+            reference[2, j] = 0.0
+        _joint_velocity(plain(terms[0].J), pose[12:], reference[1])
+    return PassProgress(
+        _setpoint_now(plan, state, t),
+        1.0 if is_force_controlled else 0.0,
+        state[PHASE],
+        state[FAULT],
+        _on_path(plan.t, plan.place, time),
+        time if phase == Phase.WORK else -1.0,
+        1.0 if _is_trusted(plan, state, t) else 0.0,
+    )
 
 
 @kernel
 def advance_reference(
-    plan: Plan, t: float, posture: ArmPosture, wrench: Array, memory: PassMemory
+    plan: PassPlan, t: float, terms: Record, wrench: Array, memory: PassMemory
 ) -> None:
     """Advances the memory of a pass by one tick, in place.
 
     Args:
         t: s, the beginning of the tick.
-        posture: of the arm at t.
         wrench: (6,) F_E_W of the force feedback, environment on robot, rotation first.
         others: as in `machining_reference`.
     """
-    (q, R_WE, p_WE), (state, anchor) = posture, memory
+    state, anchor = memory
+    q, R_WE, p_WE = plain(terms[0].q), plain(terms[0].R_WE), plain(terms[0].p_WE)
     room = np.inf
     for j in range(q.shape[0]):
         room = min(room, q[j] - plan.limits[0, j], plan.limits[1, j] - q[j])
     push = 0.0
     for i in range(3):
         push -= R_WE[i, 2] * wrench[3 + i]
-    time_step = plan.numbers[1]
     inputs = PhaseInputs(
-        time_step,
-        t + time_step,
+        plan.time_step,
+        t + plan.time_step,
         push,
         _setpoint_now(plan, state, t),
         plan.t[-1] - plan.t[0],
@@ -267,20 +242,21 @@ def advance_reference(
     if changed and phase in (Phase.LIFT, Phase.RETREAT):
         anchor[:9] = R_WE.ravel()
         anchor[9:12] = p_WE
-        anchor[12:] = -R_WE[:, 2]
+        for i in range(3):
+            anchor[12 + i] = -R_WE[i, 2]
 
 
 @kernel
-def _is_trusted(plan: Plan, state: Array, t: float) -> bool:
+def _is_trusted(plan: PassPlan, state: Array, t: float) -> bool:
     """Whether the force feedback can be used now."""
-    if plan.numbers[0] <= 0.0:
+    if plan.pushes_on <= 0.0:
         return True
     time = work_time(state, t, plan.t[-1] - plan.t[0])
     return int(state[PHASE]) == Phase.WORK and _on_path(plan.t, plan.trusted, time) == 1.0
 
 
 @kernel
-def _setpoint_now(plan: Plan, state: Array, t: float) -> float:
+def _setpoint_now(plan: PassPlan, state: Array, t: float) -> float:
     at_place = _on_path(plan.t, plan.force, work_time(state, t, plan.t[-1] - plan.t[0]))
     return setpoint(plan.phases, state, t, plan.force[0], at_place, plan.force[-1])
 

@@ -75,18 +75,17 @@ import numpy as np
 from scipy.stats import norm, qmc
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator
-from wrenchsight.models.estimation.estimator_arrays import tick_of
-from wrenchsight.models.estimation.tick import COUNTS, FAULT
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import CorrectionSample, departure
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Record
+from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import (
     factorise_in_place,
     solve_factorised,
     solve_lower,
 )
-from wrenchsight.models.observers.observer import TAU_F, V
+from wrenchsight.models.numerics.views import plain
 
 HYPOTHESES = 1024
 WELL_DETERMINED = 0.7  # probability that a share deviates by far less than its sd
@@ -131,15 +130,8 @@ class VibrationConstants(NamedTuple):
     rates: Array
 
 
-class VibrationTracker:
-    """The constants of this module for one estimator.
-
-    Attributes:
-        constants: VibrationConstants.
-        initial_state: flat, the parts of a `_Tracked`; all zero: nothing is known.
-        sizes: of what `freed_friction` writes, and of the shares, by name: freed_torque (n,) N m,
-            freed_sd (n,) N m of it and of the correction, tool_vibration m/s, joint_shares (2n,)
-            rad/m with their sd.
+def vibration_constants(estimator: WrenchEstimator) -> VibrationConstants:
+    """Returns the constants of `track_vibration` for one estimator.
 
     Args:
         estimator: behind a gain K_0; the prior of its reading is that of the forces.
@@ -147,29 +139,28 @@ class VibrationTracker:
     Raises:
         ValueError: an observer without such a gain.
     """
+    n, T, K_0 = estimator.num_joints, estimator.observer.time_step, estimator.observer.pole
+    if K_0 is None:
+        raise ValueError("a tool's vibration is found behind an observer with a gain K_0")
+    reconstruction, error = estimator.config.reconstruction, estimator.model.torque_error
+    force_sd, moment_sd = reconstruction.prior_force_sd, reconstruction.prior_moment_sd
+    assert force_sd is not None and moment_sd is not None  # an estimator has filled them
+    amplitudes, deviations = hypotheses(n)
+    return VibrationConstants(
+        amplitudes=amplitudes,
+        deviations=deviations,
+        viscous=np.array(estimator.friction.feedforward.coulomb_viscous.viscous, dtype=np.float64),
+        poles=np.exp(-np.broadcast_to(K_0, (n,)) * T),
+        prior=np.square([moment_sd] * 3 + [force_sd] * 3),
+        inertia_sd=inertia_sd(estimator.model),
+        read_load=0.0 if error is None else float(error.read_load),
+        rates=np.array([math.exp(-T / MEMORY), T / CORRELATION]),
+    )
 
-    def __init__(self, estimator: WrenchEstimator) -> None:
-        n, T, K_0 = estimator.num_joints, estimator.observer.time_step, estimator.observer.pole
-        if K_0 is None:
-            raise ValueError("a tool's vibration is found behind an observer with a gain K_0")
-        reconstruction, error = estimator.config.reconstruction, estimator.model.torque_error
-        force_sd, moment_sd = reconstruction.prior_force_sd, reconstruction.prior_moment_sd
-        assert force_sd is not None and moment_sd is not None  # an estimator has filled them
-        amplitudes, deviations = hypotheses(n)
-        self.constants = VibrationConstants(
-            amplitudes=amplitudes,
-            deviations=deviations,
-            viscous=np.array(
-                estimator.friction.feedforward.coulomb_viscous.viscous, dtype=np.float64
-            ),
-            poles=np.exp(-np.broadcast_to(K_0, (n,)) * T),
-            prior=np.square([moment_sd] * 3 + [force_sd] * 3),
-            inertia_sd=inertia_sd(estimator.model),
-            read_load=0.0 if error is None else float(error.read_load),
-            rates=np.array([math.exp(-T / MEMORY), T / CORRELATION]),
-        )
-        self.initial_state = np.zeros(len(amplitudes) * (1 + n) + (_NUM_STEPS + 2) * n)
-        self.sizes = {"freed_torque": n, "freed_sd": n, "tool_vibration": 1, "joint_shares": 2 * n}
+
+def initial_tracked(num_joints: int) -> Array:
+    """The state of `track_vibration` before the first tick, flat: nothing is known."""
+    return np.zeros((1 + HYPOTHESES) * (1 + num_joints) + (_NUM_STEPS + 2) * num_joints)
 
 
 def hypotheses(num_joints: int) -> tuple[Array, Array]:
@@ -308,7 +299,7 @@ def held_share(v: float, amplitude: float) -> float:
 
 
 class _Tracked(NamedTuple):
-    """The parts of a tracker's state, as views.
+    """The parts of the state of `track_vibration`, as views.
 
     Attributes:
         evidence: (m,) summed log-likelihood of each hypothesis.
@@ -346,21 +337,22 @@ def _weigh(evidence: Array, weights: Array) -> None:
 
 
 @kernel
-def freed_friction(amplitudes: Array, state: Array, out: Array) -> None:
-    """Writes freed_torque, freed_sd and tool_vibration of a VibrationTracker, (2n + 1,).
+def freed_friction(amplitudes: Array, state: Array, torque: Array, sd: Array) -> float:
+    """Writes the friction that the tool frees; returns the tool's mean amplitude, m/s.
 
     Args:
         amplitudes: (m,) m/s.
-        state: of the tracker.
+        state: of `track_vibration`.
+        torque: (n,) N m, written.
+        sd: (n,) N m, of it and of the correction, written.
     """
-    m = amplitudes.shape[0]
-    n = (out.shape[0] - 1) // 2
+    m, n = amplitudes.shape[0], torque.shape[0]
     evidence, freed, steps, departed, correction_sd = _tracked(state, m, n)
     weights = np.empty(m)
     _weigh(evidence, weights)
-    out[:] = 0.0
+    amplitude = 0.0
     for h in range(m):
-        out[2 * n] += weights[h] * amplitudes[h]
+        amplitude += weights[h] * amplitudes[h]
     for i in range(n):
         mean, square = 0.0, 0.0
         for h in range(m):
@@ -369,8 +361,30 @@ def freed_friction(amplitudes: Array, state: Array, out: Array) -> None:
             square += weights[h] * (freed[i, h] - mean) ** 2
         near, far = 0.5 * (steps[0, i] - steps[1, i]), 0.5 * (steps[2, i] - steps[3, i])
         step = near + departed[i] * (far - near)
-        out[i] = mean
-        out[n + i] = math.sqrt(correction_sd[i] ** 2 + step**2 + square)
+        torque[i] = mean
+        sd[i] = math.sqrt(correction_sd[i] ** 2 + step**2 + square)
+    return amplitude
+
+
+class ObservedTorque(NamedTuple):
+    """What the estimator says of a tick, with the friction that was taken off.
+
+    Attributes:
+        tau_ext: (n,) N m, corrected.
+        sd: (n,) N m, of it.
+        tau_f: (n,) N m, of the friction law.
+        counts: (1,) 1 where tau_ext belongs to the sample and its correction holds, else 0.
+        fault: (1,) fault codes of the sample.
+        freed_torque, freed_sd: (n,) N m, of `freed_friction`, which tau_ext and sd hold.
+    """
+
+    tau_ext: Array
+    sd: Array
+    tau_f: Array
+    counts: Array
+    fault: Array
+    freed_torque: Array
+    freed_sd: Array
 
 
 class WorkTick(NamedTuple):
@@ -393,52 +407,58 @@ class WorkTick(NamedTuple):
 
 @kernel
 def track_vibration(
-    constants: VibrationConstants, reading: Array, taken: Array, work: WorkTick, state: Array
+    constants: VibrationConstants,
+    terms: Record,
+    observed: ObservedTorque,
+    work: WorkTick,
+    state: Array,
 ) -> None:
-    """Takes a tick's reading into the state of a VibrationTracker.
+    """Takes a tick's reading into the state.
 
     An impossible sample is no evidence, nor is a reading that does not count though the correction
-    does.
+    does. A sample whose speed or friction is not known leaves the state as it is.
 
     Args:
-        reading: memory of a Tick, whose tau_ext and sd hold what `freed_friction` wrote.
-        taken: (2n + 1,) of `freed_friction`, that was taken off in this tick.
+        terms: of `terms_type`, at the sample: J and v are read.
+        observed: torque at the same tick.
         work: at the same tick.
-        state: changed.
+        state: of `initial_tracked`, changed.
     """
+    v, tau_f = plain(terms[0].v), observed.tau_f
+    if not (all_below(v, np.inf) and all_below(tau_f, np.inf)):
+        return
     amplitudes, deviations, viscous, poles, prior, _, read_load, rates = constants
     correction, v_planned, shares, touches, works = work
     m, n = amplitudes.shape[0], viscous.shape[0]
-    tick = tick_of(reading, n)
     evidence, freed, steps, departed, correction_sd = _tracked(state, m, n)
-    J, signals = tick.J, tick.signals
+    J = plain(terms[0].J)
     error_variance, weights = np.empty(n), np.empty(m)
     _weigh(evidence, weights)
     for i in range(n):
         # The correction's sd stays in: it limits what the torque can show.
         error_variance[i] = (
-            max(tick.error.sd[i] ** 2 - taken[n + i] ** 2, 0.0)
+            max(observed.sd[i] ** 2 - observed.freed_sd[i] ** 2, 0.0)
             + correction_sd[i] ** 2
-            + (read_load * tick.tau_ext[i]) ** 2
+            + (read_load * observed.tau_ext[i]) ** 2
         )
-        v, share = signals[V, i], shares[i]
+        share = shares[i]
         share_sd = math.hypot(shares[n + i], FREE_MASS * share)
         pole = poles[i]
-        dry = signals[TAU_F, i] - viscous[i] * v + correction.correction[i]
+        dry = tau_f[i] - viscous[i] * v[i] + correction.correction[i]
         mean = 0.0
         for h in range(m):
             amplitude = abs(share + deviations[i, h] * share_sd) * amplitudes[h]
             mean += weights[h] * amplitude
-            loose = 1.0 - held_share(v, amplitude) if touches else 0.0
+            loose = 1.0 - held_share(v[i], amplitude) if touches else 0.0
             freed[i, h] = pole * freed[i, h] + (1.0 - pole) * dry * loose
         for step in range(_NUM_STEPS):
-            loose = 1.0 - held_share(v, _STEPS[step] * mean) if touches else 0.0
+            loose = 1.0 - held_share(v[i], _STEPS[step] * mean) if touches else 0.0
             steps[step, i] = pole * steps[step, i] + (1.0 - pole) * dry * loose
-        apart = departure(v, v_planned[i]) if correction.counts[0] == 1.0 else 1.0
+        apart = departure(v[i], v_planned[i]) if correction.counts[0] == 1.0 else 1.0
         departed[i] = pole * departed[i] + (1.0 - pole) * apart
         correction_sd[i] = pole * correction_sd[i] + (1.0 - pole) * apart * correction.spread[i]
-    counts = tick.flags[COUNTS] == 1.0 or correction.counts[0] != 1.0
-    if not (works and counts and tick.flags[FAULT] == 0.0):
+    counts = observed.counts[0] == 1.0 or correction.counts[0] != 1.0
+    if not (works and counts and observed.fault[0] == 0.0):
         return
     factor = np.empty((n, n))
     for i in range(n):
@@ -451,7 +471,7 @@ def track_vibration(
         return
     whitening, tau = np.zeros((n, n)), np.empty(n)  # whitening: its rows are the factor's inverse
     for i in range(n):
-        tau[i] = tick.tau_ext[i] + taken[i]
+        tau[i] = observed.tau_ext[i] + observed.freed_torque[i]
         whitening[i, i] = 1.0
         solve_lower(factor, n, whitening[i])
     likelihood, whitened = weights, np.empty(m)

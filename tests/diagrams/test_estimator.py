@@ -49,10 +49,10 @@ def test_ports(sts, model):
     inputs = [estimator.get_input_port(i) for i in range(estimator.num_input_ports())]
     assert {port.get_name(): port.size() for port in inputs} == {"q": 6, "v": 6, "current": 6}
     sizes = {"tau_ext": 6, "wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1}
-    sizes |= {"invalid": 1, "fault": 1}
+    sizes |= {"invalid": 1, "fault": 1, "tau_f": 6, "tau_ext_valid": 1}
     assert {name: estimator.GetOutputPort(name).size() for name in sizes} == sizes
     assert estimator.HasOutputPort("terms")
-    assert estimator.num_output_ports() == 8
+    assert estimator.num_output_ports() == 10
 
 
 @pytest.mark.parametrize("remembers", [False, True])

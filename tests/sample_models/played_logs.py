@@ -30,11 +30,16 @@ def moving_log(robot: Robot, time_step: float, rows: int) -> tuple[Array, Array,
     return q, v, 0.5 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(rows, n))
 
 
-def add_log(builder: DiagramBuilder, log: tuple[Array, ...], time_step: float) -> dict[str, Any]:
-    """Ports q, v and current: row k of the log from tick k on, until the next."""
+def add_log(
+    builder: DiagramBuilder,
+    log: tuple[Array, ...],
+    time_step: float,
+    names: tuple[str, ...] = ("q", "v", "current"),
+) -> dict[str, Any]:
+    """A port for each of `names`: row k of its signal from tick k on, until the next."""
     t = np.arange(len(log[0]) + 1) * time_step
     ports = {}
-    for name, signal in zip(("q", "v", "current"), log, strict=True):
+    for name, signal in zip(names, log, strict=True):
         rows = PiecewisePolynomial.ZeroOrderHold(t, np.vstack([signal, signal[-1:]]).T)
         ports[name] = builder.AddSystem(TrajectorySource(rows)).get_output_port()
     return ports

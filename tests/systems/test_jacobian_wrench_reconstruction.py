@@ -60,7 +60,8 @@ def bayes(J, tau_ext, force_sd=FORCE_SD, moment_sd=MOMENT_SD, Sigma=SIGMA):
 def test_ports():
     block = block_of(config(), SIGMA)
     names = [block.get_input_port(i).get_name() for i in range(block.num_input_ports())]
-    ports = ["terms", "tau_ext", "tau_ext_valid", "observed", "fault", "torque_error", "pole"]
+    ports = ["terms", "tau_ext", "tau_ext_valid", "corrected", "observed", "fault"]
+    ports += ["torque_error", "pole"]
     assert names == ports
     sizes = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "reading": 45}
     sizes["invalid"] = 1

@@ -145,10 +145,10 @@ def test_an_action_is_torque_error_and_integral(is_active, in_E, valid):
     )
     arm = terms(M=M, Cv=Cv, G=G, J=J, R_WE=R_WE, p_WE=p_WE, V_WE=V_WE, v=v)
     pose = np.concatenate([R_WD.ravel(), p_WD, V_WD])
-    action = np.empty(n + 7)
-    impedance_action(
-        controller, arm, pose, reference, (is_active, valid, setpoint, wrench, integral), action
-    )
+    torque, offset = np.empty(n), np.empty(6)
+    force = (is_active, valid, setpoint, wrench, integral)
+    is_usable, end = impedance_action(controller, arm, pose, reference, force, torque, offset)
+    assert is_usable
     d_W = R_WE @ direction
     free, blind = np.empty(6), np.empty(6)
     for out, along in ((free, np.zeros(3)), (blind, d_W)):
@@ -164,4 +164,5 @@ def test_an_action_is_torque_error_and_integral(is_active, in_E, valid):
     tau = J.T @ total + Cv + G + M @ vdot_d + feed
     e = np.empty(6)
     pose_error(in_E, R_WE, p_WE, R_WD, p_WD, e)
+    action = np.concatenate([torque, offset, [end]])
     np.testing.assert_allclose(action, np.concatenate([tau, e, [after]]), atol=1e-11)

@@ -15,16 +15,13 @@ from wrenchsight.models.machining.machining_phases import (
     initial_state,
 )
 from wrenchsight.models.machining.machining_reference import (
-    ArmPosture,
-    MachiningReference,
     PassMemory,
-    Plan,
+    PassPlan,
     advance_reference,
     machining_reference,
-    plan_of,
+    plan_pass,
 )
 from wrenchsight.models.planning.motion.paths import JointTrajectory
-from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 
 PHASES = PhasesConfig()
 T = 1e-3
@@ -41,7 +38,7 @@ def path(sts):
 
 def plan(robot, path, pushes_on):
     trajectory, place, force = path
-    return Plan(
+    return PassPlan(
         PHASES.table,
         np.ascontiguousarray(robot.chain.table),
         np.array([robot.position_lower, robot.position_upper]),
@@ -52,23 +49,19 @@ def plan(robot, path, pushes_on):
         place,
         force,
         TRUSTED,
-        np.array([pushes_on, T]),
+        pushes_on,
+        T,
     )
 
 
 def reference(robot, path, t, state, anchor, pushes_on=0.0):
     terms = robot.chain.terms(robot.home, np.zeros(6))
-    out = np.empty(18 + 18 + 7)
-    machining_reference(
-        plan(robot, path, pushes_on),
-        t,
-        PassMemory(state, anchor),
-        terms.q,
-        terms.J,
-        np.empty((6, SCRATCH_COLUMNS)),
-        out,
+    pose, joints = np.empty(18), np.empty((3, 6))
+    memory = PassMemory(state, anchor)
+    progress = machining_reference(
+        plan(robot, path, pushes_on), t, memory, terms.record, pose, joints
     )
-    return np.split(out, [18, 36]), terms
+    return (pose, joints.ravel(), np.array(progress)), terms
 
 
 @pytest.mark.parametrize(
@@ -121,7 +114,7 @@ def tick(robot, path, state, anchor, push, q=None, pushes_on=0.0, t=5.0):
     advance_reference(
         plan(robot, path, pushes_on),
         t,
-        ArmPosture(terms.q, terms.R_WE, terms.p_WE),
+        terms.record,
         wrench,
         PassMemory(state, anchor),
     )
@@ -177,20 +170,13 @@ def test_a_touch_without_a_sensor_pushes_on_at_half_the_approach_speed(
     planned = SimpleNamespace(
         trajectory=trajectory, s=place, setpoint=force, steady=TRUSTED, q_start=trajectory.q[0]
     )
-    made = MachiningReference(sts, sts.chain, planned, PHASES, T, reads_at_rest)
-    state, out = initial_state(), np.empty(18 + 18 + 7)
+    made = plan_pass(sts, sts.chain, planned, PHASES, T, reads_at_rest)
+    state, pose, joints = initial_state(), np.empty(18), np.empty((3, 6))
     state[[PHASE, SINCE]] = Phase.TOUCH, 5.0
     terms = sts.chain.terms(trajectory.q[0], np.zeros(6))
-    machining_reference(
-        plan_of(*made.plan),
-        5.7,
-        PassMemory(state, np.zeros(15)),
-        terms.q,
-        terms.J,
-        np.empty((6, SCRATCH_COLUMNS)),
-        out,
-    )
-    velocity = terms.J[3:] @ (out[18 + 6 : 18 + 12] - trajectory.v[0])
+    memory = PassMemory(state, np.zeros(15))
+    machining_reference(made, 5.7, memory, terms.record, pose, joints)
+    velocity = terms.J[3:] @ (joints[1] - trajectory.v[0])
     # The damping of J, 1e-6, against its smallest singular value squared.
     np.testing.assert_allclose(velocity, speed * terms.R_WE[:, 2], atol=1e-5)
 

@@ -1,6 +1,7 @@
 """How far a tool shakes joints, what that frees of friction, and how strong it is from torques."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,6 @@ from sample_models import torque_error
 from scipy.stats import multivariate_normal, norm
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from wrenchsight.models.estimation.estimator_arrays import tick_of, tick_sizes
-from wrenchsight.models.estimation.tick import COUNTS, FAULT
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
@@ -26,19 +25,21 @@ from wrenchsight.models.machining.tool_vibration import (
     SHRINKAGE,
     WELL_DETERMINED,
     WELL_DETERMINED_SD,
-    VibrationTracker,
+    ObservedTorque,
     WorkTick,
     expected_shares,
     freed_friction,
     held_share,
     hypotheses,
     inertia_sd,
+    initial_tracked,
     track_vibration,
+    vibration_constants,
     vibration_shares,
 )
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.models.observers.observer import TAU_F, V
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
 N, T, K_0 = 6, 1e-3, 20.0
 DRY = np.array([8.0, 10.0, 6.5, 1.3, 1.9, 0.9])  # N m
@@ -60,9 +61,32 @@ def work_of(shares, sd=NOTHING, touches=True, works=True, counts=1.0, v_planned=
     )
 
 
+class Sample:
+    """What the estimator says of a sample, to be written."""
+
+    def __init__(self):
+        self.terms = RigidBodyTerms.zeros(N)
+        self.J, self.v = self.terms.J, self.terms.v
+        self.tau_ext, self.sd, self.tau_f = np.zeros((3, N))
+        self.counts, self.fault = np.zeros((2, 1))
+
+    def track(self, constants, taken, work, state):
+        """Takes it into the state; `taken` (2N + 1,) of `write_freed`."""
+        torques = self.tau_ext, self.sd, self.tau_f, self.counts, self.fault
+        observed = ObservedTorque(*torques, taken[:N], taken[N : 2 * N])
+        track_vibration(constants, self.terms.record, observed, work, state)
+
+
+def write_freed(amplitudes, state, taken):
+    """Freed torque and its sd, and the amplitude of the tool, (2N + 1,)."""
+    taken[-1] = freed_friction(amplitudes, state, taken[:N], taken[N : 2 * N])
+
+
 @pytest.fixture(scope="module")
 def tracker(sts):
-    return VibrationTracker(estimator_of(sts))
+    return SimpleNamespace(
+        constants=vibration_constants(estimator_of(sts)), initial_state=initial_tracked(N)
+    )
 
 
 def estimator_of(robot, observer=None):
@@ -107,23 +131,22 @@ def follow(
     viscous, J = tracker.constants.viscous, robot.chain.jacobian(POSTURE)
     state = tracker.initial_state.copy() if state is None else state
     taken, rng = np.zeros(2 * N + 1), np.random.default_rng(1)
-    reading = np.zeros(sum(tick_sizes(N).values()))
-    tick = tick_of(reading, N)
-    tick.flags[COUNTS], tick.J[:] = counts, J
+    tick = Sample()
+    tick.counts[:], tick.J[:] = counts, J
     pole = np.exp(-K_0 * T)
     freed, error, log = np.zeros(N), np.zeros(N), []
     for k in range(int(seconds / T)):
         speed = SPEED * np.cos(2.0 * np.pi * k * T / 6.0 + phase)
-        freed_friction(tracker.constants.amplitudes, state, taken)
+        write_freed(tracker.constants.amplitudes, state, taken)
         freed = pole * freed + (1.0 - pole) * freed_at(amplitude, speed, shares)
         error += (1.0 - pole) * (10.0 * noise * rng.standard_normal(N) - error)
         taught = lesson * np.sign(speed) * DRY
-        tick.signals[TAU_F] = np.sign(speed) * DRY + viscous * speed - taught
-        tick.signals[V] = speed
+        tick.tau_f[:] = np.sign(speed) * DRY + viscous * speed - taught
+        tick.v[:] = speed
         tick.tau_ext[:] = J.T @ FORCE + freed + error - taken[:N]
-        tick.error.sd[:] = np.hypot(noise, taken[N : 2 * N])
+        tick.sd[:] = np.hypot(noise, taken[N : 2 * N])
         work = work_of(SHARES, sd, touches, v_planned=speed, correction=taught)
-        track_vibration(tracker.constants, reading, taken, work, state)
+        tick.track(tracker.constants, taken, work, state)
         log.append((taken.copy(), freed))
     return *map(np.array, zip(*log, strict=True)), state
 
@@ -252,10 +275,10 @@ def test_forces_and_contact_s_error_are_those_of_the_reading(sts):
         estimator.config, reconstruction=WrenchReconstructionConfig().with_prior(60.0, 2.0)
     )
     model = replace(estimator.model, torque_error=torque_error(read_load=0.05))
-    constants = VibrationTracker(WrenchEstimator(sts, model, config)).constants
+    constants = vibration_constants(WrenchEstimator(sts, model, config))
     np.testing.assert_array_equal(constants.prior, [4.0] * 3 + [3600.0] * 3)
     assert constants.read_load == 0.05
-    assert VibrationTracker(estimator).constants.read_load == 0.0
+    assert vibration_constants(estimator).read_load == 0.0
 
 
 def test_the_hypotheses_are_spread_as_the_prior_says():
@@ -293,7 +316,7 @@ def test_friction_keeps_the_mean_of_its_sign_over_the_vibration(v):
 
 def test_before_anything_is_read_no_vibration_is_as_likely_as_any(tracker):
     taken = np.empty(2 * N + 1)
-    freed_friction(tracker.constants.amplitudes, tracker.initial_state, taken)
+    write_freed(tracker.constants.amplitudes, tracker.initial_state, taken)
     assert taken[-1] == pytest.approx(0.5 * AMPLITUDES[1:].mean())
     np.testing.assert_array_equal(taken[:-1], 0.0)
 
@@ -331,7 +354,7 @@ def test_the_freed_friction_is_a_mean_with_the_sd_of_all_errors(tracker):
     state, out = rng.uniform(0.0, 2.0, len(tracker.initial_state)), np.empty(2 * N + 1)
     freed, steps, (departed, correction_sd) = parts_of(state)
     departed[:] = [0.0, 0.1, 0.5, 0.9, 1.0, 0.0]
-    freed_friction(AMPLITUDES, state, out)
+    write_freed(AMPLITUDES, state, out)
     weights = np.exp(state[:M]) * np.where(AMPLITUDES == 0.0, M - 1.0, 1.0)
     weights /= weights.sum()
     near, far = 0.5 * (steps[0] - steps[1]), 0.5 * (steps[2] - steps[3])
@@ -353,11 +376,11 @@ def parts_of(state):
 def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker, sts):
     """Against scipy's normal distribution, after one tick."""
     rng = np.random.default_rng(2)
-    reading, taken = np.zeros(sum(tick_sizes(N).values())), rng.uniform(0.1, 0.2, 2 * N + 1)
-    tick, state = tick_of(reading, N), tracker.initial_state.copy()
-    tick.flags[COUNTS], tick.J[:] = 1.0, sts.chain.jacobian(POSTURE)
-    tick.signals[TAU_F], tick.signals[V] = DRY + tracker.constants.viscous * SPEED, SPEED
-    tick.tau_ext[:], tick.error.sd[:] = rng.normal(0.0, 3.0, N), rng.uniform(0.3, 1.0, N)
+    taken = rng.uniform(0.1, 0.2, 2 * N + 1)
+    tick, state = Sample(), tracker.initial_state.copy()
+    tick.counts[:], tick.J[:] = 1.0, sts.chain.jacobian(POSTURE)
+    tick.tau_f[:], tick.v[:] = DRY + tracker.constants.viscous * SPEED, SPEED
+    tick.tau_ext[:], tick.sd[:] = rng.normal(0.0, 3.0, N), rng.uniform(0.3, 1.0, N)
     freed, steps, (departed, lesson_sd) = parts_of(state)
     freed[:], steps[:] = rng.uniform(0.0, 2.0, (N, M)), rng.uniform(0.0, 2.0, (4, N))
     departed[:], lesson_sd[:] = 0.5, rng.uniform(0.3, 1.0, N)
@@ -365,7 +388,7 @@ def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker
     planned, spread, share_sd = 0.6 * SPEED, rng.uniform(1.0, 9.0, N), 0.5 * SHARES
     work = work_of(SHARES, share_sd, v_planned=planned, spread=spread)
     constants = tracker.constants._replace(read_load=0.1)
-    track_vibration(constants, reading, taken, work, state)
+    tick.track(constants, taken, work, state)
     pole = np.exp(-K_0 * T)
     share, sd = SHARES[:, np.newaxis], np.hypot(share_sd, FREE_MASS * SHARES)[:, np.newaxis]
     amplitudes = np.abs(share + DEVIATIONS * sd) * AMPLITUDES
@@ -383,7 +406,7 @@ def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker
     np.testing.assert_allclose(steps, now, rtol=1e-12)
     np.testing.assert_allclose(departed, pole * 0.5 + (1.0 - pole) * 0.4, rtol=1e-12)
     np.testing.assert_allclose(lesson_sd, pole * uncertain + (1.0 - pole) * 0.4 * spread)
-    torque_variance = tick.error.sd**2 - taken[N : 2 * N] ** 2 + uncertain**2
+    torque_variance = tick.sd**2 - taken[N : 2 * N] ** 2 + uncertain**2
     torque_variance += (0.1 * tick.tau_ext) ** 2  # what contact may change of friction
     covariance = tick.J.T @ np.diag(constants.prior) @ tick.J + np.diag(torque_variance)
     tau = tick.tau_ext + taken[:N]
@@ -450,32 +473,30 @@ def test_without_a_valid_reading_the_band_covers_any_vibration(tracker, sts):
 @pytest.mark.parametrize(("fault", "is_shown"), [(0.0, True), (1.0, False)])
 def test_a_start_without_valid_correction_shows_the_amplitude(tracker, sts, fault, is_shown):
     """Where no lesson counts no reading does, but its torque is one: of a sample that can be."""
-    reading, state = np.zeros(sum(tick_sizes(N).values())), tracker.initial_state.copy()
-    tick = tick_of(reading, N)
-    tick.flags[COUNTS], tick.flags[FAULT], tick.error.sd[:] = 0.0, fault, 0.3
-    tick.J[:], tick.signals[V] = sts.chain.jacobian(POSTURE), SPEED
-    tick.signals[TAU_F], tick.tau_ext[:] = DRY, 0.5 * DRY
+    tick, state = Sample(), tracker.initial_state.copy()
+    tick.counts[:], tick.fault[:], tick.sd[:] = 0.0, fault, 0.3
+    tick.J[:], tick.v[:] = sts.chain.jacobian(POSTURE), SPEED
+    tick.tau_f[:], tick.tau_ext[:] = DRY, 0.5 * DRY
     for counts in (1.0, 0.0):
         np.testing.assert_array_equal(state[:M], 0.0)
         work = work_of(SHARES, counts=counts)
-        track_vibration(tracker.constants, reading, np.zeros(2 * N + 1), work, state)
+        tick.track(tracker.constants, np.zeros(2 * N + 1), work, state)
     assert np.any(state[:M] != 0.0) == is_shown
 
 
 def test_a_joint_off_its_plan_widens_the_band_of_correction_and_amplitude(tracker, sts):
     """At one speed as planned and not: the band is wider, of the lesson and of what is freed."""
-    reading, taken = np.zeros(sum(tick_sizes(N).values())), np.zeros(2 * N + 1)
-    tick = tick_of(reading, N)
-    tick.flags[COUNTS], tick.error.sd[:], tick.J[:] = 1.0, 0.3, sts.chain.jacobian(POSTURE)
-    tick.signals[V], tick.signals[TAU_F] = SPEED, np.sign(SPEED) * DRY
+    tick, taken = Sample(), np.zeros(2 * N + 1)
+    tick.counts[:], tick.sd[:], tick.J[:] = 1.0, 0.3, sts.chain.jacobian(POSTURE)
+    tick.v[:], tick.tau_f[:] = SPEED, np.sign(SPEED) * DRY
     spread, sd = np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0]), {}
     for planned, counts in ((1.0, 1.0), (0.1, 1.0), (1.0, 0.0)):
         state = tracker.initial_state.copy()
         work = work_of(SHARES, v_planned=planned * SPEED, spread=spread, counts=counts)
         for _ in range(200):
-            track_vibration(tracker.constants, reading, np.zeros(2 * N + 1), work, state)
+            tick.track(tracker.constants, np.zeros(2 * N + 1), work, state)
         state[:M] = np.where(np.abs(AMPLITUDES - 0.0125) < 0.003, 0.0, -np.inf)
-        freed_friction(AMPLITUDES, state, taken)
+        write_freed(AMPLITUDES, state, taken)
         sd[planned, counts] = taken[N : 2 * N].copy()
     as_planned, departed, at_an_end = sd.values()
     assert as_planned[1] < 0.1
@@ -486,17 +507,16 @@ def test_a_joint_off_its_plan_widens_the_band_of_correction_and_amplitude(tracke
 
 
 def test_a_touch_frees_friction_but_is_no_evidence_of_how_much(tracker, sts):
-    reading, state = np.zeros(sum(tick_sizes(N).values())), tracker.initial_state.copy()
-    tick = tick_of(reading, N)
-    tick.flags[COUNTS], tick.error.sd[:] = 1.0, 0.3
-    tick.J[:], tick.signals[V] = sts.chain.jacobian(POSTURE), SPEED
-    tick.signals[TAU_F], tick.tau_ext[:] = DRY, 0.5 * DRY
+    tick, state = Sample(), tracker.initial_state.copy()
+    tick.counts[:], tick.sd[:] = 1.0, 0.3
+    tick.J[:], tick.v[:] = sts.chain.jacobian(POSTURE), SPEED
+    tick.tau_f[:], tick.tau_ext[:] = DRY, 0.5 * DRY
     taken = np.zeros(2 * N + 1)
     for _ in range(100):
         work = work_of(SHARES, works=False)
-        track_vibration(tracker.constants, reading, np.zeros(2 * N + 1), work, state)
+        tick.track(tracker.constants, np.zeros(2 * N + 1), work, state)
     np.testing.assert_array_equal(state[:M], 0.0)
-    freed_friction(AMPLITUDES, state, taken)
+    write_freed(AMPLITUDES, state, taken)
     assert taken[N + 2] > 0.1 * DRY[2]
 
 
@@ -509,12 +529,11 @@ def test_a_tool_that_does_not_touch_frees_nothing(tracker, sts):
 def test_a_torque_that_is_not_finite_is_no_evidence(tracker, sts):
     taken, *_, state = follow(tracker, sts, 0.019, seconds=0.5)
     before = state.copy()
-    reading = np.zeros(sum(tick_sizes(N).values()))
-    tick = tick_of(reading, N)
-    tick.flags[COUNTS], tick.error.sd[:] = 1.0, 0.3
-    tick.J[:], tick.signals[V] = sts.chain.jacobian(sts.home), SPEED
-    tick.signals[TAU_F], tick.tau_ext[2] = DRY, np.nan
-    track_vibration(tracker.constants, reading, taken[-1], work_of(SHARES), state)
+    tick = Sample()
+    tick.counts[:], tick.sd[:] = 1.0, 0.3
+    tick.J[:], tick.v[:] = sts.chain.jacobian(sts.home), SPEED
+    tick.tau_f[:], tick.tau_ext[2] = DRY, np.nan
+    tick.track(tracker.constants, taken[-1], work_of(SHARES), state)
     m = len(AMPLITUDES)
     np.testing.assert_array_equal(state[:m], before[:m])
     assert np.all(np.isfinite(state))
@@ -523,4 +542,15 @@ def test_a_torque_that_is_not_finite_is_no_evidence(tracker, sts):
 def test_an_observer_without_a_gain_is_refused(sts):
     config = replace(KalmanObserverConfig(), time_step=T)
     with pytest.raises(ValueError, match="gain K_0"):
-        VibrationTracker(estimator_of(sts, config))
+        vibration_constants(estimator_of(sts, config))
+
+
+@pytest.mark.parametrize("unknown", ["v", "tau_f"])
+def test_a_sample_without_speed_or_friction_leaves_the_state_as_it_is(tracker, sts, unknown):
+    taken, *_, state = follow(tracker, sts, 0.019, seconds=0.5)
+    before, tick = state.copy(), Sample()
+    tick.counts[:], tick.fault[:], tick.sd[:] = 1.0, 1.0, 0.3
+    tick.J[:], tick.v[:], tick.tau_f[:] = sts.chain.jacobian(POSTURE), SPEED, DRY
+    getattr(tick, unknown)[1] = np.nan
+    tick.track(tracker.constants, taken[-1], work_of(SHARES), state)
+    np.testing.assert_array_equal(state, before)

@@ -5,7 +5,7 @@ import pytest
 
 from wrenchsight.models.control.impedance import SpringDamper, impedance_law
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from wrenchsight.models.machining.machining_tick import (
+from wrenchsight.models.machining.freed_feedforward import (
     FADE,
     JointVibration,
     take_off_freed_friction,

@@ -1,4 +1,4 @@
-"""Machining's controller in one block: it reads and commands what its parts do by themselves."""
+"""The diagram of a machining pass: what its blocks do together, they do by themselves."""
 
 import collections
 import sys
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import PortDataType
 from sample_models import knowing_model
 
 from wrenchsight.diagrams.closed_loop import (
@@ -26,8 +27,8 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import AirPassCorrection
+from wrenchsight.models.machining.freed_feedforward import FADE
 from wrenchsight.models.machining.machining_phases import Phase
-from wrenchsight.models.machining.machining_tick import FADE
 from wrenchsight.models.machining.tool_vibration import expected_shares, inertia_sd
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -91,7 +92,7 @@ def freed_feedforward(parts, model):
     if not Phase.TOUCH <= parts["phase"][0] <= Phase.RELEASE:
         return np.zeros(6)
     v_d = parts["reference"][6:12]
-    amplitude = np.abs(parts["joint_shares"][:6]) * parts["tool_vibration"][0]
+    amplitude = np.abs(parts["joint_shares"]) * parts["tool_vibration"][0]
     near_rest = np.abs(v_d) / np.hypot(v_d, 0.0015)  # friction_velocity of the scenarios
     friction = model.friction.torque(v_d) * near_rest
     with np.errstate(divide="ignore"):
@@ -101,16 +102,18 @@ def freed_feedforward(parts, model):
 
 
 @pytest.mark.parametrize(
-    ("name", "knows", "observer"),
+    ("name", "knows", "observer", "fused"),
     [
-        ("Polishing", False, None),
-        ("PolishingSensorless", True, None),
-        ("Grinding", "law without memory", None),
-        ("GrindingSensorless", False, KalmanObserverConfig()),
+        ("Polishing", False, None, True),
+        ("PolishingSensorless", True, None, False),
+        ("PolishingSensorless", True, None, True),
+        ("Grinding", "law without memory", None, False),
+        ("Grinding", "law without memory", None, True),
+        ("GrindingSensorless", False, KalmanObserverConfig(), False),
     ],
 )
 def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
-    hard, name, knows, observer
+    hard, name, knows, observer, fused
 ):
     """Against the batch estimator over the log, and against the controller's block by itself.
 
@@ -136,15 +139,26 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         hard,
         model,
         motion=plan,
-        estimator=LoopEstimator(model=reads, air_pass=taught),
+        estimator=LoopEstimator(model=reads, air_pass=taught, fused=fused),
     )
-    split, sizes = loop.diagram.GetSubsystemByName("action"), loop.controller.sizes
+    names = ["reference", "controller", "vibration", "freed_friction"]
+    blocks = [
+        loop.diagram.GetSubsystemByName(block)
+        for block in names
+        if loop.diagram.HasSubsystemNamed(block)
+    ]
+    blocks.append(loop.estimator)
     simulator = Simulator(loop.diagram)
 
     def parts_at(tick):
         simulator.AdvanceTo((tick + 0.5) * T)
-        context = split.GetMyContextFromRoot(simulator.get_context())
-        return {n: split.get_output_port(k).Eval(context).copy() for k, n in enumerate(sizes)}
+        parts = {}
+        for block in blocks:
+            context = block.GetMyContextFromRoot(simulator.get_context())
+            for port in map(block.get_output_port, range(block.num_output_ports())):
+                if port.get_data_type() == PortDataType.kVectorValued:
+                    parts[port.get_name()] = port.Eval(context).copy()
+        return parts
 
     law = ImpedanceController(model.friction.feedforward, hard.effort_limit, T, scenario.controller)
     # A sensor's feedback makes up for friction that is freed.
@@ -192,7 +206,8 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         shares = np.empty(12)
         normal = parts["pose_reference"][:9].reshape(3, 3)[:, 2]
         expected_shares(terms.M, inertia_sd(reads), terms.J, normal, shares)
-        np.testing.assert_array_equal(parts["joint_shares"], shares)
+        np.testing.assert_array_equal(parts["joint_shares"], shares[:6])
+        np.testing.assert_array_equal(parts["joint_shares_sd"], shares[6:])
         correction -= signals["freed_torque"]
         planned = signals["reference"][:, 6:12]
         given = Correction(correction, planned, counts, signals["freed_sd"])
@@ -218,34 +233,18 @@ def test_the_estimate_is_fed_back_where_the_air_pass_correction_is_valid(hard):
             motion=plan,
             estimator=LoopEstimator(air_pass=correction),
         )
-        split = loop.diagram.GetSubsystemByName("action")
-        valid = split.get_output_port(list(loop.controller.sizes).index("feedback_valid"))
+        reference = loop.diagram.GetSubsystemByName("reference")
+        valid = reference.GetOutputPort("feedback_valid")
         simulator = Simulator(loop.diagram)
         seen = []
         for k in range(1, 26):
             simulator.AdvanceTo(0.02 * k)
-            seen.append(valid.Eval(split.GetMyContextFromRoot(simulator.get_context()))[0])
+            seen.append(valid.Eval(reference.GetMyContextFromRoot(simulator.get_context()))[0])
         feed_time = loop.logged(simulator.get_context())[1]["feed_time"][20::20, 0]
         led = feed_time >= 0.0
         assert led.sum() > 5
         expected = np.interp(feed_time, t, counts) == 1.0
         np.testing.assert_array_equal(seen, led & expected)
-
-
-def test_terms_for_pictures_are_the_model_s_at_what_is_read(hard):
-    scenario = short("Polishing")
-    plan = make_machining_path(scenario, hard)
-    model = plain_model(hard)
-    loop = make_closed_loop(scenario, hard, model, motion=plan)
-    context = loop.diagram.CreateDefaultContext()
-    controller_context = loop.controller.GetMyMutableContextFromRoot(context)
-    q, v = plan.q_start + 0.1, np.linspace(-1.0, 1.0, 6)
-    loop.controller.GetInputPort("q").FixValue(controller_context, q)
-    loop.controller.GetInputPort("v").FixValue(controller_context, v)
-    terms = loop.controller.GetOutputPort("terms").Eval(controller_context)
-    expected = model.chain(hard).terms(q, v)
-    for name in ("q", "v", "G", "Cv", "V_WE", "p_WE"):
-        np.testing.assert_array_equal(getattr(terms, name), getattr(expected, name), err_msg=name)
 
 
 def test_an_observer_that_reads_the_present_torque_is_refused(hard):

@@ -1,0 +1,141 @@
+"""The tool's vibration, found from the torques, as a block."""
+
+from collections.abc import Sequence
+from typing import cast
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context
+
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
+from wrenchsight.models.machining.air_pass import CorrectionSample
+from wrenchsight.models.machining.machining_phases import force_controlled
+from wrenchsight.models.machining.tool_vibration import (
+    ObservedTorque,
+    VibrationConstants,
+    WorkTick,
+    expected_shares,
+    freed_friction,
+    initial_tracked,
+    track_vibration,
+)
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+from wrenchsight.systems.declarations import declare_outputs
+from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
+from wrenchsight.systems.sampled_block import SampledBlock
+
+
+class ToolVibrationTracker(SampledBlock):
+    """Finds how strongly the tool vibrates, and what that frees of the joints' friction.
+
+                             +----------------------+
+      terms             -->  |                      |
+      pose_reference    -->  |                      |
+      reference         -->  |                      | --> freed_torque
+      phase             -->  |                      |
+      feed_time         -->  |                      | --> freed_sd
+      correction        -->  | ToolVibrationTracker |
+      correction_spread -->  |                      | --> joint_shares
+      correction_valid  -->  |                      | --> joint_shares_sd
+      tau_ext           -->  |                      |
+      tau_ext_valid     -->  |                      | --> tool_vibration
+      torque_error      -->  |                      |
+      tau_f             -->  |                      |
+      fault             -->  |                      |
+                             +----------------------+
+
+    Inputs:   terms              RigidBodyTerms (abstract) of the model, as the encoders read
+              pose_reference     (18,) of MachiningReference: its z axis is the surface's normal
+              reference          (3n,) of it, of which v_d is read
+              phase, feed_time   (1,) of it
+              correction, correction_spread (n,) N m, correction_valid (1,) of an air pass
+              tau_ext            (n,) N m of the estimator, less freed_torque
+              tau_ext_valid      (1,) 1 where tau_ext counts
+              torque_error       (ERROR_ROWS n,) of the estimator: its sds are read, which hold
+                                 freed_sd
+              tau_f              (n,) N m, of its friction law
+              fault              (1,) fault codes of the sample
+    Outputs:  freed_torque       (n,) N m, to be taken off the observed tau_ext
+              freed_sd           (n,) N m, of it and of the correction
+              joint_shares       (n,) rad/m, how far the joints vibrate with the tool
+              joint_shares_sd    (n,) rad/m, of them
+              tool_vibration     (1,) m/s, amplitude of the tool
+              all                these, one after the other (`declarations.declare_outputs`)
+              No output feeds through from the estimator's signals, so that its tau_ext may be
+              corrected by them; joint_shares do from terms and pose_reference
+    State:    that of SampledBlock; its memory is `models.machining.tool_vibration.initial_tracked`
+
+    Args:
+        constants: of one estimator, `vibration_constants`.
+        time_step: s.
+    """
+
+    def __init__(self, constants: VibrationConstants, time_step: float) -> None:
+        self._constants, self._n = constants, len(constants.viscous)
+        n = self._n
+        self.output_sizes = {
+            "freed_torque": n,
+            "freed_sd": n,
+            "joint_shares": n,
+            "joint_shares_sd": n,
+            "tool_vibration": 1,
+        }
+        held = {"all": sum(self.output_sizes.values())}
+        SampledBlock.__init__(self, time_step, initial_tracked(n), held)
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._pose = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
+        self._reference = self.DeclareVectorInputPort("reference", 3 * n)
+        self._phase = self.DeclareVectorInputPort("phase", 1)
+        self._feed_time = self.DeclareVectorInputPort("feed_time", 1)
+        self._correction = self.DeclareVectorInputPort("correction", n)
+        self._spread = self.DeclareVectorInputPort("correction_spread", n)
+        self._correction_valid = self.DeclareVectorInputPort("correction_valid", 1)
+        self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
+        self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
+        self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
+        self._tau_f = self.DeclareVectorInputPort("tau_f", n)
+        self._fault = self.DeclareVectorInputPort("fault", 1)
+        motion = {self._terms.ticket(), self._pose.ticket()}
+        self._all = declare_outputs(
+            self, self.output_sizes, self._calc_all, motion | self.state_tickets
+        )
+
+    def _calc_all(self, context: Context, output: BasicVector) -> None:
+        out, held = output.get_mutable_value(), self.held(context, "all")
+        if held is not None:
+            out[:] = held
+            return
+        n, constants = self._n, self._constants
+        out[4 * n] = freed_friction(
+            constants.amplitudes, self.memory(context), out[:n], out[n : 2 * n]
+        )
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        normal = self._pose.Eval(context)[2:9:3]
+        expected_shares(terms.M, constants.inertia_sd, terms.J, normal, out[2 * n : 4 * n])
+
+    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        n, out = self._n, self._all.Eval(context)
+        observed = ObservedTorque(
+            tau_ext=self._tau_ext.Eval(context),
+            sd=self._torque_error.Eval(context)[:n],
+            tau_f=self._tau_f.Eval(context),
+            counts=self._tau_ext_valid.Eval(context),
+            fault=self._fault.Eval(context),
+            freed_torque=out[:n],
+            freed_sd=out[n : 2 * n],
+        )
+        correction = CorrectionSample(
+            correction=self._correction.Eval(context),
+            spread=self._spread.Eval(context),
+            counts=self._correction_valid.Eval(context),
+        )
+        work = WorkTick(
+            correction=correction,
+            v_planned=self._reference.Eval(context)[n : 2 * n],
+            shares=out[2 * n : 4 * n],
+            touches=force_controlled(int(self._phase.Eval(context).item())),
+            works=self._feed_time.Eval(context).item() >= 0.0,
+        )
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        track_vibration(self._constants, terms.record, observed, work, memory)
+        return (out,)
