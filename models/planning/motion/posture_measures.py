@@ -9,26 +9,17 @@ here are functions of the Jacobian; with G its gradient with respect to J,
 where J_i = [w_i; v_i] is the column of joint i, at E in axes of W (a prismatic joint has w_i = 0).
 """
 
-import math
-from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
-from wrenchsight.models.estimation.wrench_kernels import NUM_QUALITY, reconstruct
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.kernel import kernel
-from wrenchsight.models.numerics.row_blocks import in_row_blocks
-from wrenchsight.models.numerics.small_matrices import orthogonalise_rows
-from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.rigid_body.structural_rank import parallel_columns, structural_rank
 
-# Starting threads costs more than a path's postures.
-_BLOCK_POSTURES = 128  # postures that are worth a thread: a millisecond
 _MAX_MEASURE = 1e12  # stands for infinity, where a solver needs a number
 
 
@@ -92,15 +83,23 @@ class ConditionNumber:
 
     def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
         """The measure (...) and its gradient (..., n) at q (..., n)."""
-        table, sharpness = self._chain.table, self._sharpness
-
-        def run(rows: Array, values: Array, gradients: Array) -> None:
-            if sharpness is None:
-                _condition_number_rows(table, rows, values, gradients)
+        J = _jacobians(self._chain, _rows(self._chain, q))
+        U, sigma, Vt = np.linalg.svd(J, full_matrices=False)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            condition_number = sigma[:, 0] / sigma[:, -1]
+            if self._sharpness is None:
+                value, share = condition_number, np.array([1.0, 0.0, 0.0, 0.0, 0.0, -1.0])
             else:
-                _smooth_rows(table, float(sharpness), rows, values, gradients)
-
-        return _of_rows(self._chain, q, run)
+                # The extremes are divided out first: their 1e5th powers would overflow.
+                large = (sigma / sigma[:, :1]) ** (2.0 * self._sharpness)
+                small = (sigma[:, -1:] / sigma) ** (2.0 * self._sharpness)
+                sums = large.sum(axis=1) * small.sum(axis=1)
+                value = condition_number * sums ** (0.5 / self._sharpness)
+                share = large / large.sum(axis=1, keepdims=True)
+                share = share - small / small.sum(axis=1, keepdims=True)
+            G = U * (value[:, np.newaxis] * share / sigma)[:, np.newaxis] @ Vt
+            gradient = gradient_by_q(J, G)
+        return _measure(q, condition_number < _MAX_MEASURE, value, gradient)
 
 
 class ForceSd:
@@ -152,14 +151,9 @@ class ForceSd:
                 "torque covariance",
                 f"is of {reconstruction.num_joints} joints, the arm has {chain.num_joints}",
             )
-        self._chain = chain
-        self._reading = _Reading(
-            settings=reconstruction.table,
-            covariance_tau=reconstruction.torque_covariance,
-            precision_tau=np.linalg.inv(reconstruction.torque_covariance),
-            is_inverse=config.method == "inverse",
-            work=reconstruction.scratch(),
-        )
+        self._chain, self._reconstruction = chain, reconstruction
+        self._torque_precision = np.linalg.inv(reconstruction.torque_covariance)
+        self._is_inverse = config.method == "inverse"
 
     def values(self, q: ArrayLike) -> Array:
         """The measure (...) at q (..., n), N."""
@@ -167,11 +161,32 @@ class ForceSd:
 
     def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
         """The measure (...), N, and its gradient (..., n) at q (..., n)."""
+        J = _jacobians(self._chain, _rows(self._chain, q))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            trace, G = self._inverse(J) if self._is_inverse else self._posterior(J)
+            value = np.sqrt(trace)
+            gradient = gradient_by_q(J, G) / (2.0 * value[:, np.newaxis])
+        return _measure(q, value < _MAX_MEASURE, value, gradient)
 
-        def run(rows: Array, values: Array, gradients: Array) -> None:
-            _force_sd_rows(self._chain.table, self._reading, rows, values, gradients)
+    def _posterior(self, J: Array) -> tuple[Array, Array]:
+        """Trace of the posterior's force block for J (N, 6, n), (N,) N^2, and its G (N, 6, n)."""
+        no_rows = np.empty((0, *J.shape[1:]))
+        torque = np.zeros((len(J), J.shape[2]))
+        Sigma_F = self._reconstruction.reconstruct(J, torque, J_now=no_rows).covariance
+        G = -2.0 * Sigma_F[:, :, 3:] @ (Sigma_F[:, 3:] @ J @ self._torque_precision)
+        return np.trace(Sigma_F[:, 3:, 3:], axis1=1, axis2=2), G
 
-        return _of_rows(self._chain, q, run)
+    def _inverse(self, J: Array) -> tuple[Array, Array]:
+        """Trace of the plain inverse's force block for J (N, 6, n), (N,) N^2, and its G."""
+        U, sigma, Vt = np.linalg.svd(J, full_matrices=False)
+        UT, V = np.swapaxes(U, 1, 2), np.swapaxes(Vt, 1, 2)
+        H = U / sigma[:, np.newaxis] @ Vt
+        M = U / sigma[:, np.newaxis] ** 2 @ UT
+        noise = H @ self._reconstruction.torque_covariance
+        Sigma_F = noise @ np.swapaxes(H, 1, 2)
+        off_rows = noise - noise @ V @ Vt  # H Sigma_tau (1 - J^T M J)
+        G = 2.0 * (M[:, :, 3:] @ off_rows[:, 3:] - Sigma_F[:, :, 3:] @ H[:, 3:])
+        return np.trace(Sigma_F[:, 3:, 3:], axis1=1, axis2=2), G
 
 
 def smoothed(chain: SerialChain, measure: PostureMeasure, sharpness: float) -> PostureMeasure:
@@ -209,261 +224,44 @@ def check_joints(chain: SerialChain, name: str = "robot") -> None:
         )
 
 
-def _of_rows(
-    chain: SerialChain, q: ArrayLike, run: Callable[[Array, Array, Array], None]
-) -> tuple[Array, Array]:
-    """Values (...) and gradients (..., n) that `run` writes for blocks of rows of q (..., n)."""
+def gradient_by_q(J: Array, G: Array) -> Array:
+    """Gradient (N, n) by q of a function of J, from J and its gradient G with respect to J.
+
+    Args:
+        J, G: (N, 6, n).
+    """
+    w, v, a, b = J[:, :3], J[:, 3:], G[:, :3], G[:, 3:]
+    # a.(w_j x w) + b.(w_j x v) = w_j.(w x a + v x b), and b.(w x v_j) = v_j.(b x w).
+    from_j_on = np.cross(w, a, axis=1) + np.cross(v, b, axis=1)
+    before_j = np.cross(b, w, axis=1)
+    sum_from_j_on = np.cumsum(from_j_on[..., ::-1], axis=2)[..., ::-1]
+    sum_before_j = np.cumsum(before_j, axis=2) - before_j
+    return np.asarray(np.sum(w * sum_from_j_on + v * sum_before_j, axis=1))
+
+
+def _rows(chain: SerialChain, q: ArrayLike) -> Array:
+    """Positions (..., n) as (N, n)."""
     array = np.asarray(q, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != chain.num_joints:
         raise ValueError(f"expected q of shape (..., {chain.num_joints}), got {array.shape}")
-    rows = np.ascontiguousarray(array).reshape(-1, chain.num_joints)
-    values, gradients = np.empty(len(rows)), np.empty(rows.shape)
-    in_row_blocks(
-        lambda part: run(rows[part], values[part], gradients[part]), len(rows), _BLOCK_POSTURES
-    )
-    return values.reshape(array.shape[:-1]), gradients.reshape(array.shape)
+    return array.reshape(-1, chain.num_joints)
 
 
-@kernel
-def contract(J: Array, G: Array, gradient: Array) -> None:
-    """Writes gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
-    n = J.shape[1]
-    for j in range(n):
-        gradient[j] = 0.0
-    for i in range(n):
-        wx, wy, wz, vx, vy, vz = J[0, i], J[1, i], J[2, i], J[3, i], J[4, i], J[5, i]
-        ax, ay, az, bx, by, bz = G[0, i], G[1, i], G[2, i], G[3, i], G[4, i], G[5, i]
-        # a.(w_j x w) + b.(w_j x v) = w_j.(w x a + v x b)
-        cx = (wy * az - wz * ay) + (vy * bz - vz * by)
-        cy = (wz * ax - wx * az) + (vz * bx - vx * bz)
-        cz = (wx * ay - wy * ax) + (vx * by - vy * bx)
-        for j in range(i + 1):
-            gradient[j] += J[0, j] * cx + J[1, j] * cy + J[2, j] * cz
-        # b.(w x v_j) = v_j.(b x w)
-        cx = by * wz - bz * wy
-        cy = bz * wx - bx * wz
-        cz = bx * wy - by * wx
-        for j in range(i + 1, n):
-            gradient[j] += J[3, j] * cx + J[4, j] * cy + J[5, j] * cz
+def _jacobians(chain: SerialChain, q: Array) -> Array:
+    """J (N, 6, n) at q (N, n); zero where q is not finite."""
+    J = chain.jacobian(q)
+    return np.where(np.isfinite(J).all(axis=(1, 2), keepdims=True), J, 0.0)
 
 
-@kernel
-def _condition_number_gradient(J: Array, B: Array, Q: Array, G: Array, gradient: Array) -> float:
-    """Condition number of J (6, n), n >= 6, and gradient (n,); B, G (6, n) and Q (6, 6) scratch."""
-    n = J.shape[1]
-    orthogonalise_rows(J, B, Q)
-    largest_row, smallest_row = 0, 0
-    largest, smallest = -1.0, math.inf
-    for m in range(6):
-        total = 0.0
-        for k in range(n):
-            total += B[m, k] * B[m, k]
-        if total > largest:
-            largest_row, largest = m, total
-        if total < smallest:
-            smallest_row, smallest = m, total
-    value = math.sqrt(largest / smallest) if smallest > 0.0 else math.inf
-    if not value < _MAX_MEASURE:
-        for j in range(n):
-            gradient[j] = 0.0
-        return _MAX_MEASURE
-    # u_m = Q[m], v_m = B[m] / sigma_m: d JCN / JCN = d sigma_1 / sigma_1 - d sigma_6 / sigma_6.
-    for i in range(6):
-        for k in range(n):
-            G[i, k] = value * (
-                Q[largest_row, i] * B[largest_row, k] / largest
-                - Q[smallest_row, i] * B[smallest_row, k] / smallest
-            )
-    contract(J, G, gradient)
-    return value
+def _measure(
+    q: ArrayLike, is_readable: Flags, value: Array, gradient: Array
+) -> tuple[Array, Array]:
+    """Values (...) and gradients (..., n) at q (..., n); elsewhere 1e12 and zero.
 
-
-@kernel(nogil=True)
-def _condition_number_rows(table: Array, q: Array, values: Array, gradients: Array) -> None:
-    n = q.shape[1]
-    scratch = np.empty((n, SCRATCH_COLUMNS))
-    J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
-    Q, R_WE, p_WE = np.empty((6, 6)), np.empty((3, 3)), np.empty(3)
-    for k in range(q.shape[0]):
-        pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
-        values[k] = _condition_number_gradient(J, B, Q, G, gradients[k])
-
-
-@kernel(nogil=True)
-def _smooth_rows(table: Array, sharpness: float, q: Array, values: Array, gradients: Array) -> None:
-    n = q.shape[1]
-    scratch = np.empty((n, SCRATCH_COLUMNS))
-    J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
-    Q, R_WE, p_WE = np.empty((6, 6)), np.empty((3, 3)), np.empty(3)
-    squares, share = np.empty(6), np.empty(6)
-    for k in range(q.shape[0]):
-        pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
-        orthogonalise_rows(J, B, Q)
-        largest, smallest = 0.0, math.inf
-        for m in range(6):
-            squares[m] = 0.0
-            for j in range(n):
-                squares[m] += B[m, j] * B[m, j]
-            largest, smallest = max(largest, squares[m]), min(smallest, squares[m])
-        gradients[k] = 0.0
-        values[k] = _MAX_MEASURE
-        if not smallest > 0.0 or not math.sqrt(largest / smallest) < _MAX_MEASURE:
-            continue
-        # The extremes are divided out first: their 1e5th powers would overflow.
-        sum_of_powers, sum_of_inverse_powers = 0.0, 0.0
-        for m in range(6):
-            sum_of_powers += (squares[m] / largest) ** sharpness
-            sum_of_inverse_powers += (smallest / squares[m]) ** sharpness
-        value = math.sqrt(largest / smallest) * (sum_of_powers * sum_of_inverse_powers) ** (
-            0.5 / sharpness
-        )
-        values[k] = value
-        for m in range(6):
-            share[m] = (squares[m] / largest) ** sharpness / sum_of_powers
-            share[m] -= (smallest / squares[m]) ** sharpness / sum_of_inverse_powers
-        for i in range(6):
-            for j in range(n):
-                total = 0.0
-                for m in range(6):
-                    total += share[m] / squares[m] * Q[m, i] * B[m, j]
-                G[i, j] = value * total
-        contract(J, G, gradients[k])
-
-
-class _Reading(NamedTuple):
-    """How a wrench is read.
-
-    Attributes:
-        settings: WrenchReconstruction.table.
-        covariance_tau, precision_tau: (n, n) Sigma_tau, N^2 m^2, and its inverse.
-        is_inverse: whether the method is "inverse".
-        work: of WrenchReconstruction.scratch. It is not written: every thread has a copy.
+    Args:
+        is_readable: (N,) where the measure is a number.
+        value, gradient: (N,), (N, n).
     """
-
-    settings: Array
-    covariance_tau: Array
-    precision_tau: Array
-    is_inverse: bool
-    work: Array
-
-
-class _Reconstructed(NamedTuple):
-    """The torques `tau` (n,), all zero, and what `reconstruct` writes for them."""
-
-    tau: Array
-    wrench: Array
-    covariance: Array
-    quality: Array
-    work: Array
-
-
-@kernel
-def _posterior_trace(reading: _Reading, J: Array, G: Array, reconstructed: _Reconstructed) -> float:
-    """Trace of the force block of Sigma_F of the Gaussian posterior, and its G (6, n)."""
-    n = J.shape[1]
-    precision = reading.precision_tau
-    covariance, work = reconstructed.covariance, reconstructed.work
-    reconstruct(
-        reading.settings,
-        J,
-        reconstructed.tau,
-        reconstructed.wrench,
-        covariance,
-        reconstructed.quality,
-        work,
-    )
-    # Sigma_F E Sigma_F J Sigma_tau^-1, from the right.
-    for i in range(6):
-        for k in range(n):
-            total = 0.0
-            for j in range(n):
-                total += J[i, j] * precision[j, k]
-            work[i, k] = total
-    for i in range(6):
-        for k in range(n):
-            total = 0.0
-            for j in range(6):
-                total += covariance[i, j] * work[j, k]
-            work[6 + i, k] = total
-    for i in range(6):
-        for k in range(n):
-            total = 0.0
-            for j in range(3, 6):
-                total += covariance[i, j] * work[6 + j, k]
-            G[i, k] = -2.0 * total
-    return float(covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
-
-
-@kernel
-def _inverse_trace(covariance_tau: Array, J: Array, G: Array, B: Array, Q: Array) -> float:
-    """Trace of the force block of Sigma_F of the plain inverse, and its G (6, n)."""
-    n = J.shape[1]
-    orthogonalise_rows(J, B, Q)
-    M, H = np.zeros((6, 6)), np.zeros((6, n))
-    projector = np.zeros((n, n))
-    for m in range(6):
-        square = 0.0
-        for k in range(n):
-            square += B[m, k] * B[m, k]
-        if not square > 0.0:
-            G[:] = 0.0
-            return math.inf
-        for i in range(6):
-            weight = Q[m, i] / square
-            for j in range(6):
-                M[i, j] += weight * Q[m, j]
-            for k in range(n):
-                H[i, k] += weight * B[m, k]
-        for i in range(n):
-            for k in range(n):
-                projector[i, k] += B[m, i] * B[m, k] / square
-    noise = np.zeros((6, n))  # H Sigma_tau
-    for i in range(6):
-        for k in range(n):
-            for j in range(n):
-                noise[i, k] += H[i, j] * covariance_tau[j, k]
-    trace = 0.0
-    for i in range(6):
-        for k in range(n):
-            G[i, k] = 0.0
-    for i in range(6):
-        for m in range(3, 6):
-            spread = 0.0  # Sigma_F
-            for k in range(n):
-                spread += noise[i, k] * H[m, k]
-            if i == m:
-                trace += spread
-            for k in range(n):
-                off_row = noise[m, k]
-                for j in range(n):
-                    off_row -= noise[m, j] * projector[j, k]
-                G[i, k] += 2.0 * (M[i, m] * off_row - spread * H[m, k])
-    return trace
-
-
-@kernel(nogil=True)
-def _force_sd_rows(
-    table: Array, reading: _Reading, q: Array, values: Array, gradients: Array
-) -> None:
-    n = q.shape[1]
-    scratch = np.empty((n, SCRATCH_COLUMNS))
-    J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
-    Q, R_WE, p_WE = np.empty((6, 6)), np.empty((3, 3)), np.empty(3)
-    reconstructed = _Reconstructed(
-        tau=np.zeros(n),
-        wrench=np.empty(6),
-        covariance=np.empty((6, 6)),
-        quality=np.empty(NUM_QUALITY),
-        work=np.zeros_like(reading.work),
-    )
-    for k in range(q.shape[0]):
-        pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
-        if reading.is_inverse:
-            trace = _inverse_trace(reading.covariance_tau, J, G, B, Q)
-        else:
-            trace = _posterior_trace(reading, J, G, reconstructed)
-        contract(J, G, gradients[k])
-        value = math.sqrt(trace)
-        values[k] = min(value, _MAX_MEASURE)
-        for j in range(n):
-            gradients[k, j] = gradients[k, j] / (2.0 * value) if value < _MAX_MEASURE else 0.0
+    shape = np.shape(q)
+    values = np.where(is_readable, value, _MAX_MEASURE).reshape(shape[:-1])
+    return values, np.where(is_readable[:, np.newaxis], gradient, 0.0).reshape(shape)

@@ -239,19 +239,21 @@ def test_bounds_are_kept_where_they_cost_something(sts: Robot, bounds: Placement
     assert np.max(np.abs(np.diff(placement.q, axis=0))) <= 0.4 + 1e-7
 
 
-@pytest.mark.parametrize("moved", [0.0, 1e-12, -1e-12])
-def test_ipopt_solves_the_same_program(sts: Robot, bounds: PlacementBounds, moved: float) -> None:
+def test_ipopt_solves_the_same_program(sts: Robot, bounds: PlacementBounds) -> None:
     """From the end of a rough solve, as the search has it, wherever last bits send the iterations.
 
     It has no limit to its steps, and may leave the optimum for ever; then it says so.
     """
     program = program_of(sts, bounds)
-    begin = start(sts)
-    begin = dataclasses.replace(begin, p_WM=begin.p_WM + moved)
-    near = program.solve(begin, options={"Major optimality tolerance": 1e-3})
-    solution = program.solve(near.placement, "ipopt")
-    assert solution.converged or moved != 0.0
-    if solution.converged:
+    solutions = []
+    for moved in (0.0, 1e-12, -1e-12):
+        begin = start(sts)
+        begin = dataclasses.replace(begin, p_WM=begin.p_WM + moved)
+        near = program.solve(begin, options={"Major optimality tolerance": 1e-3})
+        solutions.append(program.solve(near.placement, "ipopt"))
+    converged = [solution for solution in solutions if solution.converged]
+    assert converged
+    for solution in converged:
         assert solution.cost == pytest.approx(NARROW, rel=1e-3)
         assert program.violation(solution.placement) < CONSTRAINT_TOLERANCE
 
