@@ -24,7 +24,10 @@ def test_there_is_no_example_without_a_test():
         "in_your_diagram",
         "my_estimator",
         "quickstart",
+        "station",
+        "two_arms",
         "your_own_log",
+        "your_own_stage",
     }
 
 
@@ -33,6 +36,28 @@ def test_the_diagram_reads_the_force_that_was_applied():
     # The arm moves at up to 0.05 rad/s, and the observer is 50 ms late; the prior of the payload
     # draws the reading towards zero by some per cent.
     np.testing.assert_allclose(read, [0, 0, 0, 5, -7, 11], atol=0.7)
+
+
+def test_of_two_arms_the_one_that_is_pushed_reads_the_force():
+    read = load("two_arms").main((5.0, -7.0, 11.0))
+    # At rest, 20 time constants after the push: the prior of the payload draws by some per cent.
+    np.testing.assert_allclose(read["on_a_wall"], [0, 0, 0, 5, -7, 11], atol=0.3)
+    np.testing.assert_allclose(read["on_its_feet"], 0.0, atol=0.01)
+
+
+def test_a_stage_of_ones_own_knows_the_friction_that_the_model_does_not():
+    error = load("your_own_stage").main()
+    assert error["of the model"] > 2.0
+    # The controller's torque is held for a tick while friction in the plant is not: 2 % are left.
+    assert error["of one's own"] < 0.05 * error["of the model"]
+
+
+def test_a_station_of_directives_holds_an_arm_and_a_crate():
+    true, read, height = load("station").main()
+    np.testing.assert_allclose(true, [0, 0, 0, 0, 12, -20])
+    # The nominal model lacks what the simulated arm's gears and sensors do.
+    np.testing.assert_allclose(read[3:], true[3:], atol=3.0)
+    assert abs(height - 0.1) < 2e-3  # half of its edge, on a floor that gives way a little
 
 
 def test_a_log_of_ones_own_becomes_wrenches(tmp_path, capsys):
