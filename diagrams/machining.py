@@ -16,7 +16,7 @@ from wrenchsight.models.machining.machining_path import (
     check_curvature,
     plan_machining,
 )
-from wrenchsight.models.machining.machining_phases import RAMP, PhasesConfig
+from wrenchsight.models.machining.machining_phases import RAMP_TIME, PhasesConfig
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import better
 from wrenchsight.models.planning.motion.branches import all_branches
@@ -165,7 +165,7 @@ def longest_duration(plan: MachiningPath, phases: PhasesConfig) -> float:
     approach = (phases.standoff + phases.search) / phases.approach_speed
     lift = phases.lift / phases.lift_speed
     contact_time = phases.rise + phases.settle + plan.trajectory.duration + phases.release
-    return approach + contact_time + lift + 2.0 * RAMP + REST_AFTER_PASS
+    return approach + contact_time + lift + 2.0 * RAMP_TIME + REST_AFTER_PASS
 
 
 def view_of(path: SurfacePath) -> Array:

@@ -68,7 +68,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 
 TOOL_AXES = ("tool_x", "tool_y", "tool_z")
-WRENCH = 6  # [along, across, across, moments about the axes]
+WRENCH_SIZE = 6  # [along, across, across, moments about the axes]
 _ALONG, _ACROSS, _MOMENTS = 0, slice(1, 3), slice(3, 6)
 _HIGHEST_MISFIT = 50.0  # so that one impact does not hide the next second
 _LEAST_LENGTH = 1e-6  # norm of an axis given by numbers
@@ -219,7 +219,7 @@ class Block(NamedTuple):
     is_resting: bool = False
 
 
-class Reading(NamedTuple):
+class BlockReading(NamedTuple):
     """The wrench of one block.
 
     Attributes:
@@ -250,15 +250,15 @@ class ContactFilter:
         n, self._n = num_joints, num_joints
         self._config, self._force_sd, self._period = config, force_sd, period
         self.lag = round(config.lag / period)
-        self._errors = slice(WRENCH, WRENCH + n)
-        self._offsets = slice(WRENCH + n, WRENCH + 2 * n)
+        self._errors = slice(WRENCH_SIZE, WRENCH_SIZE + n)
+        self._offsets = slice(WRENCH_SIZE + n, WRENCH_SIZE + 2 * n)
         across, moments = [config.standing_across_sd] * 2, [config.moment_sd] * 3
         wrench_sd = [force_sd, *across, *moments]
         sd = [*wrench_sd, *np.zeros(n), *[config.offset_sd] * n, *wrench_sd * self.lag]
         self._order = np.arange(len(sd))
         if self.lag:
             first = self._offsets.stop
-            self._order[first:] = np.r_[0:WRENCH, first : len(sd) - WRENCH]
+            self._order[first:] = np.r_[0:WRENCH_SIZE, first : len(sd) - WRENCH_SIZE]
         self._x: Array = np.zeros(len(sd))
         self._P: Array = np.diag(np.square(sd))
         self._variance: Array | None = None  # of the errors of the last block
@@ -271,14 +271,14 @@ class ContactFilter:
         self._unknown_time = 0.0  # s since a block that was known and not blind
         self._visible_time = np.inf  # s since a blind block
 
-    def read(self, blocks_ago: int) -> Reading:
+    def read(self, blocks_ago: int) -> BlockReading:
         """Returns the wrench of an earlier block.
 
         Args:
             blocks_ago: 0 to `lag`.
         """
-        first = 0 if blocks_ago == 0 else self._offsets.stop + WRENCH * (blocks_ago - 1)
-        columns = slice(first, first + WRENCH)
+        first = 0 if blocks_ago == 0 else self._offsets.stop + WRENCH_SIZE * (blocks_ago - 1)
+        columns = slice(first, first + WRENCH_SIZE)
         config = self._config
         is_resting = self._resting_blocks > blocks_ago
         scale = max(self._misfit, 1.0)
@@ -288,7 +288,7 @@ class ContactFilter:
         covariance[_ALONG, _ALONG] += config.innovation_share**2 * self._innovation_variance
         is_visible = self._visible_time >= config.misfit_time
         is_explained = is_visible and self._force_misfit <= config.largest_misfit
-        return Reading(self._x[columns].copy(), covariance, is_explained)
+        return BlockReading(self._x[columns].copy(), covariance, is_explained)
 
     def take(self, block: Block) -> None:
         """Takes the next block."""
@@ -312,7 +312,7 @@ class ContactFilter:
         is_standing = block.tool_speed < config.standing_speed
         across_time = config.standing_across_time if is_standing else config.across_time
         decay, variance = np.ones(len(self._x)), np.zeros(len(self._x))
-        decay[1:WRENCH] = np.exp(-T / across_time)
+        decay[1:WRENCH_SIZE] = np.exp(-T / across_time)
         friction_sd = config.held_across * max(float(self._x[_ALONG]), 0.0)
         standing_sd = np.hypot(config.standing_across_sd, friction_sd)
         variance[_ACROSS] = (standing_sd if is_standing else config.across_sd) ** 2
@@ -336,7 +336,7 @@ class ContactFilter:
         """Takes the torque of a block; returns whether it shows the force, see `blind_share`."""
         n = self._n
         R = self._noise(block)
-        H = np.hstack([block.H, np.eye(n), np.eye(n), np.zeros((n, WRENCH * self.lag))])
+        H = np.hstack([block.H, np.eye(n), np.eye(n), np.zeros((n, WRENCH_SIZE * self.lag))])
         innovation = block.tau_ext - H @ self._x
         S = H @ self._P @ H.T + np.diag(R)
         solved = np.linalg.solve(S, np.column_stack([H @ self._P, innovation, H[:, _ALONG]]))

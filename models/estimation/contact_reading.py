@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.estimation.contact_filter import (
     Block,
+    BlockReading,
     ContactConfig,
     ContactFilter,
     ContactFrame,
-    Reading,
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch
 from wrenchsight.models.estimation.invalid import (
@@ -209,7 +209,7 @@ class ContactReader:
         N = len(samples.is_known)
         stop = N if is_end else N - (N - self._filtered) % size
         starts = np.arange(self._filtered, stop, size)
-        readings: list[Reading] = []
+        readings: list[BlockReading] = []
         for start in starts:
             self._filter.take(samples.block(slice(start, min(start + size, stop))))
             if start // size >= lag:
@@ -226,7 +226,7 @@ class ContactReader:
         return self._wrenches(ready, readings, blocks)
 
     def _wrenches(
-        self, samples: _Samples, readings: list[Reading], blocks: NDArray[np.intp]
+        self, samples: _Samples, readings: list[BlockReading], blocks: NDArray[np.intp]
     ) -> EstimateBatch:
         """The estimates of N samples from the readings of their blocks.
 

@@ -50,7 +50,7 @@ from wrenchsight.models.observers.observer import NUM_SIGNALS
 
 DRIFT_TIME = 600.0  # s
 LOOK_AHEAD, MOST_AHEAD = 10.0, 16384  # s, samples; the latter bounds the memory
-PASS = 8192  # samples smoothed at a time, beside the later ones
+PASS_SAMPLES = 8192  # samples smoothed at a time, beside the later ones
 
 
 class _PendingSamples(NamedTuple):
@@ -110,14 +110,17 @@ class WrenchSmoother:
         """Takes (N, n) samples, as `WrenchEstimator.run`; returns the smoothed estimates."""
         q, v, current = np.asarray(q, float), np.asarray(v, float), np.asarray(current, float)
         smoothed = []
-        for start in range(0, len(q), PASS):
-            part = slice(start, start + PASS)
+        for start in range(0, len(q), PASS_SAMPLES):
+            part = slice(start, start + PASS_SAMPLES)
             signals = np.empty((len(q[part]), NUM_SIGNALS, self._estimator.num_joints))
             batch = self._estimator.run(
                 self._state, q[part], v[part], current[part], signals=signals
             )
             self._pending.append(_PendingSamples(signals, batch))
-            if sum(len(samples.signals) for samples in self._pending) >= PASS + self._look_ahead:
+            if (
+                sum(len(samples.signals) for samples in self._pending)
+                >= PASS_SAMPLES + self._look_ahead
+            ):
                 smoothed.append(self._smooth(self._look_ahead))
         return EstimateBatch.joined(smoothed) if smoothed else self._empty_batch()
 

@@ -7,7 +7,7 @@ import numpy as np
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.numerics.arrays import Array
 
-_GRAVITY = 9.81  # m/s^2
+_STANDARD_GRAVITY = 9.81  # m/s^2
 _MOMENT_FACTOR = 1.2  # by which the sd grows with the prior of the moment
 _NO_PRIOR = 1e6  # N, sd of a force of which nothing is known
 _MAX_PAYLOAD_FACTOR = 20.0  # by which a rated payload may be wrong
@@ -77,7 +77,7 @@ class UncertainForce:
             * 2.0
             * np.sqrt(8.0)
             * worst_sd(np.ones(n), _NO_PRIOR)
-            / _GRAVITY,
+            / _STANDARD_GRAVITY,
             assumed=not estimator.model.provenance.logs,
         )
 

@@ -32,7 +32,7 @@ COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(WRENCH_AXES) for b in WR
 """Columns after these, on request: N^2, N^2 m and N^2 m^2; the upper triangle, row by row."""
 TABLES = ("csv", "parquet")
 
-_UPPER = np.triu_indices(6)
+_UPPER_INDICES = np.triu_indices(6)
 _INTEGER = ("valid", *FLAGS)
 _WIDE = ("invalid",)  # integers of more than eight bits
 
@@ -133,7 +133,7 @@ class WrenchTableWriter:
             if rows.covariance is None:
                 raise ValueError("wrench table: the covariance is missing")
             ordered = rows.covariance[:, FORCE_FIRST][:, :, FORCE_FIRST]
-            columns += list(ordered[:, *_UPPER].T)
+            columns += list(ordered[:, *_UPPER_INDICES].T)
         arrays = [pa.array(np.ascontiguousarray(column)) for column in columns]
         with writing_to(self.path):
             self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))

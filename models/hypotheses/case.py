@@ -31,7 +31,7 @@ FILE_ERROR_SHARE = 0.015  # of the effort limit: what a law of Coulomb and visco
 ERROR_FACTOR = 1.5  # on an identified model's residual: other motion than the fitted one
 UNKNOWN_EFFORT = 100.0  # N m, where the robot states no limit
 LOAD_LEVER = 0.15  # m, of a load's centre of mass from the last joint
-MARGIN = 0.6  # s at both ends of a log, which a shift in time takes away
+END_MARGIN = 0.6  # s at both ends of a log, which a shift in time takes away
 GOOD_SHARE = 0.9  # of rows that are free of contact and fault
 MOST_ROWS = 300  # at which the evidence is taken
 _LINK_PARAMETERS = 4  # m and m c: what gravity shows
@@ -89,8 +89,8 @@ class Case:
         self._chain = robot.chain if self.model is None else self.model.chain(robot)
         limit = robot.effort_limit
         self.effort_limit = np.where(np.isfinite(limit), limit, UNKNOWN_EFFORT)
-        is_inner = (rows.t > rows.t[0] + MARGIN) & (rows.t < rows.t[-1] - MARGIN)
-        if rows.t[-1] - rows.t[0] < 8.0 * MARGIN:
+        is_inner = (rows.t > rows.t[0] + END_MARGIN) & (rows.t < rows.t[-1] - END_MARGIN)
+        if rows.t[-1] - rows.t[0] < 8.0 * END_MARGIN:
             is_inner[:] = True
         used = np.flatnonzero(rows.is_used & is_inner)
         self.at = used[:: max(1, -(-len(used) // MOST_ROWS))]

@@ -11,12 +11,13 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import PER_CENT, PER_MILLE
 
 NAME = "unit or gain of the drives"
-SMALLEST = 0.3  # of the logarithm of a gain: less is a load, a model's masses, a torque constant
+# of the logarithm of a gain: less is a load, a model's masses, a torque constant
+MIN_LOG_GAIN = 0.3
 ALL_SMALLEST = 0.9  # the same, of all joints together
-ALIKE = 0.3  # of the logarithm, within which a gain is that of a known unit
+LOG_GAIN_TOLERANCE = 0.3  # of the logarithm, within which a gain is that of a known unit
 ALL_SMALL = 0.2  # gains of another unit; a single drive of less has the error of the others
 RATED_UNITS = {1e3: PER_MILLE, 1e2: PER_CENT}  # by the parts of a rated torque that they count
-_PASSES = 3
+_NUM_PASSES = 3
 
 
 def explain(case: Case) -> Explanation | None:
@@ -35,11 +36,11 @@ def explain(case: Case) -> Explanation | None:
     forms.append((1.0 / K if case.rows.is_torque else K.copy(), 1.0))
     forms += [
         (np.where(np.arange(n) == j, each, 1.0), 1.0 + math.log(n))
-        for j in np.flatnonzero(known & (np.abs(np.log(np.where(known, each, 1.0))) > SMALLEST))
+        for j in np.flatnonzero(known & (np.abs(np.log(np.where(known, each, 1.0))) > MIN_LOG_GAIN))
     ]
     best: Explanation | None = None
     for gains, num_free in forms:
-        if np.abs(np.log(gains)).max() < SMALLEST:
+        if np.abs(np.log(gains)).max() < MIN_LOG_GAIN:
             continue
         explanation = _explanation(case, gains, num_free)
         if best is None or explanation.log_evidence > best.log_evidence:
@@ -59,7 +60,7 @@ def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
     cause, remedy = _named(case, gains)
     values: dict[str, float | list[float]] = {"gain": gains.tolist()}
     if not cause:
-        off = np.flatnonzero(np.abs(np.log(gains)) > SMALLEST)
+        off = np.flatnonzero(np.abs(np.log(gains)) > MIN_LOG_GAIN)
         listed = ", ".join(f"{case.robot.joint_names[j]} {gains[j]:.3g}" for j in off)
         cause = f"{word}s that are a multiple of what the arm needs ({listed} times)"
         remedy = f"set {key}: {{gain: {factor}}} in a description"
@@ -108,7 +109,7 @@ def _named(case: Case, gains: Array) -> tuple[str, str]:
     K = np.log(case.robot.torque_per_ampere)
 
     def alike(expected: Array | float) -> bool:
-        return bool(np.abs(logs - expected).max() < ALIKE)
+        return bool(np.abs(logs - expected).max() < LOG_GAIN_TOLERANCE)
 
     unit = "mN m" if case.rows.is_torque else "mA"
     if alike(math.log(1e3)):
@@ -144,7 +145,7 @@ def _gains(case: Case) -> Array:
         A = np.stack(columns, axis=1)
         scale = np.maximum(np.sqrt((A**2).mean(axis=0)), 1e-12)
         weight = np.ones(len(at))
-        for _ in range(_PASSES):  # contacts count less
+        for _ in range(_NUM_PASSES):  # contacts count less
             x = np.linalg.lstsq(A / scale * weight[:, None], measured * weight, rcond=1e-6)[0]
             left = np.abs(measured - A / scale @ x)
             weight = 1.0 / np.sqrt(1.0 + (left / max(float(np.median(left)), 1e-12)) ** 2)

@@ -15,7 +15,7 @@ evidence is Laplace's: the likelihood there times the volume of theta that the l
 that which the prior gave. So a free number, a force at the tool and a permutation pay for what they
 could have explained, and explanations of different kinds compare by odds.
 
-Rows closer together than CORRELATION share the model's error (REST_CORRELATION where nothing
+Rows closer together than CORRELATION_TIME share the model's error (REST_CORRELATION where nothing
 moves): each counts as that part of an independent sample.
 """
 
@@ -27,15 +27,15 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.numerics.arrays import Array
 
-CORRELATION = 0.25  # s, of the model's error in motion
+CORRELATION_TIME = 0.25  # s, of the model's error in motion
 REST_CORRELATION = 2.5  # s, of stiction
-POOR = 3.0  # times the model's error
-PRESSED = 4.0  # times the live prior's force
+POOR_ERROR_RATIO = 3.0  # times the model's error
+PRESSED_FORCE_RATIO = 4.0  # times the live prior's force
 ODD_SHARE = 0.15  # of the effort limit
 KINDS = ("free", "poor", "touched", "pressed", "odd")
 _KIND_PRIOR = np.array([20.0, 2.0, 1.0, 1.0, 0.5])  # counts of a Dirichlet prior
-_ITERATIONS, _QUICK = 6, 3
-_BLOCK = 2500  # numbers of A in one product
+_NUM_ITERATIONS, _NUM_QUICK_ITERATIONS = 6, 3
+_BLOCK_NUMBERS = 2500  # numbers of A in one product
 _LARGEST_RESIDUAL = 1e8  # N m; squares stay finite
 
 
@@ -95,7 +95,9 @@ class RowKinds:
         scaled = self.J * self.wrench_sd[:, None]
         touched = np.swapaxes(scaled, 1, 2) @ scaled
         odd = np.diag(self.odd_sd**2)
-        return np.stack([S, POOR**2 * S, S + touched, S + PRESSED**2 * touched, S + odd])
+        return np.stack(
+            [S, POOR_ERROR_RATIO**2 * S, S + touched, S + PRESSED_FORCE_RATIO**2 * touched, S + odd]
+        )
 
     def fit(self, residual: Array, A: Array, prior_sd: Array, quick: bool = False) -> Fit:
         """Fits theta to residual (N, n) = A (N, n, k) theta + error, |theta| ~ prior_sd (k,).
@@ -110,10 +112,12 @@ class RowKinds:
         starts = [self._solved(scaled, residual, broad)[0]]
         if not quick:
             starts.append(np.zeros(len(prior_sd)))
-        first = [self._iterated(residual, scaled, theta, None, _QUICK) for theta in starts]
+        first = [
+            self._iterated(residual, scaled, theta, None, _NUM_QUICK_ITERATIONS) for theta in starts
+        ]
         best = max(first, key=lambda fit: fit.log_evidence)
         if not quick:
-            best = self._iterated(residual, scaled, best.theta, best.kind_share, _ITERATIONS)
+            best = self._iterated(residual, scaled, best.theta, best.kind_share, _NUM_ITERATIONS)
         return Fit(
             best.log_evidence,
             best.theta * prior_sd,
@@ -158,7 +162,7 @@ class RowKinds:
         # Block by block: one large product would start threads for microseconds.
         n, k = A.shape[1:]
         weighted = precision @ A
-        size = max(1, _BLOCK // (n * k))
+        size = max(1, _BLOCK_NUMBERS // (n * k))
         hessian = np.eye(k)
         for begin in range(0, len(A), size):
             rows = slice(begin, begin + size)
@@ -169,5 +173,5 @@ class RowKinds:
 
 def row_weights(step: float, is_moving: NDArray[np.bool_]) -> Array:
     """(N,) independent samples that rows stand for, `step` s apart."""
-    weight = step / np.where(is_moving, CORRELATION, REST_CORRELATION)
+    weight = step / np.where(is_moving, CORRELATION_TIME, REST_CORRELATION)
     return np.asarray(np.minimum(weight, 1.0))

@@ -9,7 +9,7 @@ from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.explanation import Explanation
 
 NAME = "drift of friction"
-WIDER = 5.0  # times the tolerance of the model's friction
+WIDER_RATIO = 5.0  # times the tolerance of the model's friction
 
 
 def explain(case: Case) -> Explanation | None:
@@ -17,7 +17,7 @@ def explain(case: Case) -> Explanation | None:
     base = case.base
     first, n = base.sliding_columns.start, case.num_joints
     prior_sd = base.prior_sd.copy()
-    prior_sd[first : first + 2 * n] *= WIDER
+    prior_sd[first : first + 2 * n] *= WIDER_RATIO
     view = replace(base, prior_sd=prior_sd)
     fit = case.fit(view)
     change = fit.theta[first : first + n] / np.maximum(base.prior_sd[first : first + n], 1e-9)

@@ -11,11 +11,11 @@ from wrenchsight.models.numerics.arrays import Array
 
 NAME = "zero of a joint"
 PRIOR_SD = 0.2  # rad (m) of an offset
-SMALLEST = 0.015  # rad (m); a smaller one is within what models of arms err by
-CLEAR = 4.0  # standard errors that an offset is away from zero
-DETERMINED = 0.5  # of the prior's sd, which the standard error must be below
-_STEP = 1e-3  # rad (m), of the derivative
-_QUARTERS = (-0.5 * math.pi, 0.5 * math.pi, math.pi)
+MIN_OFFSET = 0.015  # rad (m); a smaller one is within what models of arms err by
+MIN_STANDARD_ERRORS = 4.0  # standard errors that an offset is away from zero
+MAX_PRIOR_SHARE = 0.5  # of the prior's sd, which the standard error must be below
+_DIFFERENCE_STEP = 1e-3  # rad (m), of the derivative
+_QUARTER_TURNS = (-0.5 * math.pi, 0.5 * math.pi, math.pi)
 
 
 def explain(case: Case) -> Explanation | None:
@@ -28,7 +28,7 @@ def explain(case: Case) -> Explanation | None:
         found.append((fit.log_evidence, j, float(fit.theta[0])))
         if case.base_is_good or case.robot.chain.prismatic[j]:
             continue
-        for offset in _QUARTERS:
+        for offset in _QUARTER_TURNS:
             score = case.fit(_view(case, j, offset), quick=True).log_evidence
             found.append((score, j, offset))
     best: Explanation | None = None
@@ -52,7 +52,7 @@ def _refined(case: Case, j: int, offset: float) -> Explanation | None:
         if abs(change) < 0.3 * float(fit.sd[0]):
             break
     sd = float(fit.sd[0])
-    if abs(offset) < max(SMALLEST, CLEAR * sd) or sd > DETERMINED * PRIOR_SD:
+    if abs(offset) < max(MIN_OFFSET, MIN_STANDARD_ERRORS * sd) or sd > MAX_PRIOR_SHARE * PRIOR_SD:
         return None
     name = case.robot.joint_names[j]
     unit = "m" if case.robot.chain.prismatic[j] else "rad"
@@ -82,10 +82,10 @@ def _derivative(case: Case, j: int, offset: float) -> Array:
     q = case.rows.q.copy()
     q[:, j] += offset
     ahead, behind = q.copy(), q.copy()
-    ahead[:, j] += _STEP
-    behind[:, j] -= _STEP
+    ahead[:, j] += _DIFFERENCE_STEP
+    behind[:, j] -= _DIFFERENCE_STEP
     rows = case.rows
     slope = (case.gravity(replace(rows, q=ahead)) - case.gravity(replace(rows, q=behind))) / (
-        2.0 * _STEP
+        2.0 * _DIFFERENCE_STEP
     )
     return np.asarray(slope)[:, :, None]

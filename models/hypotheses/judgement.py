@@ -17,18 +17,18 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 
-SURE = 100.0  # odds at which a log counts as wrong
-RARE = 1.0 / 30.0  # share of logs that are wrong in one of the ways
-RIVAL = 10.0  # odds within which a second hypothesis is named beside the best one
-LEFT = 0.67  # of what the log as it is leaves unexplained, which a fault leaves at most
+SURE_ODDS = 100.0  # odds at which a log counts as wrong
+PRIOR_WRONG_SHARE = 1.0 / 30.0  # share of logs that are wrong in one of the ways
+RIVAL_ODDS = 10.0  # odds within which a second hypothesis is named beside the best one
+MAX_LEFT_SHARE = 0.67  # of what the log as it is leaves unexplained, which a fault leaves at most
 MOST_LOGS = 3
-LASTING = 0.9  # share of a log from which on a contact lasts for all of it
+LASTING_SHARE = 0.9  # share of a log from which on a contact lasts for all of it
 MAX_EXPLAINED = 0.9  # by a log as it is that lacks gravity, or that `identify` refuses
 MIN_IMPLAUSIBLE = 0.05  # share of rows from which on no force at the tool explains a log
 MIN_WITHOUT_CONTACT = 0.10  # share of rows without contact that a log with a contact in it has
 MAX_CONTACT_LEFT = 0.04  # share of rows in contact that a fault leaves in a log without contact
 MIN_FREE, MIN_GAIN = 0.9, 0.2  # share of rows free of error that a fault then leaves, or adds
-UNEXPLAINED = 0.5  # share of rows that are neither free nor touched by a plausible force
+MAX_UNEXPLAINED_SHARE = 0.5  # share of rows that are neither free nor touched by a plausible force
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +54,8 @@ class Judgement:
 
     @property
     def fault(self) -> Explanation | None:
-        """What is wrong with the log at odds of SURE or more; None: nothing."""
-        if self.best is None or self.log_odds[self.best.name] < math.log(SURE):
+        """What is wrong with the log at odds of SURE_ODDS or more; None: nothing."""
+        if self.best is None or self.log_odds[self.best.name] < math.log(SURE_ODDS):
             return None
         return self.best
 
@@ -68,14 +68,14 @@ class Judgement:
             return f"{self.problem()}: {self.remedy()}; until then no reading is valid"
         shares = self.kind_share
         unexplained = shares["odd"] + shares["pressed"]
-        if unexplained > UNEXPLAINED:
+        if unexplained > MAX_UNEXPLAINED_SHARE:
             return (
                 f"the {self.word}s of {100.0 * unexplained:.0f} % of the log fit neither the model "
                 "nor a force at the tool of a plausible size, and none of these explains them: "
                 f"{', '.join(HYPOTHESES)}; check that the log is of this robot and the model of "
                 "this arm, tool and mounting"
             )
-        if shares["touched"] > LASTING:
+        if shares["touched"] > LASTING_SHARE:
             return (
                 f"a force at the tool explains the {self.word}s of nearly the whole log; all else "
                 f"that was tried explains them less ({', '.join(HYPOTHESES)})"
@@ -156,7 +156,7 @@ def refuse_faulty(
             continue
         # Masses of a robot's file may be further off than is assumed: the fit is then to find them.
         implausible = judgement.kind_share["odd"] + judgement.kind_share["pressed"]
-        is_far_off = judgement.explained < MAX_EXPLAINED or implausible > UNEXPLAINED
+        is_far_off = judgement.explained < MAX_EXPLAINED or implausible > MAX_UNEXPLAINED_SHARE
         if model is not None or is_far_off:
             remedy = f"{judgement.remedy()}; --no-check reads the log as it is"
             raise InputError(recording.source, "", judgement.problem(), remedy)
@@ -212,20 +212,22 @@ def judge(case: Case) -> Judgement:
     )
     known = max(known, base)
     log_odds = {
-        one.name: one.log_evidence - (known - math.log(RARE) if one.is_fault else base)
+        one.name: one.log_evidence - (known - math.log(PRIOR_WRONG_SHARE) if one.is_fault else base)
         for one in explanations
     }
     faults = [
         one
         for one in explanations
         if one.is_fault
-        and (one.is_small or 1.0 - one.explained < LEFT * (1.0 - explained) + 1e-9)
+        and (one.is_small or 1.0 - one.explained < MAX_LEFT_SHARE * (1.0 - explained) + 1e-9)
         and stands_beside_contact(one, case.base_fit.kind_share, explained)
     ]
     faults.sort(key=lambda one: -log_odds[one.name])
     best = faults[0] if faults else None
     rival: Explanation | None = None
-    if len(faults) > 1 and log_odds[faults[1].name] > log_odds[faults[0].name] - math.log(RIVAL):
+    if len(faults) > 1 and log_odds[faults[1].name] > log_odds[faults[0].name] - math.log(
+        RIVAL_ODDS
+    ):
         rival = faults[1]
     return Judgement(
         word=case.word,

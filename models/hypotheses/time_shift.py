@@ -12,30 +12,30 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.log_words import DELAY, DRIVES, correction_word
 
 NAME = "time of the drives"
-SMALLEST = 0.025  # s; filters of drives and encoders differ by less
-LARGEST = 1.0  # s
-WINDOWS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0)  # s, of averages
-_COARSE = 0.05  # s, between shifts
+MIN_SHIFT = 0.025  # s; filters of drives and encoders differ by less
+MAX_SHIFT = 1.0  # s
+MEAN_TIMES = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0)  # s, of averages
+_COARSE_STEP = 0.05  # s, between shifts
 
 
 def explain(case: Case) -> Explanation | None:
     """The shift, or the average with its shift, that explains the log best."""
     shift, evidence, sd = _best_shift(case, 0.0)
     window = 0.0
-    for tried in WINDOWS:
+    for tried in MEAN_TIMES:
         if tried < 3.0 * case.rows.step:
             continue
         # An average of what lies before is late by half its window.
         tried_shift, tried_evidence, tried_sd = _best_shift(case, tried, around=shift)
         if tried_evidence - math.log(10.0) > evidence:
             window, shift, evidence, sd = tried, tried_shift, tried_evidence, tried_sd
-    if abs(shift) < SMALLEST and not window:
+    if abs(shift) < MIN_SHIFT and not window:
         return None
     view = _view(case, shift, window)
     fit = case.fit(view)
     # Friction alone follows a reversal late, over some displacement: that is no fault of the log.
     friction_forms = {(shift, window)} | {
-        (shift, wider) for wider in WINDOWS if wider > window > 0.0
+        (shift, wider) for wider in MEAN_TIMES if wider > window > 0.0
     }
     friction_evidence = max(
         case.fit(_friction_view(case, *form)).log_evidence for form in friction_forms
@@ -53,9 +53,9 @@ def explain(case: Case) -> Explanation | None:
             f"log the {word}s without that average, as the positions are; {option} takes the "
             "delay away, but not what the average has lost of fast motion"
         )
-    # The prior of the shift is as wide as LARGEST.
-    volume = math.log(max(sd, 1e-3) * math.sqrt(2.0 * math.pi) / (2.0 * LARGEST))
-    num_forms = 2.0 * len(WINDOWS) if window else 2.0
+    # The prior of the shift is as wide as MAX_SHIFT.
+    volume = math.log(max(sd, 1e-3) * math.sqrt(2.0 * math.pi) / (2.0 * MAX_SHIFT))
+    num_forms = 2.0 * len(MEAN_TIMES) if window else 2.0
     return Explanation(
         name=NAME,
         log_evidence=fit.log_evidence - known + volume - math.log(num_forms),
@@ -80,12 +80,12 @@ def _best_shift(
         return tried[shift]
 
     if around is None:
-        coarse = np.arange(-LARGEST, LARGEST + 1e-9, 2.0 * _COARSE)
+        coarse = np.arange(-MAX_SHIFT, MAX_SHIFT + 1e-9, 2.0 * _COARSE_STEP)
     else:
-        coarse = around + _COARSE * np.arange(-2, 3)
+        coarse = around + _COARSE_STEP * np.arange(-2, 3)
     for shift in coarse:
         score(float(shift))
-    step = _COARSE if around is None else 0.5 * _COARSE
+    step = _COARSE_STEP if around is None else 0.5 * _COARSE_STEP
     while step > 2e-3:
         best = max(tried, key=lambda shift: tried[shift])
         for shift in (best - step, best + step):
@@ -95,12 +95,12 @@ def _best_shift(
     width = 0.02
     left, right = score(best - width), score(best + width)
     curvature = (2.0 * tried[best] - left - right) / width**2
-    sd = 1.0 / math.sqrt(curvature) if curvature > 1e-6 else LARGEST
+    sd = 1.0 / math.sqrt(curvature) if curvature > 1e-6 else MAX_SHIFT
     if curvature > 1e-6:
         vertex = best + 0.5 * (right - left) / (width**2 * curvature)
         if abs(vertex - best) < width:
             best = vertex
-    return float(best), max(tried.values()), min(sd, LARGEST)
+    return float(best), max(tried.values()), min(sd, MAX_SHIFT)
 
 
 def _view(case: Case, shift: float, window: float) -> View:

@@ -10,7 +10,7 @@ from wrenchsight.models.hypotheses.explanation import Explanation
 
 NAME = "current without sign"
 NEGATIVE_SHARE = 0.03  # of a drive's largest value: what the low-pass turns negative
-CLEAR = 2.0  # sds of the model's error, from which the expected sign is known
+MIN_ERROR_SDS = 2.0  # sds of the model's error, from which the expected sign is known
 
 
 def explain(case: Case) -> Explanation | None:
@@ -22,7 +22,7 @@ def explain(case: Case) -> Explanation | None:
     if (effort.min(axis=0) < -NEGATIVE_SHARE * largest).any():
         return None
     expected = base.expected
-    is_negative = expected[case.at] < -CLEAR * base.kinds.sd
+    is_negative = expected[case.at] < -MIN_ERROR_SDS * base.kinds.sd
     if not is_negative.any():
         return None
     view = replace(base, measured=np.abs(base.measured) * np.where(expected < 0.0, -1.0, 1.0))

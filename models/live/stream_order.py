@@ -12,7 +12,11 @@ from typing import NamedTuple
 
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.resampling import DROPOUT_STEPS, ROUNDING, UNIFORM_TOLERANCE
+from wrenchsight.models.recordings.resampling import (
+    DROPOUT_STEPS,
+    TIME_TOLERANCE,
+    UNIFORM_TOLERANCE,
+)
 
 SAY_AGAIN = 1.0  # s between two events of one kind
 # successive samples before the latest one that show that the clock jumped back
@@ -195,7 +199,7 @@ class SampleGrid:
                 yield sample
                 return
             self._is_uniform, self._origin = False, last.t
-        end = sample.t + ROUNDING * h
+        end = sample.t + TIME_TOLERANCE * h
         last_point = math.floor((end - self._origin) / h) + 1
         for k in range(self._next, last_point + 1):
             t = self._origin + h * k

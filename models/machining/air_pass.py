@@ -23,7 +23,7 @@ as the pass showed anywhere. So the sd of the correction is how far it differs f
 whole path, times the departure of the joint's speed from the planned one:
 
     sd = LP(spread departure),   spread^2 = mean over t' of (tau(t') - tau(t))^2
-    departure = |v - v_planned| / max(|v|, |v_planned|, STILL),   at most 1
+    departure = |v - v_planned| / max(|v|, |v_planned|, STILL_SPEED),   at most 1
 
 LP is the observer's low-pass. This was settled on the turns of grinding at 30 s one way in worlds 0
 to 5 of `campaign` with seed 5 and world 5 of seed 0. With the correction's change within 0.3 s as
@@ -45,7 +45,7 @@ from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.robot.robot import Robot
 
 LEAD = 0.5  # s at rest before the motion: the observer settles
-STILL = 2e-3  # rad/s: below it a speed that differs from the planned one hardly moves a joint
+STILL_SPEED = 2e-3  # rad/s: below it a speed that differs from the planned one hardly moves a joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,7 @@ def sample_correction(table: CorrectionTable, feed_time: float, out: CorrectionS
 @kernel
 def departure(v: float, v_planned: float) -> float:
     """How far a joint's speed is from the planned one, 0 to 1; both rad/s."""
-    return min(abs(v - v_planned) / max(abs(v), abs(v_planned), STILL), 1.0)
+    return min(abs(v - v_planned) / max(abs(v), abs(v_planned), STILL_SPEED), 1.0)
 
 
 def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> JointTrajectory:

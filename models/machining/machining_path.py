@@ -21,8 +21,8 @@ from wrenchsight.models.planning.motion.paths import JointTrajectory, steady_spe
 from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.robot.robot import Robot
 
-_STEP = 0.01  # s between the times that the trajectory holds
-_SETTLED = 0.4  # s of even feed, after which joints slide and an observer has settled
+_TIME_STEP = 0.01  # s between the times that the trajectory holds
+_SETTLING_TIME = 0.4  # s of even feed, after which joints slide and an observer has settled
 _MOST_TORQUE = 0.9  # of a drive's limit may be needed at rest
 
 
@@ -117,7 +117,7 @@ def plan_machining(
         joint = robot.joint_names[int(np.argmax(speed / robot.velocity_limit))]
         raise InputError(source, "one_way", f"{settings.one_way:g} s is too fast for {joint}")
     feed_speed = np.abs(feed.ds)
-    steady = _held_for(feed_speed > 0.999 * feed_speed.max(), feed.t, _SETTLED)
+    steady = _held_for(feed_speed > 0.999 * feed_speed.max(), feed.t, _SETTLING_TIME)
     q_start = _start_above(robot, path, q[0], settings.phases.standoff, source)
     return MachiningPath(path, trajectory, feed.s, force.at(feed.s), steady, q_start)
 
@@ -170,7 +170,7 @@ class _Feed(NamedTuple):
 def _time_law(settings: PassSettings) -> _Feed:
     """The feed along the path, there and back `passes` times."""
     one_way = settings.one_way
-    count = max(2, round(one_way / _STEP))
+    count = max(2, round(one_way / _TIME_STEP))
     u = np.arange(count + 1) / count
     law = steady_speed(min(0.5, settings.ramp / one_way))(u)
     parts = []

@@ -54,8 +54,9 @@ FAULT_SENTENCES = {
 }
 PHASE, SINCE, FAULT, BASELINE, ABOVE, LOST, FORCE_THERE = range(7)  # entries of the state
 STATE_SIZE = 7
-RAMP = 0.15  # s, in which an approach or a lift reaches its speed
-_UNTRUSTED = 3.0  # factor of the force limit: at rest an estimate errs by stiction, tens of newtons
+RAMP_TIME = 0.15  # s, in which an approach or a lift reaches its speed
+# factor of the force limit: at rest an estimate errs by stiction, tens of newtons
+_UNTRUSTED_FORCE_RATIO = 3.0
 _BASELINE_TIME = (0.15, 1.0)  # s, before and while contact is looked for
 
 
@@ -149,9 +150,9 @@ def force_controlled(phase: int) -> bool:
 def travelled(t: float, speed: float, distance: float) -> tuple[float, float]:
     """How far (m) and how fast (m/s) t seconds after starting towards `distance`, m.
 
-    The speed rises and falls evenly over RAMP, or less where the distance is short.
+    The speed rises and falls evenly over RAMP_TIME, or less where the distance is short.
     """
-    ramp = min(RAMP, distance / speed)
+    ramp = min(RAMP_TIME, distance / speed)
     end = distance / speed + ramp
     if t <= 0.0:
         return 0.0, 0.0
@@ -168,7 +169,7 @@ def travelled(t: float, speed: float, distance: float) -> tuple[float, float]:
 @kernel
 def travel_time(speed: float, distance: float) -> float:
     """Seconds until `travelled` is at its end."""
-    return distance / speed + min(RAMP, distance / speed)
+    return distance / speed + min(RAMP_TIME, distance / speed)
 
 
 @kernel
@@ -237,7 +238,7 @@ class PhaseInputs(NamedTuple):
         work_duration: s, along the path and back.
         joint_room: smallest distance of a joint from its limits, rad or m.
         is_trusted: whether the feedback can be used now. Else it never reports a lost contact, and
-            only a force of _UNTRUSTED times the limit is too high.
+            only a force of _UNTRUSTED_FORCE_RATIO times the limit is too high.
     """
 
     time_step: float
@@ -268,7 +269,7 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
         if since < travel_time(speed, table[_LIFT]):
             return False
         return _enter(state, Phase.DONE.value, t)
-    bound = table[_MAX_FORCE] * (1.0 if is_trusted else _UNTRUSTED)
+    bound = table[_MAX_FORCE] * (1.0 if is_trusted else _UNTRUSTED_FORCE_RATIO)
     if not force <= bound:  # true for NaN as well
         return _retreat(state, Fault.OVER_FORCE.value, t)
     if joint_room < table[_JOINT_MARGIN]:

@@ -45,7 +45,7 @@ from wrenchsight.models.machining.tool_vibration import vibration_shares
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
-_REST = 2e-3  # m/s, below which the direction of the feed fades
+_REST_SPEED = 2e-3  # m/s, below which the direction of the feed fades
 # Entries of MachiningProcess.table.
 _RATIO, _EXPONENT, _REFERENCE, _LAG, _OMEGA, _UNBALANCE, _VIBRATION = range(7)
 
@@ -166,7 +166,7 @@ def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) 
         normal_force: N, between tool and workpiece.
         feed: (3,) m/s, tangential velocity of the tool, lagged.
     """
-    speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST * _REST)
+    speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST_SPEED * _REST_SPEED)
     size = table[_RATIO] * normal_force * (speed / table[_REFERENCE]) ** table[_EXPONENT]
     for i in range(3):
         force[i] = -size * feed[i] / speed
@@ -222,7 +222,7 @@ def advance_varying_process(
     """
     advance_process(table, tick.time_step, tick.contact, tick.V_WE, state)
     feed = state[FEED]
-    speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST * _REST)
+    speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST_SPEED * _REST_SPEED)
     sample = CuttingSample(
         tick.t + tick.time_step, state[NORMAL_FORCE], state[NORMAL], feed / speed, tick.p_WE
     )

@@ -53,7 +53,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
 NUM_WAVES = 24  # of a field
-_REACH = 8  # entries of the memory of chatter before its first turn
+_MEMORY_ENTRIES = 8  # entries of the memory of chatter before its first turn
 
 # Entries of ProcessVariations.table.
 (
@@ -249,7 +249,7 @@ class ProcessVariations:
         self.patches = plane_waves(material, 1.0, m.shortest, m.longest)
         self.pose = np.vstack([contact.R_WP, contact.p_WP])
         self.ends = np.ascontiguousarray(contact.ends, dtype=np.float64)
-        self.memory_size = _TRACE + math.ceil(turn) + _REACH if chatter.ratio > 0.0 else 0
+        self.memory_size = _TRACE + math.ceil(turn) + _MEMORY_ENTRIES if chatter.ratio > 0.0 else 0
 
     @property
     def tables(self) -> VariationTables:

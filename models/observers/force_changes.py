@@ -23,7 +23,7 @@ The evidence for this is lambda^T Lambda^-1 lambda / 2 with the parts of p. It i
 with d^T (1 + S)^-1 d / 2, given the number of parameters that each fits (Akaike, IEEE TAC 19(6),
 1974). Where it is greater within the shortest of CHANGE_TIMES, F is not changed.
 
-The next pass sees the remaining changes, as one beside a larger one. At most PASSES - 1 times
+The next pass sees the remaining changes, as one beside a larger one. At most NUM_PASSES - 1 times
 changes are added. A log without any is read in one pass.
 """
 
@@ -51,7 +51,7 @@ from wrenchsight.models.observers.kalman_kernels import JUMP_F, PERIOD, START_F,
 from wrenchsight.models.observers.kalman_observer import CHANGE_ODDS, CHANGE_TIMES
 from wrenchsight.models.observers.observer import V
 
-PASSES = 4
+NUM_PASSES = 4
 
 
 class IntervalReading(NamedTuple):
@@ -146,7 +146,7 @@ class IntervalSmoother:
         """
         changes = np.zeros(len(signals))
         reading, next_start = self.smoothed(signals, J, changes, num_ready)
-        for _ in range(PASSES - 1):
+        for _ in range(NUM_PASSES - 1):
             new_changes = likely_changes(reading.evidence, self._search)
             if not new_changes.any():
                 break

@@ -21,8 +21,8 @@ import numpy as np
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
-SHARE = 3.0 * (1.0 - 0.25 * np.pi)
-_ROWS = 7  # of the state: LP_omega of the wrench, then LP_omega(g g^T)
+LAG_POWER_SHARE = 3.0 * (1.0 - 0.25 * np.pi)
+_NUM_ROWS = 7  # of the state: LP_omega of the wrench, then LP_omega(g g^T)
 
 
 class LagPower:
@@ -38,7 +38,7 @@ class LagPower:
         omega = 2.0 * np.pi * force_bandwidth_hz
         self._pole = float(np.exp(-omega * time_step))
         self._factor = 0.0 if K_0 is None else omega / K_0
-        self._state = np.zeros((_ROWS, 6))
+        self._state = np.zeros((_NUM_ROWS, 6))
         self._state[0] = np.nan
 
     def add(self, wrench: Array, noise: Array, covariance: Array) -> None:
@@ -73,4 +73,4 @@ def lag_power_log(
             for j in range(6):
                 entry = pole * state[1 + i, j] + (1.0 - pole) * lateness[i] * lateness[j]
                 state[1 + i, j] = entry
-                covariance[k, i, j] += entry / SHARE
+                covariance[k, i, j] += entry / LAG_POWER_SHARE

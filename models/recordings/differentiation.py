@@ -24,7 +24,7 @@ mrad/s on a UR10e at 100 Hz, about the noise of the latter, and by 0.05 of 11.5 
 TX40 at full speed."""
 _LEAST_HALF_WINDOW = 4  # samples: a cubic through fewer repeats the encoder's steps
 LEAST_WINDOW = 2 * _LEAST_HALF_WINDOW + 1
-_CUBIC = 3
+_SPLINE_DEGREE = 3
 
 
 def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
@@ -86,5 +86,5 @@ def _velocities(part: Recording, half: int) -> Array:
 def _weights(m: int) -> Array:
     """(2 m + 1,) c, the slope's weights in the least-squares cubic (of lower degree for m = 1)."""
     i = np.arange(-m, m + 1.0)
-    powers = np.vander(i / m, min(_CUBIC, 2 * m) + 1, increasing=True)
+    powers = np.vander(i / m, min(_SPLINE_DEGREE, 2 * m) + 1, increasing=True)
     return np.asarray(np.linalg.pinv(powers)[1])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.robot.limited_child import limit_process
 
-MEMORY: Final = 3 << 30  # bytes of addresses, of which the libraries take a third
+MEMORY_LIMIT: Final = 3 << 30  # bytes of addresses, of which the libraries take a third
 _MOST_DEPTH: Final = 4  # of structures within structures
 
 
@@ -37,7 +37,7 @@ def _numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, NDArray[A
 
 
 if __name__ == "__main__":
-    limit_process(MEMORY)
+    limit_process(MEMORY_LIMIT)
     try:
         arrays: dict[str, Any] = dict(variables(sys.argv[1]))
         buffer = io.BytesIO()

@@ -25,8 +25,8 @@ from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.robot.limited_child import run_limited
 
 _LARGEST_FILE: Final = 1 << 29  # bytes; a file is read whole
-_HEADER: Final = 128  # bytes before the first variable
-_COMPRESSED: Final = 15  # type of a variable that is compressed
+_HEADER_BYTES: Final = 128  # bytes before the first variable
+_COMPRESSED_TYPE: Final = 15  # type of a variable that is compressed
 _MOST_VARIABLES: Final = 10_000
 _CHILD: Final = "wrenchsight.models.recordings.mat_child"
 
@@ -54,7 +54,7 @@ class MatTable(NpzTable):
 
     def _array_shapes(self) -> dict[str, tuple[int, ...]]:
         with opened(self.path, "a log") as file:
-            head = file.read(_HEADER)
+            head = file.read(_HEADER_BYTES)
         if not head:
             raise InputError(self.path, "", "is empty", "record the log again")
         if head[:8] == b"\x89HDF\r\n\x1a\n" or b"MATLAB 7.3" in head[:20]:
@@ -93,17 +93,17 @@ def _refuse_large(content: bytes) -> None:
         ValueError: they do, or the file is damaged.
     """
     order = ">" if content[126:128] == b"MI" else "<"
-    place, unpacked, count = _HEADER, 0, 0
+    place, unpacked, count = _HEADER_BYTES, 0, 0
     while place + 8 <= len(content) and count < _MOST_VARIABLES:
         kind, size = struct.unpack_from(f"{order}II", content, place)
         data = memoryview(content)[place + 8 : place + 8 + size]
-        if kind == _COMPRESSED:
+        if kind == _COMPRESSED_TYPE:
             unpacker, rest = zlib.decompressobj(), bytes(data)
             while rest and not unpacker.eof:
                 unpacked += len(unpacker.decompress(rest, 1 << 20))
                 refuse_ratio(unpacked, len(content))
                 rest = unpacker.unconsumed_tail
-        place += 8 + size + (0 if kind == _COMPRESSED else -size % 8)
+        place += 8 + size + (0 if kind == _COMPRESSED_TYPE else -size % 8)
         count += 1
 
 

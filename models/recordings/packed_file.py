@@ -13,7 +13,7 @@ from wrenchsight.models.files.limited_file import opened
 
 _LARGEST_FILE: Final = 1 << 28  # bytes of a decompressed file, or
 _LARGEST_RATIO: Final = 50  # times its compressed size, whichever is more
-_BLOCK: Final = 1 << 20
+_BLOCK_BYTES: Final = 1 << 20
 
 
 def refuse_ratio(size: int, packed: int) -> None:
@@ -90,7 +90,7 @@ class UnpackedFile:
                 self.path.open("wb") as target,
                 _UNPACKERS[path.suffix.lower()](raw) as source,
             ):
-                while block := source.read(_BLOCK):
+                while block := source.read(_BLOCK_BYTES):
                     unpacked += len(block)
                     refuse_ratio(unpacked, packed)
                     target.write(block)

@@ -5,11 +5,11 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array
 
-_LARGEST = 1e-2  # rad (m); larger changes are jumps, no rounding
-_SMALLEST = 1e-9  # rad (m); smaller changes are the rounding of a float64, no encoder's step
-_FEWEST = 50  # changes from which a step is found
-_SHARE = 0.99  # of the changes that must be multiples of the step
-_TOLERANCE = 0.02  # of a step: numbers in a text file are rounded themselves
+_MAX_STEP = 1e-2  # rad (m); larger changes are jumps, no rounding
+_MIN_STEP = 1e-9  # rad (m); smaller changes are the rounding of a float64, no encoder's step
+_MIN_CHANGES = 50  # changes from which a step is found
+_MULTIPLES_SHARE = 0.99  # of the changes that must be multiples of the step
+_STEP_TOLERANCE = 0.02  # of a step: numbers in a text file are rounded themselves
 
 
 def position_resolution(q: ArrayLike) -> Array:
@@ -27,17 +27,17 @@ def position_resolution(q: ArrayLike) -> Array:
 
 def _step(changes: Array) -> float:
     """The step of a joint; 0 if it has none, NaN if there are too few changes."""
-    moved = changes[np.isfinite(changes) & (changes > _SMALLEST)]
-    if len(moved) < _FEWEST:
+    moved = changes[np.isfinite(changes) & (changes > _MIN_STEP)]
+    if len(moved) < _MIN_CHANGES:
         return float("nan")
     smallest = float(moved.min())
     # A joint that moves fast may never change by a single step.
     for parts in (1, 2, 3):
         step = _refined(moved, smallest / parts)
         multiples = moved / step
-        is_multiple = np.abs(multiples - np.round(multiples)) <= _TOLERANCE
+        is_multiple = np.abs(multiples - np.round(multiples)) <= _STEP_TOLERANCE
         # Of a wrong step only 4 % of the changes are near a multiple.
-        if step <= _LARGEST and float(np.mean(is_multiple)) >= _SHARE:
+        if step <= _MAX_STEP and float(np.mean(is_multiple)) >= _MULTIPLES_SHARE:
             return step
     return 0.0
 

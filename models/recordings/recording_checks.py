@@ -20,11 +20,11 @@ from wrenchsight.models.recordings.recording import Recording, concatenated, pla
 from wrenchsight.models.recordings.recording_format import ColumnLayout
 from wrenchsight.models.robot.robot import Robot
 
-_DEGREE = np.pi / 180
+_RAD_PER_DEGREE = np.pi / 180
 _LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little
 _CERTAINLY_DEGREES = 4 * np.pi  # rad; no joint turns twice about itself
 _SPEED_MARGIN = 2.0  # times the velocity limit
-_FASTEST = 20.0  # rad/s or m/s, where the robot states no limit
+_MAX_SPEED = 20.0  # rad/s or m/s, where the robot states no limit
 _JUMP_MARGIN = 0.1  # rad or m beyond what twice the velocity limit allows
 _WINDOW_S = 0.1  # over which the integral of v is compared with the change of q
 _LEAST_MOTION = 2e-3  # rad or m in a window: noise of an encoder at rest stays below
@@ -32,7 +32,8 @@ _LEAST_WINDOWS = 10
 _LEAST_WINDOWS_FAR_OFF = 3  # where q or v of one joint stands still, or of all joints is far off
 _FAR_OFF = 5.0  # times
 _FEW_WINDOWS_MOTION = 1e-2  # rad or m a window, on average, from which fewer windows suffice
-_UNEXPLAINED = 0.2  # of the squares: a delay of 30 ms at 2.4 Hz; measured on real logs: 0.007
+# of the squares: a delay of 30 ms at 2.4 Hz; measured on real logs: 0.007
+_MAX_UNEXPLAINED_SHARE = 0.2
 _WINDOWS_OF_SHORT = 5  # in a log of less than half a second, where _WINDOW_S gives fewer
 _SHORTEST_WINDOW_S = 0.05
 _LEAST_CORRELATION = 0.7  # measured on real logs: 0.99; a delay of 30 ms at 3 Hz gives 0.84
@@ -41,8 +42,8 @@ _GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
 _LEAST_GRAVITY_SAMPLES = 50
 _COUNT_SPREAD = 16  # whole numbers apart, from which positions look like counts of an encoder
 _SCALES = (
-    (1 / _DEGREE, "the positions look like degrees: set position: {unit: deg}"),
-    (_DEGREE, "the velocities look like degrees per second: set velocity: {unit: deg/s}"),
+    (1 / _RAD_PER_DEGREE, "the positions look like degrees: set position: {unit: deg}"),
+    (_RAD_PER_DEGREE, "the velocities look like degrees per second: set velocity: {unit: deg/s}"),
     (1e3, "positions and velocities do not share a unit (mm and m?)"),
     (1e-3, "positions and velocities do not share a unit (m/s and mm/s?)"),
     (-1.0, "the velocity has the opposite sign: set gain: [-1] for one of them"),
@@ -135,7 +136,7 @@ class RecordingChecks:
 
     def _check_jumps(self, part: Recording) -> None:
         jump = np.diff(part.q, axis=0)
-        fastest = np.minimum(self._robot.velocity_limit, _FASTEST)
+        fastest = np.minimum(self._robot.velocity_limit, _MAX_SPEED)
         reach = _SPEED_MARGIN * fastest * np.diff(part.t)[:, None]
         k, j = _first_place(np.abs(jump) > reach + _JUMP_MARGIN)
         if k < 0:
@@ -180,7 +181,7 @@ class RecordingChecks:
         low, high = _VELOCITY_RATIO
         follows = (cosine >= _LEAST_CORRELATION) & (low <= ratio) & (ratio <= high)
         moves_far = may_judge & (larger > count * _FEW_WINDOWS_MOTION**2)
-        is_unexplained = xx - 2.0 * self._motion.xy + yy > _UNEXPLAINED * larger
+        is_unexplained = xx - 2.0 * self._motion.xy + yy > _MAX_UNEXPLAINED_SHARE * larger
         wrong = np.flatnonzero(np.where(is_enough, ~follows, moves_far & is_unexplained))
         if not len(wrong):
             return

@@ -22,7 +22,7 @@ from wrenchsight.models.recordings.recording import Recording, concatenated, pla
 
 UNIFORM_TOLERANCE = 0.01  # of the step
 DROPOUT_STEPS = 1.75  # a longer step misses a sample; jitter stays below in logs of real robots
-ROUNDING = 1e-3  # of the step; UNIX time in a double is a multiple of 0.24 us
+TIME_TOLERANCE = 1e-3  # of the step; UNIX time in a double is a multiple of 0.24 us
 MAX_GAP_S = 0.1  # at 1 rad/s^2 the interpolated q is then off by at most 1.3 mrad
 MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow logs
 STEP_SAMPLES = 1 << 16  # at the beginning of a log, whose median step is the log's
@@ -162,7 +162,7 @@ class _Grid:
     def _interpolated(self, part: Recording, steps: Array) -> Recording:
         """The part at its grid points in (t[0] + r, t[-1] + r], with r the rounding error of t."""
         h = self._step
-        bounds = part.t + ROUNDING * h
+        bounds = part.t + TIME_TOLERANCE * h
         last_point = int(np.floor((bounds[-1] - self._origin) / h)) + 1
         num_points = last_point - self._next_point
         if num_points > _MOST_POINTS:

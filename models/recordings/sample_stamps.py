@@ -11,7 +11,7 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.resampling import COARSE_CLOCK, LONGEST_BRIDGE, time_error
 
-_HISTORY = 512  # samples before a repeat among which its first copy is looked for
+_HISTORY_SAMPLES = 512  # samples before a repeat among which its first copy is looked for
 
 
 class StampFilter:
@@ -60,7 +60,7 @@ class StampFilter:
         history = self._history
         is_later = history is None or bool(chunk.t[0] > history.t[-1])
         if is_later and (np.diff(chunk.t) > 0.0).all():
-            self._history = chunk[-_HISTORY:]
+            self._history = chunk[-_HISTORY_SAMPLES:]
             return chunk
         part = chunk if history is None else concatenated([history, chunk])
         begin = 0 if history is None else history.num_samples
@@ -76,7 +76,7 @@ class StampFilter:
                 is_kept[k] = False
                 self.num_repeated += 1
             chunk = part[is_kept & (np.arange(part.num_samples) >= begin)]
-        self._history = part[is_kept][-_HISTORY:]
+        self._history = part[is_kept][-_HISTORY_SAMPLES:]
         return chunk
 
     def rest(self) -> Recording | None:
@@ -108,7 +108,7 @@ class StampFilter:
 
     @staticmethod
     def _is_repeat(part: Recording, signals: Array, is_kept: Flags, k: int) -> bool:
-        begin = max(0, k - _HISTORY)
+        begin = max(0, k - _HISTORY_SAMPLES)
         same_stamp = begin + np.flatnonzero((part.t[begin:k] == part.t[k]) & is_kept[begin:k])
         return any(np.array_equal(signals[i], signals[k], equal_nan=True) for i in same_stamp)
 

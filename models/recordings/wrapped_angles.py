@@ -8,9 +8,9 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-_TURN = 2.0 * np.pi
-_REACH = 0.5 * np.pi  # rad, by which a jump may differ from a turn where no limit is known
-_MARGIN = 0.1  # rad beyond what twice the velocity limit allows
+_FULL_TURN = 2.0 * np.pi
+_TURN_TOLERANCE = 0.5 * np.pi  # rad, by which a jump may differ from a turn where no limit is known
+_JUMP_MARGIN = 0.1  # rad beyond what twice the velocity limit allows
 
 
 class Unwrapper:
@@ -49,12 +49,14 @@ class Unwrapper:
         if self._last is not None:
             t, q = np.append(self._last[0], t), np.vstack([self._last[1], q])
         jump = np.diff(q, axis=0)
-        turns = np.rint(jump / _TURN)
-        is_wrap = (np.abs(jump) > np.pi) & (np.abs(jump - _TURN * turns) <= self._reach(np.diff(t)))
+        turns = np.rint(jump / _FULL_TURN)
+        is_wrap = (np.abs(jump) > np.pi) & (
+            np.abs(jump - _FULL_TURN * turns) <= self._reach(np.diff(t))
+        )
         if self._robot is not None and hasattr(self._robot, "chain"):
             is_wrap &= ~np.asarray(self._robot.chain.prismatic, bool)
         turns = np.where(is_wrap, turns, 0.0)
-        offset = self._offset - _TURN * np.cumsum(turns, axis=0)
+        offset = self._offset - _FULL_TURN * np.cumsum(turns, axis=0)
         if self._last is None:
             offset = np.vstack([self._offset, offset])
         self._last = float(chunk.t[-1]), chunk.q[-1]
@@ -67,9 +69,9 @@ class Unwrapper:
         if self._is_stated:
             return np.full((len(steps), 1), np.pi)
         if self._robot is None or not hasattr(self._robot, "velocity_limit"):
-            return np.full((len(steps), 1), _REACH)
+            return np.full((len(steps), 1), _TURN_TOLERANCE)
         limit = np.minimum(self._robot.velocity_limit, 20.0)
-        return np.minimum(2.0 * limit * steps[:, None] + _MARGIN, _REACH)
+        return np.minimum(2.0 * limit * steps[:, None] + _JUMP_MARGIN, _TURN_TOLERANCE)
 
     def notice(self) -> tuple[str, ...]:
         """What was found, as one sentence."""

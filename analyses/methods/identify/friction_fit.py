@@ -54,17 +54,17 @@ from wrenchsight.models.numerics.ties import TIE_TOLERANCE, first_of_least
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
-DISPLACEMENTS = (3e-5, 5e-5, 7e-5, 1e-4, 1.4e-4, 2e-4, 3e-4, 5e-4, 1e-3)  # rad or m
+DISPLACEMENT_CHOICES = (3e-5, 5e-5, 7e-5, 1e-4, 1.4e-4, 2e-4, 3e-4, 5e-4, 1e-3)  # rad or m
 STRIBECK_VELOCITIES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # rad/s or m/s
 LOAD_PASSES = 3
 HUBER_PASSES = 4
-STRETCHES = 3  # of a single log, to hold out one by one
+NUM_STRETCHES = 3  # of a single log, to hold out one by one
 REST_WEIGHT = 0.01  # of the squared residuals of a joint that rests in a whole log
-HUBER = 3.0  # scales of the residual from which it counts linearly, no longer squared
+HUBER_SCALES = 3.0  # scales of the residual from which it counts linearly, no longer squared
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class LawSolution:
     """The parameters of a fitted model.
 
     Attributes:
@@ -160,7 +160,7 @@ class FrictionFit:
     selection: str = SELECTIONS[0]
     weights: Sequence[Array] | None = None
     groups: Sequence[int] | None = None
-    stretches: int = STRETCHES
+    stretches: int = NUM_STRETCHES
     resting: Sequence[Flags] | None = None
     _columns_of_log: dict[int, _LogColumns] = field(default_factory=dict, repr=False)
 
@@ -196,7 +196,7 @@ class FrictionFit:
         rates = self.robot.chain.motor_rates
         return x @ rates.T if rates.size else x
 
-    def fit(self, structure: FrictionStructure, chosen: Sequence[int] | None = None) -> Solution:
+    def fit(self, structure: FrictionStructure, chosen: Sequence[int] | None = None) -> LawSolution:
         """Returns the model fitted on the folds `chosen` (all for None).
 
         A load coefficient outside [0, LARGEST_LOAD] is no property of a gear: the joint's term
@@ -219,7 +219,7 @@ class FrictionFit:
             solution = self._solve(structure.without("load"), None, chosen)
         return self._made_consistent(solution, chosen) if self.consistent else solution
 
-    def _made_consistent(self, solution: Solution, chosen: Sequence[int] | None) -> Solution:
+    def _made_consistent(self, solution: LawSolution, chosen: Sequence[int] | None) -> LawSolution:
         structure = solution.structure
         factors = self.factors(solution)
         selected = factors if chosen is None else [factors[k] for k in chosen]
@@ -231,12 +231,12 @@ class FrictionFit:
         values = solution.base.combination @ result.x
         return replace(solution, x=result.x, estimate=replace(solution.estimate, values=values))
 
-    def factors(self, solution: Solution) -> list[TorqueFactors]:
+    def factors(self, solution: LawSolution) -> list[TorqueFactors]:
         """The reduced rows of each fold, with the solution's friction columns."""
         columns = self.columns(solution.structure, self.loads(solution))
         return self._fold_factors(columns, self.weights)
 
-    def loads(self, solution: Solution) -> list[Array]:
+    def loads(self, solution: LawSolution) -> list[Array]:
         """The rigid-body torque of each log, (N, n) N m, as the motors feel it."""
         inertial, rotor, _ = solution.parts()
         chain: SerialChain = self.robot.chain.with_inertial_parameters(inertial, rotor)
@@ -307,7 +307,7 @@ class FrictionFit:
         has_speed = structure.has("stribeck")
         for _ in range(2 if elastic and has_speed else 1):
             if elastic:
-                structure = self._sweep(structure, "displacement", DISPLACEMENTS, loads)
+                structure = self._sweep(structure, "displacement", DISPLACEMENT_CHOICES, loads)
             if has_speed:
                 structure = self._sweep(structure, "stribeck_velocity", STRIBECK_VELOCITIES, loads)
         structure = self.fit(structure).structure
@@ -351,7 +351,7 @@ class FrictionFit:
         structure: FrictionStructure,
         loads: Sequence[Array] | None,
         chosen: Sequence[int] | None,
-    ) -> Solution:
+    ) -> LawSolution:
         factors = self._fold_factors(self.columns(structure, loads), self.weights)
         names = parameter_names(self.robot.joint_names, structure.terms)
         base = find_base_parameters(np.vstack([f.regressor for f in factors]), names)
@@ -359,7 +359,7 @@ class FrictionFit:
         estimate = solve(selected, base, self.num_passes, self.oversampling)
         counts = [len(terms) for terms in structure.terms]
         x = realisation(self.robot, base, estimate.values, counts)
-        return Solution(structure, base, estimate, x, tuple(names))
+        return LawSolution(structure, base, estimate, x, tuple(names))
 
     def _fold_factors(
         self, columns: list[list[Array]], weights: Sequence[Array] | None
@@ -381,7 +381,7 @@ class FrictionFit:
     def reweighed(self, structure: FrictionStructure) -> "FrictionFit":
         """Returns the same fit with the weights that iteration with this structure finds.
 
-        They are Huber's, min(1, HUBER s / |r|), and begin at the weights that this fit has.
+        They are Huber's, min(1, HUBER_SCALES s / |r|), and begin at the weights that this fit has.
 
         s is 1.4826 times the joint's median absolute residual. Huber's and not Tukey's loss: the
         torque at reversals that no friction law explains lies far outside the bulk, too. Tukey's
@@ -399,7 +399,7 @@ class FrictionFit:
                 for regression, log_columns in zip(self.regressions, columns, strict=True)
             ]
             scale = 1.4826 * np.median(np.abs(np.vstack(residuals)), axis=0)
-            limit = HUBER * np.maximum(scale, 1e-9)
+            limit = HUBER_SCALES * np.maximum(scale, 1e-9)
             weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
             result = replace(result, weights=self._with_rests(weights))
         return result

@@ -5,11 +5,12 @@ samples with |v| <= v_crit. Outside it the velocity law holds; a correction clos
 the two at +-v_crit (wrenchsight.models.friction.velocity_friction).
 
 The rule for v_crit, joint by joint: the samples' deviation from the law, counted positive against
-the motion, is averaged over `BINS` ranges of |v| with as many samples each. v_crit is the speed at
-which the average first changes its sign: below it the law is off to one side, there it meets the
-data. Slower than `REST` of the highest speed is rest: a joint that rests carries any torque up to
-its stiction, which shows nothing of the law. v_crit lies between `LEAST` and `MOST` of that speed,
-and reaches as far within them as the fewest samples that training needs.
+the motion, is averaged over `NUM_BINS` ranges of |v| with as many samples each. v_crit is the speed
+at which the average first changes its sign: below it the law is off to one side, there it meets the
+data. Slower than `REST_SPEED_SHARE` of the highest speed is rest: a joint that rests carries any
+torque up to its stiction, which shows nothing of the law. v_crit lies between `MIN_SPEED_SHARE` and
+`MAX_SPEED_SHARE` of that speed, and reaches as far within them as the fewest samples that training
+needs.
 """
 
 from collections.abc import Iterator
@@ -26,13 +27,13 @@ from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
-BINS = 40
-REST = 0.002  # of the highest speed
-LEAST, MOST = 0.01, 0.5  # of the highest speed
-FEWEST = 40  # samples in the band of each joint, and ten in each direction
+NUM_BINS = 40
+REST_SPEED_SHARE = 0.002  # of the highest speed
+MIN_SPEED_SHARE, MAX_SPEED_SHARE = 0.01, 0.5  # of the highest speed
+MIN_BAND_SAMPLES = 40  # samples in the band of each joint, and ten in each direction
 MOST_SAMPLES = 600  # of a joint that are trained on; more add nothing
 HELD_OUT = 0.2
-NEURONS = 10
+NUM_NEURONS = 10
 LEAST_RATE = 1e-4  # of Adam, at the last step
 _SAME_SPEED = 1e-9  # relative
 
@@ -79,7 +80,7 @@ def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
         if not len(speed):
             out[j] = 0.0  # the caller reports the empty band
             continue
-        edges = _between_speeds(speed, min(BINS, len(speed)))
+        edges = _between_speeds(speed, min(NUM_BINS, len(speed)))
         means = np.array([deviation[a:b].mean() for a, b in pairwise(edges)])
         middle = 0.5 * (speed[edges[:-1]] + speed[edges[1:] - 1])
         other = means * means[0] <= 0.0
@@ -92,10 +93,12 @@ def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
         else:
             crossing = speed[-1]
         directions = (speed[v[use, j][order] * sign > 0.0] for sign in (1.0, -1.0))
-        enough = [speeds[FEWEST // 4 - 1 : FEWEST // 4] for speeds in directions]
-        enough.append(speed[FEWEST - 1 : FEWEST])
-        least = max(LEAST * speed[-1], *np.concatenate(enough))
-        most = MOST * speed[-1]  # with fewer samples below that, the caller reports them
+        enough = [
+            speeds[MIN_BAND_SAMPLES // 4 - 1 : MIN_BAND_SAMPLES // 4] for speeds in directions
+        ]
+        enough.append(speed[MIN_BAND_SAMPLES - 1 : MIN_BAND_SAMPLES])
+        least = max(MIN_SPEED_SHARE * speed[-1], *np.concatenate(enough))
+        most = MAX_SPEED_SHARE * speed[-1]  # with fewer samples below that, the caller reports them
         out[j] = np.clip(crossing, min(least, most), most)
     return out
 
@@ -182,19 +185,19 @@ def train_networks(
 def _moves(v: Array) -> NDArray[np.bool_]:
     speed = np.abs(v)
     highest = np.nanmax(speed, initial=0.0)
-    return np.asarray(np.isfinite(v) & (speed > REST * highest) & (speed > 0.0))
+    return np.asarray(np.isfinite(v) & (speed > REST_SPEED_SHARE * highest) & (speed > 0.0))
 
 
 def _band(v: Array, torque: Array, v_crit: float, name: str) -> NDArray[np.intp]:
     inside = np.isfinite(torque) & _moves(v) & (np.abs(v) <= v_crit)
     rows = np.flatnonzero(inside)
     forth, back = int((v[rows] > 0.0).sum()), int((v[rows] < 0.0).sum())
-    if len(rows) < FEWEST or min(forth, back) < FEWEST // 4:
+    if len(rows) < MIN_BAND_SAMPLES or min(forth, back) < MIN_BAND_SAMPLES // 4:
         raise InputError(
             "friction training",
             name,
             f"{len(rows)} samples with |v| <= {v_crit:.3g} rad/s ({forth} forth, {back} back), "
-            f"{FEWEST} or more are needed, {FEWEST // 4} each way",
+            f"{MIN_BAND_SAMPLES} or more are needed, {MIN_BAND_SAMPLES // 4} each way",
             "record slow motion of this joint in both directions",
         )
     return rows
@@ -238,15 +241,15 @@ def _descend(
     n = len(x)
     draw = np.random.default_rng(config.seed + 1)
     # Kinks spread over the band, from as wide as it to as steep as the jump at zero velocity.
-    steepness = np.exp(draw.uniform(np.log(2.0), np.log(60.0), (n, NEURONS)))
+    steepness = np.exp(draw.uniform(np.log(2.0), np.log(60.0), (n, NUM_NEURONS)))
     steepness[:, 0] = config.steepest
     start = [
-        steepness * draw.choice([-1.0, 1.0], (n, NEURONS)),
-        np.zeros((n, NEURONS)),
-        0.3 * draw.normal(size=(n, NEURONS)),
+        steepness * draw.choice([-1.0, 1.0], (n, NUM_NEURONS)),
+        np.zeros((n, NUM_NEURONS)),
+        0.3 * draw.normal(size=(n, NUM_NEURONS)),
         np.zeros(n),
     ]
-    start[1] = start[0] * draw.uniform(-1.0, 1.0, (n, NEURONS)) * (0.0 if config.odd else 1.0)
+    start[1] = start[0] * draw.uniform(-1.0, 1.0, (n, NUM_NEURONS)) * (0.0 if config.odd else 1.0)
     start[1][:, 0] = 0.0  # one jump is at zero
     parameters = [torch.tensor(a, dtype=torch.float64, requires_grad=True) for a in start]
     X, Z, T, H = (torch.tensor(a, dtype=torch.float64) for a in (x, z, train, held))

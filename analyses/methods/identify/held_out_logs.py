@@ -20,8 +20,9 @@ from wrenchsight.models.identification.torque_regression import TorqueFactors
 from wrenchsight.models.numerics.arrays import Array, Flags
 
 LARGEST_ERROR = 1.0  # of a joint's RMS torque: a prediction that is off by more says nothing
-_UNDETERMINED = 1e-7  # singular value, relative to the largest; as `base_parameters.RANK_TOLERANCE`
-_USED = 1e-3  # part of a fold's rows along such a direction, from which it counts
+# singular value, relative to the largest; as `base_parameters.RANK_TOLERANCE`
+_RANK_TOLERANCE = 1e-7
+_MIN_USED_SHARE = 1e-3  # part of a fold's rows along such a direction, from which it counts
 _LAW = "coulomb-viscous-offset"  # the least that every law has
 
 
@@ -119,12 +120,12 @@ def _error_of_fold(
     _, s, directions = svd(A / length, full_matrices=True)
     singular = np.zeros(len(columns))
     singular[: len(s)] = s
-    is_determined = singular > _UNDETERMINED * singular.max()
+    is_determined = singular > _RANK_TOLERANCE * singular.max()
     errors = np.empty(len(fold.R))
     for j, weighed in enumerate(_weighed(fold, columns, sd)):
         along = weighed / length @ directions.T
         size = np.linalg.norm(along)
-        if np.linalg.norm(along[:, ~is_determined]) > _USED * size:
+        if np.linalg.norm(along[:, ~is_determined]) > _MIN_USED_SHARE * size:
             errors[j] = np.inf
             continue
         error = np.linalg.norm(along[:, is_determined] / singular[is_determined])

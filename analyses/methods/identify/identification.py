@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, Solution
+from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, LawSolution
 from wrenchsight.analyses.methods.identify.held_out_logs import held_out_test
 from wrenchsight.analyses.methods.identify.identification_checks import (
     contradictions,
@@ -134,7 +134,7 @@ class IdentificationResult:
     law: str
     held_out: dict[str, Array]
     extrapolated: dict[str, tuple[Array, ...]]
-    solution: Solution
+    solution: LawSolution
     robot: Robot
     notices: tuple[str, ...] = ()
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, Solution
+from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, LawSolution
 from wrenchsight.analyses.methods.identify.low_passed_logs import LowPassedLog
 from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit, pooled_rmse, rms
 from wrenchsight.models.identification.base_parameters import BaseParameters, triangular_factor
@@ -124,7 +124,7 @@ def payload_differences(
 POOR_FIT = 0.5  # share of a joint's torque that stays unexplained
 PAYLOAD_DIFFERENCE = 0.3  # kg between logs; on the UR10e's unloaded runs 0.01
 GAIN_DIFFERENCE = 0.2  # of 1; on the UR10e with plain friction up to 0.1 with right constants
-SURE = 6.0  # standard deviations; many, as these do not cover errors of the model's structure
+SURE_SDS = 6.0  # standard deviations; many, as these do not cover errors of the model's structure
 NO_FRICTION = 0.005  # of a joint's torque: friction below that is none, of whichever sign
 HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
 
@@ -148,7 +148,7 @@ def repeated_logs(recordings: Sequence[Recording], validation: Sequence[Recordin
 
 def contradictions(
     problem: FrictionFit,
-    solution: Solution,
+    solution: LawSolution,
     runs: Sequence[LowPassedLog],
     robot: Robot,
     of_torque: bool = False,
@@ -163,7 +163,7 @@ def contradictions(
     if len(runs) > 1:
         masses, sds = payload_differences(factors, solution.x, sd, problem.oversampling)
         spread, uncertainty = np.ptp(masses), np.sqrt(2.0) * sds.max()
-        if spread > max(PAYLOAD_DIFFERENCE, SURE * uncertainty):
+        if spread > max(PAYLOAD_DIFFERENCE, SURE_SDS * uncertainty):
             by_log = ", ".join(
                 f"{run.name} {mass:+.2f} kg" for run, mass in zip(runs, masses, strict=True)
             )
@@ -175,7 +175,7 @@ def contradictions(
     off = np.abs(ratios - 1.0)
     # What friction's law misses may be as large as all that masses do at a wrist.
     is_significant = rigid_torque(factors, solution.x) > sd
-    wrong = np.flatnonzero((off > GAIN_DIFFERENCE) & (off > SURE * sds) & is_significant)
+    wrong = np.flatnonzero((off > GAIN_DIFFERENCE) & (off > SURE_SDS * sds) & is_significant)
     if not wrong.size:
         return []
     by_joint = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} +- {sds[j]:.2g}" for j in wrong)

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.analyses.methods.identify.friction_fit import (
-    STRETCHES,
+    NUM_STRETCHES,
     FoldPart,
     FrictionFit,
-    Solution,
+    LawSolution,
 )
 from wrenchsight.analyses.methods.identify.friction_training import TrainingConfig, train_networks
 from wrenchsight.analyses.methods.identify.identification_config import (
@@ -28,8 +28,8 @@ from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
-JACKKNIFE = 9  # stretches of logs of one motion, each left out once
-EXTREME = 0.8  # share of the samples by speed, beyond which a joint's are fast
+NUM_JACKKNIFE = 9  # stretches of logs of one motion, each left out once
+FAST_SHARE = 0.8  # share of the samples by speed, beyond which a joint's are fast
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class LawFit:
 
     law: str
     weights: Sequence[Array] | None
-    solution: Solution
+    solution: LawSolution
     chain: SerialChain
     friction: FrictionLaw
     fit: tuple[TorqueFit, ...]
@@ -85,7 +85,7 @@ class _LinearFit:
 
     structure: FrictionStructure  # as chosen; that of the solution may have fewer load terms
     weights: Sequence[Array] | None
-    solution: Solution
+    solution: LawSolution
 
 
 class LawFits:
@@ -107,8 +107,8 @@ class LawFits:
         """Fits one of LAWS, and cross-validates it where the configuration states so.
 
         Its `extrapolated` holds the RMSE (n,) in N m of each joint's fastest and slowest samples,
-        beyond EXTREME and 1 - EXTREME of them. Fits without these samples predict them. It is empty
-        where nothing is cross-validated, or a single law is requested.
+        beyond FAST_SHARE and 1 - FAST_SHARE of them. Fits without these samples predict them. It is
+        empty where nothing is cross-validated, or a single law is requested.
         """
         linear_fit = self._linear_fit(_linear_law(law))
         realised = self._realised(law, linear_fit.solution, range(len(self._logs)))
@@ -133,7 +133,7 @@ class LawFits:
     def held_out_models(self, law: str) -> list[HeldOutModel]:
         """For each fold the fit of the other folds."""
         linear_fit = self._linear_fit(_linear_law(law))
-        solutions = self._without_each_fold(linear_fit, "friction_fit_held_out", STRETCHES)
+        solutions = self._without_each_fold(linear_fit, "friction_fit_held_out", NUM_STRETCHES)
         models = []
         for fold, solution in zip(self._problem.folds, solutions, strict=True):
             logs = list(range(len(self._logs)))
@@ -147,8 +147,9 @@ class LawFits:
     def gravity_without_a_fold(self, law: str) -> Array:
         """The parameters of gravity's torque, of each fit without one fold.
 
-        Logs of one motion are taken in JACKKNIFE stretches. Without a third of a log the remaining
-        postures determine less than all of them, and the fits differ by more than they err.
+        Logs of one motion are taken in NUM_JACKKNIFE stretches. Without a third of a log the
+        remaining postures determine less than all of them, and the fits differ by more than they
+        err.
 
         Returns:
             (K, n, 5) mass, first moment and offset of each joint.
@@ -156,7 +157,9 @@ class LawFits:
         linear_fit = self._linear_fit(_linear_law(law))
         motor_rates = self._problem.robot.motor_rates
         parameters = []
-        for solution in self._without_each_fold(linear_fit, "friction_fit_jackknife", JACKKNIFE):
+        for solution in self._without_each_fold(
+            linear_fit, "friction_fit_jackknife", NUM_JACKKNIFE
+        ):
             inertial, _, coefficients = solution.parts()
             law_fit = solution.structure.law(coefficients).feedforward.coulomb_viscous
             offset = motor_rates.T @ law_fit.offset
@@ -187,7 +190,7 @@ class LawFits:
         problem = problem.reweighed(structure)
         return _LinearFit(structure, problem.weights, problem.fit(structure))
 
-    def _without_each_fold(self, fit: _LinearFit, name: str, stretches: int) -> list[Solution]:
+    def _without_each_fold(self, fit: _LinearFit, name: str, stretches: int) -> list[LawSolution]:
         """For each fold the fit of the other folds."""
         problem = replace(self._problem, weights=fit.weights, stretches=stretches)
         folds = range(len(problem.folds))
@@ -205,8 +208,8 @@ class LawFits:
             for log, regression in zip(self._logs, self._problem.regressions, strict=True)
         ]
         all_speeds = np.vstack(speeds)
-        slow_limit = np.quantile(all_speeds, 1.0 - EXTREME, axis=0)
-        fast_limit = np.quantile(all_speeds, EXTREME, axis=0)
+        slow_limit = np.quantile(all_speeds, 1.0 - FAST_SHARE, axis=0)
+        fast_limit = np.quantile(all_speeds, FAST_SHARE, axis=0)
         without_fast = self._fit_of_rows(law, fit, [v <= fast_limit for v in speeds])
         without_fast = replace(without_fast, friction=bounded(without_fast.friction, fast_limit))
         without_slow = self._fit_of_rows(law, fit, [v >= slow_limit for v in speeds])
@@ -241,7 +244,7 @@ class LawFits:
             count += outside.sum(axis=0)
         return np.asarray(np.sqrt(squares / np.maximum(count, 1.0)))
 
-    def _realised(self, law: str, solution: Solution, logs: Sequence[int]) -> _Realised:
+    def _realised(self, law: str, solution: LawSolution, logs: Sequence[int]) -> _Realised:
         """The arm and the friction of a solution; networks are trained on `logs`."""
         inertial, rotor, coefficients = solution.parts()
         robot = self._problem.robot

@@ -26,7 +26,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.lerobot.data_set import episode_paths, file_of, root_of
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
-from wrenchsight.models.recordings.resampling import ROUNDING, resampled
+from wrenchsight.models.recordings.resampling import TIME_TOLERANCE, resampled
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
@@ -36,8 +36,8 @@ LEAST_TRAVEL, LEAST_SLIDE = 0.05, 0.02  # rad, and m of a joint that slides, pea
 LEAST_SPEED = 0.01  # rad/s or m/s
 LARGEST_CUTOFF = 0.25  # of a log's rate
 # In periods of the cutoff:
-POINTS = 20.0  # grid points on which the regressor is built; its harmonics fold back beyond 10
-TRIM = 2.5  # filter transients at both ends of a log
+GRID_POINTS = 20.0  # grid points on which the regressor is built; its harmonics fold back beyond 10
+TRIM_PERIODS = 2.5  # filter transients at both ends of a log
 DROPOUT_WINDOW = 1.0  # stretch whose share of bridged samples is judged
 SHORTEST_LOG = 25.0
 DROPOUT_SHARE = 0.1  # of such a stretch; shorter bridges are what the low-pass would draw itself
@@ -131,10 +131,10 @@ def long_enough(
 def missing_time(recording: Recording, needed: float) -> float:
     """Time in s that a log, from its first sample to its last, is shorter than `needed`.
 
-    0 where it is long enough, up to the rounding of its times (ROUNDING of a step).
+    0 where it is long enough, up to the rounding of its times (TIME_TOLERANCE of a step).
     """
     missing = needed - recording.duration
-    return missing if missing > ROUNDING * recording.time_step else 0.0
+    return missing if missing > TIME_TOLERANCE * recording.time_step else 0.0
 
 
 def _refuse_short(recording: Recording, cutoff: float, periods: float) -> None:
@@ -239,7 +239,7 @@ def low_pass_log(
     low_pass = ZeroPhaseLowPass(cutoff, step, config.filter_order)
     q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
     vdot = derivative(v, step)
-    trim = int(np.ceil(TRIM / cutoff / step))
+    trim = int(np.ceil(TRIM_PERIODS / cutoff / step))
     window = max(1, round(DROPOUT_WINDOW / cutoff / step))
     bridged = np.convolve(uniform.dropout, np.full(window, 1.0 / window), "same")
     used = bridged <= DROPOUT_SHARE
@@ -247,7 +247,7 @@ def low_pass_log(
     if not used.any():
         raise InputError(recording.source, "", "no stretch of the log is free of drop-outs")
     # The signals hold nothing above the cutoff any more: a coarser grid loses nothing.
-    decimated = slice(None, None, max(1, int(1.0 / (step * POINTS * cutoff))))
+    decimated = slice(None, None, max(1, int(1.0 / (step * GRID_POINTS * cutoff))))
     path = file_of(Path(recording.source))
     rows = recording.row
     return LowPassedLog(

@@ -16,8 +16,8 @@ from wrenchsight.models.numerics.arrays import Array
 POSITION_TOLERANCE = 0.01  # of a joint's travel over all logs
 SPEED_TOLERANCE = 0.03  # of its largest speed
 REPEATED_SHARE = 0.5  # of a log's moving samples: from this on it repeats the other
-_MOVING = 0.02  # of a joint's largest speed, reached by one of them
-_SAMPLES = 1000  # of a log that are looked for in the other
+_MOVING_SHARE = 0.02  # of a joint's largest speed, reached by one of them
+_MAX_SAMPLES = 1000  # of a log that are looked for in the other
 
 
 def motion_groups(runs: Sequence[LowPassedLog]) -> tuple[int, ...]:
@@ -34,7 +34,7 @@ def motion_groups(runs: Sequence[LowPassedLog]) -> tuple[int, ...]:
     scale = np.maximum(scale, 1e-12)
     points = []
     for run in runs:
-        moving = run.used & (np.abs(run.v) > _MOVING * speed).any(axis=1)
+        moving = run.used & (np.abs(run.v) > _MOVING_SHARE * speed).any(axis=1)
         points.append(np.hstack([run.q, run.v])[moving] / scale)
     groups = list(range(len(runs)))
     for b in range(1, len(runs)):
@@ -68,6 +68,6 @@ def _repeats(a: Array, b: Array) -> bool:
 
 def _share_within(points: Array, reference: Array) -> float:
     """Share of the points with a reference point within the tolerances."""
-    sample = points[:: max(1, len(points) // _SAMPLES)]
+    sample = points[:: max(1, len(points) // _MAX_SAMPLES)]
     distance, _ = cKDTree(reference).query(sample, p=np.inf, distance_upper_bound=1.0)
     return float(np.mean(np.isfinite(distance)))

@@ -31,9 +31,9 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 
-SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
-FINEST = 1e-4  # of the effort limit: a current's step where robot.yaml states none, 13 bits
-_POSTURES = 100  # of a log, at which gravity's slope is evaluated
+SETTLING_TIME_CONSTANTS = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
+MIN_STEP_SHARE = 1e-4  # of the effort limit: a current's step where robot.yaml states none, 13 bits
+_NUM_POSTURES = 100  # of a log, at which gravity's slope is evaluated
 _LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise
 
 
@@ -87,7 +87,10 @@ def held_out_readings(
                     q=log.q,
                     v=log.v,
                     transmitted=observed.tau_J - observed.tau_f,
-                    used=inside & observed.fresh & ~log.dropout & (t > SETTLING / gain[0]),
+                    used=inside
+                    & observed.fresh
+                    & ~log.dropout
+                    & (t > SETTLING_TIME_CONSTANTS / gain[0]),
                     friction=held_out_model.friction,
                     time_step=time_step,
                     K_0=gain,
@@ -114,16 +117,16 @@ def rests_of(recordings: Sequence[Recording], robot: Robot, model: IdentifiedMod
 def resolution_floor(readings: Sequence[HeldOutReading], robot: Robot) -> Array:
     """(n,) N m, sd of the rounding of current and gravity's torque.
 
-    A step d has the error d / sqrt(12). The current's is that of robot.yaml, or FINEST of the
-    effort limit where it states none; the encoder's is the log's, through gravity's slope.
+    A step d has the error d / sqrt(12). The current's is that of robot.yaml, or MIN_STEP_SHARE of
+    the effort limit where it states none; the encoder's is the log's, through gravity's slope.
     """
     stated = robot.current_resolution * robot.torque_per_ampere
     effort = np.where(np.isfinite(robot.effort_limit), robot.effort_limit, 0.0)
-    step = np.where(stated > 0.0, stated, FINEST * effort)
+    step = np.where(stated > 0.0, stated, MIN_STEP_SHARE * effort)
     slope = np.zeros(robot.num_joints)
     for reading in readings:
         q = reading.q[np.isfinite(reading.q).all(axis=1)]
-        q = np.ascontiguousarray(q[:: max(1, len(q) // _POSTURES)])
+        q = np.ascontiguousarray(q[:: max(1, len(q) // _NUM_POSTURES)])
         gravity = np.asarray(robot.chain.gravity_torque(q))
         for j, rounding in enumerate(reading.resolution):
             if rounding > 0.0:

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
-_GREY = Rgba(0.6, 0.6, 0.6, 1.0)
+_GREY_COLOUR = Rgba(0.6, 0.6, 0.6, 1.0)
 
 
 class LinkShape(NamedTuple):
@@ -55,7 +55,7 @@ class ArmScene:
                 inspector.GetShape(geometry),
                 inspector.GetPoseInFrame(geometry),
                 inspector.GetProperties(geometry, role).GetPropertyOrDefault(
-                    "phong", "diffuse", _GREY
+                    "phong", "diffuse", _GREY_COLOUR
                 ),
             )
             for body in self._bodies

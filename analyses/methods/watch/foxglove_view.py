@@ -44,7 +44,7 @@ NUMBERS = ("statistic", "condition_number", "latency")
 LARGEST_MESH = 1 << 24  # bytes of a link's file that is sent
 _WRENCH_NAMES = list(WRENCH_AXES) + [f"sd_{axis}" for axis in WRENCH_AXES]
 _LAST_STAMP = 2.0**32  # s
-_VALID, _NOT_VALID = (0.0, 0.6, 0.2), (0.7, 0.7, 0.7)
+_VALID_COLOUR, _NOT_VALID_COLOUR = (0.0, 0.6, 0.2), (0.7, 0.7, 0.7)
 _MEDIA = {".obj": "model/obj", ".stl": "model/stl", ".gltf": "model/gltf+json"}
 _MEDIA |= {".glb": "model/gltf-binary", ".dae": "model/vnd.collada+xml"}
 
@@ -176,7 +176,7 @@ def _arrow(reading: Reading, stamp: Any) -> Any:
     axis = force / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
     turn = RotationMatrix.MakeFromOneVector(axis, 0)  # an arrow lies along x
     head = min(0.045, 0.5 * length)
-    red, green, blue = _VALID if reading.valid else _NOT_VALID
+    red, green, blue = _VALID_COLOUR if reading.valid else _NOT_VALID_COLOUR
     arrow = messages.ArrowPrimitive(
         pose=_pose(RigidTransform(turn, np.zeros(3))),
         shaft_length=length - head,

@@ -17,7 +17,7 @@ from wrenchsight.models.live.source import SourceAddress
 from wrenchsight.models.robot.robot import Robot
 
 TORQUES = ("measured", "external")
-PORT = 1337  # of every FCI
+FCI_PORT = 1337  # of every FCI
 RETRY_TIME = 0.25  # s between two tries
 _NUM_JOINTS = 7
 _RUNS = ("Idle", "Move", "Guiding")
@@ -62,9 +62,11 @@ class FrankaSource:
         if robot.num_joints != _NUM_JOINTS:
             problem = f"has {_NUM_JOINTS} joints, {robot.name} has {robot.num_joints}"
             raise InputError("franka://", "", f"a robot of this kind {problem}", "name that robot")
-        host, port = address.host(PORT)
-        if port != PORT:
-            raise InputError("franka://", "", f"is port {port}, expected none: it is always {PORT}")
+        host, port = address.host(FCI_PORT)
+        if port != FCI_PORT:
+            raise InputError(
+                "franka://", "", f"is port {port}, expected none: it is always {FCI_PORT}"
+            )
         return cls(host, address.choice("torque", TORQUES) == "external")
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:

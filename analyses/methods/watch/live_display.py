@@ -18,7 +18,7 @@ from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 _SHOWN_EVENTS = 6
 LEAST_WAIT = 0.01  # s, of a first sample that waited for the estimator to start
 LONGEST_START = 2.0  # s after the first reading, at which start-up is over in any case
-_WINDOW = 2048  # readings that latency and share are taken over
+_WINDOW_READINGS = 2048  # readings that latency and share are taken over
 _ALARMS = (
     EventKind.REFUSED,
     EventKind.LOST,
@@ -87,9 +87,9 @@ class LiveSummary:
     last: Reading | None = None
     events: deque[StreamEvent] = field(default_factory=lambda: deque(maxlen=_SHOWN_EVENTS))
     start_up: StartUp = field(default_factory=StartUp)
-    _times: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW))
-    _latencies: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW))
-    _valid: deque[bool] = field(default_factory=lambda: deque(maxlen=_WINDOW))
+    _times: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW_READINGS))
+    _latencies: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW_READINGS))
+    _valid: deque[bool] = field(default_factory=lambda: deque(maxlen=_WINDOW_READINGS))
 
     def add(self, rows: Array, events: list[StreamEvent]) -> list[StreamEvent]:
         """Takes new readings and events; returns the events, with that of start-up."""

@@ -1,8 +1,8 @@
 """Load search: looks for an unmodelled load at the tool while a stream runs.
 
-All readings since the stream began are weighed after LOOKS seconds, as `estimate` weighs a log's,
-until a load shows. A look takes some 0.2 s: at real time it runs in a thread of its own, so that
-no sample waits for it.
+All readings since the stream began are weighed after LOOK_TIMES seconds, as `estimate` weighs a
+log's, until a load shows. A look takes some 0.2 s: at real time it runs in a thread of its own, so
+that no sample waits for it.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -21,8 +21,8 @@ from wrenchsight.models.live.samples import Sample
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.robot import Robot
 
-LOOKS = (5.0, 10.0, 20.0, 40.0)  # s since the stream began
-SETTLING = 1.0  # s of readings that are left out at the beginning
+LOOK_TIMES = (5.0, 10.0, 20.0, 40.0)  # s since the stream began
+SETTLING_TIME = 1.0  # s of readings that are left out at the beginning
 LEAST_MASS = 0.5  # kg, below which a load is not reported
 LONGEST_GAP = 0.5  # s between samples, after which the stream begins anew
 
@@ -52,7 +52,7 @@ class LoadSearch:
     def restart(self) -> None:
         """The stream begins anew."""
         self._begin: float | None = None
-        self._looks = list(LOOKS)
+        self._looks = list(LOOK_TIMES)
         self._speeds: list[_Speed] = []
         self._readings: list[Reading] = []
         self._estimator: WrenchEstimator | None = None
@@ -99,7 +99,7 @@ class LoadSearch:
         if self._monitor is None:
             pole, step = observer.pole, observer.time_step
             self._monitor = FrictionMonitor(self._model, estimator.chain, pole, step, self._robot)
-        settled = self._begin + max(SETTLING, observer.settling_time)
+        settled = self._begin + max(SETTLING_TIME, observer.settling_time)
         if self._in_background:
             self._pool = self._pool or ThreadPoolExecutor(1)
             self._running = self._pool.submit(self._judge, self._monitor, speeds, readings, settled)

@@ -11,7 +11,7 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.wrench_arrows import HEAD_LENGTH, arrow_pose
 
 METRES_PER_NEWTON = 0.005
-_VALID, _NOT_VALID = Rgba(0.0, 0.6, 0.2), Rgba(0.7, 0.7, 0.7)
+_VALID_COLOUR, _NOT_VALID_COLOUR = Rgba(0.0, 0.6, 0.2), Rgba(0.7, 0.7, 0.7)
 _ARROW, _ARM = "/force", "/arm"
 
 
@@ -52,7 +52,7 @@ class MeshcatView:
             self._meshcat.SetTransform(f"{_ARM}/{link}", X_WL)
         if reading.valid is not self._shown:
             self._shown = reading.valid
-            colour = _VALID if reading.valid else _NOT_VALID
+            colour = _VALID_COLOUR if reading.valid else _NOT_VALID_COLOUR
             self._meshcat.SetObject(f"{_ARROW}/shaft", Cylinder(0.008, 1.0), colour)
             head = MeshcatCone(HEAD_LENGTH, 0.02, 0.02)
             self._meshcat.SetObject(f"{_ARROW}/head", head, colour)

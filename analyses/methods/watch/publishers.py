@@ -21,7 +21,7 @@ it is not valid, the lowest 16 bits of `models.estimation.invalid`; t in s, the 
 fz mx my mz in N and N m at E in axes of W, environment on robot; their standard deviations."""
 MAGIC = b"WSR1"
 REASON_BITS = 0xFFFF
-VALID, CONTACT, MISFIT, RUNNING = 1, 2, 4, 8
+VALID_FLAG, CONTACT_FLAG, MISFIT_FLAG, RUNNING_FLAG = 1, 2, 4, 8
 
 
 class Publisher(Protocol):
@@ -44,8 +44,10 @@ class Publisher(Protocol):
 
 def datagram(reading: Reading) -> bytes:
     """The UDP packet of a reading."""
-    flags = VALID * reading.valid + CONTACT * reading.contact + MISFIT * reading.misfit
-    flags += RUNNING * reading.running
+    flags = (
+        VALID_FLAG * reading.valid + CONTACT_FLAG * reading.contact + MISFIT_FLAG * reading.misfit
+    )
+    flags += RUNNING_FLAG * reading.running
     invalid = reading.invalid & REASON_BITS
     return DATAGRAM.pack(MAGIC, flags, invalid, reading.t, *reading.force_first.tolist())
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 
-_HEADER = 8  # numbers before the rows: how many were ever written, then nothing
-_MARGIN = 8  # rows next to the writer that a reader leaves alone
+_HEADER_NUMBERS = 8  # numbers before the rows: how many were ever written, then nothing
+_MARGIN_ROWS = 8  # rows next to the writer that a reader leaves alone
 
 
 class Ring:
@@ -27,14 +27,14 @@ class Ring:
 
     def __init__(self, size: int, count: int, descriptor: int | None = None) -> None:
         self.size, self.count = size, count
-        numbers = _HEADER + count * (1 + size)
+        numbers = _HEADER_NUMBERS + count * (1 + size)
         if descriptor is None:
             descriptor = _memory()
             os.ftruncate(descriptor, 8 * numbers)
         self.descriptor = descriptor
         everything = np.frombuffer(mmap.mmap(descriptor, 8 * numbers), float)
         self._written = everything[:1]
-        self._slots = everything[_HEADER:].reshape(count, 1 + size)
+        self._slots = everything[_HEADER_NUMBERS:].reshape(count, 1 + size)
 
     @property
     def written(self) -> int:
@@ -52,7 +52,7 @@ class Ring:
 
     def rows(self, begin: int, end: int) -> tuple[Array, int]:
         """The rows begin to end that are still there, and how many are not."""
-        first = max(begin, self.written - self.count + _MARGIN)
+        first = max(begin, self.written - self.count + _MARGIN_ROWS)
         if first >= end:
             return np.empty((0, self.size)), end - begin
         numbers = np.arange(first, end)

@@ -34,7 +34,7 @@ LOOPBACK = "127.0.0.1"
 MOST_CLIENTS = 8
 LONGEST_WAIT = 0.1  # s, also over a gap of the recording
 LONGEST_SEND = 0.5  # s; a client that takes nothing for so long is left
-_SOFTWARE = (5, 11, 0, 0)
+_SOFTWARE_VERSION = (5, 11, 0, 0)
 _SIZES = {"DOUBLE": 1, "INT32": 1, "VECTOR6D": 6}
 
 Tamper = Callable[[int, bytes], Sequence[bytes]]
@@ -146,7 +146,7 @@ class RtdeController:
             agreed = payload == RTDE_VERSION.to_bytes(2, "big")
             client.send(packet(kind, yes if agreed else b"\x00"))
         elif kind is PacketType.CONTROL_VERSION:
-            client.send(packet(kind, b"".join(n.to_bytes(4, "big") for n in _SOFTWARE)))
+            client.send(packet(kind, b"".join(n.to_bytes(4, "big") for n in _SOFTWARE_VERSION)))
         elif kind is PacketType.OUTPUTS:
             frequency, names = read_outputs_request(payload)
             types = [FIELD_TYPES[n] if n in self._names else NOT_FOUND for n in names]

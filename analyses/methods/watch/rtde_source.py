@@ -39,7 +39,7 @@ from wrenchsight.models.robot.robot import Robot
 ANSWER_TIME = 1.0  # s, longest wait for a connection or an answer
 QUIET_TIME = 1.0  # s without a packet after which the connection counts as lost
 RETRY_TIME = 0.25  # s between two tries
-_CHUNK = 1 << 16  # bytes that are taken at once
+_CHUNK_BYTES = 1 << 16  # bytes that are taken at once
 _NUM_JOINTS = 6
 _FIRST_OF_500_HZ = 5  # major version of the controller's software
 _NEEDED = ("timestamp", "actual_q", "actual_qd")
@@ -120,7 +120,7 @@ class RtdeSource:
                 if now - self._last_packet < QUIET_TIME:
                     return []
                 return [self._lost(EventKind.LOST, f"has sent nothing for {QUIET_TIME:g} s")]
-            data = self._socket.recv(_CHUNK)
+            data = self._socket.recv(_CHUNK_BYTES)
         except OSError as error:
             return [self._lost(EventKind.LOST, error.strerror or str(error))]
         if not data:
@@ -255,7 +255,7 @@ class RtdeSource:
         deadline = time.monotonic() + ANSWER_TIME
         while time.monotonic() < deadline:
             self._socket.settimeout(max(deadline - time.monotonic(), 1e-3))
-            data = self._socket.recv(_CHUNK)
+            data = self._socket.recv(_CHUNK_BYTES)
             if not data:
                 raise ConnectionError("closed the connection")
             for code, payload in self._packets.feed(data):

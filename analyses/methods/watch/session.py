@@ -27,7 +27,7 @@ from wrenchsight.models.robot.robot import Robot
 
 _MODULE = "wrenchsight.analyses.methods.watch.reader_process"
 _EVENTS_HELD = 100
-_REFUSED = 2  # exit code of a reading process that refused its settings or its source
+_REFUSED_CODE = 2  # exit code of a reading process that refused its settings or its source
 _END_TIME = 3.0  # s that the reading process has to end by itself
 
 
@@ -129,7 +129,7 @@ class LiveSession:
             return False
         with suppress(subprocess.TimeoutExpired):  # it was the process's last word
             self._process.wait(_END_TIME)
-        return self._process.poll() == _REFUSED
+        return self._process.poll() == _REFUSED_CODE
 
     def check(self) -> None:
         """Raises an error if the reading process failed.
@@ -140,7 +140,7 @@ class LiveSession:
         """
         code = self._process.poll()
         self.new_events()
-        if code == _REFUSED:
+        if code == _REFUSED_CODE:
             reasons = [event.text for event in self.events if event.kind is EventKind.ENDED]
             raise InputError("watch", "", reasons[-1] if reasons else "the source cannot be read")
         if code:

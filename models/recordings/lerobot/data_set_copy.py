@@ -30,7 +30,7 @@ from wrenchsight.models.recordings.lerobot.data_set import (
     v3_episode_files,
 )
 
-_LINKED = 1 << 20  # bytes, from which on a file is linked rather than copied
+_MIN_LINKED_BYTES = 1 << 20  # bytes, from which on a file is linked rather than copied
 _STATS, _EPISODE_STATS = "meta/stats.json", "meta/episodes_stats.jsonl"
 _HF = b"huggingface"  # key of a Parquet schema's metadata that `datasets` writes
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
@@ -123,7 +123,7 @@ def _link_or_copy(source: Path, target: Path) -> None:
     """A hard link to a large file where the disk allows it, else a copy."""
     about_to_read(source)
     target.parent.mkdir(parents=True, exist_ok=True)
-    if source.stat().st_size >= _LINKED:
+    if source.stat().st_size >= _MIN_LINKED_BYTES:
         try:
             os.link(source.resolve(), target)
         except OSError:  # another disk, or one without links

@@ -36,7 +36,7 @@ _FILLERS = ("observation", "state", "states", "main", "follower", "joint", "join
             "motors", "present", "robot", "measured", "filtered")  # fmt: skip
 _POSE = {"x", "y", "z", "rx", "ry", "rz", "qw", "qx", "qy", "qz", "roll", "pitch", "yaw", "delta"}
 _LARGEST_RAD = 4.0 * np.pi
-_NORMALISED = 100.5  # LeRobot's normalised positions end at 100
+_MAX_NORMALISED = 100.5  # LeRobot's normalised positions end at 100
 _DESCRIBE = (
     'name the columns with --log-format, such as position: {columns: "observation.state.{1..6}"}'
 )
@@ -241,7 +241,7 @@ def _angle_unit(
             largest = max(largest, float(limits[joint.index]))
     if largest <= _LARGEST_RAD:
         return "rad", []
-    if largest > _NORMALISED:
+    if largest > _MAX_NORMALISED:
         return "deg", [f"positions are read in degrees: they reach {largest:.0f}"]
     robot_type = f" ({data_set.robot_type[:40]})" if data_set.robot_type else ""
     problem = (

@@ -18,18 +18,19 @@ import numpy as np
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.log_words import IN_AMPERES, IN_NEWTON_METRES
 from wrenchsight.models.recordings.plausibility.product_sums import (
-    FACTOR,
-    FOLLOWS,
     LEAST_GRAVITY,
+    MIN_COSINE,
+    MIN_UNIT_RATIO,
     GravitySums,
     telling_joints,
 )
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-NEARER = 0.7  # by which the logarithm of one ratio must be nearer than the other, joints' mean
+# by which the logarithm of one ratio must be nearer than the other, joints' mean
+MAX_NEARER_SHARE = 0.7
 _LEAST_SAMPLES = 20
-_LOADED = 0.1  # of the effort limit, from which gravity shows beside friction
+_LOADED_SHARE = 0.1  # of the effort limit, from which gravity shows beside friction
 _WITHOUT_GRAVITY = 0.25  # part of the gravity torque, below which an effort does not hold it
 _LARGEST_FRICTION = 0.4  # of the gravity torque of all loaded joints
 NAMES = {"N m": IN_NEWTON_METRES, "A": IN_AMPERES}
@@ -111,7 +112,7 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
         return replace(unknown, without_gravity=without_gravity)
     ratio = np.abs(sums.ratio())
     loaded = sums.gravity() > LEAST_GRAVITY
-    is_telling = loaded & telling_joints(robot) & (np.abs(sums.cosine()) > FOLLOWS)
+    is_telling = loaded & telling_joints(robot) & (np.abs(sums.cosine()) > MIN_COSINE)
     if not is_telling.any():
         return unknown
     K = robot.torque_per_ampere
@@ -119,7 +120,7 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     distance_to_newton_metres = np.abs(np.log(ratio[is_telling]))
     difference = (distance_to_amperes - distance_to_newton_metres).mean()
     unit = ""
-    if abs(difference) >= NEARER:
+    if abs(difference) >= MAX_NEARER_SHARE:
         unit = "N m" if difference > 0.0 else "A"
     return EffortUnit(unit, ratio, is_telling)
 
@@ -132,11 +133,11 @@ def _without_gravity(sums: GravitySums, robot: Robot) -> str:
     gravity = sums.gravity()
     effort = np.sqrt(sums.yy / np.maximum(sums.count, 1.0))
     limit = np.where(np.isfinite(robot.effort_limit), robot.effort_limit, 0.0)
-    loaded = gravity > np.maximum(LEAST_GRAVITY, _LOADED * limit)
+    loaded = gravity > np.maximum(LEAST_GRAVITY, _LOADED_SHARE * limit)
     ratio = np.abs(sums.ratio())
-    may_be_current = telling_joints(robot) & (np.abs(sums.cosine()) > FOLLOWS)
+    may_be_current = telling_joints(robot) & (np.abs(sums.cosine()) > MIN_COSINE)
     may_be_current &= np.abs(np.log(np.maximum(ratio, 1e-9) * robot.torque_per_ampere)) < np.log(
-        FACTOR
+        MIN_UNIT_RATIO
     )
     holds_gravity = may_be_current | (ratio > _WITHOUT_GRAVITY)
     # Friction is there still: at a wrist it is as large as gravity, over all joints it is not.

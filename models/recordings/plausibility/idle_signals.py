@@ -10,8 +10,8 @@ from wrenchsight.models.recordings.recording import Recording
 TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _LEAST_STEP, _LARGEST_STEP = 1e-4, 0.25  # s, of a log of motor currents
 _SMALLEST_COUNT = 1.0  # in which a clock of ms, us or ns steps
-_ALIKE = 3.0  # factor by which the path may differ from the integral of the speed
-_TRAVEL = 5e-3  # rad or m, beyond what an encoder rounds
+_MAX_PATH_RATIO = 3.0  # factor by which the path may differ from the integral of the speed
+_MIN_TRAVEL = 5e-3  # rad or m, beyond what an encoder rounds
 _SMALLEST_SPEED = 1e-9  # rad/s or m/s
 
 
@@ -33,12 +33,14 @@ def idle_velocities(part: Recording) -> NDArray[np.intp] | None:
         return None
     q, v, t = complete.q, complete.v, complete.t - complete.t[0]
     travel = np.ptp(q, axis=0)
-    if not (travel > _TRAVEL).any():
+    if not (travel > _MIN_TRAVEL).any():
         return None
     path = np.abs(np.trapezoid(v, t, axis=0))
-    is_exchanged = (travel == 0.0) & (path > _TRAVEL)
+    is_exchanged = (travel == 0.0) & (path > _MIN_TRAVEL)
     unexplained = np.ptp(q - v[0] * t[:, None], axis=0)
-    is_idle = (np.ptp(v, axis=0) < _SMALLEST_SPEED) & (np.minimum(travel, unexplained) > _TRAVEL)
+    is_idle = (np.ptp(v, axis=0) < _SMALLEST_SPEED) & (
+        np.minimum(travel, unexplained) > _MIN_TRAVEL
+    )
     if is_exchanged.any():
         return np.empty(0, np.intp)
     return np.flatnonzero(is_idle)
@@ -68,4 +70,6 @@ def _agrees(part: Recording, steps: NDArray[Any]) -> bool:
     speed = 0.5 * np.abs(part.v[1:] + part.v[:-1])
     length = float(np.nansum(speed * steps[:, None]))
     path = float(np.nansum(np.abs(np.diff(part.q, axis=0))))
-    return max(path, length) < _TRAVEL or path / _ALIKE < length < _ALIKE * path
+    return (
+        max(path, length) < _MIN_TRAVEL or path / _MAX_PATH_RATIO < length < _MAX_PATH_RATIO * path
+    )

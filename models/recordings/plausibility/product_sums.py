@@ -5,11 +5,11 @@ import numpy as np
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.robot import Robot
 
-SLOW = 0.25  # of the speed limit, all joints: gravity prevails over dynamics
+SLOW_SPEED_SHARE = 0.25  # of the speed limit, all joints: gravity prevails over dynamics
 LEAST_GRAVITY = 1.0  # N m, from which on gravity loads a joint
-FACTOR = 2.5  # torque per ampere, or its inverse, below which N m and A are too close
-FOLLOWS = 0.7  # cosine between motor and gravity torque
-_SAMPLES = 500  # used of a chunk
+MIN_UNIT_RATIO = 2.5  # torque per ampere, or its inverse, below which N m and A are too close
+MIN_COSINE = 0.7  # cosine between motor and gravity torque
+_SAMPLES_PER_CHUNK = 500  # used of a chunk
 
 
 class ProductSums:
@@ -49,11 +49,11 @@ class GravitySums(ProductSums):
         self._robot = robot
 
     def add_slow(self, q: Array, v: Array, torque: Array) -> None:
-        """Adds up to about _SAMPLES of the slow samples (N, n) that lack no number."""
-        is_slow = np.all(np.abs(v) < SLOW * self._robot.velocity_limit, axis=1)
+        """Adds up to about _SAMPLES_PER_CHUNK of the slow samples (N, n) that lack no number."""
+        is_slow = np.all(np.abs(v) < SLOW_SPEED_SHARE * self._robot.velocity_limit, axis=1)
         is_finite = np.isfinite(q).all(axis=1) & np.isfinite(torque).all(axis=1)
         rows = np.flatnonzero(is_slow & is_finite)
-        rows = rows[:: max(1, len(rows) // _SAMPLES)]
+        rows = rows[:: max(1, len(rows) // _SAMPLES_PER_CHUNK)]
         if len(rows):
             gravity = self._robot.chain.gravity_torque(np.ascontiguousarray(q[rows]))
             self.add(gravity, torque[rows])
@@ -69,4 +69,4 @@ def telling_joints(robot: Robot) -> Flags:
     The ratio of motor torque to gravity torque is about 1 in the right unit, else 1 / K or K.
     """
     K = robot.torque_per_ampere
-    return np.asarray(np.maximum(K, 1.0 / K) > FACTOR)
+    return np.asarray(np.maximum(K, 1.0 / K) > MIN_UNIT_RATIO)

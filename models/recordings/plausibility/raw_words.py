@@ -9,7 +9,7 @@ from wrenchsight.models.recordings.recording_format import SIGN_BIT, TWOS_COMPLE
 
 _LEAST_BITS, _MOST_BITS = 8, 32
 _LEAST_CHANGES = 2  # of the sign, in a column
-_SMOOTHER = 4.0  # times, by which the decoded numbers change less
+_SMOOTHER_RATIO = 4.0  # times, by which the decoded numbers change less
 
 
 class RawWords(NamedTuple):
@@ -43,4 +43,4 @@ def raw_words(columns: Array) -> RawWords | None:
         signal = Signal("", (), scale, 0.0 * scale, (), encoding=encoding, bits=bits)
         lengths[encoding] = np.abs(np.diff(signal.numbers(columns), axis=0)).sum()
     best = min(lengths, key=lambda encoding: lengths[encoding])
-    return RawWords(best, bits) if _SMOOTHER * lengths[best] < path else None
+    return RawWords(best, bits) if _SMOOTHER_RATIO * lengths[best] < path else None

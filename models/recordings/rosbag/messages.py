@@ -26,7 +26,7 @@ KINDS: Final = (JOINT_STATE, DYNAMIC_JOINT_STATE, WRENCH)
 QUANTITIES: Final = ("position", "velocity", "effort")
 WRENCH_PARTS: Final = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
 MOST_NUMBERS: Final = 4096  # of a message
-_ONES: Final = 0x01010101  # a whole number none of whose bytes is zero
+_ONES_WORD: Final = 0x01010101  # a whole number none of whose bytes is zero
 _ONES_DOUBLE: Final = float(np.frombuffer(b"\x01" * 8)[0])  # such a double
 _DYNAMIC_JOINT_STATE_DEFINITION: Final = f"""\
 std_msgs/Header header
@@ -85,7 +85,7 @@ class Layout:
         stamped: bool = True,
     ) -> None:
         zeros = typestore().serialize_cdr(make(0, 0.0), kind)
-        ones = typestore().serialize_cdr(make(_ONES, _ONES_DOUBLE), kind)
+        ones = typestore().serialize_cdr(make(_ONES_WORD, _ONES_DOUBLE), kind)
         self._template = np.frombuffer(bytes(zeros), np.uint8)
         self._varies = self._template != np.frombuffer(bytes(ones), np.uint8)
         self._stamp_bytes = 8 if stamped else 0

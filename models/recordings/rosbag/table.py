@@ -43,7 +43,7 @@ from wrenchsight.models.recordings.table_checks import no_words, refuse_missing,
 Rows = NDArray[np.int64]
 
 _BLOCK_MESSAGES = 1 << 14
-_PROBED = 64  # messages that show whether a driver fills a quantity, or leaves it NaN
+_PROBED_MESSAGES = 64  # messages that show whether a driver fills a quantity, or leaves it NaN
 _LONGEST_BRIDGE = 0.1  # s, longest step of a topic that is interpolated, or
 _BRIDGED_STEPS = 3.0  # median steps, whichever is longer
 _LARGEST_STAMP = 2**32 * 10**9  # ns
@@ -222,7 +222,7 @@ class RosbagTable:
                 if not is_readable or topic in self._topics:
                     continue
                 same = _connections(bag, topic, connection.msgtype)
-                probe = [data for *_, data in islice(bag.reader.messages(same), _PROBED)]
+                probe = [data for *_, data in islice(bag.reader.messages(same), _PROBED_MESSAGES)]
                 messages = Messages(connection.msgtype, bag.deserialize, probe)
                 self._kinds[topic] = connection.msgtype
                 stamps, values = messages.decode(probe)

@@ -253,7 +253,7 @@ def test_parts_do_not_show_but_for_the_drift(
     force = FORCE + np.where((t > 2.0) & (t < 6.0), 4.0 * FORCE, 0.0)  # all edges in sight
     causal_estimator, samples = estimator(ur10e, model), log(ur10e, model, 1500, force)
     whole = smoothed_estimate(causal_estimator, *samples)
-    monkeypatch.setattr(smoothing, "PASS", 100)
+    monkeypatch.setattr(smoothing, "PASS_SAMPLES", 100)
     monkeypatch.setattr(smoothing, "LOOK_AHEAD", 8.0)
     smoother = WrenchSmoother(causal_estimator)
     parts = []

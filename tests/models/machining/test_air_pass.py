@@ -7,7 +7,7 @@ from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.air_pass import (
     LEAD,
-    STILL,
+    STILL_SPEED,
     AirPassCorrection,
     CorrectionSample,
     CorrectionTable,
@@ -167,7 +167,7 @@ def test_a_correction_spreads_as_far_as_it_differs_along_the_path():
         (-0.04, -0.002, 0.95),
         (0.004, -0.004, 1.0),
         (0.0, 0.02, 1.0),
-        (0.1 * STILL, 0.0, 0.1),
+        (0.1 * STILL_SPEED, 0.0, 0.1),
         (0.0, 0.0, 0.0),
     ],
 )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from wrenchsight.models.observers.lag_power import SHARE, LagPower
+from wrenchsight.models.observers.lag_power import LAG_POWER_SHARE, LagPower
 
 STEP, BAND, K_0 = 1e-3, 3.0, 20.0
 
@@ -35,7 +35,7 @@ def added(wrench, noise, K_0=K_0, parts=1):
 
 def test_share_is_the_integral_that_it_stands_for():
     x = (np.arange(100_000) + 0.5) / 100_000
-    assert pytest.approx(np.mean(x**2 / (1.0 + x**2)) / np.mean(x**2), rel=1e-6) == SHARE
+    assert pytest.approx(np.mean(x**2 / (1.0 + x**2)) / np.mean(x**2), rel=1e-6) == LAG_POWER_SHARE
 
 
 def test_the_stated_power_is_that_of_the_lateness_and_holds_most_of_it(force):
@@ -67,7 +67,7 @@ def test_a_step_is_late_from_its_own_sample_on_and_what_lasts_is_not():
     read = np.full((3, 6), 7.0)
     read[1:] += 2.0
     noise = np.full((3, 6), 0.5)
-    variance = added(read, noise)[:, 0, 0] * SHARE
+    variance = added(read, noise)[:, 0, 0] * LAG_POWER_SHARE
     omega = 2.0 * np.pi * BAND
     pole, factor = np.exp(-omega * STEP), omega / K_0
     first, second = ((factor * 2.0 * pole**k) ** 2 - 0.5 for k in (1, 2))

@@ -18,8 +18,8 @@ from wrenchsight.analyses.methods.identify.identification_config import (
 )
 from wrenchsight.analyses.methods.identify.known_model.model_residual import (
     ModelResidual,
+    model_with_friction,
     residuals_of,
-    with_friction,
 )
 from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, as_logs, logs_of
 from wrenchsight.analyses.methods.identify.low_passed_logs import read_log
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-LITTLE = 0.2  # share of the prior's variance; a log that removes less shows little
+MIN_VARIANCE_SHARE = 0.2  # share of the prior's variance; a log that removes less shows little
 LARGEST_DRIFT = 0.3  # share of viscous friction, also where a joint at rest leaves more unknown
 MORE_THAN_FRICTION = 2.0  # of the residual's stated sd
 
@@ -143,7 +143,7 @@ def refresh_model(
         )
     drift = FrictionDrift(config.coulomb_drift, config.viscous_drift, config.offset_drift)
     refresh = refresh_friction(rows_before, model.friction.coulomb_viscous, drift)
-    renewed = with_friction(model, with_sliding(model.friction, refresh.after))
+    renewed = model_with_friction(model, with_sliding(model.friction, refresh.after))
     renewed = replace(
         renewed,
         torque_error=_with_drift(model.torque_error, refresh),
@@ -266,7 +266,8 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     refresh, names = result.refresh, robot.joint_names
     warnings = []
     hardly_moved = [
-        names[j] for j in np.flatnonzero((refresh.determined_share[:, :2] < LITTLE).all(axis=1))
+        names[j]
+        for j in np.flatnonzero((refresh.determined_share[:, :2] < MIN_VARIANCE_SHARE).all(axis=1))
     ]
     if hardly_moved:
         warnings.append(

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.methods.identify.friction_fit import Solution
+from wrenchsight.analyses.methods.identify.friction_fit import LawSolution
 from wrenchsight.analyses.methods.identify.identification import IdentificationResult, identify
 from wrenchsight.analyses.methods.identify.identification_config import (
     IdentificationConfig,
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 LARGEST_GAIN_SD = 0.1  # relative; a less certain torque constant stays as in the robot's file
 LARGEST_COM_SD = 0.02  # m, beyond which the motion has not determined the centre of mass
-SURE = 2.0  # standard errors, beyond which a load dependence differs from none
+SURE_STANDARD_ERRORS = 2.0  # standard errors, beyond which a load dependence differs from none
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,7 +298,7 @@ def _log(run: LowPassedLog, load: int) -> CalibrationLog:
     )
 
 
-def _with_load_terms(solution: Solution) -> tuple[FrictionStructure, Array]:
+def _with_load_terms(solution: LawSolution) -> tuple[FrictionStructure, Array]:
     """The structure with a load term on every joint, if it has one on any, and its parameters.
 
     Logs without a load may not have shown the wrist's.
@@ -386,10 +386,11 @@ def _warnings(result: CalibrationResult) -> list[str]:
             "load-dependent, presliding or best"
         )
     else:
-        vague = [names[j] for j in np.flatnonzero(np.abs(value) < SURE * sd)]
+        vague = [names[j] for j in np.flatnonzero(np.abs(value) < SURE_STANDARD_ERRORS * sd)]
         if vague:
             warnings.append(
-                f"load dependence of friction within {SURE:g} standard errors of zero on "
+                f"load dependence of friction within {SURE_STANDARD_ERRORS:g} standard errors of "
+                "zero on "
                 f"{', '.join(vague)}; log a heavier load to find it"
             )
     return warnings

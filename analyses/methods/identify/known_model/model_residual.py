@@ -34,9 +34,9 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
-SHORTEST = 7.5  # periods of the cutoff: 1.5 s at 5 Hz, of which the filter's transients take 1 s
-FEWEST = 13  # rows of all logs together: 1.3 s at 5 Hz beside the transients
-EDGE = 1.0  # periods within a stretch, into which the filter carries what is outside
+MIN_PERIODS = 7.5  # periods of the cutoff: 1.5 s at 5 Hz, of which the filter's transients take 1 s
+MIN_ROWS = 13  # rows of all logs together: 1.3 s at 5 Hz beside the transients
+EDGE_PERIODS = 1.0  # periods within a stretch, into which the filter carries what is outside
 
 
 class _UncertainParameters(NamedTuple):
@@ -87,10 +87,10 @@ class ModelResidual:
                 filter_regressor=model.provenance.filter_regressor,
             )
         (name,) = log_names([recording])
-        log = low_pass_log(name, recording, robot, config, SHORTEST)
+        log = low_pass_log(name, recording, robot, config, MIN_PERIODS)
         if where is not None and not where.all():
             chosen = np.interp(log.t, recording.t, where.astype(float)) == 1.0
-            reach = round(EDGE / config.cutoff / log.low_pass.time_step)
+            reach = round(EDGE_PERIODS / config.cutoff / log.low_pass.time_step)
             near = np.convolve(~chosen, np.ones(2 * reach + 1), "same") > 0.5
             log = replace(log, used=log.used & ~near)
         return cls(log, robot, model)
@@ -171,17 +171,17 @@ def residuals_of(logs: Logs, robot: Robot, model: IdentifiedModel) -> list["Mode
 
 def require_rows(count: int, names: str) -> None:
     """Raises InputError where all logs together leave too little."""
-    if count < FEWEST:
+    if count < MIN_ROWS:
         raise InputError(
             names,
             "",
-            f"{count} rows of the logs can be used, {FEWEST} are needed: 2.5 s of one log at a "
+            f"{count} rows of the logs can be used, {MIN_ROWS} are needed: 2.5 s of one log at a "
             "cutoff of 5 Hz, or several stretches",
             "give longer or more logs, or LOG=BEGIN,END",
         )
 
 
-def with_friction(model: IdentifiedModel, friction: FrictionLaw) -> IdentifiedModel:
+def model_with_friction(model: IdentifiedModel, friction: FrictionLaw) -> IdentifiedModel:
     """The model with another friction law; the table of base parameters follows where it can."""
     law = friction.coulomb_viscous
     table = model.base_parameters

@@ -52,10 +52,10 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
-ROW = 0.05  # s that a row averages
+ROW_TIME = 0.05  # s that a row averages
 SLIDING_SPEED = 0.02  # rad/s, above which a joint in the air slides
 SLIDING_SIDE = 0.99  # of the slip, above which a joint in contact slides
-CRAWL = 0.1  # rad/s, a Stribeck velocity below which the part acts only at a crawl
+CRAWL_SPEED = 0.1  # rad/s, a Stribeck velocity below which the part acts only at a crawl
 K_0 = 20.0  # 1/s; undone again
 # Rows in contact are of many postures and forces: they err less alike than those in the air.
 _SENSOR_PRIOR = SpecimenPrior(dependence=3.0, offset=1.0)
@@ -145,7 +145,7 @@ def rows_of(
     where: Flags,
     external: Array | None,
     known: PreslidingFriction,
-    period: float = ROW,
+    period: float = ROW_TIME,
 ) -> Rows:
     """Means over successive periods of the stretches `where` (N,) in which the motion is known.
 
@@ -187,7 +187,7 @@ def rows_of(
 
 def carried_over(law: PreslidingFriction) -> PreslidingFriction:
     """The parts of a law that hold for another specimen, before its level is fitted."""
-    crawl = law.stribeck_velocity < CRAWL
+    crawl = law.stribeck_velocity < CRAWL_SPEED
     return replace(law, stribeck=np.where(crawl, 0.0, law.stribeck))
 
 
@@ -196,7 +196,7 @@ class LogRows:
     """Rows of one log, from which friction is fitted.
 
     Attributes:
-        level: means over ROW, from which the law's level is fitted.
+        level: means over ROW_TIME, from which the law's level is fitted.
         places: means over `path_friction.PERIOD`, where a force sensor has measured the force.
     """
 
@@ -376,7 +376,7 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
     prior = _SENSOR_PRIOR if places else None
     fit = fit_rows([log.level for log in rows], prior_law, prior)
     if not fit.rows.any():
-        problem = f"no joint moves faster than {SLIDING_SPEED:g} rad/s for {ROW:g} s"
+        problem = f"no joint moves faster than {SLIDING_SPEED:g} rad/s for {ROW_TIME:g} s"
         raise InputError("--other-specimen", "", problem, "give stretches of free motion")
     if not places:
         return SpecimenRefit(replace(model, friction=fit.law), prior_law, fit)

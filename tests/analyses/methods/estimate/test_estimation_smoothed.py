@@ -39,7 +39,7 @@ def recording(ur10e: Robot) -> Recording:
 def test_the_table_is_the_smoothed_reading(ur10e, recording, tmp_path, monkeypatch):
     monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
     monkeypatch.setattr(uniform_log, "CHUNK_SAMPLES", 90)
-    monkeypatch.setattr(smoothing, "PASS", 70)
+    monkeypatch.setattr(smoothing, "PASS_SAMPLES", 70)
     monkeypatch.setattr(smoothing, "LOOK_AHEAD", 3.0)
     write_recording(recording, tmp_path / "log.csv")
     config = EstimateConfig(prior="30,2", smooth=True, check=False)

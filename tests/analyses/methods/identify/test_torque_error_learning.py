@@ -9,7 +9,7 @@ import pytest
 from sample_models import knowing_model
 
 from wrenchsight.analyses.methods.identify.torque_error_learning import (
-    FINEST,
+    MIN_STEP_SHARE,
     gravity_spread,
     resolution_floor,
 )
@@ -28,7 +28,7 @@ def test_the_currents_step_alone(ur10e: Robot) -> None:
     drives = [replace(d, current_resolution=0.0) for d in ur10e.config.drives]
     drives[1] = replace(drives[1], current_resolution=0.05)
     floor = resolution_floor([_reading(ur10e, 0.0)], ur10e.with_drives(drives))
-    unstated = FINEST * ur10e.effort_limit / np.sqrt(12.0)
+    unstated = MIN_STEP_SHARE * ur10e.effort_limit / np.sqrt(12.0)
     assert floor[1] == pytest.approx(0.05 * ur10e.torque_per_ampere[1] / np.sqrt(12.0))
     np.testing.assert_allclose(np.delete(floor, 1), np.delete(unstated, 1))
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from read_sources import read_until
 
-from wrenchsight.analyses.methods.watch.franka_source import PORT, FrankaSource
+from wrenchsight.analyses.methods.watch.franka_source import FCI_PORT, FrankaSource
 from wrenchsight.analyses.methods.watch.sources import open_source
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.samples import EventKind
@@ -72,7 +72,7 @@ def test_a_robot_is_read_by_libfranka_and_asked_for_nothing_else(torque):
     try:
         peer = subprocess.Popen([sys.executable, __file__], stdout=subprocess.PIPE, text=True)
         if peer.stdout.readline() != "up\n":
-            pytest.skip(f"port {PORT} is taken")
+            pytest.skip(f"port {FCI_PORT} is taken")
         source = open_source(f"franka://127.0.0.1?torque={torque}", Robot.load("panda"))
         samples, events = read_until(
             source, lambda _, events: events and events[-1].kind is EventKind.LOST
@@ -151,7 +151,7 @@ if __name__ == "__main__":
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listener.bind(("127.0.0.1", PORT))
+            listener.bind(("127.0.0.1", FCI_PORT))
         except OSError:
             sys.exit("taken")
         listener.listen()

@@ -12,7 +12,7 @@ import pytest
 from called_commands import refused
 from sample_models import free_motion, knowing_model
 
-from wrenchsight.analyses.methods.watch.publishers import DATAGRAM, MAGIC, VALID
+from wrenchsight.analyses.methods.watch.publishers import DATAGRAM, MAGIC, VALID_FLAG
 from wrenchsight.analyses.methods.watch.rtde_controller import RtdeController
 from wrenchsight.analyses.methods.watch.session import live
 from wrenchsight.models.estimation.wrench_bag import read_wrench_bag
@@ -69,7 +69,7 @@ def test_a_loop_gets_each_reading_and_so_does_udp(ur10e, model_file, recording):
     assert magic == MAGIC
     by_time = {reading.t: reading for reading in readings}
     assert numbers == by_time[t].force_first.tolist()
-    assert bool(flags & VALID) == by_time[t].valid
+    assert bool(flags & VALID_FLAG) == by_time[t].valid
 
 
 def test_a_missing_robot_or_source_is_one_line(ur10e, model_file, tmp_path):

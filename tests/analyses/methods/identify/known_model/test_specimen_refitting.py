@@ -7,7 +7,7 @@ import pytest
 
 from wrenchsight.analyses.methods.identify.identification_config import IdentifySettings
 from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import (
-    CRAWL,
+    CRAWL_SPEED,
     SpecimenRefit,
     carried_over,
     refit_logs,
@@ -153,7 +153,7 @@ def test_a_crawl_is_not_carried_over():
     law = replace(_law(_KNOWN), stribeck=np.full(6, -2.0))
     law = replace(law, stribeck_velocity=np.array([0.4, 0.01, 0.4, 0.05, 0.05, 0.05]))
     selected = carried_over(law).stribeck
-    np.testing.assert_array_equal(selected == 0.0, law.stribeck_velocity < CRAWL)
+    np.testing.assert_array_equal(selected == 0.0, law.stribeck_velocity < CRAWL_SPEED)
 
 
 def test_a_model_or_log_that_cannot_be_refitted_is_one_line(ur10e, model):
