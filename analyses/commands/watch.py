@@ -23,7 +23,7 @@ OPTIONS = (
     Option("watch.live.contact.point", "contact_point", metavar="X,Y,Z", default="E"),
     Option("watch.live.contact.force_rate", "contact_force_rate", shown=False),
     Option("watch.live.torque_sd", shown=False, default="none"),
-    *hidden("watch", "check", "accept_signs", "other_robot"),
+    *hidden("watch", "check", "other_robot"),
     *hidden("watch.live", "late", "max_gap"),
     Option("watch.live.detection.false_alarms_per_hour", shown=False),
     Option(f"{ESTIMATOR}.observer.K_0", "k0", shown=False),

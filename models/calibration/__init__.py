@@ -1,4 +1,4 @@
-"""Calibration of an identified model: friction of today, loads, torque per ampere, gravity.
+"""Calibration of an identified model: friction of today, loads, torque per ampere.
 
 In: residuals of a model over logs, or readings of an observer. Out: changes of its parameters, each
 with its standard error, or a disagreement that a user is warned of. Order of the files:
@@ -7,5 +7,5 @@ with its standard error, or a disagreement that a user is warned of. Order of th
 2. friction: friction_refresh, friction_disagreement, friction_tracking, specimen_friction
 3. loads: load_identification, mass_across_joints, load_or_drift,
    payload_zero, known_tool
-4. drives and gravity: gain_at_rest, gain_calibration, effort_scale, gravity_disagreement
+4. drives: gain_at_rest, gain_calibration, effort_scale
 """

@@ -62,7 +62,7 @@ REASONS: Mapping[int, Reason] = {
     ),
     WRONG_LOG: Reason(
         "wrong_log",
-        "of a log with which something is wrong",
+        "of a log or stream with which something is wrong",
         "see the note that says what, at which odds and what mends it",
     ),
     ZEROING: Reason(
@@ -73,15 +73,15 @@ REASONS: Mapping[int, Reason] = {
         "settling",
         "start the log before the work, without interruptions; the observer settles within 3 / K_0",
     ),
-    SAMPLE_MISSING: Reason(
-        "sample_missing",
-        "sample missing",
-        "record without gaps; a bridged gap is interpolated, not measured",
-    ),
     SAMPLE_FAULT: Reason(
         "sample_fault",
         "sample impossible",
         "see the column fault; check units, limits in robot.yaml and encoders",
+    ),
+    SAMPLE_MISSING: Reason(
+        "sample_missing",
+        "sample missing",
+        "record without gaps; a bridged gap is interpolated, not measured",
     ),
     STREAM_LATE: Reason(
         "stream_late",

@@ -21,6 +21,7 @@ FINE_RATE = 100.0  # 1/s, to which a faster log is averaged before it is kept
 ROW_RATE = 20.0  # 1/s
 LONGEST_LOG = 600.0  # s of a log that are looked at
 SHORTEST_LOG = 1.4  # s; a shorter log tells nothing
+MIN_SAMPLES = 40  # of a log
 TRIM = 0.4  # s, transients of the low-pass at both ends
 
 
@@ -82,7 +83,7 @@ def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
     cutoff = min(CUTOFF, LARGEST_CUTOFF / step)
     effort = log.current if log.tau_J is None else log.tau_J
     is_missing = log.dropout | ~np.isfinite(np.hstack([log.q, log.v, effort])).all(axis=1)
-    if (~is_missing).sum() * step < SHORTEST_LOG or log.num_samples < 40:
+    if (~is_missing).sum() * step < SHORTEST_LOG or log.num_samples < MIN_SAMPLES:
         return None
     q, v, effort = (_bridged(x, is_missing) for x in (log.q, log.v, effort))
     low_pass = ZeroPhaseLowPass(cutoff, step, 4)

@@ -24,6 +24,7 @@ from wrenchsight.models.estimation.invalid import (
     NO_MODEL,
     SAMPLE_MISSING,
     STREAM_LATE,
+    WRONG_LOG,
     ZEROING,
 )
 from wrenchsight.models.files.input_error import InputError
@@ -134,7 +135,9 @@ class LiveEstimator:
         self._last_received = math.inf
         self._reading: Reading | None = None
         self.contradicted = False
-        """Whether the first seconds contradict the model: no reading is valid."""
+        """Whether the stream contradicts the model: no reading is valid."""
+        self.lacks_model = False
+        """Whether the model was not identified on this arm: no reading is valid."""
         self.step = 0.0
         """s, of the grid; 0: not known yet."""
         config_step = self._config.estimator.observer.time_step
@@ -401,8 +404,10 @@ class LiveEstimator:
             current = np.full(n, np.inf)
         batch, detection = self._reader.run(q[None], v[None], current[None])
         contradicted = self.contradicted and not self._is_external
+        lacks_model = self.lacks_model and not self._is_external
         batch = batch.marked(SAMPLE_MISSING, point.dropout).marked(STREAM_LATE, is_stale)
-        batch = batch.marked(NO_MODEL, contradicted).marked(ZEROING, self._is_zeroing)
+        batch = batch.marked(NO_MODEL, lacks_model).marked(WRONG_LOG, contradicted)
+        batch = batch.marked(ZEROING, self._is_zeroing)
         fault = int(batch.fault[0]) | sample_fault
         is_measured = not point.dropout and fault == 0
         self._reading = Reading.of(

@@ -12,7 +12,7 @@ from wrenchsight.models.files.input_error import one_line
 from wrenchsight.models.numerics.arrays import Array
 
 _NO_SIGNALS: Mapping[str, Array] = MappingProxyType({})
-LONGEST_TEXT = 300  # characters of an event
+LONGEST_TEXT = 900  # characters of an event; a quotation mark takes two of its row
 # What a log calls what its controller aimed at, by the controller's own words.
 CONTROLLER_SIGNALS = {"current_desired": "target_current", "tau_desired": "target_moment"}
 EVENT_SIZE = 256  # numbers of its row: 2 kB

@@ -1,11 +1,12 @@
 """Places of contacts: odds of E and of each link, and the readings that a link voids.
 
 A contact on a link is no wrench at E, however well such a wrench explains the torques. Each contact
-of a part of a log is judged as a whole. Some of the strongest samples of each of its pieces give
-evidence (`models.detection.link_odds`), which is added up.
+of a part of a log is cut into pieces of MAX_PIECE_TIME from its begin. Some of the strongest
+samples of each piece give evidence (`models.detection.link_odds`). A piece is judged by its own,
+that of all pieces before it and that of the next one: what a log holds later changes no verdict.
 
-- A link before the last wins: the contact's samples are a misfit.
-- The links before the last have odds above MAX_LINK_ODDS: the contact's readings are not valid.
+- A link before the last wins: the piece's samples are a misfit.
+- The links before the last have odds above MAX_LINK_ODDS: the piece's readings are not valid.
 
 Both rules presuppose an arm at work, half of whose contacts are at E. The stated odds presuppose
 nothing: E and each link are equally likely beforehand.
@@ -31,7 +32,6 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 BASELINE_TIME, CONTACT_GUARD_TIME = 0.3, 0.05
 NUM_SAMPLES = 5  # of a contact, evenly spread over those of at least half of its largest size
 MAX_PIECE_TIME = 2.0  # s, of a contact's piece: its error shows little about that of the next piece
-MOST_PIECES = 20
 
 
 class ContactTorque(NamedTuple):
@@ -73,13 +73,10 @@ def stretches(flag: Flags) -> list[slice]:
 
 
 def _pieces(stretch: slice, t: Array) -> list[slice]:
-    """A stretch in equal pieces of at most MAX_PIECE_TIME s; longer ones where MOST_PIECES are too
-    few.
-    """
+    """A stretch in pieces of MAX_PIECE_TIME from its begin; the last is up to half longer."""
     begin, end = float(t[stretch.start]), float(t[stretch.stop - 1])
-    count = min(max(1, int(np.ceil((end - begin) / MAX_PIECE_TIME))), MOST_PIECES)
-    cuts = np.searchsorted(t, np.linspace(begin, end, count + 1)[1:-1])
-    limits = [stretch.start] + [int(cut) for cut in cuts] + [stretch.stop]
+    cuts = np.arange(begin + MAX_PIECE_TIME, end - 0.5 * MAX_PIECE_TIME, MAX_PIECE_TIME)
+    limits = [stretch.start, *np.searchsorted(t, cuts).tolist(), stretch.stop]
     return [slice(start, stop) for start, stop in pairwise(limits) if stop > start]
 
 
@@ -125,16 +122,18 @@ def judge_places(
     size: NDArray[np.float64] = np.zeros(N)
     size[is_finite] = np.linalg.norm(tau[is_finite] / sd[is_finite], axis=1)
     for stretch in stretches(detection.contact):
-        evidence = np.zeros(n + 1)
-        for piece in _pieces(stretch, t):
+        pieces = _pieces(stretch, t)
+        evidence = np.zeros((len(pieces) + 1, n + 1))  # of each piece; none follows the last one
+        for k, piece in enumerate(pieces):
             rows = _strong_rows(piece, is_finite, size)
             if len(rows):
-                evidence += place_evidence(J[rows], tau[rows], sd[rows], correlation, loaded)
-        stated, at_work = PlaceOdds.of(evidence), PlaceOdds.of(evidence, AT_WORK)
-        odds[stretch] = np.append(stated.links, stated.at_E)
-        misfit[stretch] = at_work.on_link
-        link[stretch] = at_work.named()[0] if at_work.on_link else 0
-        may_be_valid[stretch] = at_work.links[:-1].sum() <= MAX_LINK_ODDS
+                evidence[k] = place_evidence(J[rows], tau[rows], sd[rows], correlation, loaded)
+        for piece, known in zip(pieces, np.cumsum(evidence, axis=0)[1:], strict=True):
+            stated, at_work = PlaceOdds.of(known), PlaceOdds.of(known, AT_WORK)
+            odds[piece] = np.append(stated.links, stated.at_E)
+            misfit[piece] = at_work.on_link
+            link[piece] = at_work.named()[0] if at_work.on_link else 0
+            may_be_valid[piece] = at_work.links[:-1].sum() <= MAX_LINK_ODDS
     return PlacedContacts(detection._replace(misfit=misfit, link=link), odds, may_be_valid)
 
 

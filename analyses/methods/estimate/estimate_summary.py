@@ -220,7 +220,7 @@ class EstimateSummary:
         for code, fault in _FAULTS.items():
             if self._num_faults[code]:
                 share = 100 * self._num_faults[code] / self.count
-                warnings.append(f"{share:.2g} % of the samples are not used: {fault}")
+                warnings.append(f"{share:.3g} % of the samples are not used: {fault}")
         extrapolated = self._num_extrapolated / self.count
         if extrapolated > _OUTSIDE_WARNING:
             worst = {

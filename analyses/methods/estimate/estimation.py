@@ -56,6 +56,7 @@ from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
 from wrenchsight.models.hypotheses.judgement import Judgement, judge_log
+from wrenchsight.models.hypotheses.log_rows import MIN_SAMPLES, SHORTEST_LOG
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.episodes_reader import EpisodesReader, LogReader
 from wrenchsight.models.recordings.recording_reader import RecordingReader
@@ -199,6 +200,13 @@ def estimate(
     )
     metrics = _metrics(outcome, robot, config)
     warnings += outcome.warnings(settings)
+    is_tried = judgement is not None or not (config.check and robot.has_inertias)
+    if not (is_tried or second_pass.readings.summary.valid_share):
+        warnings.append(
+            "no reading is valid, and the log is too short to try what may be wrong with it "
+            f"(order, signs, units and others): that takes {SHORTEST_LOG:g} s and {MIN_SAMPLES} "
+            "samples without gaps; record a longer log"
+        )
     used_settings = replace(
         settings, estimate=replace(config, estimator=second_pass.estimator_config)
     )

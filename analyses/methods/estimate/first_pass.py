@@ -267,6 +267,9 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
         J_seen.add((batch.J_seen / sd[:, None, :])[is_measured])
         q.add(chunk.q[is_measured])
         tau_ext.add((batch.tau_ext / sd)[is_measured])
+    if not len(q.values()):
+        live = live_prior(log_pass.robot.payload)
+        return EvidencePrior(live, "live: every sample is impossible", ())
     noise = model.residual_covariance
     if model.torque_error is not None:
         noise = model.torque_error.correlation

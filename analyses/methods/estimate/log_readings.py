@@ -30,6 +30,7 @@ from wrenchsight.models.estimation.invalid import (
     HAS_MOMENT,
     NO_MODEL,
     OTHER_LINK,
+    SAMPLE_FAULT,
     SAMPLE_MISSING,
     UNCERTAIN_FORCE,
     WRONG_LOG,
@@ -95,6 +96,7 @@ class LogReadings:
         odds: Array | None = None
         if self._judges_places:
             part, odds = self._with_places(part)
+        part = _marked(part, SAMPLE_FAULT, part.chunk.dropout & (fault != 0))
         part = _marked(part, SAMPLE_MISSING, part.chunk.dropout)
         self._write(part, fault, table, bag)
         self._sum_up(part, fault, odds)

@@ -105,7 +105,7 @@ def make_live(
 ) -> LiveEstimator:
     """The reader of a source as the settings want it."""
     live = LiveEstimator(robot, model, settings.watch.live, source.step, source.rate)
-    live.contradicted = settings.model is None  # nothing holds the stated band to the arm
+    live.lacks_model = settings.model is None  # nothing holds the stated band to the arm
     return live
 
 

@@ -28,10 +28,7 @@ class WatchConfig:
     prior: str = "live"
     """prior sds of force and moment: live (half the rated payload), or two numbers in N and N m"""
     check: bool = True
-    """weigh the first seconds against the model"""
-    accept_signs: bool = False
-    """take the drives' signs as robot.yaml has them, also where the first seconds contradict
-    them"""
+    """weigh the stream against the model"""
     tool: bool = False
     """the tool in robot.yaml is on the arm and known: put it on a model that was identified with
     another one, or without"""

@@ -82,3 +82,21 @@ def test_a_contact_is_read_from_what_was_before_it():
     np.testing.assert_allclose(torque[late:900], 7.0)  # what was before it has changed since
     np.testing.assert_array_equal(torque[~contact], tau[~contact])
     assert stretches(contact) == [slice(100, 150), slice(300, 900)]
+
+
+@pytest.mark.parametrize("cut", [350, 480, 560, 640, 880, 899])
+def test_what_a_log_holds_later_changes_verdicts_near_its_end_only(J, cut):
+    """A contact of 6 s at E, in whose last 2 s somebody takes link 5."""
+    t, sd = T * np.arange(N), np.full((N, 7), 0.1)
+    tau = np.tile(J[0, 3:].T @ AT_E, (N, 1))
+    tau[700:] = ON_LINK
+    contact = detection(((300, 900),))
+    whole = judge_places(contact, ContactTorque(t, J, tau, sd))
+    # Without a change along the contact the test would show nothing.
+    assert 0 < whole.may_be_valid[300:900].sum() < 600
+    rows = slice(0, cut)
+    part = judge_places(contact.rows(rows), ContactTorque(t[rows], J[rows], tau[rows], sd[rows]))
+    # The last piece, up to 1.5 times as long, and the one before it, which it counts for.
+    changed = max(300, cut - round(2.5 * MAX_PIECE_TIME / T))
+    np.testing.assert_array_equal(part.may_be_valid[:changed], whole.may_be_valid[:changed])
+    np.testing.assert_array_equal(part.odds[:changed], whole.odds[:changed])

@@ -291,6 +291,20 @@ def test_a_bag_gives_the_same_and_the_wrench_goes_into_one(estimated, recording,
     np.testing.assert_array_equal(wrench, table[:, [4, 5, 6, 1, 2, 3]])
 
 
+@pytest.mark.parametrize(("seconds", "words"), [(1.0, "that takes 1.4 s"), (1.5, "in mA would")])
+def test_currents_in_another_unit_are_named_also_in_a_short_log(
+    estimated, recording, seconds, words
+):
+    part = recording[recording.t < seconds]
+    config = EstimateConfig()  # whose prior the log gives: every sample of it is impossible
+    result = estimated(config, of=replace(part, current=1e3 * part.current))
+    assert result.valid_share == 0.0
+    assert any(words in warning for warning in result.warnings), result.warnings
+    share = result.metrics()["invalid"]
+    key = "sample_fault_pct" if seconds < 1.4 else "wrong_log_pct"
+    assert share[key] > 90.0
+
+
 def test_a_bridged_dropout_is_not_valid(estimated, recording):
     rows = np.delete(np.arange(recording.num_samples), np.arange(900, 950))
     result = estimated(of=recording[rows])
