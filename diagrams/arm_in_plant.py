@@ -44,18 +44,18 @@ class ArmInPlant(Arm):
         plant: finalized.
         model_instance: the arm's; None: the only one with an actuator.
         frame_E: frame of the tool centre point; None: that of the last link, if there is but one.
-        drives: of the joints. None: of a simulated arm, whose "current" is its motor torque, at
-            1 N m/A, with rotor inertia and effort limit of the plant's actuators.
+        drives: drives of the joints. None: of a simulated arm, whose "current" is its motor torque,
+            at 1 N m/A, with rotor inertia and effort limit of the plant's actuators.
         base: body that carries the first joint; None: the parent of the first joint of the
             instance.
-        context: of the plant; None: its default.
+        context: context of the plant; None: its default.
         payload: kg, rated; None: USUAL_PAYLOAD_SHARE of the moving mass.
         name: by which models name the arm; None: the model instance's.
 
     Attributes:
         plant, model_instance, frame_E: as given or found.
         X_WB: pose of the base's frame in World.
-        joints: of the chain, base to tool.
+        joints: joints of the chain, base to tool.
 
     Raises:
         InputError: the plant is not finalized; instance or E cannot be told; no joint, or one that

@@ -64,7 +64,7 @@ def add_estimator(
     Args:
         plant: finalized, in `builder`.
         model_instance, frame_E, drives, base, payload: as `ArmInPlant`.
-        arm: of this plant, in the place of those.
+        arm: arm of this plant, in the place of those.
         in_base_axes: the wrench is in axes of the arm's base, F_E_B, as for a log.
         model: None: what the plant states, `ArmInPlant.nominal_model`.
         config: None: its defaults at the plant's time step (DEFAULT_TIME_STEP of a continuous one).

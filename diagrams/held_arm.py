@@ -39,7 +39,7 @@ class HeldArm:
     """The diagram and its logs, one entry a tick.
 
     Attributes:
-        diagram: of arm, controller and estimators.
+        diagram: diagram of arm, controller and estimators.
         q: log of the joint positions, (n,) rad.
         wrench_true: log of F_E_W, (6,) rotation first.
         tau_ext, wrench: logs of each estimator's outputs, by its name.
@@ -97,7 +97,7 @@ def make_held_arm(
         script: the wrench on the tool at E.
         q: (n,) rad, at rest there from the start.
         current_noise: whether currents have the drives' noise, resolution and bandwidth.
-        seed: of the noise.
+        seed: seed of the noise.
 
     Raises:
         ValueError: no estimator, or time steps that differ.

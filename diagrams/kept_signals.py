@@ -35,7 +35,7 @@ class KeptSignals:
         """Stores the contents of the log, and empties it.
 
         Args:
-            context: of the loop's diagram.
+            context: context of the loop's diagram.
 
         Raises:
             InputError: the disk is full.

@@ -153,7 +153,7 @@ def with_planned_force(
     valid by `live_prior` all the same.
 
     Args:
-        config: of the scenario; a prior that it states is kept.
+        config: configuration of the scenario; a prior that it states is kept.
         plan: whose set-point is the force, N.
     """
     force_sd, moment_sd = live_prior(robot.payload)

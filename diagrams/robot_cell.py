@@ -76,11 +76,11 @@ class _CellParts:
     """The builder of a cell, and what its true arm is made from.
 
     Attributes:
-        builder: of the cell's diagram; the plant is in it.
+        builder: builder of the cell's diagram; the plant is in it.
         scenario: as given.
         robot: the true robot, with the scenario's friction.
-        plant: of the arm, the workpiece and the floor.
-        scene_graph: of the plant's shapes; None where nothing touches or is drawn.
+        plant: plant of the arm, the workpiece and the floor.
+        scene_graph: scene graph of the plant's shapes; None where nothing touches or is drawn.
         arm: the robot's model instance, joints, actuators and frame E in the plant.
     """
 

@@ -45,7 +45,7 @@ class SensorConstants(NamedTuple):
     """The constants of a sensor, for `models.truth.arm_tick`.
 
     Attributes:
-        tool: of `tool_table`.
+        tool: table of `tool_table`.
         A, B, C: of the low-pass filter.
         noise_sd: (6,) N m, N.
         noise_seed: -1 for no noise.
@@ -97,7 +97,7 @@ class ForceTorqueSensor(SampledBlock):
         config: noise and filter.
         num_joints: n.
         time_step: s, period of the sampling.
-        seed: of the noise, as MotorCurrentSensor's; None: there is none.
+        seed: seed of the noise, as MotorCurrentSensor's; None: there is none.
 
     Raises:
         InputError: a filter that cannot be made, or a negative noise.

@@ -36,14 +36,14 @@ class LiveRobot(LeafSystem):
     context, and forwards.
 
     Args:
-        source: of the samples; whoever opened it closes it.
+        source: source of the samples; whoever opened it closes it.
         robot: the arm whose joints are sampled.
         time_step: s, period of the ticks: the source's.
         timeout: s, longest wait for a sample.
         late: s by which a sample may come later than the quickest one.
 
     Attributes:
-        events: of the stream, the newest MOST_EVENTS.
+        events: events of the stream, the newest MOST_EVENTS.
 
     Raises:
         ValueError: a time step that is not positive.

@@ -41,7 +41,8 @@ class MotorCurrentSensor(SampledBlock):
         num_joints: n.
         time_step: s, period of the update.
         bandwidth, noise_sd, resolution: (n,) or one value for all.
-        seed: of the noise, 0 to 2^53 - 1: the same seed gives the same run, wherever it starts;
+        seed: seed of the noise, 0 to 2^53 - 1: the same seed gives the same run, wherever it
+            starts;
             None: there is none.
 
     Raises:

@@ -44,7 +44,7 @@ class WrenchArrows(LeafSystem):
 
     Args:
         meshcat: to draw into.
-        styles: of each arrow, by the name of its port.
+        styles: styles of each arrow, by the name of its port.
         fps: frames a second.
         metres_per_newton: m/N.
     """

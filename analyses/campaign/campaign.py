@@ -237,7 +237,7 @@ class _Campaign:
         """Stores the outcomes as they come, and reports the progress.
 
         Args:
-            outcomes: of the worlds, as they end.
+            outcomes: outcomes of the worlds, as they end.
             total: number of worlds.
             jobs: number of worlds that run side by side.
             report: called with the progress.

@@ -31,8 +31,8 @@ def write_campaign_report(
     Args:
         spread: the figures of the article over worlds.
         failures: outcomes of worlds in which experiments failed, by world.
-        seconds: of a processor, by experiment, in a world.
-        version: of the software.
+        seconds: seconds of a processor, by experiment, in a world.
+        version: version of the software.
 
     Raises:
         InputError: they cannot be written.

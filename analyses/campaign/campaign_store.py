@@ -42,7 +42,7 @@ class CampaignRecord:
 
     Attributes:
         settings: what every figure depends on: seed, quick, ranges, libraries.
-        software: of each experiment, `software_hash`.
+        software: software of each experiment, `software_hash`.
         described: title, section and rows of "article / here" of each experiment.
         measured: world and experiment of which there are figures.
     """
@@ -122,7 +122,7 @@ def write_table(record: CampaignRecord, path: Path, order: Collection[str]) -> N
     """Writes the Parquet file: the same bytes for the same figures, however they came.
 
     Args:
-        order: of the experiments within a world.
+        order: order of the experiments within a world.
     """
     places = {name: f"{place:06d}" for place, name in enumerate(order)}
     table = record.table.assign(place=lambda t: t["experiment"].map(lambda n: places.get(n, n)))
@@ -173,7 +173,7 @@ class WorldPart(NamedTuple):
 
     Attributes:
         settings: that its figures depend on, as `CampaignRecord.settings`.
-        software: of each experiment, as `CampaignRecord.software`.
+        software: software of each experiment, as `CampaignRecord.software`.
         outcome: what the world measured.
     """
 

@@ -116,9 +116,9 @@ def label_of_entry(label: str, place: int, count: int) -> str:
     enumeration the entry's own part is kept. A label without one ends with the place, from 1.
 
     Args:
-        label: of the row.
-        place: of the entry, from 0.
-        count: of the entries.
+        label: label of the row.
+        place: place of the entry, from 0.
+        count: count of the entries.
     """
     for pattern in (r"(?<![\w.])[\d.]+(?:, [\d.]+)+", r"\b(?:x y z|X Y Z)\b"):
         match = re.search(pattern, label)

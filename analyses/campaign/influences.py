@@ -60,7 +60,7 @@ def influences(
 
     Args:
         values: (N,) of the figure, in as many worlds.
-        parameters: of the same worlds, what was drawn, by name.
+        parameters: parameters of the same worlds, what was drawn, by name.
         article: the printed figure.
     """
     names, draws = [], []

@@ -43,7 +43,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
 
     Args:
         tasks: to run.
-        address: of the scheduler, such as `tcp://127.0.0.1:8786`.
+        address: address of the scheduler, such as `tcp://127.0.0.1:8786`.
 
     Raises:
         InputError: the library is not installed, no scheduler answers, it has no workers or

@@ -40,16 +40,16 @@ class Option:
     that is false by default becomes a flag.
 
     Attributes:
-        place: of the key in the settings, such as `estimate.engine`.
-        name: of the option, with underscores; else the field's.
-        help: of the option; else the field's text.
+        place: place of the key in the settings, such as `estimate.engine`.
+        name: name of the option, with underscores; else the field's.
+        help: help of the option; else the field's text.
         shown: in --help; else in --help-all alone.
         required: unless `--config` gives it.
         argument: whether its position names it.
         flags: spelling of a flag, such as --smooth/--causal.
         metavar: that the help shows.
         default: that the help shows where the field's default is a rule.
-        least: of a whole number.
+        least: smallest value of a whole number.
         put: puts the option's text into the settings where that is no plain assignment.
     """
 
@@ -80,7 +80,7 @@ def hidden(place: str, *keys: str, prefix: str = "") -> Iterator[Option]:
     """Options for keys of one part of the settings, which only --help-all shows.
 
     Args:
-        prefix: of the options' names, before the keys.
+        prefix: prefix of the options' names, before the keys.
     """
     return (Option(f"{place}.{key}", f"{prefix}{key}", shown=False) for key in keys)
 

@@ -70,7 +70,7 @@ def fetch_data_sets(
     """Gets sets into the cache; one that fails does not stop the others.
 
     Args:
-        names: of sets; none means all that can be fetched.
+        names: names of sets; none means all that can be fetched.
         mirror: address below which files lie as on the public host,
             `<repository>/<commit>/<path>`; None: `mirror_url`'s.
         progress: takes the set, the share of it that is present, and the present action.

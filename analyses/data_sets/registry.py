@@ -45,10 +45,10 @@ class DataSet:
     """A set of recordings: a folder of files that belong together.
 
     Attributes:
-        name: of the folder, and on the command line.
+        name: name of the folder, and on the command line.
         contents: which motion, which sensors; one line.
         source: where it is published.
-        megabytes: of its files.
+        megabytes: megabytes of its files.
         advice: what to do where the set is not there and cannot be fetched.
         converted: files that `conversion` makes of the published ones.
         part_of: the set whose given folder may hold the converted files as well.

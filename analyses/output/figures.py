@@ -96,8 +96,8 @@ def new_figure(
     Args:
         rows: panels from top to bottom.
         cols: panels from left to right.
-        height: of the whole figure, inches; by default `ROW_HEIGHT` a row.
-        width: of the whole figure, inches.
+        height: height of the whole figure, inches; by default `ROW_HEIGHT` a row.
+        width: width of the whole figure, inches.
         share_x: whether all panels have one range of x (labels at the bottom only).
         share_y: whether all panels have one range of y (labels at the left only).
 
@@ -167,7 +167,7 @@ def draw_bars(panel: Any, series: Mapping[str, Any], names: Sequence[Any]) -> No
     Args:
         panel: to draw in.
         series: heights (N,) of one colour's bars, by label.
-        names: of the N groups.
+        names: names of the N groups.
     """
     places, each = np.arange(len(names)), 0.8 / len(series)
     for k, (label, values) in enumerate(series.items()):

@@ -47,7 +47,7 @@ class ProgressDisplay:
 
     Args:
         console: where to draw.
-        names: of the pieces of work, in their order.
+        names: names of the pieces of work, in their order.
         fleeting: whether the bars vanish at the end and no line marks beginning and end.
     """
 

@@ -85,7 +85,7 @@ class ResultFolder:
     """What lies in a folder of results; `open_results` makes it.
 
     Attributes:
-        path: of the folder.
+        path: path of the folder.
         files: SHA-256 of each file that the command wrote, by its name relative to the folder.
     """
 

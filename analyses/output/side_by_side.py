@@ -60,7 +60,7 @@ def run_side_by_side(
         jobs: processes side by side, at least 1.
         tries: how often a task is begun whose process dies.
         each_in_its_own: whether each task gets a new process; else a process takes several.
-        environment: of the processes, beside the limits of threads.
+        environment: environment of the processes, beside the limits of threads.
         log: file that takes what the processes print.
         started: called with a task when it has begun.
         tick: called ten times a second.

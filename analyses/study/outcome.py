@@ -32,7 +32,7 @@ class StudySettings:
         The number of jobs and of threads is no part of it: they must not change a figure.
 
         Args:
-            module: of the experiment; not imported.
+            module: module of the experiment; not imported.
             folders: sets of real recordings, which the experiment reads.
             takes_methods: whether it measures methods of others.
 

@@ -131,7 +131,7 @@ def named_methods(texts: Iterable[str], imported: bool = True) -> tuple[MethodEn
     """The methods of entry points and those named by texts.
 
     Args:
-        texts: of `--method`.
+        texts: texts of `--method`.
         imported: whether each is imported, to see that it is there.
 
     Raises:

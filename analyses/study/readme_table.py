@@ -129,8 +129,8 @@ def results_table(
     """Returns the figures of `collect` as Markdown; a line reports shortened runs.
 
     Args:
-        results: of `collect`.
-        worlds: of `together`; count if they are of the same length as the study.
+        results: results of `collect`.
+        worlds: worlds of `together`; count if they are of the same length as the study.
         whole: whether with the rows that the README leaves out, and with the one run's figure
             beside that of worlds.
     """

@@ -64,7 +64,7 @@ class ExperimentRegistry:
 
     Args:
         packages: names of those in which every folder with an `experiment.py` belongs to it.
-        group: of entry points; empty for none.
+        group: group of entry points; empty for none.
     """
 
     def __init__(self, packages: Sequence[str] = (), group: str = "") -> None:

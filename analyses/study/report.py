@@ -81,7 +81,7 @@ def comparisons(metrics: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -
     """Returns rows of "article / here" as text.
 
     Args:
-        metrics: of the experiment.
+        metrics: metrics of the experiment.
         rows: `ComparisonRow`s as plain mappings.
 
     Raises:
@@ -111,8 +111,8 @@ def number(value: Any, decimals: int | None = None) -> str:
 
     Args:
         value: a number, bool, text or None.
-        decimals: of a number; by default, and where they would leave nothing of it, as many as four
-            significant digits need.
+        decimals: decimals of a number; by default, and where they would leave nothing of it, as
+            many as four significant digits need.
     """
     if value is None:
         return "not finite"

@@ -32,7 +32,7 @@ def sharing_in(folder: Path, everywhere: Path | None = None) -> Iterator[None]:
     """Shares results through folders, which exist, inside the block.
 
     Args:
-        folder: of a study, or of one world of a campaign.
+        folder: folder of a study, or of one world of a campaign.
         everywhere: for what is the same in all worlds; None: `folder`.
     """
     token = _folders.set((folder, folder if everywhere is None else everywhere))
@@ -51,7 +51,7 @@ def shared(
     the file also where it was computed, so that all go on with the same bytes in the same layout.
 
     Args:
-        name: of what is computed.
+        name: name of what is computed.
         arguments: all that it depends on.
         compute: returns something that can be pickled, and has no other effect.
         everywhere: whether all worlds share it, since the simulated truth has no part in it.

@@ -79,9 +79,9 @@ def run_study(
         data: folder of the real recordings that is given; see
             `wrenchsight.analyses.data_sets.places`. Experiments that need a set that is nowhere
             are skipped.
-        seed: of every random number.
+        seed: seed of every random number.
         quick: whether experiments run shorter and coarser.
-        truth: of simulated arms, one of `wrenchsight.models.robot.truth_config.TRUTHS`.
+        truth: truth of simulated arms, one of `wrenchsight.models.robot.truth_config.TRUTHS`.
         jobs: processes side by side, at least 1.
         fresh: whether to run also what has a whole result.
         methods: estimators of others, see `wrenchsight.analyses.study.own_methods`.

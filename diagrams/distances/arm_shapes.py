@@ -23,7 +23,7 @@ class ArmShapes:
     Attributes:
         plant: finalized.
         parts: the robot in it.
-        body: of each shape, by its geometry id.
+        body: body of each shape, by its geometry id.
         level: number of joints between the world and each body, by its index.
         tool: the robot's tool; without one the body that E lies on.
     """

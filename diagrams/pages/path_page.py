@@ -52,8 +52,8 @@ def write_path_page(
     measure, on one scale for all motions.
 
     Args:
-        path: of the page, which needs nothing else; written whole or not at all.
-        label: of the measure, in the legend.
+        path: path of the page, which needs nothing else; written whole or not at all.
+        label: name of the measure, in the legend.
 
     Raises:
         InputError: the file cannot be written.

@@ -85,7 +85,7 @@ def write_page(
     """Ends the animation and writes it as a web page that needs nothing else; whole or not at all.
 
     Args:
-        title: of the page, shown in it above the legend.
+        title: title of the page, shown in it above the legend.
         legend: red, green, blue (and opacity) of each name, in [0, 1]; without it FORCE_ARROWS.
 
     Raises:

@@ -55,11 +55,11 @@ class PlacementPlant:
 
     Attributes:
         plant: as given.
-        frame_E: of the arm in it.
+        frame_E: frame E of the arm in it.
         path, held: frames of the two bodies.
 
     Args:
-        parts: of the arm, see `Robot.add_to_plant`.
+        parts: parts of the arm, see `Robot.add_to_plant`.
     """
 
     def __init__(self, plant: MultibodyPlant, parts: Any) -> None:

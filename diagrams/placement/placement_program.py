@@ -85,7 +85,7 @@ class PlacementSolution:
         cost: mean of the measure there.
         converged: whether the solver reports an optimum.
         status: as the solver states it.
-        evaluations: of cost and gradient.
+        evaluations: evaluations of cost and gradient.
         infeasible: what the solver says of constraints that do not hold, one of each of their rows.
     """
 
@@ -274,7 +274,7 @@ class PlacementProgram:
         Args:
             start: need not keep the constraints.
             solver: one of SOLVERS.
-            options: of the solver, beside or in place of the defaults.
+            options: options of the solver, beside or in place of the defaults.
             measure: in place of the program's own.
         """
         self._evaluations = 0

@@ -66,7 +66,8 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
     """Returns the scale from the masses of the robot's file.
 
     Args:
-        recordings: of free motion; `tau_J` is the effort where there is one, else `current`.
+        recordings: recordings of free motion; `tau_J` is the effort where there is one, else
+            `current`.
 
     Raises:
         InputError: the robot has no inertias, or motors that share joints; too short a log.

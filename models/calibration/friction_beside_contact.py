@@ -56,7 +56,7 @@ class _Segment:
     """Rows of one segment, joint after joint: residual, columns and both covariances.
 
     Args:
-        rows: of the segment.
+        rows: rows of the segment.
         J: (k, 6, n) at E.
         wrench_variance: (6,) of P.
     """
@@ -105,7 +105,7 @@ def refresh_beside_contact(
         rows: the known model's residual.
         J: (m, 6, n) rows [angular; linear] at E.
         law: that model's coefficients.
-        wrench_sd: of the force and of the moment, N and N m.
+        wrench_sd: standard deviations of the force and of the moment, N and N m.
         drift: the prior.
     """
     force_sd, moment_sd = wrench_sd

@@ -43,7 +43,7 @@ class FrictionDisagreement:
     Attributes:
         joint: its index.
         term: "coulomb" or "viscous", the one that differs by more standard errors.
-        change: of that coefficient, log less model; N m or N m s/rad.
+        change: change of that coefficient, log less model; N m or N m s/rad.
         standard_errors: that the change amounts to.
         torque: root mean square of what both changes add where the joint moves, N m.
         stated: N m, what the model leaves unexplained.
@@ -78,7 +78,7 @@ def friction_disagreements(
     """Finds the joints whose friction contradicts the model.
 
     Args:
-        rows: of stretches without contact, about ten a second. From an observer's reading: the
+        rows: rows of stretches without contact, about ten a second. From an observer's reading: the
             residual is -tau_ext, and dry, viscous and sliding go through the observer's pole.
         law: the model's coefficients.
         refresh: today's coefficients; None: those of the rows.

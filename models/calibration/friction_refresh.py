@@ -29,9 +29,9 @@ class FrictionDrift:
     of 3 s.
 
     Attributes:
-        coulomb: of the joint's dry friction.
-        viscous: of the joint's viscous coefficient.
-        offset: of the joint's dry friction.
+        coulomb: share of the joint's dry friction.
+        viscous: share of the joint's viscous coefficient.
+        offset: share of the joint's dry friction.
     """
 
     coulomb: float = 0.05
@@ -60,7 +60,7 @@ class FrictionRefresh:
     Attributes:
         model_law: the law of the model.
         change: in N m, N m s/rad, N m.
-        standard_deviation: of the change.
+        standard_deviation: standard deviation of the change.
         prior_deviation: sd of the change before the log.
         scale: (n,) scatter of the residual relative to what the model states.
     """

@@ -55,7 +55,7 @@ class GainAtRest:
 
     Attributes:
         value: N m/A or N/A, without its sign.
-        sd: of it.
+        sd: standard deviation of it.
     """
 
     value: float

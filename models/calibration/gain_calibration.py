@@ -104,8 +104,8 @@ class GainCalibration:
         log_covariance: (n, n) of its logarithm.
         x: all parameters of arm and friction, in true torque, as
             `wrenchsight.models.identification.torque_regression`.
-        standard_deviation: of x.
-        structure: of the friction.
+        standard_deviation: standard deviation of x.
+        structure: structure of the friction.
         loads: (l, 10) parameters of the loads in the flange's frame.
         load_sd: (l, 10).
     """

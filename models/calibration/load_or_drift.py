@@ -54,7 +54,7 @@ class LoadOrDrift:
     Attributes:
         load: as estimated beside friction's drift.
         mass_sd: kg, standard error of the mass with the spread between joints.
-        probability: of "none", "load", "drift" and "both".
+        probability: probability of "none", "load", "drift" and "both".
         is_steady: whether both halves of the log, or of its part with the load, show the same mass.
         begin: s, in the log's time, at which the load is taken up; None: before the log's start.
         begin_sd: s.

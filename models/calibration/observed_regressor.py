@@ -21,7 +21,7 @@ class ObservedRegressor:
 
     Args:
         robot: kinematics and gravity.
-        model: of it; some of its parameters are uncertain.
+        model: model of it; some of its parameters are uncertain.
         pole: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
 

@@ -54,7 +54,7 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
     """Solves the least squares of this module.
 
     Args:
-        rows: of each joint (m_j, k + 1), whitened: the columns A_j, then b_j.
+        rows: rows of each joint (m_j, k + 1), whitened: the columns A_j, then b_j.
         prior_sd: (k,) positive; infinite where nothing is known.
         prior_mean: (k,).
 

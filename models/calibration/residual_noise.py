@@ -114,7 +114,7 @@ class ResidualRows:
 
         Args:
             law: friction of the model whose residual it is.
-            signals: of the whole log.
+            signals: signals of the whole log.
             residual: (m, n) N m.
             sd: (n,) N m.
             low_pass: the residual's filter along time, for torques (N, n, 5).

@@ -84,9 +84,9 @@ class SpecimenFit:
     """The law of the other specimen.
 
     Attributes:
-        law: of all joints.
+        law: law of all joints.
         gain: share by which the torque constants are too small; 0 where no force determines it.
-        gain_sd: of it.
+        gain_sd: standard deviation of it.
         deviation: (n, 4) posterior sd of coulomb, load, viscous and offset.
         scatter: (n,) N m, sd of the rows; NaN for a joint without rows.
         rows: (n,) how many.
@@ -109,7 +109,7 @@ def fit_specimen(
 
     Args:
         law_of_known: law of the known robot.
-        rows: of each joint.
+        rows: rows of each joint.
         prior: how much the two may differ.
 
     Raises:

@@ -38,7 +38,7 @@ def fit_contact_noise(
     """Returns the value for `model.contact_noise`; None where no reading is used.
 
     Args:
-        readings: of motions that their models were not fitted on; of one time step.
+        readings: readings of motions that their models were not fitted on; of one time step.
         model: with the torque error that was fitted to them.
         chain: with the model's inertias.
     """

@@ -236,7 +236,7 @@ def detect_tick(
     """Single-sample kernel: takes a sample into `state` and writes the detection.
 
     Args:
-        tables: of ContactDetector.
+        tables: tables of ContactDetector.
         state: (state_rows, n), changed.
         sample: without the first axis.
         out: (NUM_OUT,), written.
@@ -528,7 +528,7 @@ def detect_log(
     """`detect_tick` for N samples, one after another.
 
     Args:
-        tables: of ContactDetector.
+        tables: tables of ContactDetector.
         state: (state_rows, n), changed.
         samples: N of them.
         out: (N, NUM_OUT), written.

@@ -70,7 +70,7 @@ class PlaceOdds(NamedTuple):
 
     Attributes:
         links: (n,) of a force on link 1 to n.
-        at_E: of a force at E.
+        at_E: odds of a force at E.
     """
 
     links: Array

@@ -110,7 +110,7 @@ class TorqueContactDetector:
     """Detector of contact along a log of external torque, chunk after chunk.
 
     Args:
-        error: of this arm, of `learn_reported_torque_sd`.
+        error: error of this arm, of `learn_reported_torque_sd`.
         start: (n,) N m, the first baseline: the mean of the log's first START_TIME s.
     """
 
@@ -261,8 +261,8 @@ def torque_contact_log(
     """Detects contact at N samples.
 
     Args:
-        error: of the torque.
-        state: of TorqueContactDetector, changed.
+        error: error of the torque.
+        state: state of TorqueContactDetector, changed.
         samples: N of them.
         out: (N, 3) statistic, contact and motion, written.
         base: (N, n) N m, the baseline, written.

@@ -47,15 +47,15 @@ class TrackedEstimator:
     Args:
         robot: the arm.
         model: with a torque error.
-        config: of the estimator, its time step filled in; method bayesian, force_only or inverse,
-            and an observer that does not read the wrench itself.
-        detection: of contact.
+        config: configuration of the estimator, its time step filled in; method bayesian, force_only
+            or inverse, and an observer that does not read the wrench itself.
+        detection: settings of contact detection.
         follows_friction: whether friction is tracked. Without it the model's allowance for drift
             stays in the band; a payload can still be zeroed.
 
     Attributes:
         estimator: reads the corrected samples.
-        tracker: of friction, with `freeze`, `resume` and `reset`.
+        tracker: tracker of friction, with `freeze`, `resume` and `reset`.
         zero: the payload that is subtracted, or None; `start_zero` and `finish_zero` determine it.
 
     Raises:

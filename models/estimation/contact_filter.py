@@ -238,7 +238,7 @@ class ContactFilter:
     """Kalman filter of the state x = [F, e, o, past F], of which o is only considered.
 
     Args:
-        config: of the contact.
+        config: configuration of the contact.
         force_sd: N, prior of the force along the axis.
         num_joints: n.
         period: s between blocks.

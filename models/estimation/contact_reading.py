@@ -38,7 +38,7 @@ class _Samples(NamedTuple):
     """N samples that wait for the filter, or for later blocks.
 
     Attributes:
-        batch: of the estimator.
+        batch: batch of the estimator.
         wrench_map: (N, 6, 6) as `ContactFrame.wrench_map`.
         tau_ext: (N, n) N m, mean over the period that ends with each sample.
         J: (N, 6, n) at E in axes of W, rows [angular; linear].
@@ -99,7 +99,7 @@ class ContactReader:
         robot: with E, payload, and the share of friction that its joints carry at rest.
         K_0: (n,) 1/s, of the observer that read tau_ext; None for one without such a lag.
         time_step: s between samples.
-        config: of the contact.
+        config: configuration of the contact.
         largest_sd: N, along the axis, of a valid reading; None: a third of the live prior's sd.
 
     Raises:
@@ -140,7 +140,7 @@ class ContactReader:
             q, v: (N, n) rad, rad/s (m, m/s).
             tau_J: (N, n) N m, motor torque on the joint side.
             is_measured: (N,) whether the sample was measured.
-            batch: of the estimator, with all its fields.
+            batch: batch of the estimator, with all its fields.
         """
         self._add(q, v, tau_J, is_measured, batch)
         return self._read(is_end=False)
@@ -232,7 +232,7 @@ class ContactReader:
 
         Args:
             samples: N of them.
-            readings: of M blocks.
+            readings: readings of M blocks.
             blocks: (N,) index of each sample's reading.
         """
         F = np.array([reading.F for reading in readings]).reshape(-1, 6)[blocks]

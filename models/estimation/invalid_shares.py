@@ -20,8 +20,8 @@ class InvalidShares:
     """Counts of readings, added up part by part.
 
     Attributes:
-        count: of all readings.
-        num_valid: of the valid ones.
+        count: count of all readings.
+        num_valid: number of the valid ones.
     """
 
     def __init__(self) -> None:
@@ -58,7 +58,7 @@ class InvalidShares:
         """One line: the share of all readings that are not valid, and of each reason.
 
         Args:
-            limits: of a valid reading.
+            limits: limits of a valid reading.
         """
         codes = [code for code in REASONS if self.share(code) >= LEAST_NAMED_SHARE]
         codes.sort(key=self.share, reverse=True)

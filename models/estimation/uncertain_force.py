@@ -42,7 +42,7 @@ class UncertainForce:
         """Judges N samples.
 
         Args:
-            estimator: of the samples.
+            estimator: estimator of the samples.
             J: (N, 6, n) at E in axes of W, rows [angular; linear].
             torque_sd: (N, n) N m, as the estimator stated.
         """

@@ -106,7 +106,7 @@ class WrenchBagWriter:
     """Writer of such a file as a stream; it appears when the `with` block ends without error.
 
     Args:
-        path: of the file, *.mcap.
+        path: path of the file, *.mcap.
         base_link: name of the frame W.
 
     Raises:

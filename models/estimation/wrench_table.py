@@ -81,7 +81,7 @@ class WrenchTableWriter:
     The rows go to a temporary file beside it, which an error or an interrupt removes.
 
     Args:
-        path: of the table; the suffix .parquet makes it a Parquet file, any other one CSV.
+        path: path of the table; the suffix .parquet makes it a Parquet file, any other one CSV.
         num_joints: n.
         covariance: whether there are columns for it.
 

@@ -24,7 +24,7 @@ def named_file(name_or_path: str | Path, folder: str, description: str) -> Path:
 
     Args:
         folder: as `bundled_files`.
-        description: of the file, for error lines: "task".
+        description: description of the file, for error lines: "task".
 
     Raises:
         InputError: neither a bundled name nor the path of a YAML file.

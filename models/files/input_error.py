@@ -30,7 +30,7 @@ def needing_extra(extra: str, source: str) -> Iterator[None]:
     """Turns a failed import of an optional package into an error that names the extra to install.
 
     Args:
-        extra: of this package, to which the imports of the `with` block belong.
+        extra: extra of this package, to which the imports of the `with` block belong.
         source: the option or source that needs them.
 
     Raises:

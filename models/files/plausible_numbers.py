@@ -18,7 +18,7 @@ def check_numbers(
     """Checks every number in a dataclass, and in all that it contains, against limits.
 
     Args:
-        source: of the numbers, for error lines.
+        source: source of the numbers, for error lines.
         limits: lowest and highest number by a field's name, at any depth; of a list, for each
             number. Fields without limits have +-LARGEST.
 

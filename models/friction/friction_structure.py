@@ -105,7 +105,7 @@ class FrictionStructure:
         """Returns one term's column (N,) of one joint.
 
         Args:
-            term: of `structures()`.
+            term: one of `structures()`.
             joint: its index.
             z: (N, n) slip, of `slip_path`.
             q: (N, n) rad.

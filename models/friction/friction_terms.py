@@ -21,10 +21,10 @@ class FrictionTerm:
     """A friction term.
 
     Attributes:
-        name: of the term and its coefficient; the key in model.yaml.
+        name: name of the term and its coefficient; the key in model.yaml.
         basis: `numba.njit` of (q, v) in rad and rad/s (m and m/s), floats: torque in N m for a
             coefficient of one, positive where it opposes positive motion.
-        laws: of `friction_structure.STRUCTURES` on top of which it can be fitted.
+        laws: laws of `friction_structure.STRUCTURES` on top of which it can be fitted.
         least, most: bounds of the coefficient, in a fit that is restricted to physical robots.
     """
 

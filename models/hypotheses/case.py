@@ -78,9 +78,9 @@ class Case:
     """A log and its robot.
 
     Args:
-        rows: of the log.
+        rows: rows of the log.
         robot: that it is of.
-        model: of `identify`; None: the robot's own files stand for it.
+        model: model of `identify`; None: the robot's own files stand for it.
     """
 
     def __init__(self, rows: LogRows, robot: Robot, model: IdentifiedModel | None) -> None:

@@ -12,7 +12,7 @@ class Explanation:
     """The best form of one hypothesis.
 
     Attributes:
-        name: of the hypothesis, as the registry has it.
+        name: name of the hypothesis, as the registry has it.
         log_evidence: natural logarithm; what was chosen among several forms is paid for.
         explained: share of the measured torque's mean square, 0 to 1.
         kind_share: (5,) of the rows, by `evidence.KINDS`.

@@ -37,8 +37,8 @@ def best_order(
 
     Args:
         starts: from which the search begins, beside the log's own order.
-        score: of an order.
-        base_score: of the log's own order.
+        score: score of an order.
+        base_score: score of the log's own order.
     """
     known = tuple(range(num_joints))
     scores = {known: base_score}

@@ -123,7 +123,7 @@ def judge_log(
     Args:
         chunks: successive parts of the log, on a uniform grid.
         robot: that it is of, with inertias.
-        model: of `identify`; None: the robot's own files, with any friction.
+        model: model of `identify`; None: the robot's own files, with any friction.
 
     Returns:
         None where the log is too short to tell.
@@ -138,7 +138,7 @@ def refuse_faulty(
     """Refuses logs that something is wrong with.
 
     Args:
-        recordings: of which at most MOST_LOGS, the longest ones, are looked at.
+        recordings: logs, of which at most MOST_LOGS, the longest ones, are looked at.
         robot, model: as `judge_log`.
 
     Returns:

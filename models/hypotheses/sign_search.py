@@ -11,8 +11,8 @@ def best_signs(num_joints: int, score: Callable[[Array], float], base_score: flo
     """(n,) signs of the largest score, -1 where turned; None where no other signs are better.
 
     Args:
-        score: of signs (n,).
-        base_score: of the log's own signs.
+        score: score of signs (n,).
+        base_score: score of the log's own signs.
     """
     own = np.ones(num_joints)
     starts = [(base_score, own), (score(-own), -own)]

@@ -37,7 +37,7 @@ class BaseParameters:
         combination: (b, p); base parameters = combination @ parameters. The identity on the columns
             `independent`, K on the others.
         without_effect: names of the parameters that no torque depends on.
-        condition_number: of the kept columns, scaled to unit length.
+        condition_number: condition number of the kept columns, scaled to unit length.
         smallest_kept: smallest pivot kept, relative to the largest.
         largest_dropped: largest pivot dropped, relative to the largest; 0 if none was dropped.
             The wider the gap between the two, the surer the rank.
@@ -70,7 +70,7 @@ def find_base_parameters(
 
     Args:
         W: (m, p) regressor over all samples and joints, or its triangular factor.
-        names: of the p parameters.
+        names: names of the p parameters.
         tolerance: pivot, relative to the largest, below which a scaled column counts as dependent;
             and length, relative to the longest column, below which it counts as zero.
 
@@ -120,7 +120,7 @@ class _PivotedFactor(NamedTuple):
         present: columns whose length is not zero.
         order: (len(present),) of these columns in R.
         favour: (len(present),) factors by which longer columns are preferred.
-        pivots: of R, relative to the largest.
+        pivots: pivots of R, relative to the largest.
     """
 
     R: Array

@@ -77,7 +77,7 @@ def spread_table(chain: SerialChain, spread: Array, fitted: ArrayLike) -> Array:
     """(n, 20 + 5 K) contiguous, the constants of `spread_beyond`; (n, 0) for K = 0.
 
     Args:
-        chain: of the robot, whose gravity and frames count.
+        chain: chain of the robot, whose gravity and frames count.
         spread: (K, n, 5) directions.
         fitted: (n,) N m, largest s(q) of the fitted logs.
     """
@@ -107,7 +107,7 @@ def spread_beyond(table: Array, q: Array, variance: Array) -> None:
     """Single-sample kernel: the part of s(q)^2 beyond the fitted logs' largest; 0 within it.
 
     Args:
-        table: of `spread_table`, with a direction or more.
+        table: table of `spread_table`, with a direction or more.
         q: (n,) rad (m); where one is not finite the result is 0.
         variance: (n,) N^2 m^2, written.
     """

@@ -201,7 +201,7 @@ class IdentifiedModel:
         friction: tau_f, N m, positive for v > 0.
         residual_covariance: (n, n) covariance of measured minus predicted torque, (N m)^2.
         base_parameters: the identified combinations, with standard deviations.
-        condition_number: of the column-scaled regressor of the base parameters.
+        condition_number: condition number of the column-scaled regressor of the base parameters.
         validity: ranges of the motion that the model was fitted on.
         provenance: logs, filter and method.
         torque_error: how far what an observer reads may be off, state by state; None for a model of

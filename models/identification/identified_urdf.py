@@ -27,8 +27,8 @@ def identified_urdf(
         inertial: (n, 10) per moving link about its joint frame, as
             `models.rigid_body.serial_chain.SerialChain.inertial_parameters`.
         reflected_inertia: (n,) kg m^2 (kg if prismatic).
-        friction: of the joints; None: the file states none. Drake reads `damping` and leaves
-            `friction` (Coulomb) out.
+        friction: friction of the joints; None: the file states none. Drake reads `damping` and
+            leaves `friction` (Coulomb) out.
 
     Raises:
         ValueError: a link whose inertia is not physical, which URDF readers refuse.

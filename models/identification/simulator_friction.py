@@ -33,7 +33,7 @@ def simulator_friction(law: FrictionLaw, largest_speed: Array) -> SimulatorFrict
     What depends on load, direction or position is left out.
 
     Args:
-        law: of n joints.
+        law: law of n joints.
         largest_speed: (n,) rad/s (m/s).
     """
     n = law.num_joints

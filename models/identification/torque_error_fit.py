@@ -95,7 +95,7 @@ def fit_torque_error(
     """Returns the model that explains the readings best.
 
     Args:
-        readings: of one gain K_0.
+        readings: readings of one gain K_0.
         least: (n,) or () N m, a floor of `constant`: a simulation without noise has no error.
         rest: constants of stiction at rest, which the likelihood of motion hardly determines.
 
@@ -211,7 +211,7 @@ def correlated_samples(errors: Sequence[Array]) -> float:
     """How many samples count for one that is independent of others, 1 or more.
 
     Args:
-        errors: of one joint, (N_k,) of each reading.
+        errors: errors of one joint, (N_k,) of each reading.
     """
     longest = max(len(error) for error in errors)
     covariance = np.zeros(longest)

@@ -89,7 +89,7 @@ def parameter_names(
     """Names of all parameters; a link goes by the name of the joint that moves it.
 
     Args:
-        joint_names: of the n joints.
+        joint_names: joint names of the n joints.
         terms: friction terms per joint; None: Coulomb, viscous and offset.
     """
     terms_of_joints = [JOINT_NAMES[1:]] * len(joint_names) if terms is None else terms
@@ -185,7 +185,7 @@ class RegressionRows:
         """Reduces the rows to their factors.
 
         Args:
-            friction: of `friction_rows`.
+            friction: friction of `friction_rows`.
             part: which of the rows.
             weights: (m, n) of the squared residuals, None for one.
         """
@@ -238,7 +238,7 @@ def factorise(
 
     Args:
         chain: kinematics and gravity; its inertias play no part.
-        motion: of T samples.
+        motion: motion of T samples.
         tau: (T, n) N m, has been through `low_pass` already.
         low_pass: along time; goes over every column of the regressor.
         rows: indices of the samples to use, after the filter.
@@ -260,7 +260,7 @@ def solve(
     the first pass weighs all alike.
 
     Args:
-        factors: of one log or more.
+        factors: factors of one log or more.
         base: the parameters to solve for.
         num_passes: one or more.
         oversampling: rows per independent sample of the residual.

@@ -133,9 +133,9 @@ class Recipe:
     """What a data packet holds.
 
     Attributes:
-        number: of the recipe.
-        names: of its fields.
-        types: of them, or NOT_FOUND.
+        number: number of the recipe.
+        names: names of its fields.
+        types: types of them, or NOT_FOUND.
     """
 
     number: int

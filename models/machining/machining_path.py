@@ -48,7 +48,7 @@ class MachiningPath:
 
     Attributes:
         path: points and outward normals in W.
-        trajectory: of the joints, from rest to rest, there and back `passes` times.
+        trajectory: trajectory of the joints, from rest to rest, there and back `passes` times.
         s: (T,) place on the path, 0 to 1, at the times of the trajectory.
         setpoint: (T,) N, of the normal force there.
         steady: (T,) 1 where the feed has kept its full speed for a while (0.4 s), else 0: where
@@ -94,7 +94,7 @@ def plan_machining(
     Args:
         path: N points with normals in W.
         q: (N, n) postures there.
-        settings: of the pass.
+        settings: settings of the pass.
         source: named in messages.
 
     Raises:

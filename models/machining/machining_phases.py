@@ -177,7 +177,7 @@ def outward_travel(table: Array, state: Array, t: float) -> tuple[float, float]:
     """How far (m) and how fast (m/s) out of the surface, where force is not controlled.
 
     Args:
-        table: of PhasesConfig.
+        table: table of PhasesConfig.
     """
     phase, since = int(state[PHASE]), t - state[SINCE]
     if phase == Phase.APPROACH:
@@ -208,7 +208,7 @@ def setpoint(
     """The set-point of the normal force, N; in the approach the force that is read.
 
     Args:
-        table: of PhasesConfig.
+        table: table of PhasesConfig.
         at_start, at_place, at_end: N, of the path: at its start, at this place, at its end.
     """
     phase, since = int(state[PHASE]), t - state[SINCE]
@@ -255,8 +255,8 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
     """Takes one tick, changing `state` in place; returns whether the phase has changed.
 
     Args:
-        table: of PhasesConfig.
-        inputs: of the tick.
+        table: table of PhasesConfig.
+        inputs: inputs of the tick.
         state: changed.
     """
     time_step, t, force, setpoint_now, work_duration, joint_room, is_trusted = inputs

@@ -86,7 +86,8 @@ class MachiningProcess:
     Args:
         config: the law's numbers.
         source: named in messages.
-        contact: of the workpiece; without it the process is steady, whatever the configuration.
+        contact: contact of the workpiece; without it the process is steady, whatever the
+            configuration.
         time_step: s.
 
     Raises:
@@ -162,7 +163,7 @@ def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) 
     """Writes the force (3,) N of the workpiece on the tool, against the feed.
 
     Args:
-        table: of MachiningProcess.
+        table: table of MachiningProcess.
         normal_force: N, between tool and workpiece.
         feed: (3,) m/s, tangential velocity of the tool, lagged.
     """
@@ -217,7 +218,7 @@ def advance_varying_process(
     """Moves the state of a varying process on by a tick, as `advance_process`.
 
     Args:
-        variations: of ProcessVariations.
+        variations: variations of ProcessVariations.
         state: changed.
     """
     advance_process(table, tick.time_step, tick.contact, tick.V_WE, state)
@@ -245,7 +246,7 @@ def joint_vibration(
     """Writes the amplitudes (n,) rad/s of the joints' velocity by a tool that vibrates; 0: none.
 
     Args:
-        table: of MachiningProcess.
+        table: table of MachiningProcess.
         M: (n, n) kg m^2.
         J: (6, n) at E, axes of W, rotation first.
         normal_force: N; without it nothing vibrates.

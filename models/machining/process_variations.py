@@ -207,7 +207,7 @@ class ProcessVariations:
 
     Args:
         config: how much of each.
-        contact: of the workpiece.
+        contact: contact of the workpiece.
         spindle_frequency: Hz.
         time_step: s.
         source: named in messages.
@@ -299,8 +299,8 @@ def plane_waves(seed: np.random.SeedSequence, rms: float, shortest: float, longe
     """(NUM_WAVES, 4) waves whose sum has the root mean square `rms` over the plane.
 
     Args:
-        seed: of directions and phases, and of the lengths within their shares of the band.
-        rms: of the field, in its own unit.
+        seed: seed of directions and phases, and of the lengths within their shares of the band.
+        rms: root mean square of the field, in its own unit.
         shortest, longest: m, wavelengths.
     """
     rng = np.random.default_rng(seed)
@@ -382,7 +382,7 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
 
     Args:
         place: m, of the tool out of the surface, from any fixed origin.
-        memory: of `memory_size`; zeros at the first contact, and again after it was lost.
+        memory: memory of `memory_size`; zeros at the first contact, and again after it was lost.
     """
     if memory[_FILLED] == 0.0:
         memory[_SLOWLY] = place
@@ -409,8 +409,8 @@ def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: A
     """Turns the cutting force of a steady process into that of this place and time, in place.
 
     Args:
-        tables: of the process.
-        sample: of the tool.
+        tables: tables of the process.
+        sample: sample of the tool.
         memory: (memory_size,), changed.
         force: (3,) N, steady cutting force in W; becomes all that acts besides the simulator's
             contact.

@@ -27,7 +27,8 @@ def bounded_minimum(
     """The lowest of the local minima that descents from some starts reach.
 
     Args:
-        value_and_gradient: of x (D,): the function, and its gradient (D,), exact to rounding.
+        value_and_gradient: function of x (D,): its value, and its gradient (D,), exact
+            to rounding.
         starts: each (D,); of minima that are the same to 1e-9 the first one's counts.
         bounds: (D, 2) lower and upper; infinite where there is none.
 

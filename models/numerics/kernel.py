@@ -53,7 +53,7 @@ def kernel(function: Any = None, **options: Any) -> Any:
     A division by zero gives inf or nan, as in numpy, in every kernel.
 
     Args:
-        options: of `numba.njit`, such as parallel=True.
+        options: options of `numba.njit`, such as parallel=True.
     """
     if function is None:
         return lambda function: kernel(function, **options)
@@ -66,8 +66,8 @@ def kernel_stamp(file: Path, name: str) -> str:
     """Returns a digest of a top-level definition and of all definitions of this package it uses.
 
     Args:
-        file: of the module; only what lies in this package is followed further.
-        name: of a function, class or variable at the module's top level.
+        file: file of the module; only what lies in this package is followed further.
+        name: name of a function, class or variable at the module's top level.
     """
     digests: dict[tuple[str, str], str] = {}
     ahead = [(str(file.resolve()), name)]

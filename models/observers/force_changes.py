@@ -60,7 +60,7 @@ class IntervalReading(NamedTuple):
     Attributes:
         wrench, covariance: (K, 6), (K, 6, 6) of the first K <= N samples; as `WrenchEstimator`'s.
         evidence: (N, NUM_EVIDENCE) of `wrenchsight.models.observers.fixed_interval`.
-        log: of the forward pass.
+        log: log of the forward pass.
     """
 
     wrench: Array
@@ -87,8 +87,9 @@ class ProportionalError(NamedTuple):
     """Errors of a joint in proportion to the measured torque, N m per N m.
 
     Attributes:
-        gain: of the torque itself, as by a torque per ampere that is off.
-        friction: of its magnitude, against the joint's motion, as by friction that a load adds.
+        gain: relative error of the torque itself, as by a torque per ampere that is off.
+        friction: relative error of its magnitude, against the joint's motion, as by friction that a
+            load adds.
     """
 
     gain: float

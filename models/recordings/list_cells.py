@@ -22,12 +22,12 @@ class UnfoldedFile:
     """A text table without lists on the disk; it is removed with this object.
 
     Args:
-        path: of a table that has lists, as `has_lists` says.
-        separator: of its cells.
+        path: path of a table that has lists, as `has_lists` says.
+        separator: separator of its cells.
         skip_lines: lines before the header.
 
     Attributes:
-        path: of the table with a column for each entry.
+        path: path of the table with a column for each entry.
 
     Raises:
         InputError: a list has another length than the first row's.

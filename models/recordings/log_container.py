@@ -78,7 +78,7 @@ class LogContainer(Protocol):
         """Opens a log.
 
         Args:
-            path: of the log.
+            path: path of the log.
             form: the user's description of the log, or None; a container may need it for what the
                 file itself does not state.
 

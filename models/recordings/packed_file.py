@@ -70,10 +70,11 @@ class UnpackedFile:
     """The content of a packed file on the disk; it is removed with this object.
 
     Args:
-        path: of a packed file, `is_packed`.
+        path: path of a packed file, `is_packed`.
 
     Attributes:
-        path: of the unpacked file, whose name is that of the packed one without its last ending.
+        path: path of the unpacked file, whose name is that of the packed one without its last
+            ending.
 
     Raises:
         InputError: it cannot be read, is damaged, or unpacks to more than the bound.

@@ -59,7 +59,7 @@ class ParquetTable:
     """A Parquet file of numbers or lists of them, one sample a row; rows are counted from 1.
 
     Args:
-        path: of the file.
+        path: path of the file.
         part: rows of the file that are the table, counted from 0; None: all.
 
     Raises:

@@ -56,7 +56,8 @@ class RecordingChecks:
 
     Args:
         robot: limits, drives, gravity torque.
-        layout: of the log, for the names of columns in error lines; None for signals in memory.
+        layout: layout of the log, for the names of columns in error lines; None for signals in
+            memory.
     """
 
     def __init__(self, robot: Robot, layout: ColumnLayout | None = None) -> None:

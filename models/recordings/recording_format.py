@@ -163,7 +163,7 @@ class LogHeader:
 
     Attributes:
         path: the log's file.
-        names: of the columns; None where the log has no header.
+        names: names of the columns; None where the log has no header.
         num_columns: that the log has.
     """
 
@@ -318,7 +318,7 @@ def resolve_layout(
 
     Args:
         description_source: the description's file, for error lines.
-        header: of the log.
+        header: header of the log.
 
     Raises:
         InputError: the log lacks a column, has too many, or the description contradicts itself.
@@ -360,7 +360,7 @@ def further_signals(
     Args:
         further: columns by the signal's name.
         requested_by: the option that names the columns, for error lines.
-        header: of the log.
+        header: header of the log.
 
     Raises:
         InputError: the log lacks a column.
@@ -374,10 +374,10 @@ class _LogColumns:
 
     Args:
         source: the description's file, or the option, for error lines.
-        header: of the log.
+        header: header of the log.
 
     Attributes:
-        displayed_names: of every column as a person knows it.
+        displayed_names: displayed names of every column as a person knows it.
     """
 
     def __init__(self, source: str, header: LogHeader) -> None:

@@ -104,7 +104,8 @@ def read_recording(
             signals), *.parquet or *.npz with such columns, a layout of `header_layouts`, a ROS 2
             bag (*.mcap, *.db3 or a folder), an episode of a LeRobot data set
             (FOLDER/episode_000000), or the *.yaml of a description that names its file.
-        description: of other columns: a bundled name, the path of a *.yaml, or `log_words`.
+        description: description of other columns: a bundled name, the path of a *.yaml, or
+            `log_words`.
         robot: that the log must fit: number of joints, and where `check` is set also limits,
             velocity against position, current against gravity.
         joint_signals: whether the log must hold what an identification needs, see
@@ -137,13 +138,13 @@ class RecordingReader:
         requested_by: the command that needs these signals, for error lines.
 
     Attributes:
-        path: of the log.
+        path: path of the log.
         format: the description of its columns.
         layout: its signals and their columns.
         table: the log as a table of numbers.
         effort_holds_gravity: False where the log's effort is too small beside gravity's torque.
-        gravity_torque: of postures, added to an effort that is without gravity; None: that of the
-            robot's own files.
+        gravity_torque: gravity torque of postures, added to an effort that is without gravity;
+            None: that of the robot's own files.
 
     Raises:
         InputError: the log cannot be opened, or its columns do not fit.

@@ -15,8 +15,8 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     back.
 
     Args:
-        recording: of any robot.
-        path: of the log; its ending decides the kind of file (`log_containers`).
+        recording: recording of any robot.
+        path: path of the log; its ending decides the kind of file (`log_containers`).
 
     Raises:
         InputError: no kind of log has this ending, or the file cannot be written.

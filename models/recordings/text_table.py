@@ -114,7 +114,7 @@ class TextTable:
     times (ISO 8601) is read in seconds.
 
     Attributes:
-        first_cells: of the first row.
+        first_cells: first cells of the first row.
 
     Raises:
         InputError: no such file, a directory, a binary file, no line of numbers.

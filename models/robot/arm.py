@@ -31,7 +31,7 @@ class Arm(ABC):
     Args:
         name: by which models and logs name the arm.
         source: where it is described, for messages.
-        limits: of the moving joints, base to tool.
+        limits: limits of the moving joints, base to tool.
         drives: one a joint, in any order.
         coupling: n rows of n: q_joint = coupling q_motor; empty: each motor moves its own joint.
         payload: kg, rated.

@@ -92,7 +92,7 @@ class ArmStructure:
 
     Args:
         root: <robot> of a URDF.
-        path: of the file, for error lines.
+        path: path of the file, for error lines.
 
     Attributes:
         joints: all of them, in the file's order.
@@ -129,7 +129,7 @@ class ArmStructure:
         """The link that the arm stands on: the root, or what `world` carries of the arm.
 
         Args:
-            flange: of the arm; None: not known yet.
+            flange: flange of the arm; None: not known yet.
 
         Raises:
             InputError: there are several roots.

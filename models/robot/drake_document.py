@@ -18,7 +18,7 @@ def urdf_of_model(path: Path, tag: str, digest: str) -> bytes:
     """The URDF of a document whose root element has this tag.
 
     Args:
-        digest: of the file's content; a command reads the same file several times.
+        digest: digest of the file's content; a command reads the same file several times.
 
     Raises:
         InputError: Drake cannot read it, it holds no model or several, or a limit of

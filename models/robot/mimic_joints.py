@@ -23,7 +23,7 @@ def followed_positions(
     """Positions in rad or m of the joints that follow a joint at rest, directly or by others.
 
     Args:
-        joints: of the URDF, by name.
+        joints: joints of the URDF, by name.
         locked: positions by name. A fixed joint stands at 0.
 
     Raises:

@@ -62,7 +62,7 @@ def chain_mjcf(
     """Returns a chain as MJCF.
 
     Args:
-        name: of the model.
+        name: name of the model.
         chain: kinematics, inertias and gravity; each link's inertia must be physical.
         joints: friction and limits.
         link_names: n, of the moving bodies; without them, body_1 to body_n.

@@ -250,7 +250,7 @@ class Robot(Arm):
 
         Args:
             plant: with or without a SceneGraph.
-            name: of the model instance; None: the robot's.
+            name: name of the model instance; None: the robot's.
             hulls: with collision meshes that Drake does not read as their convex hulls: for
                 distances. In a simulation hulls of neighbours, which overlap, would push.
             X_WB: pose of the base in the plant's World, whose gravity stays as it is. None: the

@@ -92,7 +92,7 @@ def contact_wrench(
         moment about C = I alpha + w x I w - moment_J - (p_J - p_C) x force_J
 
     Args:
-        table: of `tool_table`.
+        table: table of `tool_table`.
         R_WE: (3, 3).
         w_WE: (3,) angular velocity, axes of W, rad/s.
         A_WE: (6,) acceleration of E, rotation first, axes of W, rad/s^2 and m/s^2.
@@ -172,7 +172,7 @@ def measure_contact_wrench(
 
     Args:
         reaction: as in `contact_wrench`.
-        motion: of the tool.
+        motion: motion of the tool.
         noise: (6,) unit Gaussian draws.
         wrench: (6,) N m, N, at E in axes of W, rotation first; written.
         state: (6 order,) of the filter, changed.

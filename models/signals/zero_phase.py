@@ -17,7 +17,7 @@ class ZeroPhaseLowPass:
     Attributes:
         cutoff: Hz, of the one-way filter.
         time_step: s, between samples.
-        order: of the one-way filter.
+        order: order of the one-way filter.
     """
 
     cutoff: float

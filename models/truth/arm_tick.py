@@ -58,8 +58,8 @@ class ArmLayout(NamedTuple):
     """How many numbers the parts of ArmState have.
 
     Attributes:
-        joints: of the joints' state.
-        process: of the process's state; 0 where there is none.
+        joints: size of the joints' state.
+        process: size of the process's state; 0 where there is none.
         time_step: s.
     """
 
@@ -120,12 +120,12 @@ class MotionConstants(NamedTuple):
     """The constants of `arm_motion`.
 
     Attributes:
-        layout: of the state.
+        layout: layout of the state.
         scratch: (n, SCRATCH_COLUMNS), overwritten.
         chain: SerialChain.table of the true robot.
         joints: table of TrueJoints.
         on_motor: whether the encoders sit on the motors.
-        seed: of the velocities' noise.
+        seed: seed of the velocities' noise.
         script, tones: of WrenchScript; without rows nothing is scripted.
         process: table of MachiningProcess.
     """
@@ -147,7 +147,7 @@ class DriveConstants(NamedTuple):
     Attributes:
         layout: as in MotionConstants.
         joints: table of TrueJoints.
-        motors: of TrueJoints.
+        motors: motors of TrueJoints.
         current: (3, n) table of `measure_current`; (0, n): the true current is reported.
         seed, current_seed: of friction's wander, and of the current sensor's noise.
         in_contact: whether contact is solved for after the drives: then that of the tick before
@@ -171,7 +171,7 @@ class MemoryConstants(NamedTuple):
         current: as in DriveConstants.
         tool, A, B, C, noise_sd: of `measure_contact_wrench`; without rows of `tool` there is no
             force/torque sensor.
-        noise_seed: of its noise; below 0: none.
+        noise_seed: seed of its noise; below 0: none.
         process: as in MotionConstants.
         variations, waviness, patches, pose, ends: of ProcessVariations; without entries of
             `variations` the process is steady.
@@ -197,9 +197,9 @@ class TickSignals(NamedTuple):
     """The signals of a tick, which `arm_memory` takes into the state.
 
     Attributes:
-        motion: of `arm_motion`.
-        drives: of `arm_drives`.
-        truth: of `arm_truth`; without entries where there is no contact.
+        motion: motion of `arm_motion`.
+        drives: drives of `arm_drives`.
+        truth: truth of `arm_truth`; without entries where there is no contact.
         vdot: (n,) rad/s^2.
         reaction: (6,) on the tool at its mount, N m, N.
     """
@@ -331,7 +331,7 @@ def arm_drives(
 
     Args:
         t, state: as in `arm_motion`.
-        motion: of `arm_motion`.
+        motion: motion of `arm_motion`.
         command: (n,) A, of the motors, within the drives' limits.
         drives: flat, of Drives, written.
     """
@@ -373,7 +373,7 @@ def arm_truth(
         tip_radius: m, of the ball at the tool's tip.
         contacts: (count or more, 9) force and moment on the tool, and where it is touched.
         tau_contact: (n,) N m.
-        motion: of `arm_motion`.
+        motion: motion of `arm_motion`.
         truth: (6 + n + 4,) of Truth, written.
     """
     contact, sample = np.zeros(CONTACT_SIZE), motion[0]

@@ -67,7 +67,7 @@ class Servo:
     """The drives' own controller (`models.control.joint_tracking`), which knows a model only.
 
     Attributes:
-        chain: of the model.
+        chain: chain of the model.
         gains: (4, n) kp, kd, ki and the largest ki integral that is let through.
         friction: fed forward.
         friction_velocity: rad/s, below which it fades.
@@ -131,13 +131,13 @@ def simulate_free_arm(
         trajectory: to follow; the arm starts at rest at its first row.
         servo: the controller.
         time_step: h, s.
-        seed: of all noise.
+        seed: seed of all noise.
         every: how many ticks lie between two rows of the log.
         payload: the true chain, where it carries something that the robot's file does not know;
             None: the robot's, its joints off as its truth has it.
         start_rise: (n,) K of the joints at the start, in the place of the truth's: for a log that
             goes on where another ended.
-        wrench: of the environment on the robot at E, over time.
+        wrench: wrench of the environment on the robot at E, over time.
         duration: s; the trajectory's where it is not given.
         whole: whether q_true, v_true, tau_J_true and rise are logged, too.
 
@@ -211,7 +211,7 @@ class _Control(NamedTuple):
 
     Attributes:
         model: SerialChain.table of the controller.
-        law: of `tracking_law`.
+        law: law of `tracking_law`.
         gain: (n,) N m/A of the motors, signed.
         bandwidth, noise_sd, resolution: (n,) of the current sensor; Hz, A, A.
     """

@@ -210,7 +210,7 @@ def joint_tick(
         table: (n, FIRST_ELEMENT + 3 K + 3 H), see the columns above; H stands in NUM_HARMONICS.
         time_step: h, s.
         links: at the tick's beginning.
-        inputs: of the tick.
+        inputs: inputs of the tick.
         memory: its state at the beginning is read, the other arrays are written.
     """
     state, signals = memory.state, memory.signals
@@ -477,9 +477,9 @@ def encoder_reading(
 
     Args:
         table: as in `joint_tick`.
-        state: of JointMemory.
-        links: of which q and v are read; G counts before the first tick only.
-        sample: of the encoders.
+        state: state of JointMemory.
+        links: bodies, of which q and v are read; G counts before the first tick only.
+        sample: sample of the encoders.
         q_read, v_read: (n,) rad, rad/s, written.
     """
     G, q, v = links.G, links.q, links.v

@@ -20,7 +20,7 @@ def clocked(recording: Recording, clock: ClockConfig | None, seed: int) -> Recor
     Args:
         recording: at even steps, or any.
         clock: None leaves the recording as it is.
-        seed: of the jitter.
+        seed: seed of the jitter.
     """
     if clock is None or (clock.latency == 0.0 and clock.jitter_sd == 0.0):
         return recording

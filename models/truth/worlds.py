@@ -155,7 +155,7 @@ class WorldSource:
     """The distribution that worlds are drawn from.
 
     Attributes:
-        ranges: of each parameter.
+        ranges: ranges of each parameter.
         posterior: arms to draw from instead, for the parameters that they state; None: none.
     """
 
@@ -174,11 +174,12 @@ class World:
     """One draw: seeds and parameters of a world.
 
     Attributes:
-        number: of the world in its campaign, from 0.
-        seed: of all noise in it, and of the experiments.
+        number: number of the world in its campaign, from 0.
+        seed: seed of all noise in it, and of the experiments.
         individual: seed of differences from arm to arm (phases of ripple, frames of joints).
         day: seed of differences from day to day.
-        factors: of each range of `WorldRanges`, one number, or MOST_JOINTS of them (PER_JOINT).
+        factors: factors of each range of `WorldRanges`, one number, or MOST_JOINTS of them
+            (PER_JOINT).
         of_robot: numbers that replace some of `factors` for one robot alone.
         posterior_of: the name of that robot.
     """
@@ -337,8 +338,8 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
     """Draws a world.
 
     Args:
-        seed: of the campaign, 0 or more.
-        number: of the world, 0 or more.
+        seed: seed of the campaign, 0 or more.
+        number: number of the world, 0 or more.
         source: distribution to draw from; ranges alone are a source, too; None: the default ranges.
 
     Raises:

@@ -41,17 +41,17 @@ class ArmParts:
     """The parts of a TrueArm.
 
     Attributes:
-        chain: of the true robot.
+        chain: chain of the true robot.
         joints: the true joints.
         tool_body: the body that E is fixed to.
         p_BE: (3,) E in that body, m.
         script: the wrench that is put on the tool over time.
         contacts: None where nothing can be touched.
-        process: of machining; None without. It needs contacts.
+        process: process of machining; None without. It needs contacts.
         current: (3, n) bandwidth, noise and resolution as `measure_current` has them; without rows
             the true current is reported.
-        sensor: of force and torque, in no diagram; None without.
-        seed: of all noise.
+        sensor: sensor of force and torque, in no diagram; None without.
+        seed: seed of all noise.
     """
 
     chain: SerialChain

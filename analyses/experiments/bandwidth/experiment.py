@@ -176,7 +176,7 @@ def measure_response(
         gains: K_0, 1/s.
         lowest_frequency: Hz; its period is the length of the fit.
         time_step: s, of drives and observers.
-        seed: of the tones' phases.
+        seed: seed of the tones' phases.
     """
     frequency = sweep_frequencies(gains, lowest_frequency)
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, frequency.size)
@@ -227,7 +227,7 @@ def measure_signals(
     Args:
         robot: held at its home posture.
         duration: s of the forces, after a second of rest.
-        seed: of the current noise.
+        seed: seed of the current noise.
 
     Returns:
         t (T,) s, the true force (T, 3) N, and for each of OBSERVER_GAINS the force (T, 3) N that is

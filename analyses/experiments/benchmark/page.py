@@ -20,7 +20,7 @@ class Row(NamedTuple):
     Attributes:
         task: whose metrics it shows.
         words: the row's label.
-        key: of the metric, below task and method.
+        key: key of the metric, below task and method.
         digits: format of its figures.
         cell: the figures' places: {0} is task and method, {1} the key, {2} the format.
     """
@@ -185,10 +185,10 @@ class Measure(NamedTuple):
     """A figure that the report shows beside a plain method's; both are measured here.
 
     Attributes:
-        task: of the benchmark.
+        task: task of the benchmark.
         words: the row's label.
-        key: of the metric, below task and method.
-        unit: of it.
+        key: key of the metric, below task and method.
+        unit: unit of it.
         beside: the plain method.
         source: the name of the plain method in the report.
     """

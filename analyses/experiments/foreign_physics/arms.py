@@ -42,7 +42,7 @@ class MujocoArm:
         coulomb: (n,) N m.
         viscous: (n,) N m s/rad.
         current_noise_sd: (n,) A.
-        seed: of the draw.
+        seed: seed of the draw.
     """
 
     robot: Robot
@@ -95,7 +95,7 @@ def draw_arm(file: str, seed: int) -> MujocoArm:
 
     Args:
         file: a bundled robot's name, or the path of a robot.yaml.
-        seed: of the draw; the same gives the same arm.
+        seed: seed of the draw; the same gives the same arm.
     """
     robot = Robot.load(file)
     n = robot.num_joints

@@ -203,7 +203,7 @@ Case = Callable[[Robot, Array, int], MujocoScene]
 Args:
     robot: as its file has it.
     coulomb: (n,) N m, the true arm's friction.
-    seed: of the log.
+    seed: seed of the log.
 """
 
 CASES: Final[dict[str, Case]] = {

@@ -42,7 +42,7 @@ class DrawnArm:
 
     Attributes:
         arm: the true one.
-        logs: of the identification.
+        logs: logs of the identification.
         model: identified from them.
         motions: along which the logs were recorded.
         folder: for the files of its logs.
@@ -66,7 +66,7 @@ class DrawnArm:
             name: one of `arms.ARMS`.
             draw: its seed.
             folder: for its files; made.
-            periods: of each motion of the identification.
+            periods: periods of each motion of the identification.
             keeps: whether logs and model are kept in the folder, and read where they are there.
         """
         folder.mkdir(parents=True, exist_ok=True)

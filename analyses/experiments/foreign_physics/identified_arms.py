@@ -35,7 +35,7 @@ def excitation_motions(robot: Robot, file: str, periods: int = NUM_PERIODS) -> t
     Args:
         robot: as its file states it.
         file: that names it for the command.
-        periods: of each motion.
+        periods: periods of each motion.
     """
     return shared(
         "foreign_excitation",

@@ -61,8 +61,8 @@ def simulate(arm: MujocoArm, scene: MujocoScene, seed: int, name: str = "log") -
     Args:
         arm: the true one, and the robot that its controller knows.
         scene: what happens.
-        seed: of the measurement's noise.
-        name: of the log.
+        seed: seed of the measurement's noise.
+        name: name of the log.
     """
     world = _World(arm, scene)
     every = round(LOG_STEP / TIME_STEP)

@@ -72,7 +72,7 @@ def read_log(
 
     Args:
         arm: whose robot.yaml is used.
-        model: of the arm.
+        model: model of the arm.
         log: to read.
         folder: for log.parquet, model.yaml and estimate/.
         draws: whether figures are wanted.
@@ -113,7 +113,7 @@ def figures(
 
     Args:
         log: with its truth.
-        reading: of it.
+        reading: reading of it.
         plain: whose figures stand beside.
         steps: whether the force may step; else no sample is left out.
     """

@@ -51,7 +51,7 @@ class MujocoScene:
         load: mass in kg and centre of mass (3,) in E of a payload; None: there is none.
         coulomb_factor, viscous_factor: of the friction that the arm was identified with.
         ripple: (n,) N m, amplitude of a torque over the position.
-        ripple_periods: of it, per turn.
+        ripple_periods: periods of it, per turn.
         stiffness: N m/rad of each joint's gear; infinite: rigid.
     """
 

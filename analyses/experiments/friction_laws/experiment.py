@@ -105,7 +105,7 @@ class LawsOnOneArm:
 
     Attributes:
         validation: held-out runs by law.
-        near_zero: of each joint.
+        near_zero: error near zero velocity of each joint.
         edge: (n,) rad/s, up to where "near zero" goes.
         v_crit: (n,) rad/s, of the article's networks.
         separated: the samples that these networks were trained on.

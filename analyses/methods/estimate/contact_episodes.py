@@ -145,7 +145,7 @@ class ContactEpisodes:
 
     Attributes:
         contacts: the first MAX_LISTED_CONTACTS ones that have ended.
-        num_contacts: of all that have ended.
+        num_contacts: number of contacts of all that have ended.
     """
 
     def __init__(self, num_joints: int, gap: float = MIN_EXCURSION_GAP) -> None:
@@ -170,7 +170,7 @@ class ContactEpisodes:
 
         Args:
             t: (N,) s.
-            detection: of contact.
+            detection: settings of contact detection.
             force: (N, 3) N.
             valid: (N,).
             odds: (N, n + 1) of each link and of E, where they were judged.

@@ -36,7 +36,7 @@ class LogPart(NamedTuple):
     Attributes:
         chunk: N samples of the log.
         batch: their wrenches.
-        detection: of contact.
+        detection: settings of contact detection.
         tau_ext: (N, n) N m, as a controller would read it.
     """
 
@@ -90,7 +90,7 @@ def estimates(
     """Reads a log: causally, smoothed, or at a contact of known axis, as the settings say.
 
     Args:
-        config: of the estimator, with the log's time step.
+        config: configuration of the estimator, with the log's time step.
         tracked: estimator that follows friction and takes the place of the models; None: they read.
     """
     if settings.contact.axis:

@@ -52,7 +52,7 @@ def write_data_set(
     A frame without a reading has a wrench of zero, the prior's sd, and is not valid.
 
     Args:
-        table: of wrenches, over the time of `EpisodesReader`.
+        table: table of wrenches, over the time of `EpisodesReader`.
         begins: s, of that reader.
         prior: sds of force and moment, as in metrics.json.
     """

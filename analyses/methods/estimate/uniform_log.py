@@ -31,7 +31,7 @@ class PassProgress:
     Args:
         report: takes the share of the whole work, 0 to 1, and the title of the pass.
         begin, end: shares of the whole work at which the pass begins and ends.
-        title: of the pass.
+        title: title of the pass.
     """
 
     def __init__(self, report: ProgressCallback, begin: float, end: float, title: str) -> None:
@@ -105,7 +105,7 @@ def uniform_chunks(
     """The log on its uniform grid, at most CHUNK_SAMPLES at a time.
 
     Args:
-        screen: of impossible samples; None: samples are not checked.
+        screen: check for impossible samples; None: samples are not checked.
         max_gap: s, longest gap that is bridged; 0: the default.
     """
     step = config.observer.time_step or None
@@ -130,7 +130,7 @@ def completed(
     """The configuration with the values that it leaves to the log.
 
     Args:
-        chunk: of the log, on its grid, which gives the time step.
+        chunk: chunk of the log, on its grid, which gives the time step.
         resolution: (n,) rad, of the encoders.
         prior: sds of force and moment, N and N m; None: the configuration states it.
     """

@@ -70,16 +70,17 @@ class ExcitationResult:
 
     Attributes:
         trajectory: starts and ends at rest.
-        condition_number: of the base parameters' regressor with sgn friction over one period, rows
-            weighted with one over the effort limit, columns scaled to unit length.
+        condition_number: condition number of the base parameters' regressor with sgn friction over
+            one period, rows weighted with one over the effort limit, columns scaled to unit length.
         unweighted_condition_number: the same with equal rows: what `identify` reports.
-        random_condition_numbers: of the random motions, each as large as its limits let it be.
+        random_condition_numbers: random condition numbers of the random motions, each as large as
+            its limits let it be.
         num_parameters: base parameters of a general motion.
         undetermined: those of them that this motion does not determine.
         peak_torque_share: (n,) largest rigid-body torque over the effort limit.
         closest: shapes that come closest; None where there are none near each other.
-        status: of the solver at its end.
-        evaluations: of the cost with its gradient.
+        status: status of the solver at its end.
+        evaluations: evaluations of the cost with its gradient.
         warnings: one line each.
         config: as used.
     """
@@ -140,7 +141,7 @@ class _Checked:
 
     Attributes:
         trajectory: its coefficients.
-        solution: of the solver, at or before it.
+        solution: solution of the solver, at or before it.
         is_clear: whether it keeps clear at every instant.
         closest: shapes that come closest.
         motion: q, v, vdot (T, n) over a period, at the controller's rate.

@@ -84,10 +84,11 @@ class TorqueLogResult:
     """Result of one log.
 
     Attributes:
-        name: of the log; its table is wrench.csv, or wrench_<name>.csv where there are several.
+        name: name of the log; its table is wrench.csv, or wrench_<name>.csv where there are
+            several.
         num_samples: rows.
         valid_share: share of the rows that may be trusted.
-        table: of the wrenches.
+        table: table of the wrenches.
         metrics: as written to metrics.json.
         comparison: with the log's force sensor, where one is named.
         contacts: one sentence each, or one that there is none.
@@ -335,7 +336,7 @@ class _PriorAndNoise:
     Attributes:
         config: with both filled in.
         knowledge: both.
-        rule: of the prior.
+        rule: rule of the prior.
         warnings: one sentence each.
     """
 
@@ -409,7 +410,7 @@ class _Run:
     """Readings of one log, as its metrics and comparison need them.
 
     Args:
-        suffix: of the names of its files.
+        suffix: suffix of the names of its files.
 
     Attributes:
         table: name of its file.

@@ -42,7 +42,8 @@ class TorqueSign:
 
     Attributes:
         contacts: that shifted an arm at rest.
-        correlation: of torque and shift over the joints, median of these; NaN where there are few.
+        correlation: correlation of torque and shift over the joints, median of these; NaN where
+            there are few.
     """
 
     contacts: int
@@ -57,7 +58,7 @@ class TorqueSign:
         """The contradiction, and what to do, for the user.
 
         Args:
-            name: of the log.
+            name: name of the log.
             exerted_on: body that its torques were read to be exerted on.
         """
         other = "environment" if exerted_on == "robot" else "robot"
@@ -74,7 +75,7 @@ class TorqueTouches:
     Reads the beginning of the log to estimate the torque's error.
 
     Attributes:
-        error: of the torque.
+        error: error of the torque.
         episodes: the contacts.
     """
 

@@ -68,11 +68,11 @@ class LawSolution:
     """The parameters of a fitted model.
 
     Attributes:
-        structure: of its friction.
+        structure: structure of its friction.
         base: combinations of parameters that the rows determine.
-        estimate: of these combinations.
+        estimate: estimate of these combinations.
         x: all parameters, in the order of `models.identification.torque_regression`.
-        names: of all parameters.
+        names: names of all parameters.
     """
 
     structure: FrictionStructure
@@ -135,15 +135,15 @@ class FrictionFit:
     Attributes:
         robot: that they were recorded on.
         runs: the logs, low-passed.
-        regressions: of these logs.
-        num_passes: of weighted least squares.
+        regressions: regressions of these logs.
+        num_passes: number of passes of weighted least squares.
         oversampling: rows per independent sample of the residual.
         loss: "huber" or "squares", see `reweighed`.
         consistent: whether `fit` returns a physical robot, see
             `models.identification.physical_consistency`.
-        selection: of `SELECTIONS`; the second takes the lowest held-out error, whatever the others'
-            are.
-        weights: of the squared residuals, by log (m, n); None: all one.
+        selection: one of `SELECTIONS`; the second takes the lowest held-out error, whatever
+            the others' are.
+        weights: weights of the squared residuals, by log (m, n); None: all one.
         resting: the joints (n,) that rest in a whole log, by log; None: none does.
         groups: the motion that each log shows; logs of one motion are held out together. None:
             each log shows its own.

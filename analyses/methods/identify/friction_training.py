@@ -68,7 +68,7 @@ def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
     Args:
         v: (N, n) rad/s; rows with NaN in a joint do not count for that joint.
         torque: (N, n) N m, friction.
-        law: of all velocities.
+        law: law of all velocities.
     """
     n = law.num_joints
     out = np.empty(n)

@@ -109,10 +109,10 @@ class IdentificationResult:
     Attributes:
         model: the identified model.
         base: combinations of parameters that the logs determine.
-        fit: of each log that the model was fitted on.
+        fit: fit of each log that the model was fitted on.
         cross_validation: each of these logs, predicted by a model fitted on the others; empty for
             a single log.
-        validation: of each log kept for validation.
+        validation: validation of each log kept for validation.
         warnings: one line each.
         config: as used, with the time step filled in.
         law: the friction law; the chosen one for "best".

@@ -34,7 +34,7 @@ def gain_ratios(
     right, or all wrong alike. Bilinear; by Gauss-Newton steps.
 
     Args:
-        factors: of the logs.
+        factors: factors of the logs.
         x: all parameters of the fit without factors.
         residual_sd: (n,) N m.
         oversampling: rows per independent sample.
@@ -80,7 +80,7 @@ def rigid_torque(factors: Sequence[TorqueFactors], x: Array) -> Array:
     """(n,) root mean square of the torque of links and loads over all logs, N m.
 
     Args:
-        factors: of the logs.
+        factors: factors of the logs.
         x: all parameters.
     """
     n = len(factors[0].R)
@@ -97,7 +97,7 @@ def payload_differences(
     """The mass at the last link of each log, beyond that of the fit of all logs.
 
     Args:
-        factors: of each log.
+        factors: factors of each log.
         x: all parameters of that fit.
         residual_sd: (n,) N m.
         oversampling: rows per independent sample.

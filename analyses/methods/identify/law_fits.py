@@ -38,7 +38,7 @@ class LawFit:
 
     Attributes:
         law: its name.
-        weights: of the squared residuals, by log (m, n); None: all one.
+        weights: weights of the squared residuals, by log (m, n); None: all one.
         solution: all parameters.
         chain: the arm with the fitted inertias.
         friction: the fitted law.

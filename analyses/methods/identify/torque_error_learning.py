@@ -148,7 +148,7 @@ def gravity_spread(
     Args:
         parameters: (K, n, 5) of `LawFits.gravity_without_a_fold`.
         error: as `learn_torque_error` finds it.
-        readings: of all folds, for the postures that the logs went through.
+        readings: readings of all folds, for the postures that the logs went through.
     """
     spread = strongest(robot.chain, jackknife(parameters), error.constant)
     fitted = [largest_spread(robot.chain, spread, reading.q) for reading in readings]

@@ -11,7 +11,7 @@ class SliceConfig:
 
     Attributes:
         axis: "x", "y" or "z": the plane's normal in W.
-        value: of that coordinate in the plane, m.
+        value: that coordinate in the plane, m.
         cone_axis: direction of the tool in W in the middle of its cone, three numbers; down.
         cone_deg: degrees, how far the tool may lean from there.
         num_points: points of the slice's grid along each side of the square.

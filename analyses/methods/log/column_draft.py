@@ -76,7 +76,7 @@ def draft_of_log(
     """The description of a log that is read.
 
     Args:
-        reader: of the log.
+        reader: reader of the log.
         words: encodings that its signals seem to have, by name.
         knows_robot: whether it was held against a robot, so that units are no question.
         judgement: what the hypotheses say of the log.
@@ -118,7 +118,7 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
     """The description of a log that is not read, as far as the names of its columns show it.
 
     Args:
-        joint_names: of the robot; None: not known.
+        joint_names: joint names of the robot; None: not known.
     """
     lines = [_FIRST_LINE, *_text_keys(table)]
     found = _series(table, joint_names)

@@ -41,12 +41,12 @@ class InspectedLog:
     """What one file is.
 
     Attributes:
-        path: of the log.
+        path: path of the log.
         container: kind of the file, in words.
         columns: names of its columns; their numbers where it names none.
         unread: columns that are no signal; empty where the log is not read.
-        summary: of the log; None where it is not read.
-        joint_names: of the robot, or "joint 1" to "joint n".
+        summary: summary of the log; None where it is not read.
+        joint_names: joint names of the robot, or "joint 1" to "joint n".
         problem: why it is not read, or what contradicts the robot; empty where nothing does.
         notices: what reading involved, one sentence each.
         draft: description of its columns.

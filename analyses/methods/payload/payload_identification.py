@@ -71,7 +71,7 @@ class PayloadResult:
         load: mass, centre of mass and inertia with their covariance.
         model: the robot's model with the load on its flange.
         tool: load and the robot.yaml's own tool, if it has one, as one body.
-        rows: of the log's residual, the load still in it.
+        rows: rows of the log's residual, the load still in it.
         torque: (m, n) N m of the load at these instants.
         warnings: one line each.
         config: as used.
@@ -183,7 +183,7 @@ def identify_payload(
     Args:
         logs: motion with the load, without contact: one recording, or several with the samples
             that count.
-        model: of the robot without the load.
+        model: model of the robot without the load.
         empty: motion without the load, of the same day; likewise.
 
     Raises:

@@ -79,14 +79,15 @@ class PlacementRequest:
     Attributes:
         objective: one of OBJECTIVES.
         solver: one of PLACE_SOLVERS.
-        seed: of the random starts.
-        model: of force-sd: whose residual covariance counts; None for the robot's nominal one.
-        method: of force-sd: how wrenches are reconstructed.
+        seed: seed of the random starts.
+        model: model whose residual covariance counts for force-sd; None for the robot's nominal
+            one.
+        method: how wrenches are reconstructed, for force-sd.
         effort: size of the search; None for what suits task and arm.
         quick: a smaller search, where no effort is stated.
         may_overlap: whether the arm may overlap itself and the floor where the task asks for no
             clearance: kinematics alone, as in the article.
-        swarm: of pso-ga; None for the article's.
+        swarm: settings of pso-ga; None for the article's.
     """
 
     objective: str = "jcn"

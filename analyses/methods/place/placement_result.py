@@ -95,8 +95,8 @@ class PlacementResult:
         initial: the task's guess on its branch; None without a guess that can be followed.
         best: the best placement.
         search: optima, starts and how the cost fell over time.
-        seconds: of the search, without imports and compilation of kernels.
-        largest_violation: of any constraint at the points, rad and m.
+        seconds: seconds of the search, without imports and compilation of kernels.
+        largest_violation: largest violation of any constraint at the points, rad and m.
         notices: sentences for the user.
         unconstrained: where the task asks for no clearance, the best placement of an arm that may
             overlap itself and the floor, if it does so; only to compare with.

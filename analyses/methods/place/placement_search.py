@@ -115,7 +115,7 @@ class Optimum:
         cost: mean of the measure.
         values: (k + 1,) the measure at its points.
         starts: number of the search's starts that ended at it.
-        status: of the solver.
+        status: status of the solver.
     """
 
     placement: Placement
@@ -135,7 +135,7 @@ class SearchResult:
         num_reached: candidates that the arm can follow.
         num_starts: rough solves, each from another start.
         num_unassigned: starts that ended at none of the optima.
-        evaluations: of a path's measure, all stages.
+        evaluations: evaluations of a path's measure, all stages.
         interrupted: whether it was ended early.
         history: (seconds, cost) of each better path that keeps the limits.
         nearest: where no start could keep all constraints, their ends at the coarse points, best
@@ -201,7 +201,7 @@ class PlacementSearch:
         """Searches; an interrupt (KeyboardInterrupt) ends it with the best placement so far.
 
         Args:
-            seed: of the random candidates.
+            seed: seed of the random candidates.
             solver: one of `placement_program.SOLVERS`, for the fine solves; the rough ones are
                 SNOPT's.
             effort: size of the search; None: the default.

@@ -65,7 +65,7 @@ class RedundancyResult:
         constant_angles: (K,) mean measure at each constant angle of the grid, NaN where it cannot
             be kept.
         notices: sentences for the user.
-        clearance: of each checked way, by its name, the pair of shapes with the least
+        clearance: clearance of each checked way, by its name, the pair of shapes with the least
             slack; None where nothing is near.
         free: the best way on which nothing is nearer than it may be, where on the optimised one
             something is.
@@ -250,8 +250,8 @@ class _ClearanceCheck(NamedTuple):
     """Distances along the ways.
 
     Attributes:
-        pairs: of each checked way, by its name, the pair of shapes with the least slack; None where
-            nothing is near.
+        pairs: pairs of each checked way, by its name, the pair of shapes with the least slack; None
+            where nothing is near.
         free: the best way that is free, where the optimum is not.
     """
 

@@ -39,7 +39,7 @@ class SensorComparison:
         valid: (M,).
         sensor: (M, k); NaN where the sensor's delay leads out of the log.
         phases: (M,) flags by name.
-        mounting: of the sensor.
+        mounting: mounting of the sensor.
         notices: what the log leaves open, one sentence each.
     """
 
@@ -118,7 +118,7 @@ def compare_with_sensor(
     """Compares a reading with the sensor, mounted as stated or as found from the log.
 
     Args:
-        config: of the sensor.
+        config: configuration of the sensor.
         mounted: its mounting, where another log has given it; None: it is found.
 
     Raises:

@@ -30,7 +30,7 @@ class VariantReading:
     """Reading of one variant along one run.
 
     Attributes:
-        name: of the variant.
+        name: name of the variant.
         t: (T,) s.
         force: (T, 3) N along X, Y, Z of W, on the robot.
         sd: (T, 3) N, stated.
@@ -143,7 +143,7 @@ def variants_figure(metrics: Mapping[str, Any], labels: Mapping[str, str], title
 
     Args:
         metrics: holds `force_metrics` by variant.
-        labels: of the rows, by variant.
+        labels: labels of the rows, by variant.
     """
     count = len(labels)
     figure, axes = new_figure(1, 3, height=1.3 + 0.42 * count, share_y=True)

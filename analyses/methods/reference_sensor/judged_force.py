@@ -50,7 +50,7 @@ class ForceJudgement:
             where there are none.
         stated_sd: mean of the stated sd, N; None without one.
         force: mean of the truth, N.
-        correlation: of reading and truth; None where one of them does not vary.
+        correlation: correlation of reading and truth; None where one of them does not vary.
         count: averages judged.
     """
 

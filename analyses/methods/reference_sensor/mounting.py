@@ -187,7 +187,7 @@ def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
     """RMS difference of the forces, N.
 
     Args:
-        mounting: of the sensor.
+        mounting: mounting of the sensor.
         with_offset: whether a constant in the sensor's axes counts.
     """
     error = _error(log, mounting, min(log.sensor.shape[1], 3))

@@ -77,7 +77,7 @@ class SensorLogCollector:
         time_step: s, between samples.
 
     Attributes:
-        samples: of a block.
+        samples: samples of a block.
     """
 
     def __init__(self, time_step: float) -> None:

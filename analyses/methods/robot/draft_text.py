@@ -28,8 +28,8 @@ class DraftText:
     Attributes:
         out: the robot.yaml.
         urdf: beside it, or elsewhere.
-        origin: of the URDF: its own name, or that of the xacro.
-        name: of the robot.
+        origin: origin of the URDF: its own name, or that of the xacro.
+        name: name of the robot.
         base, flange: links.
         arm: its joints.
         locked: moving joints that are not the arm's.

@@ -27,7 +27,7 @@ class ExportedRobot(NamedTuple):
 
     Attributes:
         robot: whose.
-        path: of the file.
+        path: path of the file.
         friction: as the file states it.
         rotors: (n,) kg m^2 (kg), inertia of the motors behind their gears.
     """

@@ -46,8 +46,8 @@ def run_free(
     Args:
         scenario: for which `is_free` holds.
         robot: with its simulated truth.
-        model: of the controller.
-        trajectory: of the joints, instead of the scenario's motion.
+        model: model of the controller.
+        trajectory: trajectory of the joints, instead of the scenario's motion.
 
     Returns:
         Times (T,) in s and signals (T, size) by name: q, v, current, wrench_true and tau_f_true;

@@ -24,8 +24,8 @@ def require_controllable(
     """Checks that a controller which knows the model's inertias can move the arm.
 
     Args:
-        trajectory: of the joints, whose postures count.
-        source: of the model, for the error line.
+        trajectory: trajectory of the joints, whose postures count.
+        source: source of the model, for the error line.
 
     Raises:
         InputError: it cannot: somewhere a joint's inertia is not above 0, or many times the arm's.
@@ -64,7 +64,7 @@ def saturation_notices(robot: Robot, signals: Mapping[str, Array], refuses: bool
     """Sentences on joints at their effort limits.
 
     Args:
-        signals: of a run; `tau_command` (T, n) is read.
+        signals: signals of a run; `tau_command` (T, n) is read.
         refuses: whether a joint that is there for long ends in an error.
 
     Raises:

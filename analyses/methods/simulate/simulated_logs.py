@@ -64,8 +64,8 @@ def simulate_excitation(
         robot: with its simulated truth.
         trajectory: to follow.
         num_periods: number of periods to run.
-        seed: of the currents' noise.
-        name: of the recording.
+        seed: seed of the currents' noise.
+        name: name of the recording.
         progress: called with the share done.
     """
     return simulate_motion(

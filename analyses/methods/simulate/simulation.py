@@ -220,8 +220,8 @@ class _Work(NamedTuple):
 
     Attributes:
         scenario: no longer than its machining path.
-        plan: of the machining; None without machining.
-        trajectory: of the joints.
+        plan: plan of the machining; None without machining.
+        trajectory: trajectory of the joints.
         notices: on a path through the workpiece, one sentence each.
     """
 
@@ -261,10 +261,10 @@ def simulate(
     """Simulates a scenario from its start to its end.
 
     Args:
-        model: of controller and estimator; without it `known_model`.
+        model: model of controller and estimator; without it `known_model`.
         page: where to write the arm in motion (HTML).
         graph: where to draw the diagram, see `diagrams.graph.write_graph`.
-        title: of the page.
+        title: title of the page.
         model_source: file of the model, for error lines.
 
     Raises:

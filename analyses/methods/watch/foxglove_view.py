@@ -56,7 +56,7 @@ class FoxgloveView:
         port: that is listened on; where it is taken, any.
 
     Attributes:
-        url: of the server.
+        url: url of the server.
     """
 
     period = 1.0 / 20.0  # s

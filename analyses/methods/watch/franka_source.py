@@ -37,7 +37,7 @@ class FrankaSource:
     """Reads states, connects again where the robot is lost, and reports it.
 
     Args:
-        host: of the robot's control.
+        host: host of the robot's control.
         external: whether effort is the external torque.
         opener: opens a connection with `read_once`.
     """

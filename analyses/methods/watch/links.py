@@ -13,7 +13,7 @@ def link(place: str, extra: str = "", option: str = "") -> Callable[..., Any]:
     """What stands at FILE:NAME of this sub-package, to be called.
 
     Args:
-        extra: of this package, to which belongs what the file imports.
+        extra: extra of this package, to which belongs what the file imports.
         option: that a problem names; else the URL's scheme, which is the extra's name.
     """
     file, _, name = place.partition(":")

@@ -19,7 +19,7 @@ class MeshcatView:
     """A sink that draws.
 
     Attributes:
-        url: of the page.
+        url: url of the page.
     """
 
     period = 1.0 / 20.0  # s

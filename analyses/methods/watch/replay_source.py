@@ -25,7 +25,7 @@ class ReplaySource:
     """Plays a log once.
 
     Args:
-        path: of the log.
+        path: path of the log.
         robot: as `RecordingReader`.
         rate: as `Source`.
         log_format: description of its columns.

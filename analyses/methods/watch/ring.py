@@ -22,7 +22,7 @@ class Ring:
     Args:
         size: numbers of a row.
         count: rows that it holds.
-        descriptor: of memory that another process made; None: it is made.
+        descriptor: descriptor of memory that another process made; None: it is made.
     """
 
     def __init__(self, size: int, count: int, descriptor: int | None = None) -> None:

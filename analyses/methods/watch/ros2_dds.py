@@ -142,9 +142,9 @@ class TopicWriter:
     A subscriber that falls behind by more than a few messages loses them.
 
     Args:
-        participant: of the domain.
-        name: of the topic.
-        kind: of its messages.
+        participant: participant of the domain.
+        name: name of the topic.
+        kind: kind of its messages.
     """
 
     def __init__(self, participant: Any, name: str, kind: str) -> None:

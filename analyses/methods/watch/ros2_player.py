@@ -27,7 +27,7 @@ def play_joint_states(
     them; `effort=current` sends currents, as some drivers do.
 
     Args:
-        recording: of currents.
+        recording: recording of currents.
         robot: whose joints are named.
         address: ros2://TOPIC, options `domain`, `network`, `effort`.
         tell: what a person is to know.

@@ -35,8 +35,8 @@ class Ros2Publisher:
     """Sends readings.
 
     Args:
-        participant: of DDS.
-        topic: of the wrench.
+        participant: participant of DDS.
+        topic: topic of the wrench.
         frame: name of E's frame; "": E_W is made.
         by_computer: whether stamps are this computer's time.
 

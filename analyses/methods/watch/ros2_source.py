@@ -35,7 +35,7 @@ class Ros2Source:
     """Reads one topic.
 
     Args:
-        participant: of DDS; the topic is subscribed to when it is first read.
+        participant: participant of DDS; the topic is subscribed to when it is first read.
         topic: its name.
         robot: whose joints are looked for.
         effort: one of EFFORTS.

@@ -47,7 +47,7 @@ class RtdeController:
             source = open_source(f"rtde://127.0.0.1:{controller.port}", robot)
 
     Args:
-        parts: of one recording of six joints.
+        parts: parts of one recording of six joints.
         host, port: to listen on; port 0: a free one.
         rate: seconds of the recording in one of this computer's; 0: as fast as clients take it.
         tamper: takes number and bytes of each data packet and returns what is sent in its place;

@@ -137,7 +137,7 @@ class _Screen:
         console: to show readings on.
 
     Attributes:
-        summary: of the readings so far.
+        summary: summary of the readings so far.
     """
 
     def __init__(

@@ -109,7 +109,7 @@ class ExcitationSolution:
         trajectory: starts and ends at rest.
         cost: the smooth measure.
         status: as the solver states it.
-        evaluations: of the cost with its gradient.
+        evaluations: evaluations of the cost with its gradient.
     """
 
     trajectory: FourierTrajectory
@@ -125,8 +125,8 @@ class ProgramSettings(NamedTuple):
         measure: "condition_number" or "log_det".
         base_frequency: Hz.
         num_harmonics: H.
-        num_samples: of a period, for measure, linear limits, torque.
-        num_postures: of a period, at which the slack is held.
+        num_samples: number of samples of a period, for measure, linear limits, torque.
+        num_postures: number of postures of a period, at which the slack is held.
     """
 
     measure: Measure = "condition_number"
@@ -141,7 +141,7 @@ class Reserve(NamedTuple):
 
     Attributes:
         slack: m.
-        torque_share: of the torque limit.
+        torque_share: share of the torque limit.
     """
 
     slack: float
@@ -172,12 +172,12 @@ class ExcitationProgram:
     """The program of one robot.
 
     Args:
-        chain: of the robot whose torque is limited.
-        bounds: of the motion.
-        information: of the motion about the parameters.
+        chain: chain of the robot whose torque is limited.
+        bounds: bounds of the motion.
+        information: information of the motion about the parameters.
         settings: None for all defaults.
-        slack: of a posture; None where nothing can touch.
-        reserve: of slack and torque.
+        slack: slack of a posture; None where nothing can touch.
+        reserve: what is kept of slack and torque.
     """
 
     def __init__(
@@ -267,7 +267,7 @@ class ExcitationProgram:
         """Solves from one start.
 
         Args:
-            start: of the same harmonics.
+            start: motion of the same harmonics.
             iterations: major ones of SNOPT.
             watch: called with the number of evaluations and the cost at each.
         """

@@ -192,7 +192,7 @@ class FourierTrajectory:
         """Reads a file that `excite` wrote.
 
         Args:
-            path: of the YAML file.
+            path: path of the YAML file.
             robot: name of the robot that is to run it; not checked where empty.
 
         Raises:

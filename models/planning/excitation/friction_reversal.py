@@ -157,7 +157,7 @@ def separate(
     """Pairs passes of a joint in opposite directions at equal positions and separates friction.
 
     Args:
-        chain: of the identified model; its gravity enters the asymmetric part only.
+        chain: chain of the identified model; its gravity enters the asymmetric part only.
         motion: with passes of the joint in both directions.
         joint: index.
         rest_speed: rad/s, below which the joint rests and belongs to no pass.

@@ -81,7 +81,7 @@ class ApproachSettings(NamedTuple):
     """Settings of `approach`.
 
     Attributes:
-        max_steps: of each posture.
+        max_steps: largest number of steps of each posture.
         aim: rad and m, error below which a posture is left.
         damped: False takes Newton's steps from the start.
     """

@@ -277,7 +277,7 @@ def joint_trajectory(
     path, not over time: so velocity and acceleration follow the time law to its corners.
 
     Args:
-        duration: of the whole motion, s.
+        duration: duration of the whole motion, s.
         q_seed: (n,) the branch is the one nearest to it at the start of the path.
         time_step: between the times that the trajectory holds, s.
 

@@ -54,7 +54,7 @@ class RedundancyProblem:
         lower, upper: (n,) joint limits, the margin taken off.
         max_step: (n,) largest step of each joint from one sample to the next, rad or m.
         smoothness: weight of the joints' motion, in the measure's unit per rad^2.
-        num_angles: of the grid.
+        num_angles: number of angles of the grid.
         first_angle: psi of the grid's first angle, rad.
     """
 

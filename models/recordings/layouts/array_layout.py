@@ -54,10 +54,10 @@ def array_layout(
     """The description of a log of such arrays; None where time or positions have other names.
 
     Args:
-        names: of the columns.
-        path: of the log, for error lines.
-        row_words: of the log.
-        joint_names: of the robot, base to tool; None: those of the log, in its order.
+        names: names of the columns.
+        path: path of the log, for error lines.
+        row_words: row words of the log.
+        joint_names: joint names of the robot, base to tool; None: those of the log, in its order.
         words: what the user states.
 
     Raises:

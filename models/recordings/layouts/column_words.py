@@ -71,9 +71,9 @@ def column_words_layout(
     """The description of a table by the words in its columns' names; None where they leave doubt.
 
     Args:
-        names: of the columns.
-        path: of the log, for error lines.
-        joint_names: of the robot, base to tool; None: those of the log, in its order.
+        names: names of the columns.
+        path: path of the log, for error lines.
+        joint_names: joint names of the robot, base to tool; None: those of the log, in its order.
         words: what the user states.
 
     Raises:

@@ -83,10 +83,10 @@ def known_layout(
     """The description of a log whose columns are those of a known program.
 
     Args:
-        names: of the columns; of a text log without a header the cells of its first row.
+        names: names of the columns; of a text log without a header the cells of its first row.
         num_columns: that the log has.
-        path: of the log, for error lines.
-        joint_names: of the robot, base to tool; None: those of the log, in its order.
+        path: path of the log, for error lines.
+        joint_names: joint names of the robot, base to tool; None: those of the log, in its order.
         words: what the user states.
 
     Returns:

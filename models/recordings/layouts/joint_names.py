@@ -36,7 +36,7 @@ class JointMatch:
     """The robot's joints among those of a log.
 
     Attributes:
-        joints: of the log, in the robot's order, base to tool.
+        joints: joints of the log, in the robot's order, base to tool.
         how: how they were matched; empty where the names are the robot's own.
         prefix: what their names have before (or, without that, behind) the robot's.
     """
@@ -58,7 +58,7 @@ def matched_joints(
     Args:
         log_joints: names of the log's joints; numbers from 1 on where it names none.
         robot_joints: names of the robot's joints, base to tool.
-        path: of the log, for error lines.
+        path: path of the log, for error lines.
         words: what the user states of the names.
         source: what holds the joints, such as a topic, for error lines.
 

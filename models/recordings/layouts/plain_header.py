@@ -30,8 +30,8 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
     signal. Other columns are left out where all joints have their signals, and v too.
 
     Args:
-        names: of the columns.
-        path: of the log, for error lines.
+        names: names of the columns.
+        path: path of the log, for error lines.
         num_joints: n; None: the largest number of a column q or v.
 
     Raises:

@@ -45,7 +45,7 @@ class Feature:
     Attributes:
         dtype: type of its entries, as info.json names it.
         size: number of its entries in a frame.
-        names: of its entries; empty where info.json states none, or another number of them.
+        names: names of its entries; empty where info.json states none, or another number of them.
     """
 
     name: str
@@ -140,7 +140,7 @@ def root_of(path: Path) -> Path | None:
     """The folder of the data set to which a path belongs; None: it belongs to none.
 
     Args:
-        path: of the folder, of an episode (ROOT/episode_000012), of a file of frames or of
+        path: path of the folder, of an episode (ROOT/episode_000012), of a file of frames or of
             info.json.
     """
     if path.is_dir():

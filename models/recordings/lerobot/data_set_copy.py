@@ -42,7 +42,7 @@ class NewFeature:
     """A feature that the copy has in addition.
 
     Attributes:
-        names: of its k entries.
+        names: names of its k entries.
         frames: by episode index, (length, k) or (length,) values.
     """
 
@@ -69,7 +69,7 @@ def write_copy(
 
     Args:
         folder: the root of the copy, which is created.
-        features: of all episodes; they replace features of the same name.
+        features: features of all episodes; they replace features of the same name.
 
     Raises:
         InputError: a file of the data set is damaged, or the copy cannot be written.

@@ -71,8 +71,9 @@ def feature_layout(
     """The description of a data set's columns.
 
     Args:
-        columns: of its tables, as `parquet_table` names them: FEATURE.1..FEATURE.k.
-        joint_names: of the robot, base to tool; None: all joints, in the data set's order.
+        columns: columns of its tables, as `parquet_table` names them: FEATURE.1..FEATURE.k.
+        joint_names: joint names of the robot, base to tool; None: all joints, in the data set's
+            order.
         prismatic: which of the joints slide; None: none.
         angle: unit of the positions, deg or rad; '': decided by their size.
 

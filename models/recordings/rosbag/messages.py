@@ -113,11 +113,11 @@ class Messages:
 
     Args:
         kind: one of `KINDS`.
-        deserialize: of the bag.
-        examples: of the topic's first messages.
+        deserialize: function of the bag that reads a message.
+        examples: examples of the topic's first messages.
 
     Attributes:
-        names: of all numbers in the examples.
+        names: names of all numbers in the examples.
     """
 
     def __init__(self, kind: str, deserialize: Deserialize, examples: Sequence[bytes]) -> None:

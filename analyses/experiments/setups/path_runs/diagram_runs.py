@@ -42,8 +42,8 @@ def read_in_diagram(
     """Simulates a scenario in the diagram and returns what its estimator reads.
 
     Args:
-        name: of the reading.
-        scenario: of a straight path, with a force/torque sensor or without.
+        name: name of the reading.
+        scenario: scenario of a straight path, with a force/torque sensor or without.
         robot: with its simulated truth.
         estimator: whose model and configuration the loop's estimator gets. The controller has the
             robot's nominal model, as in `run_task`.
@@ -90,7 +90,7 @@ def diagram_metrics(
     """Figures of a variant read in the diagram, as `VariantReading.metrics`.
 
     Args:
-        scenario: of the path that the variant is read on.
+        scenario: scenario of the path that the variant is read on.
         speed: rad/s, the highest planned joint speed of the task.
     """
     estimator = models.estimator(

@@ -32,12 +32,12 @@ class PathPage:
     """Texts and rows of an experiment along the article's paths, for the report.
 
     Attributes:
-        title: of the page on which the arm moves.
+        title: title of the page on which the arm moves.
         passes: along the path, in each run.
         variants: rows of the table, each with a `key` of the metrics and a `label`.
         comparison: rows of the table "article / here".
         notes: for the report, see `filled`.
-        caption: of the figure of all variants.
+        caption: caption of the figure of all variants.
     """
 
     title: str
@@ -95,7 +95,7 @@ def pushed_arm(
     """The arm's models and the scenario of a pushed pass.
 
     Args:
-        share: of the progress that is reached.
+        share: share of the progress that is reached.
     """
     robot, report = context.robot(ROBOT), context.part(0.0, share)
     models = identify_arm(robot, context.seed, context.quick, report, context.draws)

@@ -68,7 +68,7 @@ class TaskRun:
         ft_wrench: (T, 6) of the sensor; None where the scenario has none.
         tau_f_true: (T, n) N m, the true friction; for ablations, not for estimators.
         q_exact: (T, n) rad, as the encoders read at the times t themselves.
-        chain: of the robot.
+        chain: chain of the robot.
     """
 
     name: str
@@ -155,7 +155,7 @@ def task_scenario(name: str, seed: int, one_way: float | None = None) -> Scenari
     """A bundled scenario with this seed.
 
     Args:
-        name: of the scenario; its motion is a line.
+        name: name of the scenario; its motion is a line.
         seed: added to the scenario's.
         one_way: s, shortens the run: all times of motion and pushes shrink alike, but not how
             long a push and its pause last, nor the ramps.
@@ -299,7 +299,7 @@ def repetition_torque(
     In our sign: what the environment exerts, positive along the motion it causes.
 
     Args:
-        recording: of a motion that repeats itself.
+        recording: recording of a motion that repeats itself.
         period: samples.
         K_0: 1/s, of a first-order low-pass as the momentum observer's; None: raw, as eq. 4 stands.
     """
@@ -317,7 +317,7 @@ class RepetitionReader:
 
     Attributes:
         reconstruction: with the correlation of the error.
-        error: of eq. 4; the stated sds hold the lag of its K_0 behind a force of HAND_HZ.
+        error: error of eq. 4; the stated sds hold the lag of its K_0 behind a force of HAND_HZ.
     """
 
     name: str
@@ -331,7 +331,7 @@ def read_repetition(
     """Reads the second cycle by eqs. 4 and 20, with the first one's torque as tau_d.
 
     Args:
-        run: of two cycles.
+        run: run of two cycles.
         period: samples of a cycle.
         readers: each gives a reading.
     """

@@ -177,7 +177,7 @@ def identify_arm(
     Args:
         robot: with its simulated truth.
         quick: shorter logs, fewer postures.
-        contact_noise: of `identify`; only contact detection reads it.
+        contact_noise: contact noise of `identify`; only contact detection reads it.
     """
     arguments = robot, seed, quick, contact_noise
     models, held_out, passes = shared(

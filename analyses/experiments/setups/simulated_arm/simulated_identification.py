@@ -40,7 +40,8 @@ def identify_simulated_arm(
     Args:
         robot: with its simulated truth.
         quick: one period of each excitation in the place of NUM_PERIODS.
-        contact_noise: of `identify`; a world of a campaign, whose model is not kept, has none.
+        contact_noise: contact noise of `identify`; a world of a campaign, whose model is not kept,
+            has none.
     """
 
     periods, config = 1 if quick else NUM_PERIODS, replace(config, seed=seed)

@@ -64,7 +64,7 @@ class PreparedRun:
     """A run and what does not depend on any friction law.
 
     Attributes:
-        model: of its rigid body, masses as published; the methods add their friction.
+        model: model of its rigid body, masses as published; the methods add their friction.
         normal: (T, 6) joint torque per newton along the tool; zero where q is not known.
         R_WE: (T, 3, 3).
         J: (T, 6, 6) at E in axes of W; NaN where q is not known.

@@ -73,7 +73,7 @@ class TrialLog:
     """A log on its uniform grid, ready to be read again and again with other currents.
 
     Args:
-        recording: of free motion, or with contacts of its own.
+        recording: recording of free motion, or with contacts of its own.
         time_step: s.
     """
 

@@ -62,7 +62,7 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
     """Errors of the force over all samples, and below `valid` over those that are flagged valid.
 
     Args:
-        estimate: of N samples.
+        estimate: estimate of N samples.
         direction: (N, 3) m/s^2, as `payload_reference`: the true force is PAYLOAD_MASS times it.
     """
     force, truth = estimate.wrench[:, 3:], PAYLOAD_MASS * direction
@@ -127,7 +127,7 @@ def force_of_load(
     """The point where a load acts, found from the first seconds of a run, and its force there.
 
     Args:
-        motion: of N samples, TIME_STEP apart.
+        motion: motion of N samples, TIME_STEP apart.
         J: (N, 6, n) of E.
         tau_ext: (N, n) N m, as read.
         Sigma_tau: (n, n) N^2 m^2, of its error.

@@ -20,7 +20,7 @@ def bar_rows(rows: Mapping[str, Mapping[str, ArrayLike]], names: Sequence[str]) 
 
     Args:
         rows: by the label of a panel's y, heights (L,) of each series.
-        names: of the L groups.
+        names: names of the L groups.
     """
     figure, axes = new_figure(len(rows), 1, height=1.7 * len(rows) + 1.8, share_x=True)
     for panel, (label, series) in zip(axes[:, 0], rows.items(), strict=True):

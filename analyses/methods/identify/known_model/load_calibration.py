@@ -66,7 +66,7 @@ class CalibrationResult:
 
     Attributes:
         identification: with these constants, of the logs without a load.
-        calibration: of all logs.
+        calibration: calibration of all logs.
         robot: with the constants found.
         stated: (n,) N m/A before.
         loads: the known loads, by the name of their log.

@@ -87,7 +87,7 @@ def joint_torques(recording: Recording, robot: Robot, model: IdentifiedModel) ->
     Args:
         recording: may have gaps, where q is not finite.
         robot: with the tool that it carried.
-        model: of the rigid body.
+        model: model of the rigid body.
     """
     bare = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     step = recording.time_step
@@ -150,7 +150,7 @@ def rows_of(
     """Means over successive periods of the stretches `where` (N,) in which the motion is known.
 
     Args:
-        terms: of the log.
+        terms: terms of the log.
         where: nothing touches the arm, or `external` is known.
         external: (N, n) N m, torque from outside, positive along the motion it causes; None:
             nothing touches the arm.
@@ -218,7 +218,7 @@ class LogRows:
             recording: on a uniform grid; may have gaps, where q is not finite.
             where: (N,) samples to use.
             robot: with the tool that it carried.
-            model: of another specimen, with this tool; its friction is presliding.
+            model: model of another specimen, with this tool; its friction is presliding.
             external: (N, n) N m, torque from outside; None: nothing touches the arm.
 
         Raises:
@@ -263,7 +263,7 @@ class SpecimenRefit:
     Attributes:
         model: the new one.
         carried_law: the law of the other specimen, before its level is fitted.
-        fit: of the friction to the logs.
+        fit: fit of the friction to the logs.
         robot: with the torque constants that a force sensor gives; None: there was none.
     """
 
@@ -354,7 +354,7 @@ def refit_specimen(
         recordings: logs, each with the samples (N,) in which nothing touches the arm, or the torque
             from outside is known.
         robot: with the tool that it carried.
-        model: of another specimen; its tool is replaced by the robot's.
+        model: model of another specimen; its tool is replaced by the robot's.
         external: (N, n) N m of each log; None: nothing touches the arm.
 
     Raises:

@@ -44,7 +44,7 @@ def stretches_of(text: str, command: str, option: str) -> tuple[Path, list[tuple
     """Path and stretches, s from the log's start; none: the whole log.
 
     Args:
-        text: of the command line; a file of that very name is a whole log.
+        text: text of the command line; a file of that very name is a whole log.
         command, option: that an error message names.
 
     Raises:
