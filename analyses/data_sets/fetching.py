@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 PUBLIC_HOST: Final = "https://raw.githubusercontent.com"
 MIRROR_VARIABLE: Final = "WRENCHSIGHT_DATA_MIRROR"
-_TIMEOUTS: Final = (10.0, 30.0)  # s to connect, and between two pieces
+_REQUEST_TIMEOUTS: Final = (10.0, 30.0)  # s to connect, and between two pieces
 _PIECE_BYTES: Final = 1 << 12  # bytes; a cut connection loses the last, incomplete one
 _MAX_RETRIES: Final = 1
 
@@ -192,7 +192,7 @@ def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
     headers = {"Accept-Encoding": "identity"} | (
         {"Range": f"bytes={received}-"} if received else {}
     )
-    with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUTS) as response:
+    with requests.get(url, headers=headers, stream=True, timeout=_REQUEST_TIMEOUTS) as response:
         if response.status_code == requests.codes.requested_range_not_satisfiable:
             part.truncate(0)
             raise requests.ConnectionError(

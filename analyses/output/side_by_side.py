@@ -24,7 +24,7 @@ ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS
 _KEPT_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**34)}
 """Environment in which glibc keeps what is freed: pages that come anew from the system each time
 take a twelfth of a world's processor time."""
-_TICK: Final = 0.1  # s between two looks at what is under way
+_LOOK_PERIOD: Final = 0.1  # s between two looks at what is under way
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def run_side_by_side(
                     )
                     under_way[executor.submit(run, task)] = task, attempt, executor
                 started(task)
-            ended = wait(under_way, _TICK, FIRST_COMPLETED).done
+            ended = wait(under_way, _LOOK_PERIOD, FIRST_COMPLETED).done
             tick()
             for future in ended:
                 task, attempt, executor = under_way.pop(future)

@@ -11,7 +11,7 @@ _STANDARD_GRAVITY = 9.81  # m/s^2
 _MOMENT_FACTOR = 1.2  # by which the sd grows with the prior of the moment
 _NO_PRIOR = 1e6  # N, sd of a force of which nothing is known
 _MAX_PAYLOAD_FACTOR = 20.0  # by which a rated payload may be wrong
-_ROUNDING = 1e-6  # of the largest sd of the joints
+_ROUNDING_SHARE = 1e-6  # of the largest sd of the joints
 _SMALL_ERROR = 0.1  # factor on a joint's torque error, with which its effect is tried
 
 
@@ -54,7 +54,9 @@ class UncertainForce:
             """N, the force's sd where the joints' errors are `factor` (n,) times as large."""
             prior = np.diag(moment_prior + [1.0 / force_sd**2] * 3)
             # A joint without an error to speak of leaves no information that numbers can hold.
-            s = np.maximum(torque_sd * factor, _ROUNDING * torque_sd.max(axis=1, keepdims=True))
+            s = np.maximum(
+                torque_sd * factor, _ROUNDING_SHARE * torque_sd.max(axis=1, keepdims=True)
+            )
             noise = s[:, :, None] * reading.torque_covariance * s[:, None, :]
             information = J @ np.linalg.solve(noise, J.swapaxes(1, 2)) + prior
             values = np.linalg.eigvalsh(np.linalg.inv(information)[:, 3:, 3:])

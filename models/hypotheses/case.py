@@ -15,7 +15,7 @@ import numpy as np
 
 from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.hypotheses.evidence import ODD_SHARE, Fit, RowKinds, row_weights
-from wrenchsight.models.hypotheses.log_rows import CUTOFF, LARGEST_CUTOFF, LogRows
+from wrenchsight.models.hypotheses.log_rows import CUTOFF_FREQUENCY, LARGEST_CUTOFF, LogRows
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -230,7 +230,7 @@ class Case:
             viscous = 0.5 * FRICTION_SHARE * limit / half_speed
             return coulomb * rows.sliding + viscous * rows.v, coulomb, 2.0 * viscous
         law = self.model.friction
-        low_pass = ZeroPhaseLowPass(min(CUTOFF, LARGEST_CUTOFF / rows.step), rows.step, 4)
+        low_pass = ZeroPhaseLowPass(min(CUTOFF_FREQUENCY, LARGEST_CUTOFF / rows.step), rows.step, 4)
         # At rest the law's sign is that of noise: what a resting joint carries is in the error.
         moves = np.minimum(2.0 * np.abs(rows.sliding), 1.0)
         friction = moves * low_pass(np.asarray(law.torque_along(rows.q, rows.v, rigid)))

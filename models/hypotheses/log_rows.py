@@ -1,7 +1,7 @@
 """A log on a coarse grid: low-passed signals from which hypotheses are judged.
 
-All signals go through the same zero-phase low-pass of CUTOFF, so that none is late against another
-unless the log itself has it so. Rows at ROW_RATE hold all that is left.
+All signals go through the same zero-phase low-pass of CUTOFF_FREQUENCY, so that none is late
+against another unless the log itself has it so. Rows at ROW_RATE hold all that is left.
 """
 
 from collections.abc import Iterable
@@ -15,14 +15,14 @@ from wrenchsight.models.recordings.recording import Recording, concatenated
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
-CUTOFF = 4.0  # Hz
+CUTOFF_FREQUENCY = 4.0  # Hz
 LARGEST_CUTOFF = 0.2  # of the log's rate
 FINE_RATE = 100.0  # 1/s, to which a faster log is averaged before it is kept
 ROW_RATE = 20.0  # 1/s
 LONGEST_LOG = 600.0  # s of a log that are looked at
 SHORTEST_LOG = 1.4  # s; a shorter log tells nothing
 MIN_SAMPLES = 40  # of a log
-TRIM = 0.4  # s, transients of the low-pass at both ends
+TRIM_TIME = 0.4  # s, transients of the low-pass at both ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
         return None
     log = concatenated(parts)
     step = log.time_step
-    cutoff = min(CUTOFF, LARGEST_CUTOFF / step)
+    cutoff = min(CUTOFF_FREQUENCY, LARGEST_CUTOFF / step)
     effort = log.current if log.tau_J is None else log.tau_J
     is_missing = log.dropout | ~np.isfinite(np.hstack([log.q, log.v, effort])).all(axis=1)
     if (~is_missing).sum() * step < SHORTEST_LOG or log.num_samples < MIN_SAMPLES:
@@ -93,7 +93,7 @@ def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
     every = max(1, round(1.0 / (ROW_RATE * step)))
     window = max(1, round(0.25 / step))
     near_missing = np.convolve(is_missing, np.ones(window), "same") > 0.2 * window
-    trim = round(TRIM / step)
+    trim = round(TRIM_TIME / step)
     is_used = ~near_missing
     is_used[:trim] = is_used[len(is_used) - trim :] = False
     rows = slice(None, None, every)

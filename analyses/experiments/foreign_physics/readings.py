@@ -33,7 +33,7 @@ CONTACT_SLACK = 0.3  # s
 TOUCH_SHARE = 0.02  # of the log's largest force: something touches
 CONTACT_SHARE = 0.3  # of it: a true contact that may not be missed
 LEAST_CONTACT = 0.2  # s
-REFUSED = -1  # in the place of reasons
+REFUSED_CODE = -1  # in the place of reasons
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class EstimatedLog:
     Attributes:
         refusal: the line with which the log was refused; empty: it was read.
         wrench, sd: (N, 6) N and N m.
-        invalid: (N,) reasons; REFUSED: the log was refused.
+        invalid: (N,) reasons; REFUSED_CODE: the log was refused.
         contacts: begin and end of each reported contact, s.
         sentences: notices, contacts and warnings for the user.
     """
@@ -85,7 +85,7 @@ def read_log(
         result = estimate_log(path, arm.robot_file, model_path, folder / "estimate", draws=draws)
     except InputError as error:
         nothing = np.full((N, 6), np.nan)
-        return EstimatedLog(str(error), nothing, nothing, np.full(N, REFUSED), (), ())
+        return EstimatedLog(str(error), nothing, nothing, np.full(N, REFUSED_CODE), (), ())
     table = pyarrow.csv.read_csv(result.table)
     columns = {name: table[name].to_numpy() for name in table.column_names}
     if len(columns["t"]) != N:

@@ -27,7 +27,7 @@ from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 from wrenchsight.models.robot.robot import Robot
 
 ARM = "/arm"
-HOST, PORT = "127.0.0.1", 8765
+HOST, FOXGLOVE_PORT = "127.0.0.1", 8765
 METRES_PER_NEWTON = 0.005
 FLAGS = (
     "valid",
@@ -61,7 +61,7 @@ class FoxgloveView:
 
     period = 1.0 / 20.0  # s
 
-    def __init__(self, robot: Robot, port: int = PORT) -> None:
+    def __init__(self, robot: Robot, port: int = FOXGLOVE_PORT) -> None:
         self._scene = ArmScene(robot)
         self._links = _links(self._scene.shapes)
         self._joint_names = robot.joint_names

@@ -36,9 +36,10 @@ from wrenchsight.models.robot.robot import Robot
 
 READING_COUNT = 1 << 14  # rows of the ring: half a minute at 500 Hz
 EVENT_COUNT = 256  # rows of that of events
-_WAIT = 0.02  # s, longest wait for the source
+_MAX_WAIT = 0.02  # s, longest wait for the source
 _INTERRUPTIONS = (EventKind.LOST, EventKind.GARBAGE, EventKind.REFUSED, EventKind.ENDED)
-_WARMING, _WARMING_STEP = 560, 0.01  # samples that compile what is still to be compiled, and s
+# samples that compile what is still to be compiled, and s
+_WARMING_SAMPLES, _WARMING_STEP = 560, 0.01
 
 Emit = Callable[[Reading | StreamEvent], None]
 
@@ -60,7 +61,7 @@ def read_stream(
         q_offset: (n,) rad (m), added to the positions; None: they are at the robot's zeros already.
     """
     while go_on():
-        items = source.read(_WAIT)
+        items = source.read(_MAX_WAIT)
         for item in items:
             if isinstance(item, Sample):
                 if q_offset is not None and item.q.shape == q_offset.shape:
@@ -87,8 +88,8 @@ def warm_up(settings: WatchSettings, robot: Robot, model: IdentifiedModel) -> No
     live = LiveEstimator(robot, model, settings.watch.live, _WARMING_STEP, 0.0)
     checks, search = StartChecks(robot, model, settings.watch), LoadSearch(robot, model)
     one = np.ones(robot.num_joints)
-    for k in range(_WARMING):
-        t = k * _WARMING_STEP + (0.001 if k > _WARMING // 2 else 0.0)
+    for k in range(_WARMING_SAMPLES):
+        t = k * _WARMING_STEP + (0.001 if k > _WARMING_SAMPLES // 2 else 0.0)
         angle = 0.2 * np.sin(t)
         sample = Sample(t, t, robot.home + angle * one, 0.2 * np.cos(t) * one, one)
         checks.take(sample, live)

@@ -1,6 +1,7 @@
 """What is wrong with a stream: the hypotheses of `models.hypotheses`, tried while it runs.
 
-All samples since the stream began are judged after LOOKS seconds, as `estimate` judges a log. A
+All samples since the stream began are judged after LOOK_TIMES seconds, as `estimate` judges a log.
+A
 look takes a second or two: at real time it runs in a thread of its own, so that no sample waits.
 """
 
@@ -17,7 +18,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 
-LOOKS = (2.0, 5.0, 10.0, 20.0, 40.0)  # s since the stream began
+LOOK_TIMES = (2.0, 5.0, 10.0, 20.0, 40.0)  # s since the stream began
 LONGEST_GAP = 0.5  # s between samples, after which the stream begins anew
 
 
@@ -40,7 +41,7 @@ class StreamJudgement:
 
     def restart(self) -> None:
         """The stream begins anew."""
-        self._looks = list(LOOKS)
+        self._looks = list(LOOK_TIMES)
         self._rows: list[Array] = []  # of `_row`
         self._is_torque = False
 
