@@ -14,7 +14,9 @@ from typing import Final
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 
-_LIST: Final = re.compile(r"\s*(?:\w+\()?\s*[\[({](.*)[\])}]\s*\)?\s*", re.DOTALL)
+# Without runs of blanks that two parts could share, as a cell may have a hundred thousand.
+_BEGIN: Final = re.compile(r"(?:\w{1,20}\()?[\[({]")
+_LIST: Final = re.compile(_BEGIN.pattern + r"(.*)[\])}]\)?", re.DOTALL)
 _MOST_ENTRIES: Final = 4096  # of a list
 
 
@@ -67,12 +69,12 @@ class UnfoldedFile:
 
 def has_lists(cells: Sequence[str]) -> bool:
     """Whether a cell of a row begins a list."""
-    return any(re.match(r"\s*\"?\s*(?:\w+\()?\s*[\[({]", cell) for cell in cells)
+    return any(_BEGIN.match(cell.strip(' \t"')) for cell in cells)
 
 
 def entries(cell: str) -> list[str] | None:
     """The entries of a list in a cell; None: the cell is no list."""
-    match = _LIST.fullmatch(cell)
+    match = _LIST.fullmatch(cell.strip())
     if match is None:
         return None
     content = re.sub(r"[\[\](){}]", " ", match[1])

@@ -32,6 +32,7 @@ _STAMP = re.compile(
     r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.]\d{1,9})?)?(?P<zone>Z|[+-]\d\d(:?\d\d)?)?"
 )  # a date and a time (ISO 8601)
 _UNIT_CELL = re.compile(r"\W*[a-zA-Zµ°%‰]{0,5}([ */·^_][a-zA-Z0-9°]{1,5}){0,2}\W*")
+_UNIT_LENGTH = 20  # characters
 _HEAD_LINES = 100  # in which the table's first row is looked for
 _MIN_CELLS = 4  # of a table
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
@@ -217,7 +218,7 @@ class TextTable:
         return (
             len(cells) == len(self.names or ())
             and not any(_is_number(cell.replace(",", ".")) for cell in cells)
-            and all(_UNIT_CELL.fullmatch(cell) for cell in cells)
+            and all(len(cell) < _UNIT_LENGTH and _UNIT_CELL.fullmatch(cell) for cell in cells)
             and any(cell.strip("[]() ").lower() in ("s", "ms", "rad", "deg", "°") for cell in cells)
         )
 

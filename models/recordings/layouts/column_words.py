@@ -54,6 +54,7 @@ _IN_BRACKETS = re.compile(r"\s*[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$")
 _AT_END = re.compile(
     r"[\s_.\-](rad[_/]s|rad_per_s|deg[_/]s|deg_per_s|rad/sec|deg/sec|[a-z%°‰]+)$", re.IGNORECASE
 )
+_MAX_NAME = 200  # characters
 _JOINT_COLUMNS = ("joint", "joint_name", "joint_names", "joint_id", "axis", "name")
 
 
@@ -158,8 +159,10 @@ def signal_columns(
     return found
 
 
-def _taken_apart(name: str, index: int) -> tuple[str, _Column]:
+def _taken_apart(name: str, place: int) -> tuple[str, _Column]:
     """The quantity of a column, empty where it is none of a joint, and the column."""
+    if len(name) > _MAX_NAME:
+        return "", _Column(place, "", ())
     unit, rest = _unit(name.strip())
     tokens = _tokens(rest)
     if not unit:  # percent_1, or pos_deg_1
@@ -173,7 +176,7 @@ def _taken_apart(name: str, index: int) -> tuple[str, _Column]:
         quantity = ""
     known = set().union(*(_QUANTITIES[key] for key in found))
     joint = tuple(token for token in tokens if token not in known)
-    return quantity, _Column(index, unit, joint)
+    return quantity, _Column(place, unit, joint)
 
 
 def _unit(name: str) -> tuple[str, str]:

@@ -261,6 +261,39 @@ def other_separator(data: bytes, rng: random.Random) -> bytes:
     return data.replace(b",", b";").replace(b".", b",")
 
 
+def lists_in_cells(data: bytes, rng: random.Random) -> bytes:
+    """Each signal as a list in one cell; one of them perhaps broken."""
+    rows = _rows(data)
+    begin, end = rng.choice(("[]", "()", "{}", ("array([", "])"), ("[", "")))
+    between = rng.choice((", ", " ", ";", " \n "))
+    n = (len(rows[0]) - 1) // 3
+    written = [["time", "position", "velocity", "current"]]
+    for row in rows[1:]:
+        parts = [row[1 + k * n : 1 + (k + 1) * n] for k in range(3)]
+        if rng.random() < 0.001:
+            parts[rng.randrange(3)].append(rng.choice((*NUMBERS, *WORDS)))
+        cells = [f'"{begin}{between.join(part)}{end}"' for part in parts]
+        written.append([row[0], *cells])
+    return _bytes(written)
+
+
+def words_around_the_table(data: bytes, rng: random.Random) -> bytes:
+    """Lines above the table, units below the header, dates for times, names of words."""
+    rows = _rows(data)
+    if rng.random() < 0.5:
+        rows.insert(1, [rng.choice(("s", "rad", "deg", "A", "[mA]", "", *WORDS)) for _ in rows[0]])
+    if rng.random() < 0.3:
+        for row in rows[1:]:
+            row[0] = f"2024-02-{rng.choice((28, 30))} 12:00:{row[0][:9]}"
+    if rng.random() < 0.5:
+        text = rng.choice(
+            ("Joint {} position [deg]", "actual_q_{}", "{}", "A{}.pos", "[{}", "({})")
+        )
+        rows[0] = [rows[0][0], *(text.format(name) for name in rows[0][1:])]
+    above = [[rng.choice((*WORDS, "Robot: x", "Rate [Hz],100"))] for _ in range(rng.randrange(4))]
+    return _bytes([*above, *rows])
+
+
 TABLE: Sequence[Mutator] = (
     *LINES,
     odd_cell,
@@ -274,6 +307,8 @@ TABLE: Sequence[Mutator] = (
     odd_header,
     odd_clock,
     other_separator,
+    lists_in_cells,
+    words_around_the_table,
 )
 
 
