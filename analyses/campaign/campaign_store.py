@@ -31,8 +31,8 @@ from wrenchsight.models.files.whole_file import whole_file, writing_to
 
 TABLE_FILE: Final = "campaign.parquet"
 PARTS_FOLDER: Final = ".campaign"
-_FIRST: Final = {"world": pa.int32(), "seed": pa.int64()}  # columns before what was drawn
-_LAST: Final = {"experiment": pa.string(), "key": pa.string(), "value": pa.float64()}
+_LEADING_COLUMNS: Final = {"world": pa.int32(), "seed": pa.int64()}  # columns before what was drawn
+_TRAILING_COLUMNS: Final = {"experiment": pa.string(), "key": pa.string(), "value": pa.float64()}
 _METADATA: Final = b"wrenchsight"
 _FORMAT_VERSION: Final = 1
 
@@ -73,7 +73,11 @@ class CampaignRecord:
             rows = pd.concat(self._frames, ignore_index=True)
             # A world that ran alone once more replaces what it measured before.
             self._frames = [rows.drop_duplicates(["world", "experiment", "key"], keep="last")]
-        return self._frames[0] if self._frames else pd.DataFrame(columns=[*_FIRST, *_LAST])
+        return (
+            self._frames[0]
+            if self._frames
+            else pd.DataFrame(columns=[*_LEADING_COLUMNS, *_TRAILING_COLUMNS])
+        )
 
     @property
     def worlds(self) -> list[int]:
@@ -114,7 +118,7 @@ class CampaignRecord:
             self.table.drop_duplicates("world")
             .set_index("world")
             .sort_index()
-            .drop(columns=list(_LAST))
+            .drop(columns=list(_TRAILING_COLUMNS))
         )
 
 
@@ -127,12 +131,12 @@ def write_table(record: CampaignRecord, path: Path, order: Collection[str]) -> N
     places = {name: f"{place:06d}" for place, name in enumerate(order)}
     table = record.table.assign(place=lambda t: t["experiment"].map(lambda n: places.get(n, n)))
     table = table.sort_values(["world", "place"], kind="stable").drop(columns="place")
-    drawn = [name for name in table.columns if name not in (*_FIRST, *_LAST)]
+    drawn = [name for name in table.columns if name not in (*_LEADING_COLUMNS, *_TRAILING_COLUMNS)]
     schema = pa.schema(
         [
-            *_FIRST.items(),
+            *_LEADING_COLUMNS.items(),
             *((name, pa.float64()) for name in drawn),
-            *_LAST.items(),
+            *_TRAILING_COLUMNS.items(),
         ]
     )
     content = {

@@ -21,7 +21,10 @@ Result = TypeVar("Result")
 
 ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment of every process that measures: 1, or the last bits hang on the machine's cores."""
-_KEPT_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**34)}
+_MEMORY_ENVIRONMENT: Final = {
+    "MALLOC_MMAP_THRESHOLD_": str(2**30),
+    "MALLOC_TRIM_THRESHOLD_": str(2**34),
+}
 """Environment in which glibc keeps what is freed: pages that come anew from the system each time
 take a twelfth of a world's processor time."""
 _LOOK_PERIOD: Final = 0.1  # s between two looks at what is under way
@@ -71,7 +74,7 @@ def run_side_by_side(
     warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
     waiting, idle = deque((task, 1) for task in tasks), list[Any]()
     under_way = dict[Future[Result], tuple[Task, int, Any]]()
-    environment = {**dict.fromkeys(ONE_THREAD, "1"), **_KEPT_MEMORY, **(environment or {})}
+    environment = {**dict.fromkeys(ONE_THREAD, "1"), **_MEMORY_ENVIRONMENT, **(environment or {})}
     try:
         while waiting or under_way:
             while waiting and len(under_way) < jobs:

@@ -43,7 +43,7 @@ from wrenchsight.models.robot.truth_config import TRUTHS
 
 COMMAND: Final = "study"
 _TIMINGS: Final = "timings.json"
-_SHARED: Final = ".shared"  # folder of results that experiments share
+_SHARED_FOLDER: Final = ".shared"  # folder of results that experiments share
 
 
 def run_study(
@@ -118,7 +118,7 @@ def run_study(
         runs = _Runs(folder, settings, _due(folder, settings, fresh, watch), watch)
         try:
             with writing_to(out):
-                folder.work(_SHARED).mkdir()
+                folder.work(_SHARED_FOLDER).mkdir()
             runs.run(jobs)
         except BaseException:
             # The user should see the cause, not an error that follows from it.
@@ -249,7 +249,7 @@ class _Runs:
     def _task(self, name: str) -> _Task:
         module = REGISTRY.entries()[name].module
         work = self._folder.work(f"{name}/result").parent
-        return _Task(name, module, work, self._folder.work(_SHARED), self._settings)
+        return _Task(name, module, work, self._folder.work(_SHARED_FOLDER), self._settings)
 
     def _begin(self, task: _Task) -> None:
         self.outcomes[task.name].state = "running"
