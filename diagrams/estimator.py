@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     Diagram,
     DiagramBuilder,
@@ -11,15 +10,16 @@ from pydrake.systems.framework import (
     OutputPort,
     PortDataType,
 )
-from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, Demultiplexer
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserver
-from wrenchsight.models.observers.observer import TAU_F, TORQUE_SD, Observer, V
+from wrenchsight.models.observers.observer import Observer
 from wrenchsight.models.robot.arm import Arm
 from wrenchsight.systems.contact_detection import DETECTION, ContactDetection
 from wrenchsight.systems.external_torque_observer import ExternalTorqueObserver
@@ -110,7 +110,7 @@ def make_estimator(
 
     A block of yours takes the place of a stage: `stages={"friction": MyFriction()}`. Its input
     ports are connected by their names (q, v, current, terms, tau_J, tau_f, tau_ext, tau_ext_valid,
-    pole, law, torque_error, fault; others stay open). It must have the stage's outputs:
+    pole, sliding, torque_error, fault; others stay open). It must have the stage's outputs:
 
         terms           terms (abstract)
         motor           tau_J (n,)
@@ -119,8 +119,8 @@ def make_estimator(
         torque_error    torque_error (ERROR_ROWS n,)
         reconstruction  wrench (6,), covariance (36,), condition_number, valid, invalid (1,)
 
-    A friction of yours without a port `law` leaves the stiction band that of the model's law. An
-    observer of yours without a port `pole` (n,) 1/s is taken for one without lag.
+    A friction of yours without a port `sliding` leaves the stiction band that of the model's law.
+    An observer of yours without a port `pole` (n,) 1/s is taken for one without lag.
 
     Args:
         robot: `Robot`, or `diagrams.arm_in_plant.ArmInPlant`, whose wrench is in the plant's World.
@@ -136,7 +136,7 @@ def make_estimator(
             reads the wrench itself.
     """
     estimator = WrenchEstimator(robot, model, config)
-    if corrected and estimator.observed_size:
+    if corrected and estimator.observer.reads_wrench:
         raise ValueError(
             f"{name}: only an observer of joint torque can be corrected, not of wrench"
         )
@@ -185,7 +185,7 @@ def _staged(
 
     terms = add("terms", RigidBodyTermsSystem(estimator.chain))
     motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
-    at_planned_speed = corrected and estimator.friction.state_rows == 0
+    at_planned_speed = corrected and estimator.friction.is_of_speed_alone
     knows_rest = estimator.learnt and not at_planned_speed
     friction = add("friction", _friction_system(estimator.friction, period, knows_rest))
     observer = add("observer", _observer_system(estimator.observer))
@@ -201,12 +201,12 @@ def _staged(
         "terms": terms.GetOutputPort("terms"),
         "tau_J": motor.GetOutputPort("tau_J"),
         "tau_f": friction.GetOutputPort("tau_f"),
-        "law": _law_port(builder, friction, estimator.friction),
+        "sliding": _sliding_port(builder, friction, estimator.friction),
         "pole": _pole_port(builder, observer, estimator.num_joints),
         "tau_ext": tau_ext,
         "tau_ext_valid": tau_ext_valid,
     }
-    if estimator.observed_size and "observer" not in stages:
+    if estimator.observer.reads_wrench and "observer" not in stages:
         sources["observed"] = observer.GetOutputPort("wrench")
     wrench_sources = dict(sources)
     uses_sd = isinstance(observer, ExternalTorqueObserver) and observer.uses_sd
@@ -275,12 +275,12 @@ def _signals(
     return [parts.get_output_port(k) for k in range(len(signals))]
 
 
-def _law_port(builder: DiagramBuilder, friction: LeafSystem, law: FrictionLaw) -> OutputPort:
-    """The friction law as it is now; of a block that has none, the model's."""
-    if friction.HasOutputPort("law"):
-        return friction.GetOutputPort("law")
-    constant = builder.AddNamedSystem("model_law", ConstantValueSource(AbstractValue.Make(law)))
-    return constant.get_output_port()
+def _sliding_port(builder: DiagramBuilder, friction: LeafSystem, law: FrictionLaw) -> OutputPort:
+    """What the torque error needs of friction as it is now; of a block without it, the model's."""
+    if friction.HasOutputPort("sliding"):
+        return friction.GetOutputPort("sliding")
+    model_sliding = ConstantVectorSource(SlidingLaw.of(law).flat)
+    return builder.AddNamedSystem("model_sliding", model_sliding).get_output_port()
 
 
 def _pole_port(builder: DiagramBuilder, observer: LeafSystem, num_joints: int) -> OutputPort:
@@ -327,7 +327,7 @@ def _checked_inputs(builder: DiagramBuilder, estimator: WrenchEstimator) -> dict
         builder.ExportInput(check.GetInputPort(signal), signal)
     motion = builder.AddNamedSystem("motion", Demultiplexer(check.motion_sizes))
     builder.Connect(check.GetOutputPort("motion"), motion.get_input_port())
-    fault, _, q, v = (motion.get_output_port(k) for k in range(4))
+    fault, q, v = (motion.get_output_port(k) for k in range(3))
     return {"q": q, "v": v, "current": check.GetOutputPort("checked_current"), "fault": fault}
 
 
@@ -356,23 +356,11 @@ def _fused(
         port = block.get_input_port(k)
         builder.ExportInput(port, port.get_name())
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    sizes: dict[str, int] = {}
-    for part, size in block.reading_sizes.items():
-        if part == "signals":
-            sizes |= {f"signals {row}": estimator.num_joints for row in range(TORQUE_SD)}
-        else:
-            sizes[part] = size
+    sizes = block.reading_sizes
     reading = builder.AddNamedSystem("reading", Demultiplexer(list(sizes.values())))
     builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
     sources = {part: reading.get_output_port(k) for k, part in enumerate(sizes)}
-    sources |= {
-        "tau_f": sources[f"signals {TAU_F}"],
-        "v": sources[f"signals {V}"],
-        "tau_ext_valid": sources["counts"],
-        "terms": block.GetOutputPort("terms"),
-        "pole": block.GetOutputPort("pole"),
-        "law": block.GetOutputPort("law"),
-    }
+    sources |= {name: block.GetOutputPort(name) for name in ("terms", "pole", "sliding")}
     for signal in (
         *("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid"),
         *("terms", "fault", "tau_f", "tau_ext_valid"),
@@ -381,10 +369,7 @@ def _fused(
     if estimator.learnt or corrected:
         builder.ExportOutput(sources["torque_error"], "torque_error")
     if detection is not None:
-        robot = estimator.robot
-        motor = builder.AddNamedSystem("detection_motor", MotorCurrentTorqueSource.of(robot))
-        builder.Connect(block.GetOutputPort("checked_current"), motor.GetInputPort("current"))
-        sources["tau_J"] = motor.GetOutputPort("tau_J")
+        sources["tau_J"] = block.GetOutputPort("tau_J")
         _detect(builder, ContactDetector.of(estimator, detection), sources)
     diagram = builder.Build()
     diagram.set_name(name)

@@ -397,7 +397,7 @@ def _check_observer(scenario: Scenario, source: str) -> None:
             "leave it out",
         )
     kind = kind_of(scenario.estimator.observer)
-    if kind is None or kind.kernels.wrench is None:
+    if kind is None or not kind.reads_wrench:
         return
     name, reconstruction = kind_name(kind), scenario.estimator.reconstruction
     if wrench_prior(reconstruction) is None:

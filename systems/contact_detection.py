@@ -12,8 +12,8 @@ from wrenchsight.models.detection.contact_statistic import ArmSamples
 from wrenchsight.models.estimation.torque_error_stage import (
     ERROR_ROWS,
     TorqueError,
-    torque_error_views,
 )
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
@@ -46,7 +46,7 @@ class ContactDetection(SampledBlock):
       tau_ext       -->  | ContactDetection | --> detection
       tau_ext_valid -->  |                  |
       tau_J, tau_f  -->  |                  |
-      pole, law     -->  |                  |
+      pole, sliding -->  |                  |
                          +------------------+
 
     Inputs:  v              (n,) rad/s
@@ -55,7 +55,7 @@ class ContactDetection(SampledBlock):
              tau_ext        (n,) N m, positive along the motion it causes
              tau_ext_valid  (1,) 0 where tau_ext is held or unknown
              tau_J, tau_f   (n,) N m; what the gear transmits counts for the sample after
-             pole, law      of observer and friction as they are now, as of TorqueErrorSystem
+             pole, sliding  of observer and friction as they are now, as of TorqueErrorSystem
     Output:  detection      (6,) in the order of DETECTION; direct feedthrough from tau_J and tau_f
                             only where the observer's is ("trapezoidal")
     State:   that of SampledBlock; its memory is the detector's, flat
@@ -81,9 +81,9 @@ class ContactDetection(SampledBlock):
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._pole = self.DeclareVectorInputPort("pole", n)
-        self._law = self.DeclareAbstractInputPort("law", AbstractValue.Make(object()))
+        self._sliding = self.DeclareVectorInputPort("sliding", len(SlidingLaw._fields) * n)
         self._tuned = declare_cached(
-            self, "detector", self._calc_detector, {self._pole.ticket(), self._law.ticket()}
+            self, "detector", self._calc_detector, {self._pole.ticket(), self._sliding.ticket()}
         )
         ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
         if detector.reads_present_torque:
@@ -96,13 +96,13 @@ class ContactDetection(SampledBlock):
     def _calc_detector(self, context: Context) -> ContactDetector:
         pole = self._pole.Eval(context)
         K_0 = pole if (pole >= 0.0).all() else None
-        return self._detector.retuned(self._law.Eval(context), K_0)
+        return self._detector.retuned(SlidingLaw.of_flat(self._sliding.Eval(context)), K_0)
 
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
         """Updates `state` with one sample, in place; returns (1, 6) the detection."""
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         torque_error = _plausible(self._torque_error.Eval(context))
-        error = torque_error_views(torque_error, self._detector.num_joints)
+        error = TorqueError.of_flat(torque_error, self._detector.num_joints)
         is_fresh = self._tau_ext_valid.Eval(context) == 1.0
         detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()
         error_rows = [part[np.newaxis] for part in error]

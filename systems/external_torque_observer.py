@@ -1,20 +1,18 @@
 """An observer of external joint torque as a block, whatever its kind."""
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
 
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, TorqueError
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.observers.observer import NUM_SIGNALS, TAU_EXT, TAU_J, Observer
-from wrenchsight.models.observers.signals import signals_size, write_signals
+from wrenchsight.models.observers.observer import Observed, Observer, ObserverSamples
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.sampled_block import SampledBlock
-
-_NO_VALUES = np.empty(0)
 
 
 class ExternalTorqueObserver(SampledBlock):
@@ -37,12 +35,12 @@ class ExternalTorqueObserver(SampledBlock):
                          that it reads the present torque
                 valid    (1,) 1, or 0 where tau_ext is the last one, held, and while it is still
                          settling after the start
-                reading  these two, one after the other, then what the update takes, in one port;
-                         Drake's Demultiplexer splits it with `reading_sizes`
+                reading  these two, one after the other, in one port; Drake's Demultiplexer splits
+                         it with `reading_sizes`
                 pole     (n,) 1/s, below 0 for an observer without one
                 wrench   (42,) F_E_W and its covariance, row by row, of an observer that reads the
                          wrench itself; others have no such port
-    State:      that of SampledBlock; its memory is the observer's, row by row
+    State:      that of SampledBlock; its memory is the observer's
     Parameters: of the observer, in its order
 
     Args:
@@ -58,7 +56,7 @@ class ExternalTorqueObserver(SampledBlock):
 
     def __init__(self, observer: Observer) -> None:
         n = observer.num_joints
-        self._has_wrench = observer.kernels.wrench is not None
+        self._has_wrench = observer.reads_wrench
         held = {"estimate": n + 1} | ({"wrench": 42} if self._has_wrench else {})
         SampledBlock.__init__(self, observer.time_step, observer.initial_state(), held)
         self._observer = observer
@@ -72,18 +70,19 @@ class ExternalTorqueObserver(SampledBlock):
             self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
 
         # The constants change only with the parameters, not at every tick.
-        self._table = declare_cached(
-            self, "observer table", lambda context: self._tuned(context).table, parameters
-        )
+        self._tuned = declare_cached(self, "observer", self._calc_observer, parameters)
         prerequisites = self.state_tickets | {
             self._terms.ticket(),
             self._tau_f.ticket(),
-            self._table.ticket(),
+            self._tuned.ticket(),
         }
         if self.uses_sd:
             prerequisites.add(self._torque_error.ticket())
         if observer.reads_present_torque:
             prerequisites.add(self._tau_J.ticket())
+        self._no_torque = np.zeros((1, n))
+        self._no_error = TorqueError.of_flat(np.zeros(ERROR_ROWS * n), n)
+        self._observed = declare_cached(self, "observed", self._calc_observed, prerequisites)
         self._reading = self.DeclareVectorOutputPort(
             "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
@@ -97,65 +96,73 @@ class ExternalTorqueObserver(SampledBlock):
 
     @property
     def reading_sizes(self) -> list[int]:
-        """Sizes of the parts of `reading`: tau_ext, valid, signals of the update."""
-        return [self._n, 1, signals_size(self._n)]
+        """Sizes of the parts of `reading`: tau_ext, valid."""
+        return [self._n, 1]
 
-    def _tuned(self, context: Context) -> Observer:
+    def _calc_observer(self, context: Context) -> Observer:
         """The observer with the parameters of a context."""
         return self._observer.with_parameters(self._parameters.at(context))
 
     def _calc_pole(self, context: Context, output: BasicVector) -> None:
-        pole = self._tuned(context).pole
+        pole = self._tuned.EvalAbstract(context).get_value().pole
         output.SetFromVector(np.full(self._n, -1.0) if pole is None else pole)
 
-    def _signals(self, reading: Array) -> tuple[Array, Array]:
-        """The signals and J of a reading, as views."""
-        n = self._n
-        J_and_signals = reading[n + 1 :]
-        signals = J_and_signals[6 * n :].reshape(NUM_SIGNALS, n)
-        return signals, J_and_signals[: 6 * n].reshape(6, n)
+    def _observe(self, context: Context, memory: Any, tau_J: Array) -> Observed:
+        """Takes the present sample into `memory`; tau_J (1, n)."""
+        error = self._no_error
+        if self.uses_sd and self._torque_error.HasValue(context):
+            error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        samples = ObserverSamples(
+            q=terms.q[None],
+            v=terms.v[None],
+            momentum=terms.momentum[None],
+            CTv=terms.CTv[None],
+            G=terms.G[None],
+            tau_J=tau_J,
+            tau_f=self._tau_f.Eval(context)[None],
+            J=terms.J[None],
+            sd=error.sd[None],
+            stiction=error.stiction[None],
+            drift=error.drift[None],
+        )
+        observer: Observer = self._tuned.EvalAbstract(context).get_value()
+        return observer.observe(memory, samples)
+
+    def _calc_observed(self, context: Context) -> Observed:
+        """The estimate of the present sample, which is not taken yet."""
+        tau_J = self._no_torque
+        if self._observer.reads_present_torque:
+            tau_J = self._tau_J.Eval(context)[None]
+        return self._observe(context, self.memory(context), tau_J)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        n, reading = self._n, output.get_mutable_value()
-        held = self.held(context, "estimate")
-        if held is not None:
-            reading[: n + 1] = held
-            return
-        error = _NO_VALUES
-        if self.uses_sd and self._torque_error.HasValue(context):
-            error = self._torque_error.Eval(context)
-        terms, tau_f = self._terms.Eval(context), self._tau_f.Eval(context)
-        write_signals(terms.record, tau_f, error, reading[n + 1 :])
-        signals, J = self._signals(reading)
-        if self._observer.reads_present_torque:
-            signals[TAU_J] = self._tau_J.Eval(context)
-        table = self._table.EvalAbstract(context).get_value()
-        reading[n] = self._observer.kernels.output(table, self.memory(context), signals, J)
-        reading[:n] = signals[TAU_EXT]
+        reading = self.held(context, "estimate")
+        if reading is None:
+            reading = _reading_of(self._observed.EvalAbstract(context).get_value())
+        output.SetFromVector(reading)
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "wrench")
-        if held is not None:
-            output.SetFromVector(held)
-            return
-        signals, J = self._signals(self._reading.Eval(context))
-        wrench = output.get_mutable_value()
-        self._observer.kernels.wrench(
-            self._table.EvalAbstract(context).get_value(),
-            self.memory(context),
-            signals,
-            J,
-            wrench[:6],
-            wrench[6:].reshape(6, 6),
-        )
+        wrench = self.held(context, "wrench")
+        if wrench is None:
+            wrench = _wrench_of(self._observed.EvalAbstract(context).get_value())
+        output.SetFromVector(wrench)
 
-    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        reading = self._reading.Eval(context)
-        outputs = [reading[: self._n + 1]]
+    def take_sample(self, context: Context, memory: Any) -> Sequence[Array]:
+        observed = self._observe(context, memory, self._tau_J.Eval(context)[None])
+        outputs = [_reading_of(observed)]
         if self._has_wrench:
-            outputs.append(self._wrench.Eval(context))
-        signals, J = self._signals(reading)
-        signals[TAU_J] = self._tau_J.Eval(context)
-        table = self._table.EvalAbstract(context).get_value()
-        self._observer.kernels.update(table, memory, signals, J)
+            outputs.append(_wrench_of(observed))
         return outputs
+
+
+def _reading_of(observed: Observed) -> Array:
+    """(n + 1,) tau_ext and whether it is fresh, of one sample."""
+    return np.concatenate([observed.tau_ext[0], observed.is_fresh])
+
+
+def _wrench_of(observed: Observed) -> Array:
+    """(42,) the wrench and its covariance, row by row, of one sample."""
+    assert observed.wrench is not None
+    assert observed.covariance is not None
+    return np.concatenate([observed.wrench[0], observed.covariance[0].ravel()])

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
-from pydrake.common.value import AbstractValue
+import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort
 
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, torque_error_views
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, TorqueError
 from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, friction_torque
-from wrenchsight.models.identification.torque_error_model import REST_ROW, friction_at_rest
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
+from wrenchsight.models.identification.torque_error_model import REST_ROW
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.systems.declarations import TunedParameters, declare_cached
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -30,24 +30,25 @@ class FrictionLawSystem(SampledBlock):
 
     A joint that rests carries any torque within its stiction band, whatever the law says: with
     `knows_rest` the dry friction of resting joints is taken off tau_f
-    (`models.identification.torque_error_model.friction_at_rest`).
+    (`models.friction.slip_elements`).
 
                         +-------------------+
       q            -->  |                   | --> tau_f
       v            -->  | FrictionLawSystem |
-      tau_J        -->  |                   | --> law
+      tau_J        -->  |                   | --> sliding
       torque_error -->  |                   |
                         +-------------------+
 
     Inputs:      q      (n,) rad (m if prismatic)
                  v      (n,) rad/s (m/s)
                  tau_J  (n,) motor torque on the joint side, N m; read by the update alone
-                        q and tau_J of a law with memory only
+                        q of a law that is not of speed alone, tau_J of one with memory
                  torque_error  (ERROR_ROWS n,) of TorqueErrorSystem; with `knows_rest` only
     Outputs:     tau_f  (n,) N m, opposes motion: positive for positive velocity, on the left of
                         M vdot + C v + G + tau_f = tau_J + tau_ext; direct feedthrough of q, v
                         and torque_error, not of tau_J
-                 law    FrictionLaw (abstract) with the parameters as they are now
+                 sliding  (10 n,) SlidingLaw with the parameters as they are now, flat: what the
+                        torque error needs of the law
     State:       none for a law without memory. Else that of SampledBlock; its memory is the law's,
                  (2 + K, n), row by row: position at the last tick, transmitted torque, K slips z_k;
                  relaxed before the first tick
@@ -74,62 +75,53 @@ class FrictionLawSystem(SampledBlock):
             raise ValueError(f"friction: time_step must be positive, not {time_step}")
         period = time_step if has_memory else 0.0
         SampledBlock.__init__(self, period, law.initial_state(), {"tau_f": n})
-        self._law, self._has_memory = law, has_memory
+        self._initial_law, self._has_memory = law, has_memory
         self._parameters = TunedParameters(self, law.parameters)
-        # The law's constants change only with the parameters, not at every tick.
-        self._tables = declare_cached(
-            self, "friction tables", self._calc_tables, self._parameters.tickets
-        )
-        if has_memory:
+        # The law changes only with the parameters, not at every tick.
+        self._law = declare_cached(self, "law", self._calc_law, self._parameters.tickets)
+        self._q: InputPort | None = None
+        if not law.is_of_speed_alone:
             self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
-        prerequisites = {self._v.ticket(), self._tables.ticket()}
+        prerequisites = {self._v.ticket(), self._law.ticket()} | self.state_tickets
         self._torque_error: InputPort | None = None
         if knows_rest:
             self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
             prerequisites.add(self._torque_error.ticket())
         if has_memory:
             self._tau_J = self.DeclareVectorInputPort("tau_J", n)
-            prerequisites |= {self._q.ticket()} | self.state_tickets
-        # Kept, because the update at a tick needs the same torque.
+        if self._q is not None:
+            prerequisites.add(self._q.ticket())
+        self._no_torque = np.zeros((1, n))
         self._torque = self.DeclareVectorOutputPort("tau_f", n, self._calc_tau_f, prerequisites)
-        self.DeclareAbstractOutputPort(
-            "law",
-            lambda: AbstractValue.Make(object()),
-            lambda context, value: value.set_value(self._tuned(context)),
-            self._parameters.tickets,
+        sliding_size = len(SlidingLaw._fields) * n
+        self.DeclareVectorOutputPort(
+            "sliding", sliding_size, self._calc_sliding, {self._law.ticket()}
         )
 
-    def _tuned(self, context: Context) -> FrictionLaw:
+    def _calc_law(self, context: Context) -> FrictionLaw:
         """The law with the parameters of a context."""
-        return self._law.with_parameters(self._parameters.at(context))
+        return self._initial_law.with_parameters(self._parameters.at(context))
 
-    def _calc_tables(self, context: Context) -> tuple[Array, Array, CoulombViscous]:
-        law = self._tuned(context)
-        return law.velocity_law.table, law.slip_table, law.feedforward.coulomb_viscous
+    def _calc_sliding(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(SlidingLaw.of(self._law.EvalAbstract(context).get_value()).flat)
+
+    def _run(self, context: Context, memory: Array, tau_J: Array) -> Array:
+        """tau_f (n,) of the present sample, which `memory` takes; tau_J (1, n)."""
+        law: FrictionLaw = self._law.EvalAbstract(context).get_value()
+        v = self._v.Eval(context)[None]
+        q = v if self._q is None else self._q.Eval(context)[None]
+        rest = None
+        if self._torque_error is not None:
+            error = TorqueError.of_flat(self._torque_error.Eval(context), v.shape[1])
+            rest = error.rows[REST_ROW][None]
+        return np.asarray(law.run(memory, q, v, tau_J, rest)[0])
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:
-        tau_f, held = output.get_mutable_value(), self.held(context, "tau_f")
-        if held is not None:
-            tau_f[:] = held
-            return
-        velocity_table, slip_table, sliding = self._tables.EvalAbstract(context).get_value()
-        v = self._v.Eval(context)
-        friction_torque(velocity_table, v, tau_f)
-        if self._has_memory:
-            memory, q = self.memory(context), self._q.Eval(context)
-            self._law.kernels.add_torque(slip_table, memory, q, v, tau_f)
-        if self._torque_error is not None:
-            error = torque_error_views(self._torque_error.Eval(context), self._law.num_joints)
-            friction_at_rest(sliding.offset, sliding.viscous, error.rows[REST_ROW], v, tau_f)
+        tau_f = self.held(context, "tau_f")
+        if tau_f is None:
+            tau_f = self._run(context, self.memory(context), self._no_torque)
+        output.SetFromVector(tau_f)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        tau_f = self._torque.Eval(context)
-        self._law.kernels.update(
-            self._tables.Eval(context)[1],
-            memory,
-            self._q.Eval(context),
-            self._v.Eval(context),
-            self._tau_J.Eval(context) - tau_f,
-        )
-        return (tau_f,)
+        return (self._run(context, memory, self._tau_J.Eval(context)[None]),)

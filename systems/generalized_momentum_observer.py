@@ -33,12 +33,11 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
                          controller may close a loop over it; with "trapezoidal" it does
                 valid    (1,) 1, or 0 where tau_ext is the last one, held, and for the first 3 / K_0
                          seconds, in which it is still settling from zero
-                reading  these two, and what the update takes of the same tick, one after the
-                         other in one port, of `reading_sizes`
+                reading  these two, one after the other in one port, of `reading_sizes`
                 pole     (n,) K_0 as it is now, for blocks that depend on it
-    State:      (3 n,) momentum_hat, kg m^2/s, what the model predicts for the coming tick (inf
-                before the first update, NaN after an unusable one); tau_ext, N m; the share of
-                tau_ext that is still its start at zero
+    State:      that of SampledBlock; its memory is (3, n): momentum_hat, kg m^2/s,
+                what the model predicts for the coming tick (inf before the first update, NaN after
+                an unusable one); tau_ext, N m; the share of tau_ext that is still its start at zero
     Parameter:  K_0      (n,) 1/s
 
     Prerequisite: evaluated at its ticks (t = 0, T, 2T...); in between, the value is that of a tick

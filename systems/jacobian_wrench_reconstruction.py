@@ -5,17 +5,14 @@ from typing import NamedTuple, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import BasicVector, Context, InputPort
 
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, TorqueError
+from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.estimation.wrench_reading import (
-    OBSERVED,
-    READING,
-    READING_WORK_ROWS,
-    ReadingSample,
-    ReadingTables,
+    ReadingSamples,
+    ReadingState,
     WrenchReading,
-    read_sample,
 )
 from wrenchsight.models.identification.torque_error_model import (
     TAU_J_ROW,
@@ -30,7 +27,7 @@ from wrenchsight.systems.sampled_block import SampledBlock
 
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 _LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
-_NOT_OBSERVED = np.empty(0)
+_OBSERVED = 42  # entries of a wrench and its covariance
 _PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
 
 
@@ -38,14 +35,28 @@ class _TunedReading(NamedTuple):
     """The reading at a context's parameters.
 
     Attributes:
-        tables: of the reading.
-        error: (ERROR_ROWS n,) torque error for an unconnected port.
+        reading: of them.
+        error: torque error of one sample for an unconnected port, but for its J.
         is_usable: whether the pole is one of an observer.
     """
 
-    tables: ReadingTables
-    error: Array
+    reading: WrenchReading
+    error: TorqueError
     is_usable: bool
+
+
+class _Tick(NamedTuple):
+    """The reading of the present sample: its numbers, and the state that has taken it."""
+
+    parts: Array
+    state: ReadingState
+
+
+def reading_parts(estimate: WrenchEstimate) -> Array:
+    """(45,) wrench, covariance row by row, condition number, valid, invalid of one sample."""
+    invalid = estimate.invalid.item()
+    rest = [estimate.condition_number.item(), float(invalid == 0), float(invalid)]
+    return np.concatenate([estimate.wrench[0], estimate.covariance[0].ravel(), rest])
 
 
 class JacobianWrenchReconstruction(SampledBlock):
@@ -88,9 +99,8 @@ class JacobianWrenchReconstruction(SampledBlock):
                  condition_number   (1,) of J in m and rad; inf where J is singular
                  valid              (1,) 1, or 0 where there is a reason against the reading
                  invalid            (1,) the reasons, a sum of codes of `models.estimation.invalid`
-                 reading            these five, one after the other, in one port, with a time step
-                                    also the next state; Drake's Demultiplexer splits it with
-                                    `reading_sizes`
+                 reading            these five, one after the other, in one port; Drake's
+                                    Demultiplexer splits it with `reading_sizes`
                  All with direct feedthrough, all from one computation.
     State:       that of SampledBlock; its memory is `WrenchReading.initial_state`
     Parameters:  prior_sd           (2,) force, N, and moment, N m; inf where nothing is known
@@ -112,13 +122,10 @@ class JacobianWrenchReconstruction(SampledBlock):
     """
 
     def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
-        self._initial = reading.initial_state()
         self.reading_sizes = list(_PARTS.values())
-        """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, state."""
-        if time_step > 0.0:
-            self.reading_sizes.append(len(self._initial))
-        SampledBlock.__init__(self, time_step, self._initial, {"reading": sum(self.reading_sizes)})
-        self._has_memory = time_step > 0.0
+        """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, invalid."""
+        size = sum(self.reading_sizes)
+        SampledBlock.__init__(self, time_step, reading.initial_state(), {"reading": size})
         self._wrench_reading = reading
         self._n = n = reading.num_joints
         self._parameters = TunedParameters(self, reading.parameters)
@@ -126,83 +133,88 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
         self._corrected = self.DeclareVectorInputPort("corrected", 1)
-        self._observed = self.DeclareVectorInputPort("observed", OBSERVED)
+        self._observed = self.DeclareVectorInputPort("observed", _OBSERVED)
         self._fault = self.DeclareVectorInputPort("fault", 1)
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         self._pole = self.DeclareVectorInputPort("pole", n)
         # The whitening and the prior change only with the parameters, not at every tick.
         tuned = self._parameters.tickets | {self._pole.ticket()}
-        self._tables = declare_cached(self, "reconstruction tables", self._calc_tables, tuned)
-        ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._fault]
-        ports += [self._corrected, self._observed, self._torque_error]
-        tickets = {port.ticket() for port in ports} | {self._tables.ticket()} | self.state_tickets
+        self._tuned = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
+        ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._corrected, self._fault]
+        ports += [self._observed, self._torque_error]
+        tickets = {port.ticket() for port in ports} | {self._tuned.ticket()} | self.state_tickets
         self._no_torque = np.full(n, np.nan)
-        # Nothing in it outlives a call.
-        self._work = np.empty((READING_WORK_ROWS, max(n, 6)))
-        # The port holds the reading and the state after it, so that the update only copies them.
+        # The reading and the state after it, so that the update need not compute them again.
+        self._tick = declare_cached(self, "reading and state", self._calc_tick, tickets)
         self._reading = self.DeclareVectorOutputPort(
-            "reading", sum(self.reading_sizes), self._calc_reading, tickets
+            "reading", size, self._calc_reading, tickets | {self._tick.ticket()}
         )
         declare_parts(self, self._reading.Eval, _PARTS, tickets)
 
-    def _calc_tables(self, context: Context) -> _TunedReading:
-        K_0, is_usable = None, True
+    def _calc_tuned(self, context: Context) -> _TunedReading:
+        K_0, is_usable, n = None, True, self._n
         if not isinstance(self._wrench_reading.error, ConstantTorqueError):
             pole = self._pole.Eval(context)
             has_lag = bool((pole >= MIN_POLE).all()) and all_below(pole, _LARGEST_INPUT)
             K_0 = pole if has_lag else None
             is_usable = has_lag or bool((pole < 0.0).all())
         reading = self._wrench_reading.with_parameters(self._parameters.at(context), K_0)
-        constant = np.zeros(ERROR_ROWS * self._n)
-        constant[: self._n] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
-        return _TunedReading(reading.tables, constant, is_usable)
+        constant = TorqueError(*(np.zeros_like(part) for part in TorqueError.empty(1, n)))
+        constant.sd[:] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
+        return _TunedReading(reading, constant, is_usable)
 
-    def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        out = output.get_mutable_value()
-        held = self.held(context, "reading")
-        if held is not None:
-            out[:] = held
-            return
-        state = self.memory(context)
-        tables, error, is_usable = self._tables.EvalAbstract(context).get_value()
+    def _calc_tick(self, context: Context) -> _Tick:
+        reading, error, is_usable = self._tuned.EvalAbstract(context).get_value()
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         J, tau_ext = terms.J, self._tau_ext.Eval(context)
         is_usable &= all_below(terms.q, _LARGEST_INPUT) and all_below(J.ravel(), _LARGEST_INPUT)
         if self._torque_error.HasValue(context):
-            error = self._torque_error.Eval(context)
-            stated, error_state = error[: 9 * self._n], error[9 * self._n :].reshape(-1, self._n)
-            is_usable &= all_below(stated, _LARGEST_INPUT)
+            stated = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
             # The last sample's position and motor torque are NaN before the first one.
-            known_rows = error_state[UNKNOWN_SHARE_ROW:TAU_J_ROW]
-            is_usable &= all_below(known_rows.ravel(), _LARGEST_INPUT)
+            known_rows = stated.rows[UNKNOWN_SHARE_ROW:TAU_J_ROW]
+            for part in (stated.sd, stated.stiction, stated.drift, stated.J_seen, known_rows):
+                is_usable &= all_below(part.ravel(), _LARGEST_INPUT)
+            error = TorqueError(*(np.array(part)[None] for part in stated))
         else:
-            error[3 * self._n : 9 * self._n] = J.ravel()
-        observed = (
-            self._observed.Eval(context) if self._observed.HasValue(context) else _NOT_OBSERVED
-        )
-        is_fresh = not self._tau_ext_valid.HasValue(context) or (
-            self._tau_ext_valid.Eval(context).item() == 1.0
-        )
+            error = error._replace(J_seen=J[None])
+        wrench, covariance = None, None
+        if self._observed.HasValue(context):
+            observed = np.array(self._observed.Eval(context))
+            wrench, covariance = observed[None, :6], observed[6:].reshape(1, 6, 6)
+        is_fresh = self._is_set(context, self._tau_ext_valid)
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
         if not abs(fault) < _LARGEST_INPUT:
             is_usable, fault = False, 0.0
         if not is_usable:
             is_fresh, tau_ext = False, self._no_torque
-        sample = ReadingSample(
-            J=J,
-            tau_ext=tau_ext,
-            is_fresh=is_fresh,
-            is_missing=not (is_usable and np.isfinite(terms.momentum).all()),
-            is_corrected=not self._corrected.HasValue(context)
-            or self._corrected.Eval(context).item() == 1.0,
-            fault=int(fault),
-            observed=observed,
+        # Terms that are not finite are those of a missing sample.
+        motion = terms.momentum if is_usable else self._no_torque
+        samples = ReadingSamples(
+            J=J[None],
+            tau_ext=np.array(tau_ext)[None],
+            is_fresh=np.array([is_fresh]),
+            q=motion[None],
+            v=motion[None],
+            is_corrected=np.array([self._is_set(context, self._corrected)]),
+            fault=np.array([int(fault)]),
+            wrench=wrench,
+            covariance=covariance,
         )
-        read_sample(tables, state, error, sample, out[:READING], self._work)
-        if self._has_memory:
-            out[READING:] = state
+        state = self.memory(context)
+        return _Tick(reading_parts(reading.run(state, error, samples)), state)
 
-    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        reading = self._reading.Eval(context)
-        memory[:] = reading[READING:]
-        return (reading,)
+    def _is_set(self, context: Context, port: InputPort) -> bool:
+        """Whether a port is 1 or not connected."""
+        return not port.HasValue(context) or port.Eval(context).item() == 1.0
+
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        parts = self.held(context, "reading")
+        if parts is None:
+            parts = self._tick.EvalAbstract(context).get_value().parts
+        output.SetFromVector(parts)
+
+    def take_sample(self, context: Context, memory: ReadingState) -> Sequence[Array]:
+        parts, state = self._tick.EvalAbstract(context).get_value()
+        for array, taken in zip(memory, state, strict=True):
+            array[:] = taken
+        return (parts,)

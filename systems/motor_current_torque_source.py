@@ -67,5 +67,5 @@ class MotorCurrentTorqueSource(LeafSystem):
 
     def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
         gain = context.get_numeric_parameter(self._parameter).value() * self._sign
-        current = self._current.Eval(context)
-        joint_torque(gain, self._motor_rates, current, output.get_mutable_value())
+        current = self._current.Eval(context)[None]
+        output.SetFromVector(joint_torque(gain, self._motor_rates, current)[0])

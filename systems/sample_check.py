@@ -6,12 +6,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.observers.sample_check import (
-    SampleCheck,
-    check_current,
-    check_motion,
-    take_sample,
-)
+from wrenchsight.models.observers.sample_check import SampleCheck
 from wrenchsight.systems.sampled_block import SampledBlock
 
 
@@ -26,11 +21,10 @@ class SampleCheckSystem(SampledBlock):
 
     Inputs:   q, v             (n,) rad and rad/s (m and m/s)
               current          (n,) A, as the drives report it
-    Outputs:  motion           (4 n + 1,) `fault`: what is wrong with q and v, and with the current
+    Outputs:  motion           (2 n + 1,) `fault`: what is wrong with q and v, and with the current
                                of the sample before, a sum of the codes of
-                               `models.observers.sample_check`; q and v as they came, which the
-                               update takes; q and v. Drake's Demultiplexer splits it with
-                               `motion_sizes`; no feedthrough from current
+                               `models.observers.sample_check`; q and v. Drake's Demultiplexer
+                               splits it with `motion_sizes`; no feedthrough from current
               checked_current  (n,) A; no feedthrough from q and v
     State:    that of SampledBlock; its memory is `SampleCheck.initial_state`, flat
 
@@ -42,13 +36,13 @@ class SampleCheckSystem(SampledBlock):
 
     def __init__(self, check: SampleCheck | None, num_joints: int, time_step: float) -> None:
         n = num_joints
-        self._sizes = [1, 2 * n, n, n]
+        self._sizes = [1, n, n]
         self._motion_size = sum(self._sizes)
         initial = np.empty((0, n)) if check is None else check.initial_state()
         held = {"motion": self._motion_size, "checked_current": n}
         SampledBlock.__init__(self, time_step, initial, held)
         self._check, self._time_step, self._n = check, time_step, n
-        self._checked = np.empty((3, n))  # nothing in it outlives a call
+        self._unread = np.zeros(n)  # what an output does not depend on
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
@@ -63,55 +57,37 @@ class SampleCheckSystem(SampledBlock):
 
     @property
     def motion_sizes(self) -> list[int]:
-        """Sizes of the parts of `motion`: fault; q and v as received; q; v."""
+        """Sizes of the parts of `motion`: fault; q; v."""
         return list(self._sizes)
 
+    def _checked(
+        self, memory: Array, q: Array, v: Array, current: Array
+    ) -> tuple[Sequence[Array], int]:
+        """q, v and current, checked, and the fault; `memory` is changed."""
+        if self._check is None:
+            return (q, v, current), 0
+        signals = (q[None], v[None], current[None])
+        checked, faults = self._check.run(memory, *signals, self._time_step)
+        return list(checked[:, 0]), faults.item()
+
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        motion, n = output.get_mutable_value(), self._n
-        held = self.held(context, "motion")
+        motion, held = output.get_mutable_value(), self.held(context, "motion")
         if held is not None:
             motion[:] = held
             return
-        motion[1 : n + 1] = q = self._q.Eval(context)
-        motion[n + 1 : 2 * n + 1] = v = self._v.Eval(context)
-        if self._check is None:
-            motion[0] = 0.0
-            motion[2 * n + 1 :] = motion[1 : 2 * n + 1]
-            return
-        checked = motion[2 * n + 1 :].reshape(2, n)
-        motion[0] = check_motion(
-            self._check.table, self.memory(context), self._time_step, q, v, checked
-        )
+        q, v = self._q.Eval(context), self._v.Eval(context)
+        checked, motion[0] = self._checked(self.memory(context), q, v, self._unread)
+        motion[1 : self._n + 1], motion[self._n + 1 :] = checked[0], checked[1]
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "checked_current")
-        if held is not None:
-            output.SetFromVector(held)
-            return
-        current = self._current.Eval(context)
-        if self._check is not None:
-            check_current(
-                self._check.table,
-                self.memory(context),
-                self._time_step,
-                current,
-                self._checked,
-            )
-            current = self._checked[2]
+        current = self.held(context, "checked_current")
+        if current is None:
+            memory, unread = self.memory(context), self._unread
+            checked, _ = self._checked(memory, unread, unread, self._current.Eval(context))
+            current = checked[2]
         output.SetFromVector(current)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        n, motion = self._n, self._motion.Eval(context)
-        current = self._checked_current.Eval(context)
-        if self._check is not None:
-            checked = np.concatenate([motion[2 * n + 1 :], current]).reshape(3, n)
-            take_sample(
-                self._check.table,
-                memory,
-                self._time_step,
-                motion[1 : n + 1],
-                motion[n + 1 : 2 * n + 1],
-                self._current.Eval(context),
-                checked,
-            )
-        return motion, current
+        q, v, current = (port.Eval(context) for port in (self._q, self._v, self._current))
+        (q, v, current), fault = self._checked(memory, q, v, current)
+        return np.concatenate([[fault], q, v]), current

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -14,6 +15,7 @@ from pydrake.systems.framework import (
 )
 
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.states import StateLayout
 
 _LAST_TICK, _NEXT_TICK = 0, 1  # entries of the ticks: when the last one was, when the next one is
 
@@ -40,7 +42,7 @@ class SampledBlock(LeafSystem):
     unrestricted update.
 
     State, in groups of discrete state:
-        memory       of the block, flat
+        memory       of the block, all its arrays one after another
         one group an output that is held, in the order of `held`
         ticks        (2,) s, the times of the last tick and of the next one; NaN before the first
 
@@ -49,23 +51,23 @@ class SampledBlock(LeafSystem):
 
     Args:
         time_step: s, period of the ticks; 0: the block is a function without memory.
-        memory: initial, of any shape.
+        memory: initial; an array, or a NamedTuple of arrays, of any shape.
         held: sizes of the outputs that are held between ticks, by name.
 
     Attributes:
         state_tickets: the prerequisites that held outputs add to those of their inputs.
     """
 
-    def __init__(self, time_step: float, memory: Array, held: Mapping[str, int]) -> None:
+    def __init__(self, time_step: float, memory: Any, held: Mapping[str, int]) -> None:
         LeafSystem.__init__(self)
         self._period = time_step
-        self._initial_memory = np.array(memory, dtype=np.float64)
+        self._memory_layout = StateLayout(memory)
         self._memory_index: DiscreteStateIndex | None = None
         self.state_tickets: set[DependencyTicket] = set()
         if time_step == 0.0:
             return
         self._memory_index = DiscreteStateIndex(
-            self.DeclareDiscreteState(self._initial_memory.ravel())
+            self.DeclareDiscreteState(self._memory_layout.initial)
         )
         self._held_index = {
             name: DiscreteStateIndex(self.DeclareDiscreteState(size)) for name, size in held.items()
@@ -78,24 +80,24 @@ class SampledBlock(LeafSystem):
         self.DeclareForcedUnrestrictedUpdateEvent(self._take)
 
     @abstractmethod
-    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+    def take_sample(self, context: Context, memory: Any) -> Sequence[Array]:
         """Takes the sample of the tick that `context` is at.
 
         Args:
             context: before the tick; evaluate inputs and outputs with it.
-            memory: the block's memory, in the shape of the initial one, as it is before the tick;
+            memory: the block's memory, in the shapes of the initial one, as it is before the tick;
                 to be changed in place to what it is after. `context` does not see the changes.
 
         Returns:
             The outputs at this tick, in the order of `held`.
         """
 
-    def memory(self, context: Context) -> Array:
-        """A copy of the block's memory, in the shape of the initial one."""
+    def memory(self, context: Context) -> Any:
+        """A copy of the block's memory, in the shapes of the initial one."""
         if self._memory_index is None:
-            return self._initial_memory.copy()
+            return self._memory_layout.state_of(self._memory_layout.initial.copy())
         value = context.get_discrete_state(self._memory_index).value()
-        return np.array(value).reshape(self._initial_memory.shape)
+        return self._memory_layout.state_of(np.array(value))
 
     def held(self, context: Context, name: str) -> Array | None:
         """The output `name` of the last tick, a view to be copied at once.
@@ -116,7 +118,7 @@ class SampledBlock(LeafSystem):
     def _take(self, context: Context, state: State) -> EventStatus:
         discrete = state.get_mutable_discrete_state()
         memory = discrete.get_mutable_value(self._memory_index)
-        outputs = self.take_sample(context, memory.reshape(self._initial_memory.shape))
+        outputs = self.take_sample(context, self._memory_layout.state_of(memory))
         for index, value in zip(self._held_index.values(), outputs, strict=True):
             discrete.get_mutable_value(index)[:] = value
         now = context.get_time()

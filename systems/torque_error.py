@@ -7,13 +7,10 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
 
-from wrenchsight.models.estimation.torque_error_stage import (
-    ERROR_ROWS,
-    TorqueErrorStage,
-    torque_error_sample,
-)
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, TorqueErrorStage
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import take_transmitted
-from wrenchsight.models.numerics.arrays import Array, contiguous
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -27,7 +24,7 @@ class TorqueErrorSystem(SampledBlock):
       terms       -->  |                   |
       tau_J, tau_f --> | TorqueErrorSystem | --> torque_error
       pole        -->  |                   |
-      law         -->  |                   |
+      sliding     -->  |                   |
       added_sd    -->  |                   |
                        +-------------------+
 
@@ -35,7 +32,8 @@ class TorqueErrorSystem(SampledBlock):
              terms         RigidBodyTerms (abstract): J at E in axes of W
              tau_J, tau_f  (n,) N m; what the gear transmits counts for the sample after
              pole          (n,) 1/s of the observer, below 0 for one without such a lag
-             law           FrictionLaw (abstract) as it is now, whose level is the stiction band
+             sliding       (10 n,) `models.friction.sliding_friction.SlidingLaw`, flat, as it is
+                           now; its level is the stiction band
              added_sd      (n,) N m, of what corrects the observed torque, added in squares;
                            optional
     Output:  torque_error  (ERROR_ROWS n,) a `TorqueError`, flat: sd, stiction, drift, J_seen row by
@@ -43,7 +41,7 @@ class TorqueErrorSystem(SampledBlock):
     State:   that of SampledBlock; its memory is (STAGE_ROWS, n), flat
 
     K_0 and friction that are changed while a
-    simulation runs reach it through `pole` and `law`.
+    simulation runs reach it through `pole` and `sliding`.
 
     Args:
         stage: of one estimator.
@@ -61,16 +59,18 @@ class TorqueErrorSystem(SampledBlock):
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._pole = self.DeclareVectorInputPort("pole", n)
-        self._law = self.DeclareAbstractInputPort("law", AbstractValue.Make(object()))
-        self._tables = declare_cached(
-            self, "tables", self._calc_tables, {self._pole.ticket(), self._law.ticket()}
-        )
+        self._sliding = self.DeclareVectorInputPort("sliding", len(SlidingLaw._fields) * n)
         self._added_sd = self.DeclareVectorInputPort("added_sd", n)
+        self._tuned = declare_cached(
+            self, "stage", self._calc_stage, {self._pole.ticket(), self._sliding.ticket()}
+        )
+        # Before the update the torques are not known: those that are not finite are not taken.
+        self._no_torque = np.full((1, n), np.nan)
         ports = self._q, self._v, self._terms, self._added_sd
         tickets = {port.ticket() for port in ports} | self.state_tickets
         # The error and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(
-            self, "torque error and state", self._calc_tick, tickets | {self._tables.ticket()}
+            self, "torque error and state", self._calc_tick, tickets | {self._tuned.ticket()}
         )
         self._error = self.DeclareVectorOutputPort(
             "torque_error",
@@ -79,29 +79,26 @@ class TorqueErrorSystem(SampledBlock):
             self.state_tickets | {self._tick.ticket()},
         )
 
-    def _calc_tables(self, context: Context) -> tuple[Array, Array]:
+    def _calc_stage(self, context: Context) -> TorqueErrorStage:
         pole = self._pole.Eval(context)
-        stage = self._stage.retuned(self._law.Eval(context), pole if (pole >= 0.0).all() else None)
-        return stage.table, stage.poles
+        sliding = SlidingLaw.of_flat(self._sliding.Eval(context))
+        return self._stage.retuned(sliding, pole if (pole >= 0.0).all() else None)
 
     def _calc_tick(self, context: Context) -> tuple[Array, Array]:
-        state = self.memory(context)
-        error = np.empty(ERROR_ROWS * self._n)
-        J = cast(RigidBodyTerms, self._terms.Eval(context)).J
-        table, poles = self._tables.EvalAbstract(context).get_value()
-        q, v = self._q.Eval(context), self._v.Eval(context)
-        torque_error_sample(table, poles, state, q, v, contiguous(J)[0], error)
+        state, none = self.memory(context), self._no_torque
+        J = cast(RigidBodyTerms, self._terms.Eval(context)).J[None]
+        stage: TorqueErrorStage = self._tuned.EvalAbstract(context).get_value()
+        q, v = self._q.Eval(context)[None], self._v.Eval(context)[None]
+        rows = stage.follow(state, q, v)
+        error = stage.sds(state, rows, q, v, none, none, J)
         if self._added_sd.HasValue(context):
-            sd = error[: self._n]
-            sd[:] = np.sqrt(sd**2 + self._added_sd.Eval(context) ** 2)
-        return error, state
+            error = error._replace(sd=np.sqrt(error.sd**2 + self._added_sd.Eval(context) ** 2))
+        return error.flat, state
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "torque_error")
-        if held is not None:
-            output.SetFromVector(held)
-            return
-        error, _ = self._tick.EvalAbstract(context).get_value()
+        error = self.held(context, "torque_error")
+        if error is None:
+            error, _ = self._tick.EvalAbstract(context).get_value()
         output.SetFromVector(error)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:

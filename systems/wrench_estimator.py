@@ -7,41 +7,26 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DependencyTicket, InputPort
 
-from wrenchsight.models.estimation.estimator import WrenchEstimator
-from wrenchsight.models.estimation.estimator_arrays import (
-    Packed,
-    tick_sizes,
-    workspace_of,
-    workspace_size,
-)
-from wrenchsight.models.estimation.tick import (
-    OVERRIDE_CORRECTION,
-    OVERRIDE_COUNTS,
-    OVERRIDE_SD,
-    OVERRIDE_TAU_F,
-    tick_output,
-    tick_update,
-)
-from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.friction.velocity_friction import friction_torque
+from wrenchsight.models.estimation.estimator import Correction, EstimatorState, WrenchEstimator
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
+from wrenchsight.models.estimation.wrench_reading import ReadingState
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.observers.sample_check import check_current
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
+from wrenchsight.systems.jacobian_wrench_reconstruction import reading_parts
 from wrenchsight.systems.sampled_block import SampledBlock
 
 
-class _Tuned(NamedTuple):
-    """Parts that depend on a context's parameters.
+class _Tick(NamedTuple):
+    """The estimate of the present sample.
 
     Attributes:
-        packed: constants of the tick.
-        law: friction law.
-        pole: (n,) 1/s of the observer; None for one without.
+        parts: of the port `reading`.
+        reading: the state of the last stage, which has taken the sample.
     """
 
-    packed: Packed
-    law: FrictionLaw
-    pole: Array | None
+    parts: Array
+    reading: ReadingState
 
 
 class WrenchEstimatorSystem(SampledBlock):
@@ -55,25 +40,26 @@ class WrenchEstimatorSystem(SampledBlock):
                         |                       | --> invalid
                         |                       | --> terms
                         |                       | --> fault
-                        |                       | --> checked_current
+                        |                       | --> tau_J
                         +-----------------------+ --> reading
 
     Inputs:     as make_estimator's, with `corrected` those of a correction, too
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, invalid,
-                terms, fault; checked_current (n,) A, NaN where it is impossible;
-                reading  the first six one after the other, in this order, then the fault and the
-                         memory of the update, in one port; Drake's Demultiplexer splits it with
-                         `reading_sizes`
+                terms, fault; tau_J (n,) N m, NaN where the current is impossible;
+                reading  the first six one after the other, in this order, then fault,
+                         tau_ext_valid, v (checked), tau_f and torque_error, in one port; Drake's
+                         Demultiplexer splits it with `reading_sizes`
                 pole     (n,) 1/s of the observer, below 0 for one without
-                law      FrictionLaw (abstract) as it is now
+                sliding  (10 n,) SlidingLaw of the friction as it is now, flat
     State:      that of SampledBlock; its memory is `WrenchEstimator.initial_state`
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
                 reconstruction.prior_sd, .damping, .truncation, and .torque_covariance of a model
                 without a torque error
 
-    The numbers are those of the diagram and of `WrenchEstimator.run`: the same kernels compute
-    them. A tick takes two calls into Python instead of some fifteen: this block is for production.
+    A tick calls the stages of `WrenchEstimator` one after another: up to the reading for the
+    outputs, and up to the observer once more for the update, which knows the current. That takes
+    two calls from Drake into Python instead of some fifteen.
 
     Args:
         estimator: robot, model and configuration.
@@ -85,83 +71,69 @@ class WrenchEstimatorSystem(SampledBlock):
 
     def __init__(self, estimator: WrenchEstimator, corrected: bool = False) -> None:
         n, period = estimator.num_joints, estimator.observer.time_step
-        self._size = sum(tick_sizes(n).values())
-        held = {"reading": self._size, "checked_current": n}
+        self._n = n
+        self._size = sum(self.reading_sizes.values())
+        held = {"reading": self._size, "tau_J": n}
         SampledBlock.__init__(self, period, estimator.initial_state(), held)
-        self._estimator, self._n = estimator, n
-        self._choice = estimator.choice
-        self._law = estimator.friction
+        self._estimator = estimator
         self._parameters = TunedParameters(
             self,
             {"motor.torque_per_ampere": estimator.robot.torque_per_ampere}
-            | _named("friction.", self._law.parameters)
+            | _named("friction.", estimator.friction.parameters)
             | _named("observer.", estimator.observer.parameters)
             | _named("reconstruction.", estimator.reading.parameters),
         )
         self.parameters = self._parameters.indices
-        parameters = self._parameters.tickets
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
-        # They change only with the parameters.
-        self._tuned = declare_cached(self, "constants, law and pole", self._calc_tuned, parameters)
-        prerequisites = self.state_tickets | {
-            self._q.ticket(),
-            self._v.ticket(),
-            self._tuned.ticket(),
-        }
-        self._correction = self._declare_correction() if corrected else {}
-        prerequisites |= {port.ticket() for port in self._correction.values()}
+        self._correction: dict[str, InputPort] = {}
+        if corrected:
+            self._declare_correction()
+        # It changes only with the parameters.
+        self._tuned = declare_cached(self, "estimator", self._calc_tuned, self._parameters.tickets)
+        ports = [self._q, self._v, *self._correction.values()]
         # An observer that does not read the present torque leaves a loop over it open.
         self._reads_current = estimator.observer.reads_present_torque
         if self._reads_current:
-            prerequisites.add(self._current.ticket())
-        self._declare_outputs(prerequisites)
-        # Scratch memory, allocated once; nothing in it outlives a call.
-        self._overrides = np.zeros((len(self._correction), n))
+            ports.append(self._current)
+        tickets = {port.ticket() for port in ports} | self.state_tickets | {self._tuned.ticket()}
+        self._tick = declare_cached(self, "tick", self._calc_tick, tickets)
+        self._declare_outputs(tickets)
         self._unread = np.zeros(n)
-        self._checked = np.zeros((3, n))
-        self._scratch = np.empty(workspace_size(n))
-        self._checked_in_tick = workspace_of(self._scratch, n).checked[2]  # after an update
 
-    def _declare_correction(self) -> dict[int, InputPort]:
-        """Declares the inputs of a correction, by the row of the overrides that they fill."""
-        n = self._n
-        ports = {
-            OVERRIDE_CORRECTION: self.DeclareVectorInputPort("tau_correction", n),
-            OVERRIDE_COUNTS: self.DeclareVectorInputPort("correction_valid", 1),
-            OVERRIDE_SD: self.DeclareVectorInputPort("correction_sd", n),
+    def _declare_correction(self) -> None:
+        """Declares the inputs of a correction."""
+        sizes = {"tau_correction": self._n, "correction_valid": 1, "correction_sd": self._n}
+        if self._estimator.friction.is_of_speed_alone:
+            sizes["v_planned"] = self._n
+        self._correction = {
+            name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()
         }
-        if self._estimator.friction.state_rows == 0:
-            ports[OVERRIDE_TAU_F] = self.DeclareVectorInputPort("v_planned", n)
-        return ports
 
-    def _declare_outputs(self, prerequisites: set[DependencyTicket]) -> None:
+    def _declare_outputs(self, tickets: set[DependencyTicket]) -> None:
         """Declares the output ports.
 
         Args:
-            prerequisites: of the reading.
+            tickets: prerequisites of the reading.
         """
-        n, parameters = self._n, self._parameters.tickets
+        n = self._n
         self._reading = self.DeclareVectorOutputPort(
-            "reading", self._size, self._calc_reading, prerequisites
+            "reading", self._size, self._calc_reading, tickets | {self._tick.ticket()}
         )
-        sizes = dict(list(tick_sizes(n).items())[:7])  # tau_ext to fault
-        declare_parts(self, self._reading.Eval, sizes, prerequisites)
-        drives = self.state_tickets | {self._current.ticket()}
-        self._checked_current = self.DeclareVectorOutputPort(
-            "checked_current", n, self._calc_checked_current, drives
-        )
+        declare_parts(self, self._reading.Eval, self.reading_sizes, tickets)
+        drives = self.state_tickets | {self._current.ticket(), self._tuned.ticket()}
+        self.DeclareVectorOutputPort("tau_J", n, self._calc_tau_J, drives)
         self.DeclareAbstractOutputPort(
             "terms",
             lambda: AbstractValue.Make(object()),
             self._calc_terms,
             {self._q.ticket(), self._v.ticket()},
         )
-        self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
-        self.DeclareAbstractOutputPort(
-            "law", lambda: AbstractValue.Make(object()), self._calc_law, parameters
-        )
+        tuned = {self._tuned.ticket()}
+        self.DeclareVectorOutputPort("pole", n, self._calc_pole, tuned)
+        sliding_size = len(SlidingLaw._fields) * n
+        self.DeclareVectorOutputPort("sliding", sliding_size, self._calc_sliding, tuned)
 
     @property
     def estimator(self) -> WrenchEstimator:
@@ -170,10 +142,24 @@ class WrenchEstimatorSystem(SampledBlock):
 
     @property
     def reading_sizes(self) -> dict[str, int]:
-        """Sizes of the parts of `reading`, in their order: of `tick_sizes`."""
-        return tick_sizes(self._n)
+        """Sizes of the parts of `reading`, in their order."""
+        n = self._n
+        return {
+            "tau_ext": n,
+            "wrench": 6,
+            "covariance": 36,
+            "condition_number": 1,
+            "valid": 1,
+            "invalid": 1,
+            "fault": 1,
+            "tau_ext_valid": 1,
+            "v": n,
+            "tau_f": n,
+            "torque_error": ERROR_ROWS * n,
+        }
 
-    def _calc_tuned(self, context: Context) -> _Tuned:
+    def _calc_tuned(self, context: Context) -> WrenchEstimator:
+        """The estimator with a context's parameters."""
         estimator, values = self._estimator, self._parameters.at(context)
 
         def parameters_of(prefix: str) -> dict[str, Array]:
@@ -184,64 +170,77 @@ class WrenchEstimatorSystem(SampledBlock):
             }
 
         observer = estimator.observer.with_parameters(parameters_of("observer."))
-        reading = estimator.reading.with_parameters(parameters_of("reconstruction."), observer.pole)
-        law = self._law.with_parameters(parameters_of("friction."))
-        gain = values["motor.torque_per_ampere"]
-        return _Tuned(estimator.packed_with(gain, law, observer, reading), law, observer.pole)
+        return estimator.tuned(
+            torque_per_ampere=values["motor.torque_per_ampere"],
+            friction=estimator.friction.with_parameters(parameters_of("friction.")),
+            observer=observer,
+            reading=estimator.reading.with_parameters(
+                parameters_of("reconstruction."), observer.pole
+            ),
+        )
 
-    def _tuned_at(self, context: Context) -> _Tuned:
-        tuned: _Tuned = self._tuned.EvalAbstract(context).get_value()
+    def _tuned_at(self, context: Context) -> WrenchEstimator:
+        tuned: WrenchEstimator = self._tuned.EvalAbstract(context).get_value()
         return tuned
 
     def _calc_pole(self, context: Context, output: BasicVector) -> None:
-        pole = self._tuned_at(context).pole
+        pole = self._tuned_at(context).observer.pole
         output.SetFromVector(np.full(self._n, -1.0) if pole is None else pole)
 
-    def _calc_law(self, context: Context, value: Value) -> None:
-        value.set_value(self._tuned_at(context).law)
+    def _calc_sliding(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(SlidingLaw.of(self._tuned_at(context).friction).flat)
 
-    def _correct(self, context: Context, packed: Packed) -> None:
-        """Writes the overrides of a context's correction."""
-        for row, port in self._correction.items():
-            values = port.Eval(context)
-            if row == OVERRIDE_TAU_F:
-                friction_torque(packed.part("friction"), values, self._overrides[row])
-            else:
-                self._overrides[row] = values
+    def _correction_at(self, context: Context) -> Correction | None:
+        """The correction of the present sample."""
+        if not self._correction:
+            return None
+        values = {name: port.Eval(context) for name, port in self._correction.items()}
+        return Correction(
+            tau_correction=values["tau_correction"][None],
+            v_planned=values.get("v_planned", self._unread)[None],
+            counts=values["correction_valid"],
+            sd=values["correction_sd"][None],
+        )
+
+    def _calc_tick(self, context: Context) -> _Tick:
+        estimator, state = self._tuned_at(context), self.memory(context)
+        current = self._current.Eval(context) if self._reads_current else self._unread
+        sample = (self._q.Eval(context)[None], self._v.Eval(context)[None], current[None])
+        taken = estimator.take(state, *sample, correction=self._correction_at(context))
+        reading = reading_parts(estimator.read(state.reading, taken))
+        parts = (
+            taken.tau_ext[0],
+            reading,
+            taken.fault,
+            taken.counts,
+            taken.samples.v[0],
+            taken.samples.tau_f[0],
+            taken.error.flat,
+        )
+        return _Tick(np.concatenate(parts), state.reading)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        out, held = output.get_mutable_value(), self.held(context, "reading")
-        if held is not None:
-            out[:] = held
-            return
-        packed = self._tuned_at(context).packed
-        self._correct(context, packed)
-        current = self._current.Eval(context) if self._reads_current else self._unread
-        sample = (self._q.Eval(context), self._v.Eval(context), current, self._overrides)
-        memory = self.memory(context)
-        tick_output(self._choice, packed[:], memory, sample, out, self._scratch)
+        parts = self.held(context, "reading")
+        if parts is None:
+            parts = self._tick.EvalAbstract(context).get_value().parts
+        output.SetFromVector(parts)
 
-    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        reading, current = self._reading.Eval(context), self._current.Eval(context)
-        packed = self._tuned_at(context).packed
-        # Of the overrides an update reads only the number of rows.
-        sample = (self._q.Eval(context), self._v.Eval(context), current, self._overrides)
-        tick_update(self._choice, packed[:], memory, sample, reading, self._scratch)
-        # Not the port of the checked current: a call into Python costs as much as a tick.
-        return reading, self._checked_in_tick
+    def take_sample(self, context: Context, memory: EstimatorState) -> Sequence[Array]:
+        parts, reading = self._tick.EvalAbstract(context).get_value()
+        ports = (self._q, self._v, self._current)
+        sample = [port.Eval(context)[None] for port in ports]
+        correction = self._correction_at(context)
+        taken = self._tuned_at(context).take(memory, *sample, correction=correction)
+        for array, after in zip(memory.reading, reading, strict=True):
+            array[:] = after
+        return parts, taken.samples.tau_J[0]
 
-    def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "checked_current")
-        if held is not None:
-            output.SetFromVector(held)
-            return
-        current, check = self._current.Eval(context), self._estimator.check
-        if check is not None:
-            memory = self._estimator.parts(self.memory(context)).check
-            period = self._estimator.observer.time_step
-            check_current(check.table, memory, period, current, self._checked)
-            current = self._checked[2]
-        output.SetFromVector(current)
+    def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
+        tau_J = self.held(context, "tau_J")
+        if tau_J is None:
+            estimator, current = self._tuned_at(context), self._current.Eval(context)[None]
+            tau_J = estimator.checked_torque(self.memory(context).check, current)[0]
+        output.SetFromVector(tau_J)
 
     def _calc_terms(self, context: Context, output: Value) -> None:
         output.set_value(self._estimator.chain.terms(self._q.Eval(context), self._v.Eval(context)))

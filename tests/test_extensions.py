@@ -26,19 +26,10 @@ from wrenchsight.models.friction.extended_friction import ExtendedFriction
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.friction.friction_terms import TERMS, FrictionTerm
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.models.observers.observer import (
-    CTV,
-    GRAVITY,
-    MOMENTUM,
-    TAU_EXT,
-    TAU_F,
-    TAU_J,
-    TORQUE_SD,
-    ObserverKernels,
-)
+from wrenchsight.models.observers.observer import Observed, ObserverSamples
 from wrenchsight.models.observers.observer_kinds import OBSERVERS
 from wrenchsight.models.recordings.log_containers import CONTAINERS
 from wrenchsight.models.recordings.recording import Recording
@@ -62,39 +53,41 @@ class CautiousConfig:
 
 
 @kernel
-def cautious_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
-    for i in range(signals.shape[1]):
-        model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
-        arrived = signals[MOMENTUM, i] - 0.5 * table[1] * model
-        raw = state[1, i]
-        if np.isfinite(arrived) and np.isfinite(state[0, i]):
-            share = -np.expm1(-table[0] * table[1])
-            raw += share * ((arrived - state[0, i]) / table[1] - raw)
-        felt = np.abs(J[:, i]).sum() > 0.0
-        shrunk = max(abs(raw) - 0.1 * signals[TORQUE_SD, i], 0.0)
-        signals[TAU_EXT, i] = np.copysign(shrunk, raw) if felt else 0.0
-    return bool(np.isfinite(state[0]).all())
-
-
-@kernel
-def cautious_update(table: Array, state: Array, signals: Array, J: Array) -> None:
-    for i in range(signals.shape[1]):
-        model = 0.5 * table[1] * (signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i])
-        arrived = signals[MOMENTUM, i] - model
-        if np.isfinite(arrived) and np.isfinite(state[0, i]):
-            share = -np.expm1(-table[0] * table[1])
-            state[1, i] += share * ((arrived - state[0, i]) / table[1] - state[1, i])
-        state[0, i] = signals[MOMENTUM, i] + model + table[1] * signals[TAU_J, i]
+def observe_cautiously(
+    bandwidth: float,
+    period: float,
+    state: Array,
+    momentum: Array,
+    model: Array,
+    tau_J: Array,
+    J: Array,
+    sd: Array,
+    tau_ext: Array,
+    is_fresh: Flags,
+) -> None:
+    """`model` (N, n) C^T v - G - tau_f."""
+    for k in range(len(momentum)):
+        is_fresh[k] = np.isfinite(state[0]).all()
+        for i in range(momentum.shape[1]):
+            arrived = momentum[k, i] - 0.5 * period * model[k, i]
+            raw = state[1, i]
+            if np.isfinite(arrived) and np.isfinite(state[0, i]):
+                share = -np.expm1(-bandwidth * period)
+                raw += share * ((arrived - state[0, i]) / period - raw)
+            felt = np.abs(J[k, :, i]).sum() > 0.0
+            shrunk = max(abs(raw) - 0.1 * sd[k, i], 0.0)
+            tau_ext[k, i] = np.copysign(shrunk, raw) if felt else 0.0
+            state[0, i] = momentum[k, i] + 0.5 * period * model[k, i] + period * tau_J[k, i]
+            state[1, i] = raw
 
 
 class CautiousObserver:
     Config: ClassVar[type] = CautiousConfig
-    kernels: ClassVar[ObserverKernels] = ObserverKernels(cautious_output, cautious_update)
+    reads_wrench: ClassVar[bool] = False
 
     def __init__(self, config: CautiousConfig, num_joints: int) -> None:
         self.config, self.num_joints = config, num_joints
         self.time_step = config.time_step
-        self.table = np.array([config.bandwidth, config.time_step])
         self.reads_present_torque = False
         self.pole = None
         self.settling_time = 3.0 / config.bandwidth
@@ -109,6 +102,23 @@ class CautiousObserver:
 
     def initial_state(self) -> Array:
         return np.vstack([np.full(self.num_joints, np.nan), np.zeros(self.num_joints)])
+
+    def observe(self, state: Array, samples: ObserverSamples) -> Observed:
+        tau_ext = np.empty_like(samples.momentum)
+        is_fresh = np.empty(len(tau_ext), np.bool_)
+        observe_cautiously(
+            self.config.bandwidth,
+            self.time_step,
+            state,
+            samples.momentum,
+            samples.CTv - samples.G - samples.tau_f,
+            samples.tau_J,
+            samples.J,
+            samples.sd,
+            tau_ext,
+            is_fresh,
+        )
+        return Observed(tau_ext, is_fresh)
 
 
 @pytest.fixture
@@ -286,7 +296,7 @@ def test_a_friction_term_runs_in_every_engine(
 
     model.save(tmp_path / "model.yaml")
     loaded = IdentifiedModel.load(tmp_path / "model.yaml", sts).friction
-    np.testing.assert_array_equal(loaded.slip_table, law.slip_table)
+    np.testing.assert_array_equal(loaded.coefficients, law.coefficients)
     TERMS.remove(term)
     try:
         with pytest.raises(InputError, match='no friction term is registered as "seal"'):

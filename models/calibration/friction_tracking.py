@@ -94,7 +94,7 @@ class FrictionTracker:
         self._law = _bare(model.friction).sampled(time_step, resolution)
         plain = self._law.coulomb_viscous
         law_with_unit = with_sliding(self._law, replace(plain, coulomb=plain.coulomb + 1.0))
-        self._tables = self._law.slip_table, law_with_unit.slip_table
+        self._tables = self._law.elements.table, law_with_unit.elements.table
         self._velocity_laws = self._law.velocity_law, law_with_unit.velocity_law
         self._n = n = self._law.num_joints
         self._keep = np.zeros(n) if pole is None else np.exp(-pole * time_step)

@@ -25,7 +25,7 @@ from wrenchsight.models.numerics.arrays import Array, Record, record
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
-from wrenchsight.models.numerics.views import copy_to, plain
+from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.rigid_body.rotations import rotation_vector
 
 _NO_GAIN = np.zeros((6, 6))
@@ -298,7 +298,7 @@ def damp_null_space(damping: float, M: Array, J: Array, v: Array, tau: Array) ->
     factorise_in_place(L, n, 0.0)
     mobility, lambda_v = np.empty((6, 6)), np.empty(6)
     for k in range(6):
-        copy_to(J_M_inverse[k], J[k])
+        J_M_inverse[k] = J[k]
         solve_factorised(L, n, J_M_inverse[k])
         lambda_v[k] = 0.0
         for i in range(n):

@@ -49,6 +49,7 @@ from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimat
 from wrenchsight.models.estimation.torque_error_stage import TorqueError, TorqueErrorStage
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
@@ -246,7 +247,9 @@ class ContactDetector:
             reads_present_torque=estimator.observer.reads_present_torque,
         )
 
-    def retuned(self, friction: FrictionLaw, K_0: ArrayLike | None) -> "ContactDetector":
+    def retuned(
+        self, friction: FrictionLaw | SlidingLaw, K_0: ArrayLike | None
+    ) -> "ContactDetector":
         """Returns the detector with friction and an observer that were changed while they run."""
         return ContactDetector(
             stage=self.stage.retuned(friction, K_0),

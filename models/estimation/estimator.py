@@ -1,15 +1,23 @@
-"""The estimation chain for a tick or a log: from motor current to the wrench and its covariance.
+"""The estimation chain over a log, or a tick of it: from motor current to wrench and covariance.
 
-    current -> tau_J ----------------------------+
-    q, v    -> tau_f (friction) -----------------+-> momentum observer -> tau_ext -> wrench at E
-    q, v    -> momentum, CTv, G (model), J ------+                             +--- covariance
+    check     faults of the sample                   `models.observers.sample_check`
+    terms     M v, C^T v, G, J                       `models.rigid_body.serial_chain`
+    torque    tau_J of the motors                    `models.robot.motors`
+    rest      which joints rest                      `models.identification.torque_error_model`
+    friction  tau_f                                  `models.friction`
+    error     uncertainty of the observer's torque   `models.estimation.torque_error_stage`
+    observer  tau_ext                                `models.observers`
+    reading   wrench, covariance, invalid            `models.estimation.wrench_reading`
 
-A tick is one call of one kernel. A log runs the same stages (`wrenchsight.models.estimation.tick`):
-those without memory in parallel over its rows, the others row by row. Both give the same numbers. A
-friction law with load dependence takes the motor torque of the previous tick
-(`wrenchsight.models.friction.presliding_friction`).
+Each stage is a call that takes N samples and its own state: all rows of a log, those of a live
+stream that have arrived, or one. So chunks, ticks and a whole log give the same numbers. Stages
+without memory take blocks of rows by threads. What a stage needs of another's result for the same
+sample comes before it; what it needs of the sample before is in its state. The friction takes the
+torque that the gears transmitted at the sample before, and so does the torque error. Which joints
+rest depends on the motion alone, and is known before both.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
@@ -17,75 +25,45 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.estimation.estimator_arrays import (
-    Packed,
-    Parameters,
-    State,
-    packed,
-    state_of,
-    state_size,
-    tick_sizes,
-    workspace_size,
-)
 from wrenchsight.models.estimation.invalid import InvalidCodes, marked
-from wrenchsight.models.estimation.kernel_choice import kernel_choice
-from wrenchsight.models.estimation.tick import (
-    OVERRIDE_CORRECTION,
-    OVERRIDE_COUNTS,
-    OVERRIDE_SD,
-    OVERRIDE_TAU_F,
-    TickLog,
-    TickSample,
-    estimate_tick,
-    memory_log,
-    terms_log,
-)
 from wrenchsight.models.estimation.torque_error_stage import (
     TorqueError,
     TorqueErrorStage,
 )
 from wrenchsight.models.estimation.wrench import (
+    WrenchEstimate,
     WrenchReconstruction,
     WrenchReconstructionConfig,
     live_prior,
     wrench_prior,
 )
 from wrenchsight.models.estimation.wrench_reading import (
-    OBSERVED,
-    READING,
-    ReadingSample,
+    ReadingSamples,
+    ReadingState,
     WrenchReading,
 )
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import (
-    TORQUE_ERROR_ROWS,
+    REST_ROW,
     ConstantTorqueError,
     TorqueErrorModel,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
-from wrenchsight.models.observers.lag import JACOBIAN_ROWS
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer import (
-    DRIFT,
-    MOMENTUM,
-    NUM_SIGNALS,
-    STICTION,
-    TAU_F,
-    TAU_J,
-    TORQUE_SD,
+    TAU_EXT,
     InformedObserver,
     ModelKnowledge,
+    Observed,
     Observer,
-    Q,
-    V,
+    ObserverSamples,
 )
 from wrenchsight.models.observers.observer_kinds import AnyObserverConfig, make_observer
 from wrenchsight.models.observers.sample_check import Codes, SampleCheck
+from wrenchsight.models.observers.signals import signals_of
 from wrenchsight.models.robot.arm import Arm
-from wrenchsight.models.robot.motors import motor_gain
-
-_PASS = 16384  # rows of a log taken at a time, which bounds the memory
+from wrenchsight.models.robot.motors import joint_torque, motor_gain
 
 
 @dataclass
@@ -119,6 +97,49 @@ class Correction(NamedTuple):
     v_planned: ArrayLike
     counts: ArrayLike
     sd: ArrayLike = 0.0
+
+
+class EstimatorState(NamedTuple):
+    """What the stages remember of the samples before.
+
+    Attributes:
+        check: (CHECK_ROWS, n) of the check of samples; (0, n) without one.
+        error: (STAGE_ROWS, n) of the torque error.
+        friction: (state_rows, n) of the friction law.
+        observer: of the observer.
+        reading: of the reading.
+    """
+
+    check: Array
+    error: Array
+    friction: Array
+    observer: Array
+    reading: ReadingState
+
+
+class TakenSamples(NamedTuple):
+    """N samples as the stages up to the observer have left them.
+
+    Attributes:
+        samples: checked, with the model's terms and the torques.
+        error: uncertainty of the observer's torque.
+        observed: of the observer.
+        tau_ext: (N, n) N m, with the correction of an air pass.
+        is_corrected: (N,) whether that correction holds, or there is none.
+        fault: (N,) codes of `models.observers.sample_check`.
+    """
+
+    samples: ObserverSamples
+    error: TorqueError
+    observed: Observed
+    tau_ext: Array
+    is_corrected: Flags
+    fault: Codes
+
+    @property
+    def counts(self) -> Flags:
+        """(N,) whether tau_ext belongs to its sample, and its correction holds."""
+        return np.asarray(self.observed.is_fresh & self.is_corrected)
 
 
 class TickEstimate(NamedTuple):
@@ -248,7 +269,10 @@ class WrenchEstimator:
     Attributes:
         error: stage of the torque error.
         reading: stage of the wrench.
-        packed: the constants of `wrenchsight.models.estimation.tick`.
+        friction: law, sampled.
+        observer: of tau_ext.
+        check: of samples; None: they are not checked.
+        gain: (n,) N m/A, signed.
 
     Raises:
         InputError: the model belongs to another robot.
@@ -298,20 +322,12 @@ class WrenchEstimator:
             usual_sd=np.sqrt(np.diag(model.residual_covariance)) if self.learnt else None,
             torques=robot.joint_torque(np.eye(n)),
         )
-        self.observed_size = 0 if self.observer.kernels.wrench is None else OBSERVED
-        self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
         self.check: SampleCheck | None = None
         if self.config.check_samples:
             self.check = SampleCheck(robot, resolution)
-        self.packed = self.packed_with(
-            robot.torque_per_ampere, self.friction, self.observer, self.reading
-        )
-        observer_rows = len(self.observer.initial_state())
-        self._state_shape = (state_size(n, observer_rows, self.friction.state_rows),)
-        self._out_size = sum(tick_sizes(n).values())
-        self._sample = np.empty((3, n))
-        self._no_overrides = np.empty((0, n))
-        self._scratch = np.empty(workspace_size(n))
+        self.gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
+        self._motor_rates = robot.motor_rates if robot.is_coupled else np.zeros((0, n))
+        self._shapes = _shapes_of(self.initial_state())
 
     def _position_resolution(self) -> list[float] | None:
         """(n,) rad of the encoders: the configuration's, else the robot's, else None."""
@@ -329,38 +345,34 @@ class WrenchEstimator:
             self.reconstruction.torque_covariance, ranges.v_max or 0.0, ranges.tau_max or 0.0
         )
 
-    def packed_with(
+    def tuned(
         self,
         torque_per_ampere: Array,
         friction: FrictionLaw,
         observer: Observer,
         reading: WrenchReading,
-    ) -> Packed:
-        """Returns the constants of this estimator with other parts.
+    ) -> Self:
+        """Returns the estimator with parts that were changed while it runs; states stay valid.
 
         Args:
             torque_per_ampere: (n,) N m/A.
-            friction, observer, reading: in place of the estimator's.
+            friction, observer, reading: of the same kinds as the estimator's.
+
+        Raises:
+            ValueError: a gain that is not positive and finite.
         """
-        robot = self.robot
-        period = self.observer.time_step
-        error = TorqueErrorStage(
-            reading.error, friction, observer.pole, period, self.resolution, self.chain
+        other = copy.copy(self)
+        other.gain = motor_gain(torque_per_ampere, self.robot.current_sign)
+        other.friction, other.observer, other.reading = friction, observer, reading
+        other.error = TorqueErrorStage(
+            reading.error,
+            friction,
+            observer.pole,
+            observer.time_step,
+            self.resolution,
+            self.chain,
         )
-        gain = motor_gain(torque_per_ampere, robot.current_sign)
-        parameters = Parameters(
-            chain=self.chain.table,
-            drives=np.vstack([gain, *(robot.motor_rates if robot.is_coupled else ())]),
-            friction=friction.velocity_law.table,
-            slip=friction.slip_table,
-            error=error.table,
-            poles=error.poles,
-            **reading.tables._asdict(),
-            check=np.empty((0, self.num_joints)) if self.check is None else self.check.table,
-            period=np.array([period]),
-        )
-        observer_rows = len(observer.initial_state())
-        return packed(parameters, observer.table, observer_rows, friction.state_rows)
+        return other
 
     def with_prior(self, force_sd: float, moment_sd: float) -> Self:
         """Returns an estimator with this prior (N, N m) in place of the configuration's."""
@@ -370,25 +382,20 @@ class WrenchEstimator:
         config = replace(self.config, reconstruction=reconstruction)
         return type(self)(self.robot, self.model, config)
 
-    def initial_state(self) -> Array:
-        """Returns the state before the first sample, flat: a `State`."""
-        state = np.zeros(self._state_shape)
-        parts = self.parts(state)
-        parts.observer[:] = self.observer.initial_state()
-        parts.friction[:] = self.friction.initial_state()
-        parts.error[:] = self.error.initial_state()
-        parts.reading[:] = self.reading.initial_state()
-        if self.check is not None:
-            parts.check[:] = self.check.initial_state()
-        return state
-
-    def parts(self, state: Array) -> State:
-        """The parts of a state, as views of it."""
-        return state_of(state, self.packed.layout, self.num_joints)
+    def initial_state(self) -> EstimatorState:
+        """Returns the state before the first sample."""
+        no_check = np.empty((0, self.num_joints))
+        return EstimatorState(
+            check=no_check if self.check is None else self.check.initial_state(),
+            error=self.error.initial_state(),
+            friction=self.friction.initial_state(),
+            observer=self.observer.initial_state(),
+            reading=self.reading.initial_state(),
+        )
 
     def step(
         self,
-        state: Array,
+        state: EstimatorState,
         q: ArrayLike,
         v: ArrayLike,
         current: ArrayLike,
@@ -406,30 +413,22 @@ class WrenchEstimator:
         Raises:
             ValueError: shapes that disagree.
         """
-        n, out = self.num_joints, np.empty(self._out_size)
-        self._check_state(state)
-        sample, overrides = self._sample, self._no_overrides
-        sample[0], sample[1], sample[2] = q, v, current
+        rows = [np.array(signal, float)[None] for signal in (q, v, current)]
         if correction is not None:
-            overrides = self._overrides(correction, None, ())
-        estimate_tick(self.choice, self.packed[:], state, sample, overrides, out, self._scratch)
+            correction = Correction(*(np.asarray(part, float)[None] for part in correction))
+        batch = self.run(state, *rows, correction=correction)
         return TickEstimate(
-            out[:n],
-            out[n : n + 6],
-            out[n + 6 : n + 42].reshape(6, 6),
-            out.item(n + 42),
-            int(out.item(n + READING - 1)),
-            int(out.item(n + READING)),
+            batch.tau_ext[0],
+            batch.wrench[0],
+            batch.covariance[0],
+            batch.condition_number.item(),
+            batch.invalid.item(),
+            batch.fault.item(),
         )
-
-    def _check_state(self, state: Array) -> None:
-        """Refuses a state whose shape or layout is not the one the kernels are compiled for."""
-        if state.shape != self._state_shape or not state.flags.c_contiguous:
-            raise ValueError(f"state must be {self._state_shape} contiguous, not {state.shape}")
 
     def run(
         self,
-        state: Array,
+        state: EstimatorState,
         q: ArrayLike,
         v: ArrayLike,
         current: ArrayLike,
@@ -456,236 +455,176 @@ class WrenchEstimator:
         Raises:
             ValueError: shapes that disagree; correction and tau_f together.
         """
-        n = self.num_joints
-        q, v, current = contiguous(q, v, current)
+        taken = self.take(state, q, v, current, correction=correction, tau_f=tau_f)
+        reading = self.read(state.reading, taken, conditions)
+        samples, error = taken.samples, taken.error
+        if signals is not None:
+            signals[:] = signals_of(samples)
+            signals[:, TAU_EXT] = taken.observed.tau_ext
+        return EstimateBatch(
+            tau_ext=taken.tau_ext,
+            wrench=reading.wrench,
+            covariance=reading.covariance,
+            condition_number=reading.condition_number,
+            invalid=reading.invalid,
+            J=samples.J,
+            torque_sd=error.sd,
+            transmitted=samples.tau_J - samples.tau_f,
+            fresh=taken.counts,
+            fault=taken.fault,
+            stiction=error.stiction,
+            drift=error.drift,
+            J_seen=error.J_seen,
+            error_rows=error.rows,
+            v=samples.v,
+            momentum=samples.momentum,
+        )
+
+    def take(
+        self,
+        state: EstimatorState,
+        q: ArrayLike,
+        v: ArrayLike,
+        current: ArrayLike,
+        *,
+        correction: Correction | None = None,
+        tau_f: ArrayLike | None = None,
+        check: bool = True,
+    ) -> TakenSamples:
+        """The stages of `run` up to the observer.
+
+        Args:
+            state, q, v, current, correction, tau_f: as `run`; the reading's state stays as it is.
+            check: whether samples are checked, if the configuration says so.
+        """
+        signals = contiguous(q, v, current)
+        self._check_shapes(state, signals, correction, tau_f)
+        N = len(signals[0])
+        fault = np.zeros(N, np.int64)
+        if check and self.check is not None:
+            period = self.observer.time_step
+            checked, fault = self.check.run(state.check, signals[0], signals[1], signals[2], period)
+            signals = list(checked)
+        q, v, current = signals
+        momentum, CTv, G, J = self.chain.observer_terms(q, v)
+        tau_J = joint_torque(self.gain, self._motor_rates, current)
+        rows = self.error.follow(state.error, q, v)
+        is_planned = correction is not None and self.friction.is_of_speed_alone
+        if tau_f is not None:
+            tau_J, friction = tau_J - np.asarray(tau_f, float), np.zeros_like(tau_J)
+        elif correction is not None and is_planned:
+            friction = self.friction.feedforward.torque(correction.v_planned)
+        else:
+            rest = np.ascontiguousarray(rows[:, REST_ROW]) if self.learnt else None
+            friction = self.friction.run(state.friction, q, v, tau_J, rest)
+        error = self.error.sds(state.error, rows, q, v, tau_J, friction, J)
+        if correction is not None:
+            error = error._replace(sd=np.sqrt(error.sd**2 + np.square(correction.sd)))
+        samples = ObserverSamples(
+            q=q,
+            v=v,
+            momentum=momentum,
+            CTv=CTv,
+            G=G,
+            tau_J=tau_J,
+            tau_f=friction,
+            J=J,
+            sd=error.sd,
+            stiction=error.stiction,
+            drift=error.drift,
+        )
+        observed = self.observer.observe(state.observer, samples)
+        tau_ext, is_corrected = observed.tau_ext, np.ones(N, np.bool_)
+        if correction is not None:
+            added = np.asarray(correction.tau_correction, float)
+            is_known = np.isfinite(added)
+            tau_ext = tau_ext + np.where(is_known, added, 0.0)
+            is_corrected = is_known.all(axis=1) & (np.asarray(correction.counts) == 1.0)
+        return TakenSamples(samples, error, observed, tau_ext, is_corrected, fault)
+
+    def checked_torque(self, check_state: Array, current: Array) -> Array:
+        """tau_J (N, n) of currents (N, n) in A, NaN where one is impossible; q and v are not read.
+
+        Args:
+            check_state: of EstimatorState; changed.
+            current: successive samples.
+        """
+        if self.check is not None:
+            unread, period = np.zeros_like(current), self.observer.time_step
+            (_, _, current), _ = self.check.run(check_state, unread, unread, current, period)
+        return joint_torque(self.gain, self._motor_rates, current)
+
+    def read(
+        self, state: ReadingState, taken: TakenSamples, conditions: bool = True
+    ) -> WrenchEstimate:
+        """The last stage of `run`: the wrench of samples that `take` has taken."""
+        samples, observed = taken.samples, taken.observed
+        reading_samples = ReadingSamples(
+            J=samples.J,
+            tau_ext=taken.tau_ext,
+            is_fresh=observed.is_fresh,
+            q=samples.q,
+            v=samples.v,
+            is_corrected=taken.is_corrected,
+            fault=taken.fault,
+            wrench=observed.wrench,
+            covariance=observed.covariance,
+        )
+        return self.reading.run(state, taken.error, reading_samples, conditions)
+
+    def _check_shapes(
+        self,
+        state: EstimatorState,
+        signals: Sequence[Array],
+        correction: Correction | None,
+        tau_f: ArrayLike | None,
+    ) -> None:
+        """Refuses what the kernels, which trust shapes, cannot take.
+
+        Args:
+            state, correction, tau_f: as `run`.
+            signals: q, v and current.
+        """
+        n, (q, v, current) = self.num_joints, signals
         if not (q.ndim == 2 and q.shape == v.shape == current.shape and q.shape[1] == n):
             raise ValueError(
                 f"q, v and current must be (N, {n}), not {q.shape}, {v.shape} and {current.shape}"
             )
-        self._check_state(state)
-        N = q.shape[0]
-        overrides = np.empty((N, 0, n))
-        if correction is not None or tau_f is not None:
-            overrides = self._overrides(correction, tau_f, (N,))
-        if N == 1 and tau_f is None and signals is None:
-            return self._run_single_sample(state, q, v, current, overrides[0])
-        fault = np.zeros(N, np.int64)
-        if self.check is not None:
-            memory, T = self.parts(state).check, self.observer.time_step
-            checked, fault = self.check.run(memory, q, v, current, T)
-            q, v, current = (np.asarray(part, float) for part in checked)
-        if tau_f is not None:
-            current = np.asarray(current - self._current_of(tau_f))
-        samples = TickSample(q, v, current, overrides)
-        return self._run_checked(state, samples, fault, signals, conditions)
-
-    def _run_checked(
-        self,
-        state: Array,
-        samples: TickSample,
-        fault: Codes,
-        signals: Array | None,
-        conditions: bool,
-    ) -> EstimateBatch:
-        """`run` of N checked samples, _PASS rows at a time."""
-        N, n = samples.q.shape
-        reading_state = self.parts(state).reading
-        batch = _empty_batch(N, n, fault)
-        error = batch.torque_error
-        signals_of_pass = np.empty((min(N, _PASS), NUM_SIGNALS, n))
-        observed_of_pass = np.empty((min(N, _PASS), self.observed_size))
-        fresh_of_pass, corrected_of_pass = np.empty((2, min(N, _PASS)), np.bool_)
-        for start in range(0, N, _PASS):
-            rows = slice(start, min(N, start + _PASS))
-            count = rows.stop - start
-            log = TickLog(
-                signals=signals_of_pass[:count] if signals is None else signals[rows],
-                J=batch.J[rows],
-                error=error.part(rows),
-                tau_ext=batch.tau_ext[rows],
-                fresh=fresh_of_pass[:count],
-                corrected=corrected_of_pass[:count],
-                observed=observed_of_pass[:count],
-            )
-            samples_of_pass = TickSample(
-                samples.q[rows],
-                samples.v[rows],
-                samples.current[rows],
-                samples.overrides[rows],
-            )
-            terms_log(self.packed, samples_of_pass, log.signals, log.J)
-            memory_log(self.choice, self.packed, state, samples_of_pass.overrides, log)
-            batch.transmitted[rows] = log.signals[:, TAU_J] - log.signals[:, TAU_F]
-            batch.momentum[rows], batch.v[rows] = log.signals[:, MOMENTUM], log.signals[:, V]
-            batch.fresh[rows] = log.fresh & log.corrected
-            is_finite = np.isfinite(log.signals[:, [Q, V]]).all(axis=(1, 2))
-            reading_samples = ReadingSample(
-                J=log.J,
-                tau_ext=log.tau_ext,
-                is_fresh=log.fresh,
-                is_missing=~is_finite,
-                is_corrected=log.corrected,
-                fault=fault[rows],
-                observed=log.observed,
-            )
-            reading = self.reading.run(reading_state, log.error, reading_samples, conditions)
-            batch.wrench[rows] = reading.wrench
-            batch.covariance[rows] = reading.covariance
-            batch.condition_number[rows] = reading.condition_number
-            batch.invalid[rows] = reading.invalid
-        return batch
-
-    def _run_single_sample(
-        self, state: Array, q: Array, v: Array, current: Array, overrides: Array
-    ) -> EstimateBatch:
-        """`run` of one sample (1, n): one call of a kernel."""
-        out, sample = np.empty(self._out_size), self._sample
-        sample[0], sample[1], sample[2] = q[0], v[0], current[0]
-        estimate_tick(self.choice, self.packed[:], state, sample, overrides, out, self._scratch)
-        tick = self._tick_rows(out[None])
-        signals, reading = tick.signals, tick.reading
-        return EstimateBatch(
-            tau_ext=tick.tau_ext,
-            wrench=reading[:, :6],
-            covariance=reading[:, 6:42].reshape(1, 6, 6),
-            condition_number=reading[:, 42],
-            invalid=reading[:, READING - 1].astype(np.int64),
-            J=tick.J,
-            torque_sd=signals[:, TORQUE_SD],
-            transmitted=signals[:, TAU_J] - signals[:, TAU_F],
-            fresh=reading[:, READING + 1] == 1.0,
-            fault=reading[:, READING].astype(np.int64),
-            stiction=signals[:, STICTION],
-            drift=signals[:, DRIFT],
-            J_seen=tick.error_rows[:, :JACOBIAN_ROWS],
-            error_rows=tick.error_rows[:, JACOBIAN_ROWS:],
-            v=signals[:, V],
-            momentum=signals[:, MOMENTUM],
-        )
-
-    def _tick_rows(self, out: Array) -> "_TickRows":
-        """The parts of the memory (1, size) of one tick, in the order of `tick_sizes`."""
-        n = self.num_joints
-        J = n + READING + 2
-        signals = J + 6 * n
-        error_rows = signals + NUM_SIGNALS * n
-        end = error_rows + (JACOBIAN_ROWS + TORQUE_ERROR_ROWS) * n
-        return _TickRows(
-            tau_ext=out[:, :n],
-            reading=out[:, n:],
-            J=out[:, J:signals].reshape(1, 6, n),
-            signals=out[:, signals:error_rows].reshape(1, NUM_SIGNALS, n),
-            error_rows=out[:, error_rows:end].reshape(1, -1, n),
-        )
-
-    def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
-        """Runs a whole log up to tau_ext, from the initial state, without reading the wrench.
-
-        Args:
-            q, v, current: as `run`.
-        """
-        q, v, current = contiguous(q, v, current)
-        N, n = q.shape
-        samples = TickSample(q, v, current, np.empty((N, 0, n)))
-        log = TickLog(
-            signals=np.empty((N, NUM_SIGNALS, n)),
-            J=np.empty((N, 6, n)),
-            error=TorqueError.empty(N, n),
-            tau_ext=np.empty((N, n)),
-            fresh=np.empty(N, np.bool_),
-            corrected=np.empty(N, np.bool_),
-            observed=np.empty((N, 0)),
-        )
-        terms_log(self.packed, samples, log.signals, log.J)
-        memory_log(self.choice, self.packed, self.initial_state(), samples.overrides, log)
-        tau_J, tau_f = log.signals[:, TAU_J].copy(), log.signals[:, TAU_F].copy()
-        fresh = log.fresh & log.corrected
-        return Observation(log.tau_ext, tau_J, tau_f, fresh, log.J, log.error)
-
-    def _current_of(self, tau_f: ArrayLike) -> Array:
-        """The current (..., n) in A for a joint torque (..., n) in N m."""
-        tau_f, robot = np.asarray(tau_f, float), self.robot
-        tau_motor = tau_f @ robot.coupling if robot.is_coupled else tau_f
-        gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-        return np.asarray(tau_motor / gain)
-
-    def _overrides(
-        self, correction: Correction | None, tau_f: ArrayLike | None, leading: tuple[int, ...]
-    ) -> Array:
-        """The rows (*leading, 3 or 4, n) by which `models.estimation.tick` is overridden."""
-        n = self.num_joints
+        if _shapes_of(state) != self._shapes:
+            raise ValueError("state must be of this estimator's initial_state")
+        N = len(q)
         if correction is not None and tau_f is not None:
             raise ValueError(
                 "an air pass determines the friction already; pass correction or tau_f"
             )
-        if correction is not None and self.observed_size:
+        if tau_f is not None and np.shape(tau_f) != (N, n):
+            raise ValueError(f"tau_f must be {(N, n)}, not {np.shape(tau_f)}")
+        if correction is None:
+            return
+        if self.observer.reads_wrench:
             raise ValueError(
                 "an observer that reads the wrench itself takes no correction of an air pass"
             )
-        follows_motion = correction is not None and self.friction.state_rows > 0
-        num_rows = OVERRIDE_TAU_F if follows_motion else OVERRIDE_TAU_F + 1
-        overrides = np.zeros((*leading, num_rows, n))
-        overrides[..., OVERRIDE_COUNTS, :] = 1.0
-        if correction is None:
-            shape = np.asarray(tau_f, float).shape
-            if shape != (*leading, n):
-                raise ValueError(f"tau_f must be {(*leading, n)}, not {shape}")
-            return overrides
-        shapes = [
-            np.shape(correction.tau_correction),
-            np.shape(correction.v_planned),
-            np.shape(correction.counts),
-        ]
-        if shapes != [(*leading, n), (*leading, n), leading]:
+        shapes = [np.shape(part) for part in correction[:3]]
+        if shapes != [(N, n), (N, n), (N,)]:
             raise ValueError(
                 "tau_correction, v_planned and counts of an air pass must be "
-                f"{(*leading, n)}, {(*leading, n)} and {leading}, not {shapes}"
+                f"{(N, n)}, {(N, n)} and {(N,)}, not {shapes}"
             )
-        if not follows_motion:
-            friction = self.model.friction.feedforward
-            overrides[..., OVERRIDE_TAU_F, :] = friction.torque(correction.v_planned)
-        overrides[..., OVERRIDE_CORRECTION, :] = correction.tau_correction
-        overrides[..., OVERRIDE_COUNTS, :] = np.asarray(correction.counts, float)[..., None]
-        overrides[..., OVERRIDE_SD, :] = correction.sd
-        return overrides
+
+    def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
+        """Runs a whole log up to tau_ext, from the initial state, without check and reading.
+
+        Args:
+            q, v, current: as `run`.
+        """
+        taken = self.take(self.initial_state(), q, v, current, check=False)
+        samples = taken.samples
+        return Observation(
+            taken.tau_ext, samples.tau_J, samples.tau_f, taken.counts, samples.J, taken.error
+        )
 
 
-class _TickRows(NamedTuple):
-    """Parts of a tick's memory, with a first axis of one sample.
-
-    Attributes:
-        tau_ext: (1, n).
-        reading: (1, ...) the reading, then fault and whether tau_ext counts.
-        J: (1, 6, n).
-        signals: (1, NUM_SIGNALS, n).
-        error_rows: (1, JACOBIAN_ROWS + TORQUE_ERROR_ROWS, n) J_seen and rows of the torque error.
-    """
-
-    tau_ext: Array
-    reading: Array
-    J: Array
-    signals: Array
-    error_rows: Array
-
-
-def _empty_batch(N: int, n: int, fault: Codes) -> EstimateBatch:
-    """Memory for the estimates of N samples of n joints."""
-    error = TorqueError.empty(N, n)
-    return EstimateBatch(
-        tau_ext=np.empty((N, n)),
-        wrench=np.empty((N, 6)),
-        covariance=np.empty((N, 6, 6)),
-        condition_number=np.empty(N),
-        invalid=np.empty(N, np.int64),
-        J=np.empty((N, 6, n)),
-        torque_sd=error.sd,
-        transmitted=np.empty((N, n)),
-        fresh=np.empty(N, np.bool_),
-        fault=fault,
-        stiction=error.stiction,
-        drift=error.drift,
-        J_seen=error.J_seen,
-        error_rows=error.rows,
-        v=np.empty((N, n)),
-        momentum=np.empty((N, n)),
-    )
+def _shapes_of(state: EstimatorState) -> tuple[tuple[int, ...], ...]:
+    """The shapes of the parts of a state that differ between estimators."""
+    return state.check.shape, state.error.shape, state.friction.shape, np.shape(state.observer)

@@ -35,7 +35,7 @@ class ReadingGain:
         reconstruction, model = estimator.config.reconstruction, estimator.model
         if model.torque_error is None:
             raise ValueError("the model states no torque error")
-        if estimator.observer.kernels.wrench is not None:
+        if estimator.observer.reads_wrench:
             raise ValueError("the observer reads the wrench itself")
         prior = wrench_prior(reconstruction)
         if prior is None:

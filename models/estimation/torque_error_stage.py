@@ -12,27 +12,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     ConstantTorqueError,
     TorqueErrorModel,
-    posture_variance,
-    take_transmitted,
-    torque_sd_tick,
+    has_spread,
+    posture_variance_rows,
+    rest_rows,
+    torque_sd_rows,
 )
 from wrenchsight.models.numerics.arrays import Array, contiguous
-from wrenchsight.models.numerics.kernel import kernel
-from wrenchsight.models.numerics.views import view_2d
-from wrenchsight.models.observers.lag import (
-    JACOBIAN_ROWS,
-    observer_poles,
-    see_jacobian,
-    take_jacobian,
-)
+from wrenchsight.models.numerics.row_blocks import in_row_blocks
+from wrenchsight.models.observers.lag import JACOBIAN_ROWS, observer_poles, see_jacobian_rows
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 STAGE_ROWS = TORQUE_ERROR_ROWS + JACOBIAN_ROWS  # of the state, (STAGE_ROWS, n)
-ERROR_ROWS = 3 + JACOBIAN_ROWS + TORQUE_ERROR_ROWS  # of `torque_error_views`
+ERROR_ROWS = 3 + JACOBIAN_ROWS + TORQUE_ERROR_ROWS  # of a TorqueError of one sample, flat
+_ERROR_STATE = 3 + JACOBIAN_ROWS  # first of its rows of the torque error's state
+_BLOCK = 4096  # rows a thread takes at a time
 
 
 class TorqueError(NamedTuple):
@@ -59,6 +57,17 @@ class TorqueError(NamedTuple):
         J_seen, rows = np.empty((N, JACOBIAN_ROWS, n)), np.empty((N, TORQUE_ERROR_ROWS, n))
         return cls(sd, stiction, drift, J_seen, rows)
 
+    @classmethod
+    def of_flat(cls, flat: Array, n: int) -> "TorqueError":
+        """The parts of one sample in (ERROR_ROWS n,) memory, as of a port; views of it."""
+        rows = flat.reshape(ERROR_ROWS, n)
+        return cls(rows[0], rows[1], rows[2], rows[3:_ERROR_STATE], rows[_ERROR_STATE:])
+
+    @property
+    def flat(self) -> Array:
+        """(ERROR_ROWS n,) of the only sample of this, as `of_flat` takes it."""
+        return np.concatenate([part.ravel() for part in self])
+
     def part(self, rows: slice) -> "TorqueError":
         """Some of N samples."""
         return TorqueError(
@@ -66,28 +75,19 @@ class TorqueError(NamedTuple):
         )
 
 
-class _Motion(NamedTuple):
-    """N samples of a motion, as `TorqueErrorStage.run` takes them."""
-
-    q: Array
-    v: Array
-    transmitted: Array
-    J: Array
-
-
 class TorqueErrorStage:
     """The torque error of one model behind one observer.
 
     Args:
         error: torque error of the model.
-        friction: law of the model, sampled.
+        friction: law of the model, or its numbers.
         K_0: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
         chain: of the robot; None: the model's gravity torque is exact.
 
     Attributes:
-        table: of `torque_sd_tick`.
+        table: of `torque_sd_rows`.
         poles: (n,) of the observer, per tick. Negative for an observer without lag and for a model
             without a learnt error; then J is that of the sample itself.
         rates: (n,) 1/s, to which the sds belong.
@@ -96,7 +96,7 @@ class TorqueErrorStage:
     def __init__(
         self,
         error: TorqueErrorModel,
-        friction: FrictionLaw,
+        friction: FrictionLaw | SlidingLaw,
         K_0: ArrayLike | None,
         time_step: float,
         resolution: ArrayLike | None,
@@ -110,7 +110,9 @@ class TorqueErrorStage:
         learnt = not isinstance(error, ConstantTorqueError)
         self.poles = observer_poles(K_0 if learnt else None, n, time_step)
 
-    def retuned(self, friction: FrictionLaw, K_0: ArrayLike | None) -> "TorqueErrorStage":
+    def retuned(
+        self, friction: FrictionLaw | SlidingLaw, K_0: ArrayLike | None
+    ) -> "TorqueErrorStage":
         """Returns the stage with friction and an observer that were changed while they run."""
         return TorqueErrorStage(
             self.error, friction, K_0, self._time_step, self._resolution, self._chain
@@ -133,71 +135,42 @@ class TorqueErrorStage:
             J: (N, 6, n) at E in axes of W.
         """
         q, v, load, J = contiguous(q, v, transmitted, J)
+        rows = self.follow(state, q, v)
+        return self.sds(state, rows, q, v, load, np.zeros_like(load), J)
+
+    def follow(self, state: Array, q: Array, v: Array) -> Array:
+        """Follows the motion of N samples: the first half of `run`, before friction is known.
+
+        Args:
+            state: (STAGE_ROWS, n), the rows of the motion are changed.
+            q, v: (N, n) rad and rad/s, contiguous.
+
+        Returns:
+            (N, TORQUE_ERROR_ROWS, n) for `sds`; REST_ROW is the share by which each joint rests.
+        """
+        rows = np.empty((len(q), TORQUE_ERROR_ROWS, self.num_joints))
+        rest_rows(self.table, state[:TORQUE_ERROR_ROWS], q, v, rows)
+        return rows
+
+    def sds(
+        self, state: Array, rows: Array, q: Array, v: Array, tau_J: Array, tau_f: Array, J: Array
+    ) -> TorqueError:
+        """States the uncertainty of N samples: the second half of `run`.
+
+        Args:
+            state: (STAGE_ROWS, n), the other rows are changed.
+            rows: of `follow`, completed.
+            q, v, tau_J, tau_f: (N, n) rad, rad/s, N m; the torques count for the sample after.
+            J: (N, 6, n) at E in axes of W.
+        """
         N, n = q.shape
-        error = TorqueError.empty(N, n)
-        _run(self.table, self.poles, state, _Motion(q, v, load, J), error)
-        return error
-
-
-@kernel(forceinline=True)
-def torque_error_tick(
-    table: Array,
-    poles: Array,
-    state: Array,
-    q: Array,
-    v: Array,
-    J: Array,
-    error: TorqueError,
-) -> None:
-    """Single-sample kernel: takes a motion into `state` and writes the uncertainty at it.
-
-    Args:
-        table, poles: of TorqueErrorStage.
-        state: (STAGE_ROWS, n), changed; `take_transmitted` adds the transmitted torque.
-        q, v: (n,) rad and rad/s.
-        J: (6, n).
-        error: written; on entry its sd holds `posture_variance`.
-    """
-    rows, jacobian = state[:TORQUE_ERROR_ROWS], state[TORQUE_ERROR_ROWS:]
-    torque_sd_tick(table, rows, q, v, error.sd, error.stiction, error.drift)
-    see_jacobian(poles, jacobian, J, error.J_seen)
-    take_jacobian(poles, jacobian, J, error.J_seen)
-    for i in range(TORQUE_ERROR_ROWS):
-        for j in range(q.shape[0]):
-            error.rows[i, j] = rows[i, j]
-
-
-@kernel(forceinline=True)
-def torque_error_views(flat: Array, n: int) -> TorqueError:
-    """The parts of (ERROR_ROWS n,) memory."""
-    end = (3 + JACOBIAN_ROWS) * n
-    return TorqueError(
-        flat[:n],
-        flat[n : 2 * n],
-        flat[2 * n : 3 * n],
-        view_2d(flat, 3 * n, JACOBIAN_ROWS, n),
-        view_2d(flat, end, TORQUE_ERROR_ROWS, n),
-    )
-
-
-@kernel
-def torque_error_sample(
-    table: Array, poles: Array, state: Array, q: Array, v: Array, J: Array, flat: Array
-) -> None:
-    """`torque_error_tick` into (ERROR_ROWS n,) memory, with the posture's variance."""
-    error = torque_error_views(flat, q.shape[0])
-    posture_variance(table, q, error.sd)
-    torque_error_tick(table, poles, state, q, v, J, error)
-
-
-@kernel
-def _run(table: Array, poles: Array, state: Array, motion: _Motion, error: TorqueError) -> None:
-    """`torque_error_tick` for N samples; `error` is written."""
-    q, v, transmitted, J = motion
-    sd, stiction, drift, J_seen, rows = error
-    no_friction = np.zeros(q.shape[1])
-    for k in range(q.shape[0]):
-        sample_error = TorqueError(sd[k], stiction[k], drift[k], J_seen[k], rows[k])
-        posture_variance(table, q[k], sample_error.sd)
-        torque_error_tick(table, poles, state, q[k], v[k], J[k], sample_error)
-        take_transmitted(state, transmitted[k], no_friction)
+        sd, stiction, drift = np.zeros((N, n)), np.empty((N, n)), np.empty((N, n))
+        if has_spread(self.table):
+            in_row_blocks(
+                lambda block: posture_variance_rows(self.table, q[block], sd[block]), N, _BLOCK
+            )
+        torques = state[:TORQUE_ERROR_ROWS]
+        torque_sd_rows(self.table, torques, v, tau_J, tau_f, rows, sd, stiction, drift)
+        J_seen = np.empty_like(J)
+        see_jacobian_rows(self.poles, state[TORQUE_ERROR_ROWS:], J, J_seen)
+        return TorqueError(sd, stiction, drift, J_seen, rows)

@@ -53,11 +53,8 @@ from wrenchsight.models.estimation.wrench_kernels import (
     CONDITION,
     FORCE_ONLY,
     METHODS,
-    NUM_QUALITY,
-    NUM_SETTINGS,
     WORK_ROWS,
-    TorqueSample,
-    WrenchOut,
+    WrenchConstants,
     reasons_log,
     reconstruct_log,
 )
@@ -234,7 +231,7 @@ class WrenchReconstruction:
             `force_only`; None: the sample's sds alone are the weights.
 
     Attributes:
-        table: (2 n + 2, max(n, NUM_SETTINGS)) constants that `reconstruct` reads.
+        table: constants that `reconstruct` reads.
 
     Raises:
         ValueError: an unknown method, a prior that is missing or negative, damping or truncation
@@ -255,15 +252,15 @@ class WrenchReconstruction:
         self.num_joints = n
         self.config = config
         self.torque_covariance = Sigma
-        self.table = np.zeros((2 * n + 2, max(n, NUM_SETTINGS)))
-        self.table[:n, :n] = whitening_matrix(Sigma)
-        self.table[n : 2 * n, :n] = Sigma
-        self.table[2 * n, :NUM_SETTINGS] = _settings(config)
+        usual = np.empty(0)
         if usual_sd is not None:
-            usual = np.broadcast_to(np.asarray(usual_sd, float), (n,))
+            usual = np.broadcast_to(np.asarray(usual_sd, float), (n,)).copy()
             if not (np.isfinite(usual).all() and (usual > 0.0).all()):
                 raise ValueError("usual_sd: expected finite numbers above zero")
-            self.table[2 * n + 1, :n] = usual
+        settings = np.array(_settings(config), float)
+        self.table = WrenchConstants(
+            np.ascontiguousarray(whitening_matrix(Sigma)), Sigma, settings, usual
+        )
 
     @property
     def limits(self) -> ValidityLimits:
@@ -304,7 +301,6 @@ class WrenchReconstruction:
                 f"J must be (..., 6, {n}) and tau_ext (..., {n}), not {J.shape} and {tau_ext.shape}"
             )
         rows = int(np.prod(lead))
-        out = WrenchOut(np.empty((rows, 6)), np.empty((rows, 6, 6)), np.empty((rows, NUM_QUALITY)))
         J_now_rows = J if J_now is None else np.asarray(J_now, float)
         sd = np.ones_like(tau_ext) if sd is None else np.asarray(sd, float)
         stiction_sd = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
@@ -317,7 +313,7 @@ class WrenchReconstruction:
         tau, sd, stiction_sd = contiguous(
             tau_ext.reshape(rows, n), sd.reshape(rows, n), stiction_sd.reshape(rows, n)
         )
-        reconstruct_log(self.table, J_now_rows, TorqueSample(J, tau, sd, stiction_sd), out)
+        out = reconstruct_log(self.table, J_now_rows, J, tau, sd, stiction_sd)
         invalid = np.empty(rows, np.int64)
         reasons_log(self.table, out.quality, invalid)
         return WrenchEstimate(

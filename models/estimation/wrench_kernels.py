@@ -14,13 +14,12 @@ from wrenchsight.models.numerics.small_matrices import (
     largest_eigenvalue_3x3,
     orthogonalise_rows,
 )
-from wrenchsight.models.numerics.views import borrowed
 from wrenchsight.models.rigid_body.conditioning import condition_number_of, condition_numbers_of
 
 METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
 _INVERSE, FORCE_ONLY, BAYESIAN, _DAMPED, _TRUNCATED = range(5)
 
-# Last row of `WrenchReconstruction.table`.
+# Entries of WrenchConstants.settings.
 _METHOD, _FORCE_SD, _MOMENT_SD, _DAMPING, _TRUNCATION, _MAX_FORCE_SD = range(6)
 _VALID_FORCE_SD, _VALID_MOMENT_SD, _MAX_STICTION_FORCE, NUM_SETTINGS = range(6, 10)
 
@@ -36,6 +35,22 @@ _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
 _BLOCK = 1024  # samples that are worth a thread: some 5 ms
 _WELL_CONDITIONED = 1e9  # up to which elimination gives what singular values give
 _LARGEST = 1e60  # N, N m and their squares; more counts as not finite
+
+
+class WrenchConstants(NamedTuple):
+    """The constants of `WrenchReconstruction`.
+
+    Attributes:
+        whitening: (n, n) W, lower triangular, with W Sigma W^T = 1.
+        covariance: (n, n) Sigma of the torque.
+        settings: (NUM_SETTINGS,) method, prior and limits.
+        usual_sd: (n,) N m, which balances the weights of `force_only`; (0,): none.
+    """
+
+    whitening: Array
+    covariance: Array
+    settings: Array
+    usual_sd: Array
 
 
 class TorqueSample(NamedTuple):
@@ -72,7 +87,7 @@ class WrenchOut(NamedTuple):
 
 @kernel
 def reconstruct(
-    table: Array,
+    table: WrenchConstants,
     J: Array,
     tau_ext: Array,
     wrench: Array,
@@ -94,71 +109,72 @@ def reconstruct(
     for j in range(n):
         sd[j], stiction[j] = 1.0, 0.0
     out = WrenchOut(wrench, covariance, quality)
-    reconstruct_with(table, J, TorqueSample(J, tau_ext, sd, stiction), out, work)
+    _reading(table, TorqueSample(J, tau_ext, sd, stiction), out, work)
+    condition = condition_number_of(J, work[_SCRATCH : _SCRATCH + 6])
+    quality[CONDITION] = np.inf if np.isnan(condition) else condition
 
 
 @kernel
-def reconstruct_with(
-    table: Array, J_now: Array, sample: TorqueSample, out: WrenchOut, work: Array
-) -> None:
-    """As `reconstruct`, with the sds of this sample.
-
-    Args:
-        J_now: (6, n) of the sample, for the condition number.
-        others: as `reconstruct`.
-    """
-    _reading(table, sample, out, work)
-    condition = condition_number_of(J_now, work[_SCRATCH : _SCRATCH + 6])
-    out.quality[CONDITION] = np.inf if np.isnan(condition) else condition
-
-
-@kernel
-def _reading(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
-    """Writes wrench, covariance and quality, but for the condition number."""
-    J, wrench, covariance, quality = sample.J, out.wrench, out.covariance, out.quality
-    n = J.shape[1]
-    settings = table[2 * n]
-    quality[FORCE_SD], quality[STICTION_FORCE], quality[HAS_FULL_RANK] = np.nan, 0.0, 1.0
-    total = 0.0
-    for j in range(n):
-        total += sample.tau_ext[j] + sample.sd[j]
-        for i in range(6):
-            total += J[i, j]
-    if not np.isfinite(total):
-        _prior_only(settings, wrench, covariance)
+def _reading(table: WrenchConstants, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
+    """Writes wrench, covariance and quality by any method, but for the condition number."""
+    method, has_full_rank = int(table.settings[_METHOD]), True
+    if not _is_readable(table, sample, out):
         return
-    method = int(settings[_METHOD])
-    if method == FORCE_ONLY and table[2 * n + 1, 0] > 0.0:
+    if method == FORCE_ONLY and table.usual_sd.shape[0] > 0:
         _balanced(table, sample, out, work)
     elif method in (FORCE_ONLY, BAYESIAN):
         _posterior(table, sample, out, work)
-    elif not _pseudo_inverse(table, sample, out, work):
-        quality[HAS_FULL_RANK] = 0.0
+    else:
+        has_full_rank = _pseudo_inverse(table, sample, out, work)
+    _rate(table, sample, out, has_full_rank, work)
+
+
+@kernel
+def _is_readable(table: WrenchConstants, sample: TorqueSample, out: WrenchOut) -> bool:
+    """Whether all that is known of a sample is finite; if not, writes the prior for its reading."""
+    quality = out.quality
+    quality[FORCE_SD], quality[STICTION_FORCE], quality[HAS_FULL_RANK] = np.nan, 0.0, 1.0
     total = 0.0
+    for j in range(sample.sd.shape[0]):
+        total += sample.tau_ext[j] + sample.sd[j]
+        for i in range(6):
+            total += sample.J[i, j]
+    if np.isfinite(total):
+        return True
+    _prior_only(table.settings, out.wrench, out.covariance)
+    return False
+
+
+@kernel
+def _rate(
+    table: WrenchConstants, sample: TorqueSample, out: WrenchOut, has_full_rank: bool, work: Array
+) -> None:
+    """Writes the quality of a reading from the covariances that its method has left in `work`."""
+    quality, total = out.quality, 0.0
+    quality[HAS_FULL_RANK] = 1.0 if has_full_rank else 0.0
     for i in range(6):
-        total += abs(wrench[i]) + covariance[i, i]
+        total += abs(out.wrench[i]) + out.covariance[i, i]
     if not total < _LARGEST:
-        _prior_only(settings, wrench, covariance)
+        _prior_only(table.settings, out.wrench, out.covariance)
         quality[FORCE_SD] = np.inf
         return
     variance = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
     quality[FORCE_SD] = np.sqrt(max(variance, 0.0))
     if _has_stiction(sample.stiction):
-        variance = largest_eigenvalue_3x3(work[_FROM_STICTION : _FROM_STICTION + 3])
+        variance = largest_eigenvalue_3x3(work[_FROM_STICTION : _FROM_STICTION + 3, :])
         quality[STICTION_FORCE] = np.sqrt(3.0 * max(variance, 0.0))
 
 
 @kernel
-def quality_limits(table: Array) -> tuple[float, float]:
+def quality_limits(settings: Array) -> tuple[float, float]:
     """N, largest principal force sd and largest force of stiction of a valid reading."""
-    settings = table[table.shape[0] - 2]
     return settings[_MAX_FORCE_SD], settings[_MAX_STICTION_FORCE]
 
 
 @kernel
-def reconstruction_reasons(table: Array, quality: Array) -> int:
+def reconstruction_reasons(table: WrenchConstants, quality: Array) -> int:
     """The reasons why the reading of a fresh sample is not valid, from its quality alone."""
-    max_force_sd, max_stiction_force = quality_limits(table)
+    max_force_sd, max_stiction_force = quality_limits(table.settings)
     return invalid_reasons(
         Findings(
             is_fresh=True,
@@ -190,7 +206,7 @@ def _prior_only(settings: Array, wrench: Array, covariance: Array) -> None:
 
 
 @kernel
-def whiten(table: Array, J: Array, tau_ext: Array, sd: Array, work: Array) -> None:
+def whiten(table: WrenchConstants, J: Array, tau_ext: Array, sd: Array, work: Array) -> None:
     """Writes the whitened Jacobian A = J W^T, A A^T and A W tau_ext; W whitens the torque noise.
 
     Args:
@@ -205,7 +221,7 @@ def whiten(table: Array, J: Array, tau_ext: Array, sd: Array, work: Array) -> No
     for j in range(n):
         total = 0.0
         for k in range(j + 1):
-            total += table[j, k] * (tau_ext[k] / sd[k])
+            total += table.whitening[j, k] * (tau_ext[k] / sd[k])
         white_tau[j] = total
     for i in range(6):
         scaled = work[_VECTOR + 1]
@@ -215,7 +231,7 @@ def whiten(table: Array, J: Array, tau_ext: Array, sd: Array, work: Array) -> No
         for j in range(n):
             total = 0.0
             for k in range(j + 1):
-                total += table[j, k] * scaled[k]
+                total += table.whitening[j, k] * scaled[k]
             work[_WHITE + i, j] = total
             dot += total * white_tau[j]
         work[_VECTOR + 2, i] = dot
@@ -257,11 +273,11 @@ def _posterior_covariance(
 
 
 @kernel
-def _posterior(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
+def _posterior(table: WrenchConstants, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
     """Writes the Gaussian posterior; leaves in `work` the covariances that `valid` needs."""
     sd, wrench, covariance = sample.sd, out.wrench, out.covariance
     n = sd.shape[0]
-    settings = table[2 * n]
+    settings = table.settings
     whiten(table, sample.J, sample.tau_ext, sd, work)
     moment_sd, force_sd = settings[_MOMENT_SD], settings[_FORCE_SD]
     _posterior_covariance(moment_sd, force_sd, 0, covariance, work)
@@ -299,13 +315,13 @@ def _posterior(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) 
         for k in range(n):
             total = 0.0
             for j in range(k, n):
-                total += white[j] * table[j, k]
+                total += white[j] * table.whitening[j, k]
             gain[i, k] = total / sd[k]
     _stiction_covariance(gain, sample.stiction, work)
 
 
 @kernel
-def _balanced(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
+def _balanced(table: WrenchConstants, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
     """As `_posterior` for a point force, weighted by the geometric means of sds and usual sds.
 
     The covariance is that of the sample's errors through the gain, plus the share of the force's
@@ -313,7 +329,7 @@ def _balanced(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -
     """
     sd, wrench, covariance = sample.sd, out.wrench, out.covariance
     n = sd.shape[0]
-    settings, usual = table[2 * n], table[2 * n + 1]
+    settings, usual = table.settings, table.usual_sd
     weights, product = work[_WEIGHTS, :n], work[_TURNED : _TURNED + 6]
     for k in range(n):
         weights[k] = np.sqrt(sd[k] * usual[k])
@@ -344,7 +360,7 @@ def _balanced(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -
             for k in range(n):
                 total = 0.0
                 for j in range(k, n):
-                    total += white[j] * table[j, k]
+                    total += white[j] * table.whitening[j, k]
                 gain[i, k] = total / weights[k]
         _propagated(table, gain, sd, product, covariance)
         for i in range(3, 6):
@@ -384,7 +400,9 @@ def _stiction_covariance(gain: Array, stiction: Array, work: Array) -> None:
 
 
 @kernel
-def _pseudo_inverse(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> bool:
+def _pseudo_inverse(
+    table: WrenchConstants, sample: TorqueSample, out: WrenchOut, work: Array
+) -> bool:
     """Writes a reading by singular values: inverse, damped, truncated.
 
     Leaves in `work` the covariances of the plain inverse, which `valid` needs. Returns whether J
@@ -393,7 +411,7 @@ def _pseudo_inverse(table: Array, sample: TorqueSample, out: WrenchOut, work: Ar
     J, tau_ext, sd, stiction = sample
     wrench, covariance = out.wrench, out.covariance
     n = J.shape[1]
-    settings = table[2 * n]
+    settings = table.settings
     method = int(settings[_METHOD])
     B = work[_TURNED : _TURNED + 6]  # Q J, orthogonal rows
     Q = work[_TURN : _TURN + 6]
@@ -413,7 +431,7 @@ def _pseudo_inverse(table: Array, sample: TorqueSample, out: WrenchOut, work: Ar
         largest = max(largest, s[i])
         smallest = min(smallest, s[i])
     for j in range(n):
-        noise = max(noise, table[n + j, j] * sd[j] * sd[j])
+        noise = max(noise, table.covariance[j, j] * sd[j] * sd[j])
     # Below this a singular value is rounding: the direction is not seen at all.
     floor = max(max(6, n) * 2.2e-16 * largest, 1e-15)
     for turn in range(2):  # the plain inverse first, then that of the method
@@ -451,7 +469,7 @@ def _pseudo_inverse(table: Array, sample: TorqueSample, out: WrenchOut, work: Ar
 
 
 @kernel
-def _eliminated(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> bool:
+def _eliminated(table: WrenchConstants, sample: TorqueSample, out: WrenchOut, work: Array) -> bool:
     """Writes the reading of a square J that is far from singular; returns whether it is.
 
     Elimination is several times as fast as singular values, to the same rounding. As
@@ -481,14 +499,16 @@ def _eliminated(table: Array, sample: TorqueSample, out: WrenchOut, work: Array)
 
 
 @kernel
-def _propagated(table: Array, H: Array, sd: Array, product: Array, covariance: Array) -> None:
+def _propagated(
+    table: WrenchConstants, H: Array, sd: Array, product: Array, covariance: Array
+) -> None:
     """Writes the covariance (6, 6) of H (6, n) times torques with errors of these sds (n,)."""
     n = sd.shape[0]
     for i in range(6):
         for j in range(n):
             total = 0.0
             for k in range(n):
-                total += H[i, k] * sd[k] * table[n + k, j]
+                total += H[i, k] * sd[k] * table.covariance[k, j]
             product[i, j] = total * sd[j]
         for j in range(i + 1):
             total = 0.0
@@ -498,42 +518,149 @@ def _propagated(table: Array, H: Array, sd: Array, product: Array, covariance: A
             covariance[j, i] = total
 
 
-def reconstruct_log(table: Array, J_now: Array, samples: TorqueSample, out: WrenchOut) -> None:
-    """`reconstruct_with` for N samples, by threads; conditions are NaN where J_now has no rows."""
+def reconstruct_log(
+    table: WrenchConstants,
+    J_now: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+) -> WrenchOut:
+    """The readings of N samples, by threads.
 
-    work_shape = (WORK_ROWS, max(samples.J.shape[2], 6))
+    Args:
+        table: of WrenchReconstruction.
+        J_now: (N, 6, n) of the samples, for the condition numbers, which are NaN where it has no
+            rows.
+        J, tau_ext, sd, stiction: as TorqueSample.
+    """
+    N, method = len(J), int(table.settings[_METHOD])
+    out = WrenchOut(np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, NUM_QUALITY)))
+    condition = np.empty(len(J_now))
+    # Each method is compiled by itself: most programs call one.
+    read_rows = inverse_rows
+    if method in (FORCE_ONLY, BAYESIAN):
+        read_rows = (
+            balanced_rows if method == FORCE_ONLY and len(table.usual_sd) else posterior_rows
+        )
 
     def run(rows: slice) -> None:
-        sample_rows = TorqueSample(
-            samples.J[rows], samples.tau_ext[rows], samples.sd[rows], samples.stiction[rows]
+        if len(J_now):
+            condition_numbers_of(J_now[rows], condition[rows])
+        read_rows(
+            *table,
+            condition[rows],
+            J[rows],
+            tau_ext[rows],
+            sd[rows],
+            stiction[rows],
+            out.wrench[rows],
+            out.covariance[rows],
+            out.quality[rows],
         )
-        out_rows = WrenchOut(out.wrench[rows], out.covariance[rows], out.quality[rows])
-        _reconstruct_rows(table, J_now[rows], sample_rows, out_rows, np.zeros(work_shape))
 
-    in_row_blocks(run, len(samples.J), _BLOCK)
-
-
-@kernel(nogil=True)
-def _reconstruct_rows(
-    table: Array, J_now: Array, samples: TorqueSample, out: WrenchOut, work: Array
-) -> None:
-    table, work = borrowed(table), borrowed(work)
-    J, tau_ext, sd = borrowed(samples.J), borrowed(samples.tau_ext), borrowed(samples.sd)
-    stiction, wrench = borrowed(samples.stiction), borrowed(out.wrench)
-    covariance, quality = borrowed(out.covariance), borrowed(out.quality)
-    conditions = np.zeros(J.shape[0])
-    if J_now.shape[0] > 0:
-        condition_numbers_of(J_now, conditions)
-    for k in range(J.shape[0]):
-        sample = TorqueSample(J[k], tau_ext[k], sd[k], stiction[k])
-        _reading(table, sample, WrenchOut(wrench[k], covariance[k], quality[k]), work)
-        quality[k, CONDITION] = np.inf if np.isnan(conditions[k]) else conditions[k]
-        if J_now.shape[0] == 0:
-            quality[k, CONDITION] = np.nan
+    in_row_blocks(run, N, _BLOCK)
+    return out
 
 
 @kernel
-def reasons_log(table: Array, quality: Array, invalid: InvalidCodes) -> None:
+def _write_condition(condition: Array, k: int, quality: Array) -> None:
+    """Writes the condition number of sample k: inf where it has none, NaN if it is not wanted."""
+    quality[CONDITION] = np.nan
+    if condition.shape[0] > 0:
+        quality[CONDITION] = np.inf if np.isnan(condition[k]) else condition[k]
+
+
+@kernel(nogil=True)
+def posterior_rows(
+    whitening: Array,
+    torque_covariance: Array,
+    settings: Array,
+    usual_sd: Array,
+    condition: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
+) -> None:
+    """Writes wrench, covariance and quality of N samples.
+
+    Args:
+        whitening, torque_covariance, settings, usual_sd: WrenchConstants.
+        condition: (N,) of J_now, NaN where it is not finite; (0,): not wanted.
+        J, tau_ext, sd, stiction: (N, ...) as TorqueSample.
+        wrench, covariance, quality: (N, ...) written, as WrenchOut.
+    """
+    table = WrenchConstants(whitening, torque_covariance, settings, usual_sd)
+    work = np.empty((WORK_ROWS, max(J.shape[2], 6)))
+    for k in range(J.shape[0]):
+        sample = TorqueSample(J[k], tau_ext[k], sd[k], stiction[k])
+        out = WrenchOut(wrench[k], covariance[k], quality[k])
+        _write_condition(condition, k, quality[k])
+        if _is_readable(table, sample, out):
+            _posterior(table, sample, out, work)
+            _rate(table, sample, out, True, work)
+
+
+@kernel(nogil=True)
+def balanced_rows(
+    whitening: Array,
+    torque_covariance: Array,
+    settings: Array,
+    usual_sd: Array,
+    condition: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
+) -> None:
+    """As `posterior_rows`, of a point force weighted as `_balanced` says."""
+    table = WrenchConstants(whitening, torque_covariance, settings, usual_sd)
+    work = np.empty((WORK_ROWS, max(J.shape[2], 6)))
+    for k in range(J.shape[0]):
+        sample = TorqueSample(J[k], tau_ext[k], sd[k], stiction[k])
+        out = WrenchOut(wrench[k], covariance[k], quality[k])
+        _write_condition(condition, k, quality[k])
+        if _is_readable(table, sample, out):
+            _balanced(table, sample, out, work)
+            _rate(table, sample, out, True, work)
+
+
+@kernel(nogil=True)
+def inverse_rows(
+    whitening: Array,
+    torque_covariance: Array,
+    settings: Array,
+    usual_sd: Array,
+    condition: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
+) -> None:
+    """As `posterior_rows`, by singular values."""
+    table = WrenchConstants(whitening, torque_covariance, settings, usual_sd)
+    work = np.empty((WORK_ROWS, max(J.shape[2], 6)))
+    for k in range(J.shape[0]):
+        sample = TorqueSample(J[k], tau_ext[k], sd[k], stiction[k])
+        out = WrenchOut(wrench[k], covariance[k], quality[k])
+        _write_condition(condition, k, quality[k])
+        if _is_readable(table, sample, out):
+            has_full_rank = _pseudo_inverse(table, sample, out, work)
+            _rate(table, sample, out, has_full_rank, work)
+
+
+@kernel
+def reasons_log(table: WrenchConstants, quality: Array, invalid: InvalidCodes) -> None:
     """`reconstruction_reasons` for N samples; `invalid` (N,) is written."""
     for k in range(quality.shape[0]):
         invalid[k] = reconstruction_reasons(table, quality[k])

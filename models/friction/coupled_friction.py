@@ -8,25 +8,21 @@ moves against the friction of motors 5 and 6.
 """
 
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.friction.slip_elements import FrictionKernels
+from wrenchsight.models.friction.slip_elements import SlipElements
 from wrenchsight.models.friction.velocity_friction import (
     CoulombViscous,
     SemiParametricFriction,
-    friction_torque,
 )
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.kernel import kernel
-
-_VELOCITY_COLUMNS = 7  # of the velocity law's table, which has no networks here
+from wrenchsight.models.numerics.sparse_products import products
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,17 +73,29 @@ class CoupledFriction(LayeredFriction):
             resolution = np.abs(self.motor_rates) @ step
         return replace(self, law=self.law.sampled(time_step, resolution))
 
-    @property
-    def kernels(self) -> FrictionKernels:
-        """The kernels of the law below, between the maps to the motors and back."""
-        return _kernels(self.law.kernels, self.law.state_rows > 0)
+    @cached_property
+    def elements(self) -> SlipElements:
+        """The slip elements of the law below, one row a motor.
+
+        Raises:
+            ValueError: the law below is of coupled motors itself.
+        """
+        below = self.law.elements
+        if len(below.motor_rates):
+            raise ValueError("friction: the law of a motor is not that of coupled ones")
+        return SlipElements(
+            below.table, self.motor_rates, np.asarray(np.linalg.inv(self.motor_rates), float)
+        )
 
     @cached_property
-    def slip_table(self) -> Array:
-        """(n, ...) table of the law below, table of its velocity law, D and its inverse."""
+    def resting(self) -> tuple[Array, Array]:
+        """Offset (n,) in N m and viscous coefficient (n,) in N m s/rad of a joint moving alone."""
+        return self.feedforward.resting
+
+    def direct(self, q: Array, v: Array) -> Array:
+        """D^T times that of the law below (N, n) in N m."""
         D = self.motor_rates
-        parts = [self.law.slip_table, self.law.velocity_law.table, D, np.linalg.inv(D)]
-        return np.ascontiguousarray(np.hstack(parts))
+        return products(D.T, self.law.direct(products(D, q), products(D, v)))
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the joints' load L."""
@@ -98,67 +106,6 @@ class CoupledFriction(LayeredFriction):
             np.asarray(load, float) @ np.linalg.inv(D),
         )
         return np.asarray(tau_motor @ D)
-
-
-@cache
-def _kernels(law_kernels: FrictionKernels, has_state: bool) -> FrictionKernels:
-    """The composed kernels; `extended_friction` states which of them are cached on disk."""
-    add_law_torque, update_law = law_kernels.add_torque, law_kernels.update
-
-    @njit(error_model="numpy")
-    def add_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
-        n = table.shape[0]
-        slip_columns = table.shape[1] - 2 * n - _VELOCITY_COLUMNS
-        D = table[:, table.shape[1] - 2 * n : table.shape[1] - n]
-        motor = np.zeros((3, n))
-        product(D, q, motor[0])
-        product(D, v, motor[1])
-        friction_torque(
-            np.ascontiguousarray(table[:, slip_columns : slip_columns + _VELOCITY_COLUMNS]),
-            motor[1],
-            motor[2],
-        )
-        if has_state:
-            add_law_torque(
-                np.ascontiguousarray(table[:, :slip_columns]), state, motor[0], motor[1], motor[2]
-            )
-        add_transposed_product(D, motor[2], tau_f)
-
-    @njit(error_model="numpy")
-    def update(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
-        if has_state:
-            n = table.shape[0]
-            slip_columns = table.shape[1] - 2 * n - _VELOCITY_COLUMNS
-            D = table[:, table.shape[1] - 2 * n : table.shape[1] - n]
-            motor = np.zeros((3, n))
-            product(D, q, motor[0])
-            product(D, v, motor[1])
-            add_transposed_product(table[:, table.shape[1] - n :], transmitted, motor[2])
-            update_law(
-                np.ascontiguousarray(table[:, :slip_columns]), state, motor[0], motor[1], motor[2]
-            )
-
-    return FrictionKernels(add_torque, update, law_kernels)
-
-
-@kernel
-def product(A: Array, x: Array, Ax: Array) -> None:
-    """Writes A x into Ax; a NaN in x spoils only the rows that it belongs to."""
-    for i in range(A.shape[0]):
-        total = 0.0
-        for k in range(A.shape[1]):
-            if A[i, k] != 0.0:
-                total += A[i, k] * x[k]
-        Ax[i] = total
-
-
-@kernel
-def add_transposed_product(A: Array, x: Array, total: Array) -> None:
-    """Adds A^T x to `total`; NaN as in `product`."""
-    for i in range(A.shape[0]):
-        for k in range(A.shape[1]):
-            if A[i, k] != 0.0:
-                total[k] += A[i, k] * x[i]
 
 
 def joint_side(law: FrictionLaw, columns: Any) -> Array:

@@ -1,16 +1,14 @@
 """Friction laws on top of others: their base class, and a law with further `friction_terms`."""
 
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_terms import FrictionTerm
-from wrenchsight.models.friction.slip_elements import FrictionKernels
+from wrenchsight.models.friction.slip_elements import SlipElements, run_friction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array
 
@@ -50,14 +48,38 @@ class LayeredFriction:
         return replace(self, law=self.law.sampled(time_step, resolution))
 
     @property
+    def resting(self) -> tuple[Array, Array]:
+        """That of the law below."""
+        return self.law.resting
+
+    @property
+    def is_of_speed_alone(self) -> bool:
+        """False: a layer needs a position, or the speeds of other joints."""
+        return False
+
+    @property
+    def elements(self) -> SlipElements:
+        """The slip elements of the law below."""
+        return self.law.elements
+
+    @property
     def state_rows(self) -> int:
-        """Rows of the law below; one at least, so that the layer's kernels are called."""
-        return max(1, self.law.state_rows)
+        """Rows of the law below."""
+        return self.law.state_rows
 
     def initial_state(self) -> Array:
-        """The state of the law below; a row of zeros if it has none."""
-        state = self.law.initial_state()
-        return state if len(state) else np.zeros((1, self.num_joints))
+        """The state of the law below."""
+        return self.law.initial_state()
+
+    def direct(self, q: Array, v: Array) -> Array:
+        """That of the law below."""
+        return self.law.direct(q, v)
+
+    def run(
+        self, state: Array, q: Array, v: Array, tau_J: Array, rest: Array | None = None
+    ) -> Array:
+        """tau_f (N, n) in N m of N samples; see `FrictionLaw`."""
+        return run_friction(self, state, q, v, tau_J, rest)
 
     @property
     def parameters(self) -> dict[str, Array]:
@@ -93,16 +115,11 @@ class ExtendedFriction(LayeredFriction):
         if not np.isfinite(coefficients).all():
             raise ValueError(f"friction: a coefficient is not finite: {coefficients}")
 
-    @property
-    def kernels(self) -> FrictionKernels:
-        """The kernels of the law below, and the terms after them."""
-        has_state = self.law.state_rows > 0
-        return _kernels(self.law.kernels, tuple(term.basis for term in self.terms), has_state)
-
-    @cached_property
-    def slip_table(self) -> Array:
-        """The table of the law below, then the coefficients."""
-        return np.ascontiguousarray(np.hstack([self.law.slip_table, self.coefficients]))
+    def direct(self, q: Array, v: Array) -> Array:
+        """That of the law below, and the terms (N, n) in N m."""
+        tau_f = self.law.direct(q, v)
+        self._add_terms(q, v, tau_f)
+        return tau_f
 
     @property
     def parameters(self) -> dict[str, Array]:
@@ -116,48 +133,10 @@ class ExtendedFriction(LayeredFriction):
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the transmitted torque L."""
         tau_f = np.array(self.law.torque_along(q, v, load))
+        self._add_terms(q, v, tau_f)
+        return tau_f
+
+    def _add_terms(self, q: Array, v: Array, tau_f: Array) -> None:
         for k, term in enumerate(self.terms):
             for j in range(self.num_joints):
                 tau_f[:, j] += self.coefficients[j, k] * term.column(q[:, j], v[:, j])
-        return tau_f
-
-
-@cache
-def _kernels(
-    law_kernels: FrictionKernels, bases: tuple[Any, ...], has_state: bool
-) -> FrictionKernels:
-    """The composed kernels.
-
-    They belong to no file, so that numba caches no copy of them on disk. A tick that calls them is
-    cached: see `wrenchsight.models.estimation.kernel_choice`.
-    """
-    num_terms = len(bases)
-    add_law_torque, update_law = law_kernels.add_torque, law_kernels.update
-    terms_torque = _total(bases)
-
-    @njit(error_model="numpy")
-    def add_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
-        slip_columns = table.shape[1] - num_terms
-        if has_state:
-            add_law_torque(np.ascontiguousarray(table[:, :slip_columns]), state, q, v, tau_f)
-        for i in range(table.shape[0]):
-            tau_f[i] += terms_torque(table[i, slip_columns:], q[i], v[i])
-
-    @njit(error_model="numpy")
-    def update(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
-        if has_state:
-            slip_columns = table.shape[1] - num_terms
-            update_law(np.ascontiguousarray(table[:, :slip_columns]), state, q, v, transmitted)
-
-    return FrictionKernels(add_torque, update, (*law_kernels, *bases))
-
-
-def _total(bases: tuple[Any, ...]) -> Any:
-    """The compiled sum of coefficient times basis; each sum calls that of the first terms."""
-    last_basis, k = bases[-1], len(bases) - 1
-    if k == 0:
-        return njit(error_model="numpy")(lambda c, q, v: c[0] * last_basis(q, v))
-    sum_of_first = _total(bases[:-1])
-    return njit(error_model="numpy")(
-        lambda c, q, v: sum_of_first(c, q, v) + c[k] * last_basis(q, v)
-    )

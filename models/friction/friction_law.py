@@ -1,31 +1,16 @@
-"""The protocol of a friction law: a function of velocity, and two kernels for all else.
+"""The protocol of a friction law: what depends on q and v alone, and a memory.
 
-The estimator of a log, its diagram and its fused block compute
-
-    tau_f = velocity_law(v), then add_torque(table, state, q, v, tau_f)
-
-and take the sample with update(table, state, q, v, transmitted) afterwards:
-
-    add_torque(table, state, q, v, tau_f) -> None
-        Adds what is not a function of velocity alone to tau_f (n,), N m; `state` stays as it is.
-    update(table, state, q, v, transmitted) -> None
-        Takes the sample into `state`, in place. `transmitted` (n,) is the torque that the gear
-        transmits, tau_J - tau_f, N m: the next sample's load.
-
-with
-
-    table    the law's own constants, `slip_table`, (n, any number)
-    state    (state_rows, n) of `initial_state`; without rows neither kernel is called
-    q, v     (n,) rad and rad/s (m and m/s)
-
-Both are compiled by `numba.njit(error_model="numpy")`.
+An estimator calls `run` over the samples of a log, over those of a live stream as they arrive, and
+in a block over one at a time; all give the same numbers. A law whose memory are slip elements says
+what it is by `direct` and `elements` and lets `slip_elements.run_friction` do the rest, which is
+one compiled kernel for all such laws.
 """
 
 from typing import Protocol, Self
 
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.friction.slip_elements import FrictionKernels
+from wrenchsight.models.friction.slip_elements import SlipElements
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array
 
@@ -55,16 +40,22 @@ class FrictionLaw(Protocol):
         """
 
     @property
-    def kernels(self) -> FrictionKernels:
-        """The kernels of the part that is not a function of velocity alone."""
+    def elements(self) -> SlipElements:
+        """The slip elements; of a law without them, those of a law without memory."""
 
     @property
-    def slip_table(self) -> Array:
-        """(n, ...) constants that the kernels read."""
+    def resting(self) -> tuple[Array, Array]:
+        """Offset (n,) in N m and viscous coefficient (n,) in N m s/rad: the mean of what a joint
+        at rest may hold, and how it changes as the joint creeps.
+        """
+
+    @property
+    def is_of_speed_alone(self) -> bool:
+        """Whether a joint's friction depends on its own velocity alone: `feedforward` is it."""
 
     @property
     def state_rows(self) -> int:
-        """Rows of the state; 0 for a law that is a function of velocity alone."""
+        """Rows of the state; 0 for a law without memory."""
 
     @property
     def parameters(self) -> dict[str, Array]:
@@ -75,6 +66,24 @@ class FrictionLaw(Protocol):
 
     def initial_state(self) -> Array:
         """Returns the (state_rows, n) state before the first sample."""
+
+    def direct(self, q: Array, v: Array) -> Array:
+        """The part (N, n) in N m that depends on q and v (N, n) of the sample alone."""
+
+    def run(
+        self, state: Array, q: Array, v: Array, tau_J: Array, rest: Array | None = None
+    ) -> Array:
+        """Returns tau_f (N, n) in N m, which opposes motion, of N successive samples.
+
+        Args:
+            state: of `initial_state`, changed in place.
+            q, v: (N, n) rad and rad/s (m and m/s).
+            tau_J: (N, n) N m, motor torque; tau_J - tau_f, which the gear transmits, is the load
+                of the sample after. tau_f does not depend on tau_J of its own sample.
+            rest: (N, n) share by which each joint rests; None: none does. A joint at rest carries
+                any torque within its stiction band, whatever the law says: `resting` takes the
+                law's place by that share.
+        """
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the transmitted torque L."""

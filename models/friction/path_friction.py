@@ -14,15 +14,12 @@ zero: the law alone counts away from the path, at another speed, at rest and in 
 """
 
 from dataclasses import dataclass
-from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from wrenchsight.models.friction.extended_friction import LayeredFriction
-from wrenchsight.models.friction.slip_elements import FrictionKernels
-from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 
 REACH = 0.01  # rad: ripple of a joint's gear repeats every .03 to .06 rad
@@ -33,7 +30,6 @@ _FAR = 9.0  # exponent beyond which a weight is taken as zero
 _FAR_APART = 2.0 * _FAR * (1.0 + 1e-9) * REACH**2  # rad^2, beyond which the exponent is
 _SAME_SPEED = 1.25  # ratio of speeds that are averaged
 _DIGITS = 6  # after the point, of stored numbers
-_COLUMNS = 4  # of a place: q, v, torque, samples
 
 
 class PathPlaces(NamedTuple):
@@ -119,90 +115,69 @@ class PathFriction(LayeredFriction):
         if (self.places.samples < 0.0).any():
             raise ValueError("friction: samples of a place must be zero or more")
 
-    @property
-    def kernels(self) -> FrictionKernels:
-        """The kernels of the law below, and the places after them."""
-        return _kernels(self.law.kernels, self.law.state_rows > 0)
-
-    @cached_property
-    def _table(self) -> Array:
-        """(n, 4 M + 1) the places, joint by joint, and the number of their columns."""
-        columns = np.stack(self.places, axis=2).transpose(1, 0, 2).reshape(self.num_joints, -1)
-        size = np.full((self.num_joints, 1), float(columns.shape[1]))
-        return np.ascontiguousarray(np.hstack([columns, size]))
-
-    @cached_property
-    def slip_table(self) -> Array:
-        """(n, ...) the table of the law below, then that of the places."""
-        return np.ascontiguousarray(np.hstack([self.law.slip_table, self._table]))
+    def direct(self, q: Array, v: Array) -> Array:
+        """That of the law below, and the places' residual (N, n) in N m."""
+        tau_f = self.law.direct(q, v)
+        self._add_places(q, v, tau_f)
+        return tau_f
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the transmitted torque L."""
         tau_f = np.array(self.law.torque_along(q, v, load))
-        for k in range(len(tau_f)):
-            add_place_torque(self._table, 0, q[k], v[k], tau_f[k])
+        self._add_places(q, v, tau_f)
         return tau_f
+
+    def _add_places(self, q: Array, v: Array, tau_f: Array) -> None:
+        places = self.places
+        q, v = contiguous(q, v)
+        add_place_torques(places.q, places.v, places.torque, places.samples, q, v, tau_f)
 
 
 @kernel
-def add_place_torque(table: Array, first: int, q: Array, v: Array, tau_f: Array) -> None:
-    """Adds the residual at q and v to tau_f (n,); zero where one is not finite.
+def add_place_torques(
+    place_q: Array,
+    place_v: Array,
+    place_torque: Array,
+    place_samples: Array,
+    q: Array,
+    v: Array,
+    tau_f: Array,
+) -> None:
+    """Adds the residual at N samples to tau_f (N, n); zero where one is not finite.
 
     Args:
-        table: (n, ...) with the places from column `first` to the last but one.
-        first: column.
-        q, v: (n,).
+        place_q, place_v, place_torque, place_samples: (M, n) PathPlaces.
+        q, v: (N, n).
         tau_f: changed.
     """
-    n = q.shape[0]
-    num_places = (table.shape[1] - 1 - first) // _COLUMNS
-    sums, weights = np.zeros(n), np.zeros(n)
-    speed_squared = 0.0
-    for i in range(n):
-        speed_squared += v[i] ** 2
-    for place in range(num_places):
-        column = first + _COLUMNS * place
-        distance = 0.0
+    n = q.shape[1]
+    sums, weights = np.empty(n), np.empty(n)
+    for k in range(q.shape[0]):
+        sums[:], weights[:] = 0.0, 0.0
+        speed_squared = 0.0
         for i in range(n):
-            distance += (q[i] - table[i, column]) ** 2
-            if not distance < _FAR_APART:
-                break
-        exponent = 0.5 * distance / REACH**2
-        if not exponent < _FAR:
-            continue
-        distance, place_speed_squared = 0.0, 0.0
+            speed_squared += v[k, i] ** 2
+        for place in range(place_q.shape[0]):
+            distance = 0.0
+            for i in range(n):
+                distance += (q[k, i] - place_q[place, i]) ** 2
+                if not distance < _FAR_APART:
+                    break
+            exponent = 0.5 * distance / REACH**2
+            if not exponent < _FAR:
+                continue
+            distance, place_speed_squared = 0.0, 0.0
+            for i in range(n):
+                distance += (v[k, i] - place_v[place, i]) ** 2
+                place_speed_squared += place_v[place, i] ** 2
+            exponent += (
+                0.5 * distance / (ALIKE**2 * np.sqrt(speed_squared * place_speed_squared))
+            )  # at rest without end
+            if not exponent < _FAR:
+                continue
+            weight = np.exp(-exponent)
+            for i in range(n):
+                sums[i] += weight * place_samples[place, i] * place_torque[place, i]
+                weights[i] += weight * place_samples[place, i]
         for i in range(n):
-            distance += (v[i] - table[i, column + 1]) ** 2
-            place_speed_squared += table[i, column + 1] ** 2
-        exponent += (
-            0.5 * distance / (ALIKE**2 * np.sqrt(speed_squared * place_speed_squared))
-        )  # at rest without end
-        if not exponent < _FAR:
-            continue
-        weight = np.exp(-exponent)
-        for i in range(n):
-            sums[i] += weight * table[i, column + 3] * table[i, column + 2]
-            weights[i] += weight * table[i, column + 3]
-    for i in range(n):
-        tau_f[i] += sums[i] / (weights[i] + PRIOR)
-
-
-@cache
-def _kernels(law_kernels: FrictionKernels, has_state: bool) -> FrictionKernels:
-    """The composed kernels; `extended_friction` states which of them are cached on disk."""
-    add_law_torque, update_law = law_kernels.add_torque, law_kernels.update
-
-    @njit(error_model="numpy")
-    def add_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
-        slip_columns = table.shape[1] - 1 - int(table[0, -1])
-        if has_state:
-            add_law_torque(np.ascontiguousarray(table[:, :slip_columns]), state, q, v, tau_f)
-        add_place_torque(table, slip_columns, q, v, tau_f)
-
-    @njit(error_model="numpy")
-    def update(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
-        if has_state:
-            slip_columns = table.shape[1] - 1 - int(table[0, -1])
-            update_law(np.ascontiguousarray(table[:, :slip_columns]), state, q, v, transmitted)
-
-    return FrictionKernels(add_torque, update, (*law_kernels, add_place_torque))
+            tau_f[k, i] += sums[i] / (weights[i] + PRIOR)

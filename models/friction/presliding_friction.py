@@ -49,13 +49,13 @@ from wrenchsight.models.friction.slip_elements import (
     LOAD,
     PERIOD,
     POSITION,
-    SLIP_KERNELS,
     SLIPS,
     SPEED_LIMIT,
     STRIBECK,
     TRANSMITTED,
-    FrictionKernels,
+    SlipElements,
     add_slip_torque,
+    run_friction,
     update_slip,
 )
 from wrenchsight.models.friction.velocity_friction import (
@@ -152,6 +152,16 @@ class PreslidingFriction:
         """Sliding friction without load, Stribeck and memory."""
         return SemiParametricFriction(self.coulomb_viscous)
 
+    @property
+    def resting(self) -> tuple[Array, Array]:
+        """Offset (n,) in N m and viscous coefficient (n,) in N m s/rad."""
+        return self.velocity_law.resting
+
+    @property
+    def is_of_speed_alone(self) -> bool:
+        """False."""
+        return False
+
     @cached_property
     def slip_table(self) -> Array:
         """(n, 10 + 2 K) contiguous, one row a joint."""
@@ -190,10 +200,20 @@ class PreslidingFriction:
         """Rows of the state: last position, transmitted torque, K slips."""
         return SLIPS + int(self.weight.shape[1])
 
-    @property
-    def kernels(self) -> FrictionKernels:
-        """The kernels of `slip_elements`."""
-        return SLIP_KERNELS
+    @cached_property
+    def elements(self) -> SlipElements:
+        """The slip elements, joint by joint."""
+        return SlipElements.of_joints(self.slip_table)
+
+    def direct(self, q: Array, v: Array) -> Array:
+        """The velocity law's torque (N, n) in N m."""
+        return self.velocity_law.direct(q, v)
+
+    def run(
+        self, state: Array, q: Array, v: Array, tau_J: Array, rest: Array | None = None
+    ) -> Array:
+        """tau_f (N, n) in N m of N samples; see `FrictionLaw`."""
+        return run_friction(self, state, q, v, tau_J, rest)
 
     @property
     def parameters(self) -> dict[str, Array]:

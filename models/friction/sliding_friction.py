@@ -7,6 +7,7 @@ shifted to meet the law at its edges.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -70,6 +71,53 @@ def sliding_columns(law: FrictionLaw, q: Array, v: Array, load: Array) -> Array:
     return np.stack(columns, axis=2)
 
 
+class SlidingLaw(NamedTuple):
+    """What the torque error needs of a friction law, joint by joint, (n,) each; in numbers alone.
+
+    The level C + S exp(-(v / v_s)^2) + l |L| is half the stiction band, for the torque L that the
+    gear transmits.
+
+    Attributes:
+        coulomb, stribeck: C and S, N m.
+        inverse_speed: 1 / v_s, s/rad.
+        load: l, N m per N m.
+        cubic: N m s^3/rad^3.
+        speed_limit: rad/s, up to which the law was fitted; inf: everywhere.
+        slope_beyond: N m s/rad, of the cubic part beyond it.
+        viscous: N m s/rad.
+        offset: N m.
+        remembers: 1 where a joint keeps its slip where it stops, else 0.
+    """
+
+    coulomb: Array
+    stribeck: Array
+    inverse_speed: Array
+    load: Array
+    cubic: Array
+    speed_limit: Array
+    slope_beyond: Array
+    viscous: Array
+    offset: Array
+    remembers: Array
+
+    @classmethod
+    def of(cls, law: FrictionLaw) -> "SlidingLaw":
+        """The numbers of a law."""
+        sliding = law.feedforward.coulomb_viscous
+        has_memory = remembers(law).astype(float)
+        return cls._make([*sliding_table(law).T, sliding.viscous, sliding.offset, has_memory])
+
+    @classmethod
+    def of_flat(cls, flat: Array) -> "SlidingLaw":
+        """The law whose numbers stand one array after another in a vector, as `flat`."""
+        return cls._make(flat.reshape(len(cls._fields), -1))
+
+    @property
+    def flat(self) -> Array:
+        """(10 n,) all numbers."""
+        return np.concatenate(self)
+
+
 def sliding_table(law: FrictionLaw) -> Array:
     """(n, SLIDING_COLUMNS) of `slip_elements`; without memory Coulomb friction is the level."""
     if isinstance(law, CoupledFriction):
@@ -80,7 +128,7 @@ def sliding_table(law: FrictionLaw) -> Array:
     if isinstance(law, LayeredFriction):
         return sliding_table(law.law)
     if law.state_rows > 0:
-        return np.array(law.slip_table[:, :SLIDING_COLUMNS])
+        return np.array(law.elements.table[:, :SLIDING_COLUMNS])
     columns = np.zeros((law.num_joints, SLIDING_COLUMNS))
     columns[:, COULOMB] = law.coulomb_viscous.coulomb
     columns[:, SPEED_LIMIT] = np.inf

@@ -1,15 +1,16 @@
 """The kernels of `presliding_friction`: slip elements with Stribeck, load and cubic terms.
 
 All laws of this sub-package use these kernels. A law without memory has no rows of state, so that
-the kernels return at once. One compiled estimator therefore serves all laws.
+the kernels of a sample return at once.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.sparse_products import add_transposed_product, product
 
 # Columns of the slip table; then K weights and K displacements. The first seven are of sliding:
 # level C, S, 1 / v_s, load; cubic, fitted speed, slope of the cubic part beyond it.
@@ -23,17 +24,47 @@ POSITION, TRANSMITTED, SLIPS = range(3)
 LEAST_HELD = 0.5
 
 
-class FrictionKernels(NamedTuple):
-    """The two kernels of a friction law, as `friction_law` states them.
+class SlipElements(NamedTuple):
+    """The slip elements of a law, for `slip_rows`.
 
     Attributes:
-        add_torque, update: compiled.
-        parts: the compiled functions that these two are composed of, if any.
+        table: (n, 10 + 2 K), one row a joint, or a motor where motors move several joints.
+        motor_rates: (n, n) D with v_motor = D v_joint; (0, n) where each motor moves its own joint.
+        joint_rates: D^-1, or (0, n).
     """
 
-    add_torque: Any
-    update: Any
-    parts: tuple[Any, ...] = ()
+    table: Array
+    motor_rates: Array
+    joint_rates: Array
+
+    @classmethod
+    def of_joints(cls, table: Array) -> "SlipElements":
+        """Elements of motors that move a joint each."""
+        none = np.zeros((0, len(table)))
+        return cls(table, none, none)
+
+
+class _FrictionLaw(Protocol):
+    """What `run_friction` needs of a `friction_law.FrictionLaw`."""
+
+    @property
+    def state_rows(self) -> int: ...
+    @property
+    def elements(self) -> SlipElements: ...
+    @property
+    def resting(self) -> tuple[Array, Array]: ...
+    def direct(self, q: Array, v: Array) -> Array: ...
+
+
+def run_friction(
+    law: _FrictionLaw, state: Array, q: Array, v: Array, tau_J: Array, rest: Array | None
+) -> Array:
+    """`friction_law.FrictionLaw.run` of a law whose memory are slip elements."""
+    tau_f = law.direct(q, v)
+    if law.state_rows > 0 or rest is not None:
+        share = np.zeros_like(v) if rest is None else rest
+        slip_rows(*law.elements, state, q, v, tau_J, share, *law.resting, tau_f)
+    return tau_f
 
 
 def held_stribeck(coulomb: Array, stribeck: Array) -> Array:
@@ -84,7 +115,7 @@ def add_slip_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array
     """Single-sample kernel: adds the slip part of tau_f (n,); `state` stays as it is.
 
     Args:
-        table: `FrictionLaw.slip_table`.
+        table: of SlipElements.
         state: (state_rows, n); without rows there is nothing to add.
         q, v: (n,) of this sample.
         tau_f: (n,), holds the velocity law's torque before.
@@ -112,7 +143,7 @@ def update_slip(table: Array, state: Array, q: Array, v: Array, transmitted: Arr
     is added when the next position arrives.
 
     Args:
-        table: `FrictionLaw.slip_table`.
+        table: of SlipElements.
         state: (state_rows, n), changed.
         q, v: (n,) of this sample.
         transmitted: (n,) L for the next sample, N m.
@@ -132,4 +163,60 @@ def update_slip(table: Array, state: Array, q: Array, v: Array, transmitted: Arr
             state[TRANSMITTED, i] = transmitted[i]
 
 
-SLIP_KERNELS = FrictionKernels(add_slip_torque, update_slip)
+@kernel
+def slip_rows(
+    table: Array,
+    motor_rates: Array,
+    joint_rates: Array,
+    state: Array,
+    q: Array,
+    v: Array,
+    tau_J: Array,
+    rest: Array,
+    offset: Array,
+    viscous: Array,
+    tau_f: Array,
+) -> None:
+    """Completes the friction of N samples, row by row: slip, then what a joint at rest hides.
+
+    The load of a sample is what the gear transmitted at the one before, tau_J - tau_f. A joint that
+    rests by the share r carries any torque within its stiction band, whatever the law says:
+
+        tau_f <- (1 - r) tau_f + r (offset + viscous v)
+
+    Args:
+        table, motor_rates, joint_rates: SlipElements.
+        state: (state_rows, n), changed; without rows there are no elements.
+        q, v, tau_J: (N, n) rad, rad/s and N m.
+        rest: (N, n) r.
+        offset, viscous: (n,) N m and N m s/rad of the law.
+        tau_f: (N, n) N m, changed: holds before what depends on q and v alone.
+    """
+    n = q.shape[1]
+    has_slip, is_coupled = state.shape[0] > 0, motor_rates.shape[0] > 0
+    motor_q, motor_v = np.empty(n), np.empty(n)
+    slip_torque, load = np.empty(n), np.empty(n)
+    for k in range(q.shape[0]):
+        for i in range(n):
+            motor_q[i], motor_v[i], slip_torque[i] = q[k, i], v[k, i], 0.0
+        if is_coupled:
+            product(motor_rates, q[k], motor_q)
+            product(motor_rates, v[k], motor_v)
+        add_slip_torque(table, state, motor_q, motor_v, slip_torque)
+        if is_coupled:
+            add_transposed_product(motor_rates, slip_torque, tau_f[k])
+        for i in range(n):
+            if not is_coupled:
+                tau_f[k, i] += slip_torque[i]
+            if rest[k, i] > 0.0:
+                tau_f[k, i] += rest[k, i] * (offset[i] + viscous[i] * v[k, i] - tau_f[k, i])
+        if not has_slip:
+            continue
+        for i in range(n):
+            load[i] = tau_J[k, i] - tau_f[k, i]
+        if is_coupled:
+            for i in range(n):
+                slip_torque[i] = load[i]
+                load[i] = 0.0
+            add_transposed_product(joint_rates, slip_torque, load)
+        update_slip(table, state, motor_q, motor_v, load)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.friction.friction_network import FrictionNetworks
-from wrenchsight.models.friction.slip_elements import SLIP_KERNELS, FrictionKernels
+from wrenchsight.models.friction.slip_elements import SlipElements, run_friction
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 
@@ -144,27 +144,32 @@ class SemiParametricFriction:
 
     @property
     def feedforward(self) -> "SemiParametricFriction":
-        """The law itself; see `FrictionLaw` for this and the next four."""
+        """The law itself; see `FrictionLaw` for this and what follows."""
         return self
+
+    @property
+    def resting(self) -> tuple[Array, Array]:
+        """Offset (n,) in N m and viscous coefficient (n,) in N m s/rad."""
+        return self.coulomb_viscous.offset, self.coulomb_viscous.viscous
+
+    @property
+    def is_of_speed_alone(self) -> bool:
+        """True."""
+        return True
 
     @property
     def velocity_law(self) -> "SemiParametricFriction":
         """The law itself, which depends on velocity alone."""
         return self
 
-    @property
-    def slip_table(self) -> Array:
-        """(n, 10): no slip elements."""
-        return np.zeros((self.num_joints, 10))
+    @cached_property
+    def elements(self) -> SlipElements:
+        """No slip elements."""
+        return SlipElements.of_joints(np.zeros((self.num_joints, 10)))
 
     def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
         """The law itself, which depends on velocity alone."""
         return self
-
-    @property
-    def kernels(self) -> FrictionKernels:
-        """The kernels of `slip_elements`, which do nothing without rows of state."""
-        return SLIP_KERNELS
 
     @property
     def state_rows(self) -> int:
@@ -190,6 +195,18 @@ class SemiParametricFriction:
     def initial_state(self) -> Array:
         """(0, n): no memory."""
         return np.zeros((0, self.num_joints))
+
+    def direct(self, q: Array, v: Array) -> Array:
+        """The law itself, which depends on velocity alone; v contiguous."""
+        tau_f = np.empty_like(v)
+        _friction_log(self.table, v, tau_f)
+        return tau_f
+
+    def run(
+        self, state: Array, q: Array, v: Array, tau_J: Array, rest: Array | None = None
+    ) -> Array:
+        """tau_f (N, n) in N m of N samples; see `FrictionLaw`."""
+        return run_friction(self, state, q, v, tau_J, rest)
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log; independent of position and load."""

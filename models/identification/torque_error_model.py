@@ -36,13 +36,13 @@ law without memory takes its sign from the noise of the velocity there. So the e
 
     tau_f = (1 - r) tau_law + r (offset + viscous v)
 
-(`friction_at_rest`), r being the share by which the joint is known to rest. Its error has the mean
-square level^2 (r / 3 + r (1 - r)), for a joint whose friction has changed since it moved with the
-probability r. A law with memory knows for about a second what the joint held when it stopped: there
-m = 0 and `forgetting` is RELAXATION, elsewhere m = 1 and it is RECOGNITION. (With RECOGNITION for
-both the reading of the UR10e's ptp_10_points errs by 3.7 N for 2.3 N after a stop.) The position
-p_a follows p with the play of a bearing, so that an encoder that flickers and a noisy velocity move
-nothing. What friction can hide altogether is
+(`models.friction.slip_elements`), r being the share by which the joint is known to rest. Its error
+has the mean square level^2 (r / 3 + r (1 - r)), for a joint whose friction has changed since it
+moved with the probability r. A law with memory knows for about a second what the joint held when it
+stopped: there m = 0 and `forgetting` is RELAXATION, elsewhere m = 1 and it is RECOGNITION. (With
+RECOGNITION for both the reading of the UR10e's ptp_10_points errs by 3.7 N for 2.3 N after a stop.)
+The position p_a follows p with the play of a bearing, so that an encoder that flickers and a noisy
+velocity move nothing. What friction can hide altogether is
 
     hidden = held level(0) LP((2 - r) max(still, r))
 
@@ -77,7 +77,7 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.presliding_friction import RELAXATION
-from wrenchsight.models.friction.sliding_friction import remembers, sliding_table
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.friction.slip_elements import (
     SLIDING_COLUMNS,
     bounded_cubic,
@@ -87,7 +87,6 @@ from wrenchsight.models.friction.slip_elements import (
 from wrenchsight.models.identification.gravity_spread import (
     NUM_PARAMETERS,
     spread_beyond,
-    spread_of_links,
     spread_table,
 )
 from wrenchsight.models.numerics.arrays import Array
@@ -139,7 +138,11 @@ _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COL
 # Rows of the state.
 _POSITION, _UNKNOWN_SHARE, _TURN, _UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED, _TAU_J = range(8)
 _PLAY_POSITION, REST_ROW, HIDDEN_ROW = range(8, 11)  # p_a, r, and hidden over level(0)
-TORQUE_ERROR_ROWS = 11
+_STILL, _TAKEN = 11, 12  # `still`; whether the last sample was taken
+TORQUE_ERROR_ROWS = 13
+_MOTION_ROWS = (_POSITION, _PLAY_POSITION, _UNKNOWN_SHARE, _TURN, REST_ROW, _STILL, _TAKEN)
+_LOAD_ROWS = (_UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED, _TAU_J, HIDDEN_ROW)
+_LOST, _FIRST, _LATER = 0.0, 1.0, 2.0  # of _TAKEN
 UNKNOWN_SHARE_ROW, TRANSMITTED_ROW, TAU_J_ROW = _UNKNOWN_SHARE, _TRANSMITTED, _TAU_J
 # w, and L and tau_J of the last sample
 NUM_FEATURES = 6  # of `torque_error_features`
@@ -275,16 +278,16 @@ class TorqueErrorModel:
 
     def table(
         self,
-        friction: FrictionLaw,
+        friction: FrictionLaw | SlidingLaw,
         time_step: float,
         K_0: ArrayLike,
         resolution: ArrayLike | None = None,
         chain: SerialChain | None = None,
     ) -> Array:
-        """(n, 32 + k) contiguous, constants of `torque_sd_tick`; k columns are `spread_table`'s.
+        """(n, 32 + k) contiguous, constants of `torque_sd_rows`; k columns are `spread_table`'s.
 
         Args:
-            friction: the model's; its level is the stiction band.
+            friction: the model's, or its numbers; its level is the stiction band.
             time_step: s.
             K_0: (n,) or () 1/s, of the observer.
             resolution: (n,) or () rad, of the encoders; None: that of the logs.
@@ -294,9 +297,9 @@ class TorqueErrorModel:
         K_0 = np.broadcast_to(np.asarray(K_0, float), (n,))
         step = self.resolution if resolution is None else np.asarray(resolution, float)
         table = np.zeros((n, _COLUMNS))
-        table[:, :SLIDING_COLUMNS] = sliding_table(friction)
+        sliding = friction if isinstance(friction, SlidingLaw) else SlidingLaw.of(friction)
+        table[:, :SLIDING_COLUMNS] = np.transpose(sliding[:SLIDING_COLUMNS])
         table[:, _S] = held_stribeck(table[:, _C], table[:, _S])
-        sliding = friction.feedforward.coulomb_viscous
         viscous = np.abs(sliding.viscous)
         smooth = K_0 / (1.0 + K_0 * self.correlation_time)
         smooth /= self.K_0 / (1.0 + self.K_0 * self.correlation_time)
@@ -322,7 +325,7 @@ class TorqueErrorModel:
         table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
         table[:, _PLAY] = np.maximum(2.0 * table[:, _HALF_STEP], PLAY)
         table[:, _HELD] = self.held
-        is_elastic = remembers(friction)
+        is_elastic = sliding.remembers > 0.0
         times = np.where(is_elastic, RELAXATION, RECOGNITION)
         table[:, _SUDDEN] = ~is_elastic
         table[:, _INVERSE_CREEP] = 1.0 / (CREEP * time_step)
@@ -396,7 +399,7 @@ class ConstantTorqueError(TorqueErrorModel):
 
     def table(
         self,
-        friction: FrictionLaw,
+        friction: FrictionLaw | SlidingLaw,
         time_step: float,
         K_0: ArrayLike,
         resolution: ArrayLike | None = None,
@@ -424,7 +427,7 @@ class LawHoldsAtRest(TorqueErrorModel):
 
     def table(
         self,
-        friction: FrictionLaw,
+        friction: FrictionLaw | SlidingLaw,
         time_step: float,
         K_0: ArrayLike,
         resolution: ArrayLike | None = None,
@@ -455,141 +458,75 @@ def initial_torque_error_state(num_joints: int) -> Array:
 
 
 @kernel
-def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
-    """Updates joint i's state with its q and v; without a finite pair the state stays."""
-    if not (np.isfinite(q) and np.isfinite(v)):
-        return
-    row = table[i]
-    previous = state[_POSITION, i]
-    started = np.isfinite(previous)
-    now = within_rounding(previous, q, v, row[_HALF_STEP], row[_PERIOD])
-    moved = (now - previous) * row[_INVERSE_REACH] if started else 0.0
-    held = state[_PLAY_POSITION, i] if started else now
-    followed = min(max(held, now - row[_PLAY]), now + row[_PLAY])
-    slid = np.exp(-abs(followed - held) * row[_INVERSE_REACH])
-    creep = (followed - held) * row[_INVERSE_CREEP]
-    still = np.exp(-creep * creep) if started else 0.0
-    x = v * row[_INVERSE_SPEED]
-    level = row[_C] + row[_S] * np.exp(-x * x) + row[_LOAD] * abs(state[_TRANSMITTED, i])
-    level = max(level, 0.0)
-    creeps = v * row[_INVERSE_REST_SPEED]
-    decay = row[_DECAY]
-    if creeps != 0.0:
-        decay += (1.0 - decay) * (1.0 - np.exp(-creeps * creeps))
-    w = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * decay) * slid
-    r = state[REST_ROW, i] * slid if row[_RECOGNISED] > 0.0 else 0.0
-    r += still * row[_RECOGNISED] * (1.0 - r)
-    z = min(max(state[_TURN, i] + moved, -1.0), 1.0)
-    share = max(w, r)
-    unknown = level * np.sqrt(share / 3.0 + row[_SUDDEN] * r * (1.0 - r))
-    turning = level * (1.0 - z * z) * (1.0 - share)
-    hidden = (2.0 - r) * max(still, r)
-    pole = row[_POLE] if started else 0.0
-    state[_POSITION, i], state[_PLAY_POSITION, i] = now, followed
-    state[_UNKNOWN_SHARE, i], state[REST_ROW, i] = w, r
-    state[_TURN, i] = z
-    state[HIDDEN_ROW, i] = pole * state[HIDDEN_ROW, i] + (1.0 - pole) * hidden
-    state[_UNKNOWN, i] = pole * state[_UNKNOWN, i] + (1.0 - pole) * unknown
-    state[_TURNING, i] = pole * state[_TURNING, i] + (1.0 - pole) * turning
-    state[_SLOW_SPEED, i] = pole * state[_SLOW_SPEED, i] + (1.0 - pole) * v
+def rest_rows(table: Array, state: Array, q: Array, v: Array, rows: Array) -> None:
+    """Follows the motion of N samples: which joints rest, which turn.
 
-
-@kernel
-def breakaway(table: Array, state: Array, i: int) -> float:
-    """N m, level of joint i at rest, of the table and state of `torque_sd_tick`."""
-    level: float = table[i, _C] + table[i, _S] + table[i, _LOAD] * abs(state[_TRANSMITTED, i])
-    return max(level, 0.0)
-
-
-@kernel
-def friction_at_rest(offset: Array, viscous: Array, rest: Array, v: Array, tau_f: Array) -> None:
-    """Single-sample kernel: takes the dry friction of resting joints off a law's torque.
-
-    Args:
-        offset, viscous: (n,) N m and N m s/rad of the law.
-        rest: (n,) r, row REST_ROW of the state after this sample.
-        v: (n,) rad/s.
-        tau_f: (n,) N m of the law, changed.
-    """
-    for i in range(tau_f.shape[0]):
-        if rest[i] > 0.0:
-            tau_f[i] += rest[i] * (offset[i] + viscous[i] * v[i] - tau_f[i])
-
-
-@kernel
-def hidden_torque(table: Array, state: Array, i: int) -> float:
-    """N m, what friction of joint i may hide of tau_ext after this sample."""
-    return float(table[i, _HELD] * breakaway(table, state, i) * state[HIDDEN_ROW, i])
-
-
-@kernel
-def posture_variance(table: Array, q: Array, variance: Array) -> None:
-    """Single-sample kernel: variance of the gravity torque beyond the fitted postures.
+    None of it depends on a torque. So the friction that rests may take off is known before the
+    torque error, which depends on the friction of the sample before.
 
     Args:
         table: `TorqueErrorModel.table`.
-        q: (n,) rad.
-        variance: (n,) N^2 m^2, written.
+        state: (TORQUE_ERROR_ROWS, n), its rows of the motion changed.
+        q, v: (N, n) rad, rad/s.
+        rows: (N, TORQUE_ERROR_ROWS, n), the same rows written after each sample.
     """
-    if table.shape[1] > _COLUMNS:
-        spread_beyond(table[:, _COLUMNS:], q, variance)
-    else:
-        for i in range(q.shape[0]):
-            variance[i] = 0.0
-
-
-@kernel(inline="always")
-def posture_variance_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> None:
-    """`posture_variance` of links that are placed; bodies (n, 18+) of `place_links`."""
-    if table.shape[1] > _COLUMNS:
-        spread_of_links(table[:, _COLUMNS:], q, bodies, variance)
-    else:
-        for i in range(q.shape[0]):
-            variance[i] = 0.0
+    for k in range(q.shape[0]):
+        for i in range(q.shape[1]):
+            _follow_motion(table, state, i, q[k, i], v[k, i])
+            for row in _MOTION_ROWS:
+                rows[k, row, i] = state[row, i]
 
 
 @kernel
-def torque_sd_tick(
+def torque_sd_rows(
     table: Array,
     state: Array,
-    q: Array,
     v: Array,
+    tau_J: Array,
+    tau_f: Array,
+    rows: Array,
     sd: Array,
     stiction: Array,
     drift: Array,
 ) -> None:
-    """Single-sample kernel: updates `state` with a motion and writes the sds after it.
+    """Writes the sds of N samples, whose motion `rest_rows` has followed.
 
     A joint whose q or v is not finite keeps its state and has the sd of a joint at rest.
 
     Args:
         table: `TorqueErrorModel.table`.
-        state: (TORQUE_ERROR_ROWS, n), changed.
-        q, v: (n,) rad, rad/s.
-        sd: (n,) N m, written; holds `posture_variance` of the sample before.
-        stiction: (n,) N m, written: the part of it that is stiction.
-        drift: (n,) N m, written: sd of the viscous torque's drift, with the sign of that torque.
+        state: (TORQUE_ERROR_ROWS, n), its rows of the torques changed.
+        v, tau_J, tau_f: (N, n) rad/s and N m; the torques count for the sample after.
+        rows: (N, TORQUE_ERROR_ROWS, n) of `rest_rows`; completed: the state after each sample, but
+            with the torques of the one before.
+        sd: (N, n) N m, written; holds the `posture_variance_rows` before.
+        stiction: (N, n) N m, written: the part of it that is stiction.
+        drift: (N, n) N m, written: sd of the viscous torque's drift, with that torque's sign.
     """
-    for i in range(table.shape[0]):
-        row, posture = table[i], sd[i]
-        _advance(table, state, i, q[i], v[i])
-        speed = v[i] if np.isfinite(v[i]) else 0.0
-        fast = abs(speed)
-        load = abs(state[_TRANSMITTED, i])
-        gain = row[_GAIN] * (speed - state[_SLOW_SPEED, i])
-        viscous = row[VISCOUS] * speed + bounded_cubic(
-            speed, row[_CUBIC], row[_SPEED_LIMIT], row[_BEYOND]
-        )
-        held = state[_UNKNOWN, i] ** 2 + row[_REVERSAL2] * state[_TURNING, i] ** 2
-        total = row[_CONSTANT2] + row[_SPEED2] * speed**2 + row[_LOAD2] * load**2
-        total += row[_ACCELERATION2] * gain**2 + held + row[_DRIFT2] * viscous**2 + posture
-        if fast > row[_FITTED_SPEED]:
-            total += row[_BEYOND_SPEED2] * (fast - row[_FITTED_SPEED]) ** 2
-        if load > row[_FITTED_LOAD]:
-            total += row[_BEYOND_LOAD2] * (load - row[_FITTED_LOAD]) ** 2
-        sd[i] = np.sqrt(total)
-        stiction[i] = np.sqrt(held)
-        drift[i] = np.sqrt(row[_DRIFT2]) * viscous
+    for k in range(v.shape[0]):
+        for i in range(v.shape[1]):
+            row = table[i]
+            _low_pass(table, rows[k], state, i, v[k, i])
+            speed = v[k, i] if np.isfinite(v[k, i]) else 0.0
+            fast = abs(speed)
+            load = abs(state[_TRANSMITTED, i])
+            gain = row[_GAIN] * (speed - state[_SLOW_SPEED, i])
+            viscous = row[VISCOUS] * speed + bounded_cubic(
+                speed, row[_CUBIC], row[_SPEED_LIMIT], row[_BEYOND]
+            )
+            held = state[_UNKNOWN, i] ** 2 + row[_REVERSAL2] * state[_TURNING, i] ** 2
+            total = row[_CONSTANT2] + row[_SPEED2] * speed**2 + row[_LOAD2] * load**2
+            total += row[_ACCELERATION2] * gain**2 + held + row[_DRIFT2] * viscous**2 + sd[k, i]
+            if fast > row[_FITTED_SPEED]:
+                total += row[_BEYOND_SPEED2] * (fast - row[_FITTED_SPEED]) ** 2
+            if load > row[_FITTED_LOAD]:
+                total += row[_BEYOND_LOAD2] * (load - row[_FITTED_LOAD]) ** 2
+            sd[k, i] = np.sqrt(total)
+            stiction[k, i] = np.sqrt(held)
+            drift[k, i] = np.sqrt(row[_DRIFT2]) * viscous
+            for load_row in _LOAD_ROWS:
+                rows[k, load_row, i] = state[load_row, i]
+        take_transmitted(state, tau_J[k], tau_f[k])
 
 
 @kernel
@@ -603,19 +540,101 @@ def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
 
 
 @kernel
+def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> None:
+    """Updates the rows of joint i's motion; without a finite pair they stay."""
+    if not (np.isfinite(q) and np.isfinite(v)):
+        state[_TAKEN, i] = _LOST
+        return
+    row = table[i]
+    previous = state[_POSITION, i]
+    started = np.isfinite(previous)
+    now = within_rounding(previous, q, v, row[_HALF_STEP], row[_PERIOD])
+    moved = (now - previous) * row[_INVERSE_REACH] if started else 0.0
+    held = state[_PLAY_POSITION, i] if started else now
+    followed = min(max(held, now - row[_PLAY]), now + row[_PLAY])
+    slid = np.exp(-abs(followed - held) * row[_INVERSE_REACH])
+    creep = (followed - held) * row[_INVERSE_CREEP]
+    still = np.exp(-creep * creep) if started else 0.0
+    creeps = v * row[_INVERSE_REST_SPEED]
+    decay = row[_DECAY]
+    if creeps != 0.0:
+        decay += (1.0 - decay) * (1.0 - np.exp(-creeps * creeps))
+    r = state[REST_ROW, i] * slid if row[_RECOGNISED] > 0.0 else 0.0
+    state[_UNKNOWN_SHARE, i] = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * decay) * slid
+    state[REST_ROW, i] = r + still * row[_RECOGNISED] * (1.0 - r)
+    state[_TURN, i] = min(max(state[_TURN, i] + moved, -1.0), 1.0)
+    state[_POSITION, i], state[_PLAY_POSITION, i] = now, followed
+    state[_STILL, i] = still
+    state[_TAKEN, i] = _LATER if started else _FIRST
+
+
+@kernel
+def _low_pass(table: Array, motion: Array, state: Array, i: int, v: float) -> None:
+    """Updates the low-passed rows of joint i; `motion` has its rows of the motion at the sample."""
+    if motion[_TAKEN, i] == _LOST:
+        return
+    row = table[i]
+    x = v * row[_INVERSE_SPEED]
+    level = row[_C] + row[_S] * np.exp(-x * x) + row[_LOAD] * abs(state[_TRANSMITTED, i])
+    level = max(level, 0.0)
+    w, r, z = motion[_UNKNOWN_SHARE, i], motion[REST_ROW, i], motion[_TURN, i]
+    share = max(w, r)
+    unknown = level * np.sqrt(share / 3.0 + row[_SUDDEN] * r * (1.0 - r))
+    turning = level * (1.0 - z * z) * (1.0 - share)
+    hidden = (2.0 - r) * max(motion[_STILL, i], r)
+    pole = 0.0 if motion[_TAKEN, i] == _FIRST else row[_POLE]
+    state[HIDDEN_ROW, i] = pole * state[HIDDEN_ROW, i] + (1.0 - pole) * hidden
+    state[_UNKNOWN, i] = pole * state[_UNKNOWN, i] + (1.0 - pole) * unknown
+    state[_TURNING, i] = pole * state[_TURNING, i] + (1.0 - pole) * turning
+    state[_SLOW_SPEED, i] = pole * state[_SLOW_SPEED, i] + (1.0 - pole) * v
+
+
+@kernel
+def breakaway(table: Array, state: Array, i: int) -> float:
+    """N m, level of joint i at rest, of the table and state of `torque_sd_rows`."""
+    level: float = table[i, _C] + table[i, _S] + table[i, _LOAD] * abs(state[_TRANSMITTED, i])
+    return max(level, 0.0)
+
+
+@kernel
+def hidden_torque(table: Array, state: Array, i: int) -> float:
+    """N m, what friction of joint i may hide of tau_ext after this sample."""
+    return float(table[i, _HELD] * breakaway(table, state, i) * state[HIDDEN_ROW, i])
+
+
+@kernel(nogil=True)
+def posture_variance_rows(table: Array, q: Array, variance: Array) -> None:
+    """Variance of the gravity torque beyond the fitted postures, of N samples.
+
+    Args:
+        table: `TorqueErrorModel.table` of an error with a spread.
+        q: (N, n) rad.
+        variance: (N, n) N^2 m^2, written.
+    """
+    for k in range(q.shape[0]):
+        spread_beyond(table[:, _COLUMNS:], q[k], variance[k])
+
+
+def has_spread(table: Array) -> bool:
+    """Whether a `TorqueErrorModel.table` has directions in which gravity may be off."""
+    return bool(table.shape[1] > _COLUMNS)
+
+
+@kernel
 def torque_error_features(
     table: Array, state: Array, q: Array, v: Array, transmitted: Array, features: Array
 ) -> None:
     """The terms of the variance along a log, before their constants; for the fit.
 
     Args:
-        table, state: as `torque_sd_tick`.
+        table, state: as `torque_sd_rows`.
         q, v, transmitted: (N, n).
         features: (N, n, NUM_FEATURES), written: 1, v^2, L^2, a^2, turning^2, unknown^2.
     """
     for k in range(q.shape[0]):
         for i in range(q.shape[1]):
-            _advance(table, state, i, q[k, i], v[k, i])
+            _follow_motion(table, state, i, q[k, i], v[k, i])
+            _low_pass(table, state, state, i, v[k, i])
             variance_parts(table, state, i, v[k, i], state[_TRANSMITTED, i], features[k, i])
             if np.isfinite(transmitted[k, i]):
                 state[_TRANSMITTED, i] = transmitted[k, i]
@@ -626,7 +645,7 @@ def variance_parts(table: Array, state: Array, i: int, v: float, load: float, pa
     """Single-sample kernel: the features (NUM_FEATURES,) of joint i once `state` has its sample.
 
     Args:
-        table, state: as `torque_sd_tick`.
+        table, state: as `torque_sd_rows`.
         i: joint.
         v: rad/s.
         load: L of the sample before, N m.

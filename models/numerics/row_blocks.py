@@ -17,6 +17,10 @@ def in_row_blocks(run: Callable[[slice], None], rows: int, block: int) -> None:
         rows: N.
         block: rows that are worth a thread, and bound the memory of one.
     """
+    if rows <= block:
+        if rows > 0:
+            run(slice(0, rows))
+        return
     slices = [slice(begin, min(rows, begin + block)) for begin in range(0, rows, block)]
     threads = min(numba.get_num_threads(), len(slices))
     if threads < 2:

@@ -16,6 +16,8 @@ The bounds were chosen on the UR10e's three fitted runs, where sqrt(D) of valid 
 WITHIN. Below these bounds, the error from a wrong current is no larger than a possible force.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -23,7 +25,6 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.row_blocks import in_row_blocks
 from wrenchsight.models.numerics.small_matrices import factorise_with_floor, solve_lower
-from wrenchsight.models.numerics.views import borrowed
 
 BEYOND = 6.0
 WITHIN = 3.0
@@ -31,18 +32,34 @@ QUIET = 0.1  # s
 _BLOCK = 4096  # rows a thread takes at a time
 _LARGEST_SD = 1e6  # N or N m; stands for no prior
 
-# Of the table: these numbers, then the joints' correlation, flat.
-_MOMENT_VARIANCE, _FORCE_VARIANCE, _SCALE2, _PERIOD, _BEYOND2, _NUMBERS = range(6)
+_MOMENT_VARIANCE, _FORCE_VARIANCE, _SCALE2, _PERIOD, _BEYOND2 = range(5)
 
 
-def explained_table(
+class ExplainedConstants(NamedTuple):
+    """Constants of the test.
+
+    Attributes:
+        numbers: (5,) variances of moment and force, scale^2, period, bound^2.
+        correlation: (n, n) of the joints' errors.
+    """
+
+    numbers: Array
+    correlation: Array
+
+    @property
+    def explains_all(self) -> bool:
+        """Whether any torque counts as explained."""
+        return bool(self.numbers[_BEYOND2] == np.inf)
+
+
+def explained_constants(
     correlation: ArrayLike,
     moment_sd: float | None,
     force_sd: float | None,
     scale: float,
     time_step: float,
     bound: float = BEYOND,
-) -> Array:
+) -> ExplainedConstants:
     """Returns the constants that the kernels read.
 
     Args:
@@ -54,73 +71,71 @@ def explained_table(
     """
     sds = [_LARGEST_SD if sd is None else min(sd, _LARGEST_SD) for sd in (moment_sd, force_sd)]
     numbers = [sds[0] ** 2, sds[1] ** 2, scale**2, time_step, bound**2]
-    return np.concatenate([numbers, np.asarray(correlation, float).ravel()])
+    return ExplainedConstants(np.array(numbers), np.array(correlation, float))
 
 
-@kernel
-def unexplained(table: Array, J: Array, tau_ext: Array, sd: Array) -> float:
-    """D of one sample; J (6, n) as tau_ext saw it, tau_ext (n,) N m, sd (n,) N m.
+def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd: Array) -> Array:
+    """(N,) D of N samples, by threads; 0 where any torque counts as explained.
 
-    0 where any torque counts as explained.
+    Args:
+        constants: of `explained_constants`.
+        J: (N, 6, n) as tau_ext saw it.
+        tau_ext, sd: (N, n) N m.
     """
-    if table[_BEYOND2] == np.inf:
-        return 0.0
-    n = tau_ext.shape[0]
-    memory = np.empty((n + 3, n))  # one piece: each allocation takes time
-    error_sd, floor, whitened = memory[n], memory[n + 1], memory[n + 2]
-    for i in range(n):
-        error_sd[i] = np.sqrt(sd[i] * sd[i] + table[_SCALE2] * tau_ext[i] * tau_ext[i])
-        floor[i] = 1e-9 * (error_sd[i] * error_sd[i])
-        whitened[i] = tau_ext[i]
-    for i in range(n):
-        for j in range(i + 1):
-            covariance = error_sd[i] * table[_NUMBERS + n * i + j] * error_sd[j]
-            for a in range(6):
-                wrench_variance = table[_MOMENT_VARIANCE] if a < 3 else table[_FORCE_VARIANCE]
-                covariance += J[a, i] * wrench_variance * J[a, j]
-            memory[i, j] = covariance
-    # Rounding takes no more from the diagonal than the error's own part.
-    factorise_with_floor(memory, n, floor)
-    solve_lower(memory, n, whitened)
-    total = 0.0
-    for i in range(n):
-        total += whitened[i] * whitened[i]
-    return total
-
-
-def unexplained_log(table: Array, J: Array, tau_ext: Array, sd: Array) -> Array:
-    """(N,) D of N samples, by threads."""
+    if constants.explains_all:
+        return np.zeros(len(J))
     D = np.empty(len(J))
 
     def run(rows: slice) -> None:
-        _unexplained_rows(table, J[rows], tau_ext[rows], sd[rows], D[rows])
+        unexplained_rows(*constants, J[rows], tau_ext[rows], sd[rows], D[rows])
 
     in_row_blocks(run, len(J), _BLOCK)
     return D
 
 
 @kernel(nogil=True)
-def _unexplained_rows(table: Array, J: Array, tau_ext: Array, sd: Array, D: Array) -> None:
-    table, J, tau_ext, sd = borrowed(table), borrowed(J), borrowed(tau_ext), borrowed(sd)
+def unexplained_rows(
+    numbers: Array, correlation: Array, J: Array, tau_ext: Array, sd: Array, D: Array
+) -> None:
+    """Writes D (N,); the arguments are those of `unexplained_log`."""
+    n = tau_ext.shape[1]
+    covariance = np.empty((n, n))
+    error_sd, floor, whitened = np.empty(n), np.empty(n), np.empty(n)
     for k in range(len(D)):
-        D[k] = unexplained(table, J[k], tau_ext[k], sd[k])
+        for i in range(n):
+            error_sd[i] = np.sqrt(sd[k, i] * sd[k, i] + numbers[_SCALE2] * tau_ext[k, i] ** 2)
+            floor[i] = 1e-9 * (error_sd[i] * error_sd[i])
+            whitened[i] = tau_ext[k, i]
+        for i in range(n):
+            for j in range(i + 1):
+                total = error_sd[i] * correlation[i, j] * error_sd[j]
+                for a in range(6):
+                    variance = numbers[_MOMENT_VARIANCE] if a < 3 else numbers[_FORCE_VARIANCE]
+                    total += J[k, a, i] * variance * J[k, a, j]
+                covariance[i, j] = total
+        # Rounding takes no more from the diagonal than the error's own part.
+        factorise_with_floor(covariance, n, floor)
+        solve_lower(covariance, n, whitened)
+        D[k] = 0.0
+        for i in range(n):
+            D[k] += whitened[i] * whitened[i]
 
 
 @kernel
-def is_explained(table: Array, unexplained_time: float, D: float) -> tuple[bool, float]:
+def is_explained(numbers: Array, unexplained_time: float, D: float) -> tuple[bool, float]:
     """Whether a reading may be valid, and for how long the next ones may not.
 
     Args:
-        table: of `explained_table`.
+        numbers: of ExplainedConstants.
         unexplained_time: s that remained after the sample before; NaN at the start.
-        D: of `unexplained`; one that is not finite counts as small.
+        D: of `unexplained_log`; one that is not finite counts as small.
 
     Returns:
         Whether it may be valid; s after this sample in which no reading may.
     """
-    remaining_time, bound_squared = 0.0, table[_BEYOND2]
+    remaining_time, bound_squared = 0.0, numbers[_BEYOND2]
     if np.isfinite(unexplained_time):
-        remaining_time = max(unexplained_time - table[_PERIOD], 0.0)
+        remaining_time = max(unexplained_time - numbers[_PERIOD], 0.0)
     if bound_squared < D or (remaining_time > 0.0 and not D < WITHIN * WITHIN):
         remaining_time = QUIET
     return remaining_time <= 0.0, remaining_time

@@ -28,6 +28,8 @@ wrong position without a jump. The constants were chosen on one half of the moti
 and of the real UR10e, and checked on the other half.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -45,17 +47,40 @@ LOST_TIME, PROBATION = 0.05, 5.0  # s
 
 _LARGEST = 1e50  # N m; beyond, nothing is known
 
-# Of the table: these numbers, the observer's poles (n,), then lines (m, n), N m.
-_PERIOD, _LOADED, _DECAY, _DECAY_LATE, _NUMBERS = range(5)
-# Of the state: these numbers, then tau_J as the observer saw it, and need through one pole and two,
-# (n,) each.
-_SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, FAULT_NUMBERS = range(9)
-FAULT_ROWS = 3
+_PERIOD, _LOADED, _DECAY, _DECAY_LATE = range(4)  # of FaultConstants.numbers
+_SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, _NUM_MEANS = range(9)  # of FaultState.means
+_SEEN, _ONCE, _TWICE, _NUM_TORQUES = range(4)  # of FaultState.torques
 
 
-def fault_table(
+class FaultConstants(NamedTuple):
+    """Constants of the test.
+
+    Attributes:
+        numbers: (4,) period, bound of |z|^2, decays over LATENESS and LATE_TIME.
+        poles: (n,) of the observer; -1: lateness is not looked for.
+        lines: (m, n) N m, along which the torque of a wrong current lies.
+    """
+
+    numbers: Array
+    poles: Array
+    lines: Array
+
+
+class FaultState(NamedTuple):
+    """What the test remembers.
+
+    Attributes:
+        means: (8,) suspicion and time of impossible samples, s; means over LATE_TIME.
+        torques: (3, n) N m, tau_J as the observer saw it; need through one pole and two.
+    """
+
+    means: Array
+    torques: Array
+
+
+def fault_constants(
     torques: ArrayLike, K_0: ArrayLike | None, time_step: float, has_sd: bool = True
-) -> Array:
+) -> FaultConstants:
     """Returns the constants that the kernel reads.
 
     Args:
@@ -70,21 +95,22 @@ def fault_table(
     poles = np.full(n, -1.0) if K_0 is None else np.exp(-np.asarray(K_0, float) * time_step)
     decays = np.exp(-time_step / np.array([LATENESS, LATE_TIME]))
     loaded = LOADED * n if has_sd else np.inf
-    numbers = [time_step, loaded, *decays]
-    return np.concatenate([numbers, np.broadcast_to(poles, n), *torques, *pairs])
+    return FaultConstants(
+        numbers=np.array([time_step, loaded, *decays]),
+        poles=np.broadcast_to(poles, n).copy(),
+        lines=np.array([*torques, *pairs]),
+    )
 
 
-def initial_fault_state(num_joints: int) -> Array:
+def initial_fault_state(num_joints: int) -> FaultState:
     """Returns the state before the first sample: no suspicion, no torque."""
-    state = np.zeros(FAULT_NUMBERS + FAULT_ROWS * num_joints)
-    state[FAULT_NUMBERS:] = np.nan
-    return state
+    return FaultState(np.zeros(_NUM_MEANS), np.full((_NUM_TORQUES, num_joints), np.nan))
 
 
 @kernel
 def is_believed(
-    table: Array,
-    state: Array,
+    constants: FaultConstants,
+    state: FaultState,
     tau_ext: Array,
     sd: Array,
     tau_J: Array,
@@ -94,52 +120,52 @@ def is_believed(
     """Whether a reading may be valid; updates `state` with the reading.
 
     Args:
-        table: of `fault_table`.
+        constants: of `fault_constants`.
         state: of `initial_fault_state`, changed.
         tau_ext, sd: (n,) N m.
         tau_J: (n,) N m, of the sample before.
         is_measured: whether tau_ext is of this sample.
         is_implausible: whether the sample is beyond what the joints can do.
     """
-    if table[_LOADED] == np.inf:
+    if constants.numbers[_LOADED] == np.inf:
         return True
-    n, period = tau_ext.shape[0], table[_PERIOD]
+    n, period, means = tau_ext.shape[0], constants.numbers[_PERIOD], state.means
     if is_implausible:
-        state[_LOST] = min(state[_LOST] + period, LOST_TIME)
-        if state[_LOST] > LOST_TIME - 0.5 * period:
-            state[_SUSPICION] = PROBATION + MOST
+        means[_LOST] = min(means[_LOST] + period, LOST_TIME)
+        if means[_LOST] > LOST_TIME - 0.5 * period:
+            means[_SUSPICION] = PROBATION + MOST
     else:
-        state[_LOST] = max(state[_LOST] - FORGOTTEN * period, 0.0)
+        means[_LOST] = max(means[_LOST] - FORGOTTEN * period, 0.0)
     square = 0.0
     for j in range(n):
         square += (tau_ext[j] / sd[j]) ** 2 + 0.0 * tau_J[j]  # NaN before a torque is known
     if not (is_measured and square < _LARGEST):
         return True
-    late_share = _lateness(table, state, tau_ext, sd, tau_J)
+    late_share = _lateness(constants, state, tau_ext, sd, tau_J)
     is_free = square < FREE * n
-    if square > table[_LOADED] and state[_SUSPICION] <= MOST:
-        off_line = square - _along(table, tau_ext, sd)
+    if square > constants.numbers[_LOADED] and means[_SUSPICION] <= MOST:
+        off_line = square - _along(constants.lines, tau_ext, sd)
         on_line = off_line < min(ALONE * n, ALONE_SHARE * square)
         if on_line or late_share > LATE_SHARE:
-            state[_SUSPICION] = min(state[_SUSPICION] + period, MOST)
+            means[_SUSPICION] = min(means[_SUSPICION] + period, MOST)
         elif off_line > ALONE * n and late_share < CONTACT_SHARE:
-            state[_SUSPICION] = max(state[_SUSPICION] - period, 0.0)
+            means[_SUSPICION] = max(means[_SUSPICION] - period, 0.0)
     elif is_free:
-        share = 1.0 if state[_SUSPICION] > MOST else FORGOTTEN
-        state[_SUSPICION] = max(state[_SUSPICION] - share * period, 0.0)
-    believed: bool = is_free or state[_SUSPICION] < REPORTED
+        share = 1.0 if means[_SUSPICION] > MOST else FORGOTTEN
+        means[_SUSPICION] = max(means[_SUSPICION] - share * period, 0.0)
+    believed: bool = is_free or means[_SUSPICION] < REPORTED
     return believed
 
 
 @kernel
-def _along(table: Array, tau_ext: Array, sd: Array) -> float:
-    """The largest part of |z|^2 along one of the table's lines."""
+def _along(lines: Array, tau_ext: Array, sd: Array) -> float:
+    """The largest part of |z|^2 along one of the lines."""
     n, largest = tau_ext.shape[0], 0.0
-    for start in range(_NUMBERS + n, table.shape[0], n):
+    for line in range(lines.shape[0]):
         along, length = 0.0, 0.0
         for j in range(n):
-            if table[start + j] != 0.0:  # of most arms one motor moves one joint
-                u = table[start + j] / sd[j]
+            if lines[line, j] != 0.0:  # of most arms one motor moves one joint
+                u = lines[line, j] / sd[j]
                 along += u * tau_ext[j] / sd[j]
                 length += u * u
         largest = max(largest, along * along / length)
@@ -147,38 +173,39 @@ def _along(table: Array, tau_ext: Array, sd: Array) -> float:
 
 
 @kernel
-def _lateness(table: Array, state: Array, tau_ext: Array, sd: Array, tau_J: Array) -> float:
+def _lateness(
+    constants: FaultConstants, state: FaultState, tau_ext: Array, sd: Array, tau_J: Array
+) -> float:
     """The share of |z|^2 over LATE_TIME that late currents explain; 0 where they do not."""
-    n, decay = tau_ext.shape[0], table[_DECAY]
-    if table[_NUMBERS] < 0.0:
+    n, decay = tau_ext.shape[0], constants.numbers[_DECAY]
+    means, seen = state.means, state.torques
+    if constants.poles[0] < 0.0:
         return 0.0
     zz, za, zb, aa, ab, bb = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
-        tau_J_row = FAULT_NUMBERS + j
-        pole_1_row, pole_2_row = tau_J_row + n, tau_J_row + 2 * n
-        if not np.isfinite(state[tau_J_row]):
-            state[tau_J_row] = tau_J[j]
-            state[pole_1_row] = state[pole_2_row] = tau_J[j] + tau_ext[j]
-        pole = table[_NUMBERS + j]
-        state[tau_J_row] = pole * state[tau_J_row] + (1.0 - pole) * tau_J[j]
-        need = state[tau_J_row] + tau_ext[j]
-        state[pole_1_row] = decay * state[pole_1_row] + (1.0 - decay) * need
-        state[pole_2_row] = decay * state[pole_2_row] + (1.0 - decay) * state[pole_1_row]
-        z, a = tau_ext[j] / sd[j], (need - state[pole_1_row]) / sd[j]
-        b = (state[pole_1_row] - state[pole_2_row]) / sd[j]
+        if not np.isfinite(seen[_SEEN, j]):
+            seen[_SEEN, j] = tau_J[j]
+            seen[_ONCE, j] = seen[_TWICE, j] = tau_J[j] + tau_ext[j]
+        pole = constants.poles[j]
+        seen[_SEEN, j] = pole * seen[_SEEN, j] + (1.0 - pole) * tau_J[j]
+        need = seen[_SEEN, j] + tau_ext[j]
+        seen[_ONCE, j] = decay * seen[_ONCE, j] + (1.0 - decay) * need
+        seen[_TWICE, j] = decay * seen[_TWICE, j] + (1.0 - decay) * seen[_ONCE, j]
+        z, a = tau_ext[j] / sd[j], (need - seen[_ONCE, j]) / sd[j]
+        b = (seen[_ONCE, j] - seen[_TWICE, j]) / sd[j]
         zz, za, zb = zz + z * z, za + z * a, zb + z * b
         aa, ab, bb = aa + a * a, ab + a * b, bb + b * b
-    decay, k = table[_DECAY_LATE], _ZZ
+    decay, k = constants.numbers[_DECAY_LATE], _ZZ
     for product in (zz, za, zb, aa, ab, bb):
-        state[k] = decay * state[k] + (1.0 - decay) * product
+        means[k] = decay * means[k] + (1.0 - decay) * product
         k += 1
-    za, zb, aa, ab, bb = state[_ZA], state[_ZB], state[_AA], state[_AB], state[_BB]
-    if state[_ZZ] < table[_LOADED]:
+    za, zb, aa, ab, bb = means[_ZA], means[_ZB], means[_AA], means[_AB], means[_BB]
+    if means[_ZZ] < constants.numbers[_LOADED]:
         return 0.0
     det = max(aa * bb - ab * ab, 1e-9 * aa * bb)
     a_fit, b_fit = (bb * za - ab * zb) / det, (aa * zb - ab * za) / det
     total = a_fit + 0.5 * b_fit
     if not (LATE_SUM[0] < total < LATE_SUM[1] and LATE_SECOND[0] < b_fit < LATE_SECOND[1]):
         return 0.0
-    share: float = (a_fit * za + b_fit * zb) / state[_ZZ]
+    share: float = (a_fit * za + b_fit * zb) / means[_ZZ]
     return share

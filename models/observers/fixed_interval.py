@@ -21,7 +21,6 @@ from wrenchsight.models.numerics.small_matrices import (
     solve_factorised,
     solve_lower,
 )
-from wrenchsight.models.numerics.views import copy_to, copy_whole
 from wrenchsight.models.observers.kalman_kernels import (
     DECAY_F,
     JUMP_F,
@@ -150,8 +149,7 @@ def forward_log(
     arrived, white = np.empty(n), np.empty(n)
     for k in range(N):
         sample, miss = signals[k], period[k, _MISS]
-        copy_to(log.z[k], z)
-        copy_whole(log.P[k], P)
+        log.z[k], log.P[k] = z, P
         is_finite, is_known = _arrive(t.numbers, sample, model.J[k], arrived)
         is_measured = is_finite and running[0]
         log.kinds[k, _MEASURED], log.kinds[k, _KNOWN] = is_measured, is_known
@@ -381,8 +379,8 @@ def response_log(
     error_k, lam = error.copy(), np.zeros((M, columns))
     for k in range(N):
         if k == num_ready:
-            copy_whole(error, error_k)
-        copy_whole(errors[k], error_k[: n + 6])
+            error[:] = error_k
+        errors[k] = error_k[: n + 6]
         if kinds[k, _MEASURED]:
             _gain(P_log[k], rounding, L, K)
             for a in range(M):
@@ -402,7 +400,7 @@ def response_log(
         for a in range(n, M):
             error_k[a] *= A[a, a]
     if num_ready == N:
-        copy_whole(error, error_k)
+        error[:] = error_k
     innovation = np.empty(n)
     for k in range(N - 1, -1, -1):
         if kinds[k, _KNOWN]:
@@ -413,7 +411,7 @@ def response_log(
         if kinds[k, _MEASURED]:
             _gain(P_log[k], rounding, L, K)
             for c in range(columns):
-                copy_to(innovation, errors[k, :n, c])
+                innovation[:] = errors[k, :n, c]
                 solve_factorised(L, n, innovation)
                 for i in range(n):
                     for a in range(M):

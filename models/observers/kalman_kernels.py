@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import (
     factorise_with_floor,
@@ -18,6 +18,7 @@ from wrenchsight.models.observers.observer import (
     CTV,
     DRIFT,
     GRAVITY,
+    MOMENTUM,
     STICTION,
     TAU_EXT,
     TAU_F,
@@ -126,7 +127,10 @@ def split_table(table: Array, n: int) -> KalmanTable:
 @kernel
 def sample_momentum(table: Array, signals: Array, i: int) -> float:
     """The measured momentum y of joint i."""
-    y: float = arrived_momentum(0.5 * table[PERIOD], table[BEFORE], signals, i)
+    model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
+    y: float = arrived_momentum(
+        0.5 * table[PERIOD], table[BEFORE], signals[MOMENTUM, i], model, signals[TAU_J, i]
+    )
     return y
 
 
@@ -152,8 +156,32 @@ def _read_force(table: Array, s: KalmanState, signals: Array, wrench: Array) -> 
 
 
 @kernel
-def kalman_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
-    """Writes tau_ext = J^T F right after a sample; see `observer`."""
+def observe_wrench(
+    table: Array,
+    state: Array,
+    signals: Array,
+    J: Array,
+    is_fresh: Flags,
+    wrench: Array,
+    covariance: Array,
+) -> None:
+    """Takes N samples of KalmanObserver.
+
+    Args:
+        table, state: of KalmanObserver; the state is changed.
+        signals: (N, NUM_SIGNALS, n); tau_ext is written.
+        J: (N, 6, n).
+        is_fresh, wrench, covariance: (N,), (N, 6) and (N, 6, 6), written.
+    """
+    for k in range(signals.shape[0]):
+        is_fresh[k] = _torque_after(table, state, signals[k], J[k])
+        _wrench_after(table, state, signals[k], wrench[k], covariance[k])
+        _take_sample(table, state, signals[k], J[k])
+
+
+@kernel
+def _torque_after(table: Array, state: Array, signals: Array, J: Array) -> bool:
+    """Writes tau_ext = J^T F right after a sample; returns whether it is fresh."""
     n = signals.shape[1]
     wrench, s = np.empty(6), split_state(state.reshape(-1), n)
     is_measured = _read_force(table, s, signals, wrench)
@@ -166,10 +194,10 @@ def kalman_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
 
 
 @kernel
-def kalman_wrench(
-    table: Array, state: Array, signals: Array, J: Array, wrench: Array, covariance: Array
+def _wrench_after(
+    table: Array, state: Array, signals: Array, wrench: Array, covariance: Array
 ) -> None:
-    """Writes F (6,) and its covariance (6, 6) right after a sample; see `observer`."""
+    """Writes F (6,) and its covariance (6, 6) right after a sample."""
     n = signals.shape[1]
     s, rounding = split_state(state.reshape(-1), n), split_table(table, n).joints[ROUND]
     gain, P, C = s.gain, s.P, s.C
@@ -198,8 +226,8 @@ def kalman_wrench(
 
 
 @kernel
-def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
-    """Updates `state` with a sample, in place; see `observer`.
+def _take_sample(table: Array, state: Array, signals: Array, J: Array) -> None:
+    """Updates `state` with a sample, in place.
 
     A sample that is not finite is not measured; the one after it starts the momentum again.
     """

@@ -87,13 +87,18 @@ from wrenchsight.models.observers.kalman_kernels import (
     START_F,
     SUMS,
     WHITE,
-    kalman_output,
-    kalman_update,
-    kalman_wrench,
+    observe_wrench,
     split_state,
 )
-from wrenchsight.models.observers.observer import ModelKnowledge, ObserverKernels, WrenchPrior
+from wrenchsight.models.observers.observer import (
+    TAU_EXT,
+    ModelKnowledge,
+    Observed,
+    ObserverSamples,
+    WrenchPrior,
+)
 from wrenchsight.models.observers.period_torque import checked_period, motor_share
+from wrenchsight.models.observers.signals import signals_of
 
 WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's three fitted runs
 SETTLING = 3.0  # 1 / K_0 of the error model
@@ -120,7 +125,7 @@ class KalmanObserverConfig:
 class KalmanObserver:
     """The filter of this module for an arm with n joints; an `observer.Observer`.
 
-    It reads the wrench itself (`observer.ObserverKernels`), by the prior of the estimator's
+    It reads the wrench itself, by the prior of the estimator's
     configuration: methods bayesian, force_only and inverse. `informed` gives it what the model and
     that configuration say; before, it takes a prior of 1 N and 1 N m.
 
@@ -130,9 +135,7 @@ class KalmanObserver:
     """
 
     Config: ClassVar[type] = KalmanObserverConfig
-    kernels: ClassVar[ObserverKernels] = ObserverKernels(
-        kalman_output, kalman_update, kalman_wrench
-    )
+    reads_wrench: ClassVar[bool] = True
     pole: Array | None = None
 
     def __init__(
@@ -176,6 +179,14 @@ class KalmanObserver:
         P = split_state(state.reshape(-1), n).P
         P[range(n, N), range(n, N)] = np.concatenate([start, np.ones(n)])
         return state
+
+    def observe(self, state: Array, samples: ObserverSamples) -> Observed:
+        """Updates `state` with N samples; see `observer.Observer`."""
+        N, signals = len(samples.v), signals_of(samples)
+        is_fresh = np.empty(N, np.bool_)
+        wrench, covariance = np.empty((N, 6)), np.empty((N, 6, 6))
+        observe_wrench(self.table, state, signals, samples.J, is_fresh, wrench, covariance)
+        return Observed(signals[:, TAU_EXT].copy(), is_fresh, wrench, covariance)
 
     def _table(self, knowledge: ModelKnowledge | None) -> Array:
         n, T = self.num_joints, self.time_step

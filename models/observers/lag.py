@@ -117,31 +117,28 @@ def observer_poles(K_0: ArrayLike | None, num_joints: int, time_step: float) -> 
 
 
 @kernel
-def see_jacobian(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
-    """Single-sample kernel: writes J_seen (6, n) right after a sample; `state` stays as it is.
+def see_jacobian_rows(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
+    """Writes J as the observer saw it, right after each of N samples.
 
-    As in the observer, a period counts with the mean of its ends.
+    As in the observer, a period counts with the mean of its ends. A J that is not finite starts
+    the low-pass anew.
+
+    Args:
+        poles: of `observer_poles`.
+        state: (JACOBIAN_ROWS, n), changed; NaN before the first sample.
+        J: (N, 6, n).
+        J_seen: (N, 6, n), written.
     """
-    for j in range(poles.shape[0]):
-        half = 0.5 * (1.0 - poles[j])
-        for i in range(6):
-            state_entry = state[i, j]
-            if poles[j] < 0.0 or not np.isfinite(state_entry):
-                J_seen[i, j] = J[i, j]
-            else:
-                J_seen[i, j] = state_entry + half * J[i, j]
-
-
-@kernel
-def take_jacobian(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
-    """Single-sample kernel: updates `state` with a sample and its `see_jacobian`, in place.
-
-    A J that is not finite starts it anew.
-    """
-    for j in range(poles.shape[0]):
-        half = 0.5 * (1.0 - poles[j])
-        for i in range(6):
-            state[i, j] = poles[j] * J_seen[i, j] + half * J[i, j]
+    for k in range(J.shape[0]):
+        for j in range(poles.shape[0]):
+            pole = poles[j]
+            half = 0.5 * (1.0 - pole)
+            for i in range(6):
+                seen = J[k, i, j]
+                if pole >= 0.0 and np.isfinite(state[i, j]):
+                    seen = state[i, j] + half * J[k, i, j]
+                J_seen[k, i, j] = seen
+                state[i, j] = pole * seen + half * J[k, i, j]
 
 
 @kernel

@@ -34,18 +34,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
-from wrenchsight.models.observers.observer import (
-    CTV,
-    GRAVITY,
-    MOMENTUM,
-    NUM_SIGNALS,
-    TAU_EXT,
-    TAU_F,
-    TAU_J,
-    ObserverKernels,
-)
+from wrenchsight.models.observers.observer import Observed, ObserverSamples
 from wrenchsight.models.observers.period_torque import (
     arrived_momentum,
     checked_period,
@@ -76,57 +67,60 @@ class MomentumObserverConfig:
 
 
 @kernel
-def observer_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
-    """Writes the estimate right after a sample; see `observer`.
+def observe_momentum(
+    table: Array,
+    state: Array,
+    momentum: Array,
+    CTv: Array,
+    G: Array,
+    tau_J: Array,
+    tau_f: Array,
+    tau_ext: Array,
+    is_fresh: Flags,
+) -> None:
+    """Estimates tau_ext right after each of N samples.
 
-    With "held" torque samples tau_J is not read. The estimate at a tick then does not depend on the
-    motor torque that is commanded at that tick: a controller may use it without an algebraic loop.
+    With "held" torque samples an estimate does not depend on tau_J of its own sample: a controller
+    may use it without an algebraic loop. momentum_hat becomes the momentum that the model alone
+    predicts for the next sample. The bracket of the recursion in the module's docstring is then the
+    next momentum minus this prediction. The state does not depend on K_0: the gain can change while
+    the observer runs, without a jump.
 
-    Returns:
-        Whether every joint's estimate is fresh: False where this sample or the one before it was
-        not finite, so that the last estimate is held, until the observer has settled, and where its
-        gain is below LEAST_K_0.
+    Args:
+        table: of MomentumObserver.
+        state: of `MomentumObserver.initial_state`, changed.
+        momentum, CTv, G, tau_J, tau_f: (N, n) kg m^2/s and N m.
+        tau_ext: (N, n) N m, written.
+        is_fresh: (N,) written: whether every joint's estimate is fresh. It is not where this sample
+            or the one before it was not finite, so that the last estimate is held, until the
+            observer has settled, and where its gain is below LEAST_K_0.
     """
-    is_fresh = True
-    for i in range(table.shape[0]):
-        arrived = arrived_momentum(table[i, _HALF], table[i, _MOTOR_BEFORE], signals, i)
-        tau_ext = state[1, i]
-        if abs(arrived) < LARGEST and np.isfinite(state[0, i]):
-            tau_ext = table[i, _POLE] * state[1, i] + table[i, _GAIN] * (arrived - state[0, i])
-            # The second: the output of a filter that hardly moves does not depend on the present.
-            if table[i, _POLE] * state[2, i] > START_SHARE or table[i, _GAIN] < LEAST_K_0:
-                is_fresh = False
-        else:
-            is_fresh = False
-        signals[TAU_EXT, i] = tau_ext
-    return is_fresh
-
-
-@kernel
-def observer_update(table: Array, state: Array, signals: Array, J: Array) -> None:
-    """Updates `state` with a sample and its `observer_output`, in place; see `observer`.
-
-    momentum_hat becomes the momentum that the model alone predicts for the next sample. The bracket
-    of the recursion in the module's docstring is then the next momentum minus this prediction. The
-    state does not depend on K_0: the gain can change while the observer runs, without a jump.
-    """
-    for i in range(table.shape[0]):
-        model = table[i, _HALF] * (signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i])
-        predicted = signals[MOMENTUM, i] + model + table[i, _MOTOR_AFTER] * signals[TAU_J, i]
-        is_known = abs(predicted) < LARGEST
-        if is_known and np.isfinite(state[0, i]):
-            state[2, i] *= table[i, _POLE]
-        elif not is_known and np.isnan(state[0, i]):  # a held estimate ages
-            state[2, i] = min(1.0, max(state[2, i], HELD_SHARE) / table[i, _POLE])
-        state[0, i] = predicted if is_known else np.nan
-        state[1, i] = signals[TAU_EXT, i]
-
-
-@kernel
-def _observer_log(table: Array, state: Array, signals: Array, J: Array, is_fresh: Flags) -> None:
-    for k in range(signals.shape[0]):
-        is_fresh[k] = observer_output(table, state, signals[k], J)
-        observer_update(table, state, signals[k], J)
+    for k in range(momentum.shape[0]):
+        is_fresh[k] = True
+        for i in range(momentum.shape[1]):
+            model = CTv[k, i] - G[k, i] - tau_f[k, i]
+            arrived = arrived_momentum(
+                table[i, _HALF], table[i, _MOTOR_BEFORE], momentum[k, i], model, tau_J[k, i]
+            )
+            estimate, pole, gain = state[1, i], table[i, _POLE], table[i, _GAIN]
+            if abs(arrived) < LARGEST and np.isfinite(state[0, i]):
+                estimate = pole * state[1, i] + gain * (arrived - state[0, i])
+                # The second: the output of a filter that hardly moves does not depend on the
+                # present.
+                if pole * state[2, i] > START_SHARE or gain < LEAST_K_0:
+                    is_fresh[k] = False
+            else:
+                is_fresh[k] = False
+            tau_ext[k, i] = estimate
+            predicted = momentum[k, i] + table[i, _HALF] * model
+            predicted += table[i, _MOTOR_AFTER] * tau_J[k, i]
+            is_known = abs(predicted) < LARGEST
+            if is_known and np.isfinite(state[0, i]):
+                state[2, i] *= pole
+            elif not is_known and np.isnan(state[0, i]):  # a held estimate ages
+                state[2, i] = min(1.0, max(state[2, i], HELD_SHARE) / pole)
+            state[0, i] = predicted if is_known else np.nan
+            state[1, i] = estimate
 
 
 class MomentumObserver:
@@ -144,7 +138,7 @@ class MomentumObserver:
     settles again before it counts.
 
     Attributes:
-        table: (n, 5) constants that the kernels read.
+        table: (n, 5) constants that the kernel reads.
 
     Raises:
         ValueError: K_0 or time_step is not positive, K_0 has neither 1 nor n values, or
@@ -152,7 +146,7 @@ class MomentumObserver:
     """
 
     Config: ClassVar[type] = MomentumObserverConfig
-    kernels: ClassVar[ObserverKernels] = ObserverKernels(observer_output, observer_update)
+    reads_wrench: ClassVar[bool] = False
 
     def __init__(self, config: MomentumObserverConfig, num_joints: int) -> None:
         T = checked_period(config.time_step, config.torque_samples)
@@ -170,7 +164,6 @@ class MomentumObserver:
         self.table[:, _MOTOR_AFTER] = T * share_after
         self.table[:, _MOTOR_BEFORE] = T * (1.0 - share_after)
         self.table[:, _HALF] = 0.5 * T
-        self._no_J = np.zeros((6, num_joints))  # the kernels do not read it
 
     @property
     def pole(self) -> Array | None:
@@ -194,18 +187,22 @@ class MomentumObserver:
         state[2] = 1.0
         return state
 
-    def step(
-        self, state: Array, momentum: Array, CTv: Array, G: Array, tau_J: Array, tau_f: Array
-    ) -> tuple[Array, bool]:
-        """Updates `state` in place with one sample ((n,) each, kg m^2/s and N m).
-
-        Returns:
-            tau_ext (n,) in N m right after it, and whether it is fresh (see `observer_output`).
-        """
-        signals = self._checked(state, 1, momentum, CTv, G, tau_J, tau_f)
-        is_fresh = observer_output(self.table, state, signals, self._no_J)
-        observer_update(self.table, state, signals, self._no_J)
-        return signals[TAU_EXT], bool(is_fresh)
+    def observe(self, state: Array, samples: ObserverSamples) -> Observed:
+        """Updates `state` with N samples; see `Observer`."""
+        tau_ext = np.empty_like(samples.momentum)
+        is_fresh = np.empty(len(tau_ext), np.bool_)
+        observe_momentum(
+            self.table,
+            state,
+            samples.momentum,
+            samples.CTv,
+            samples.G,
+            samples.tau_J,
+            samples.tau_f,
+            tau_ext,
+            is_fresh,
+        )
+        return Observed(tau_ext, is_fresh)
 
     def run(
         self, state: Array, momentum: Array, CTv: Array, G: Array, tau_J: Array, tau_f: Array
@@ -214,20 +211,17 @@ class MomentumObserver:
 
         Returns:
             tau_ext (N, n) in N m, row k right after sample k, and which rows are fresh (N,).
-        """
-        signals = self._checked(state, 2, momentum, CTv, G, tau_J, tau_f)
-        is_fresh = np.empty(len(signals), np.bool_)
-        _observer_log(self.table, state, signals, self._no_J, is_fresh)
-        return signals[:, TAU_EXT], is_fresh
 
-    def _checked(self, state: Array, ndim: int, *values: Array) -> Array:
-        """The signals as one array (..., NUM_SIGNALS, n): a kernel trusts shapes and layout."""
-        stacked = np.array(values, float)
+        Raises:
+            ValueError: shapes that disagree.
+        """
+        signals = contiguous(momentum, CTv, G, tau_J, tau_f)
         if state.shape != (3, self.num_joints):
             raise ValueError(f"state must be (3, {self.num_joints}), not {state.shape}")
-        if stacked.ndim != 1 + ndim or stacked.shape[-1] != self.num_joints:
-            raise ValueError(f"signals must end in {self.num_joints} joints, not {stacked.shape}")
-        signals = np.zeros((*stacked.shape[1:-1], NUM_SIGNALS, self.num_joints))
-        for row, signal in zip((MOMENTUM, CTV, GRAVITY, TAU_J, TAU_F), stacked, strict=True):
-            signals[..., row, :] = signal
-        return signals
+        shapes = {signal.shape for signal in signals}
+        if len(shapes) > 1 or signals[0].ndim != 2 or signals[0].shape[1] != self.num_joints:
+            raise ValueError(f"signals must be (N, {self.num_joints}) each, not {shapes}")
+        tau_ext, is_fresh = np.empty_like(signals[0]), np.empty(len(signals[0]), np.bool_)
+        momentum, CTv, G, tau_J, tau_f = signals
+        observe_momentum(self.table, state, momentum, CTv, G, tau_J, tau_f, tau_ext, is_fresh)
+        return tau_ext, is_fresh

@@ -1,36 +1,18 @@
-"""The protocol of an observer of external joint torque: constants, a state, and two kernels.
+"""The protocol of an observer of external joint torque: constants, a state, and `observe`.
 
-An observer is one file of this sub-package and one entry of `observer_kinds.OBSERVERS`. The
-estimator of a log (`estimator`), its diagram (`wrenchsight.systems.external_torque_observer`) and
-its fused block (`wrenchsight.systems.wrench_estimator`) run the same two kernels:
+An observer is one file of this sub-package and one entry of `observer_kinds.OBSERVERS`. Its
+`observe` takes N successive samples: those of a log, those of a live stream that have arrived, or
+the one of a block's tick (`wrenchsight.systems.external_torque_observer`). It calls the observer's
+own compiled kernel.
 
-    output(table, state, signals, J) -> bool
-        Writes the estimate right after a sample into signals[TAU_EXT]; returns whether it is
-        fresh: neither the last one, held, nor still settling after the start. `state`
-        stays as it is.
-    update(table, state, signals, J) -> None
-        Takes the sample, with its output in signals[TAU_EXT], into `state`, in place.
-
-with
-
-    table    the observer's own constants, in any shape
-    state    (state_rows, n), contiguous, of `initial_state`
-    signals  (NUM_SIGNALS, n), what is known of the sample, one signal a row: see below
-    J        (6, n) rows [angular; linear] at E in axes of W
-
-Both are compiled by `numba.njit(error_model="numpy")`; what a kernel does not read costs nothing.
-
-An observer may estimate the wrench itself, from its state. It then has a third kernel, whose result
-takes the place of the wrench from tau_ext:
-
-    wrench(table, state, signals, J, wrench, covariance) -> None
-        Writes F_E_W (6,) and its covariance (6, 6) right after a sample; `state` stays as it is.
+An observer may estimate the wrench itself, from its state. Its result then takes the place of the
+wrench from tau_ext.
 """
 
 from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 # Rows of `signals`.
 Q, V = 0, 1  # rad, rad/s
@@ -43,17 +25,46 @@ STICTION, DRIFT = 9, 10  # N m, parts of it: of stiction; of a drift of viscous 
 NUM_SIGNALS = 11
 
 
-class ObserverKernels(NamedTuple):
-    """The kernels of an observer, as this module states them.
+class ObserverSamples(NamedTuple):
+    """What is known of N samples; (N, n) each but for J.
 
     Attributes:
-        output, update: compiled.
-        wrench: of an observer that reads the wrench itself; else None.
+        q, v: rad and rad/s (m and m/s).
+        momentum, CTv, G: kg m^2/s, N m, N m: of the model.
+        tau_J: N m, motor torque on the joint side.
+        tau_f: N m, friction that opposes motion.
+        J: (N, 6, n) rows [angular; linear] at E in axes of W.
+        sd: N m, standard deviation of tau_ext where nothing touches the arm.
+        stiction, drift: N m, parts of it: of stiction; of a drift of viscous friction, signed.
     """
 
-    output: Any
-    update: Any
-    wrench: Any = None
+    q: Array
+    v: Array
+    momentum: Array
+    CTv: Array
+    G: Array
+    tau_J: Array
+    tau_f: Array
+    J: Array
+    sd: Array
+    stiction: Array
+    drift: Array
+
+
+class Observed(NamedTuple):
+    """The estimates right after each of N samples.
+
+    Attributes:
+        tau_ext: (N, n) N m, positive along the motion it causes.
+        is_fresh: (N,) whether it is neither the last one, held, nor still settling after the start.
+        wrench, covariance: (N, 6) F_E_W and its (N, 6, 6), of an observer that reads the wrench
+            itself; else None.
+    """
+
+    tau_ext: Array
+    is_fresh: Flags
+    wrench: Array | None = None
+    covariance: Array | None = None
 
 
 class WrenchPrior(NamedTuple):
@@ -77,7 +88,7 @@ class ModelKnowledge(NamedTuple):
         torque_error: of the model; None where it has none.
         torque_sd: (n,) N m, standard deviation of tau_ext where nothing touches the arm, on
             average.
-        rates: (n,) 1/s, K_0 of the observer whose error signals[TORQUE_SD] is.
+        rates: (n,) 1/s, K_0 of the observer whose error `ObserverSamples.sd` is.
         prior: of the reading; None for a method that no prior stands for.
     """
 
@@ -93,7 +104,8 @@ class Observer(Protocol):
     Config: ClassVar[type]
     """The dataclass that configures this kind: `Config()` is its default. Its name is its tag in
     YAML."""
-    kernels: ClassVar[ObserverKernels]
+    reads_wrench: ClassVar[bool]
+    """Whether it estimates the wrench itself."""
 
     def __init__(self, config: Any, num_joints: int) -> None:
         """Raises ValueError for invalid settings."""
@@ -107,12 +119,8 @@ class Observer(Protocol):
         """Period of the samples, s."""
 
     @property
-    def table(self) -> Array:
-        """The constants that the kernels read."""
-
-    @property
     def reads_present_torque(self) -> bool:
-        """Whether `output` reads signals[TAU_J]: then no controller may close a loop over it."""
+        """Whether tau_ext depends on tau_J of its own sample: no controller may close that loop."""
 
     @property
     def pole(self) -> Array | None:
@@ -130,7 +138,15 @@ class Observer(Protocol):
         """Returns the observer with other parameters; errors as the constructor's."""
 
     def initial_state(self) -> Array:
-        """Returns the (state_rows, n) state before the first sample."""
+        """Returns the state before the first sample, in any shape."""
+
+    def observe(self, state: Array, samples: ObserverSamples) -> Observed:
+        """Takes N successive samples.
+
+        Args:
+            state: of `initial_state`, changed in place.
+            samples: contiguous.
+        """
 
 
 @runtime_checkable

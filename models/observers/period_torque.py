@@ -12,24 +12,26 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
-from wrenchsight.models.observers.observer import CTV, GRAVITY, MOMENTUM, TAU_F, TAU_J
 
 TORQUE_SAMPLES = ("held", "trapezoidal")
 
 
 @kernel
-def arrived_momentum(half_period: float, motor_time: float, signals: Array, i: int) -> float:
-    """Momentum of joint i minus the share of the sample's torque in the period that it ends.
+def arrived_momentum(
+    half_period: float, motor_time: float, momentum: float, model: float, tau_J: float
+) -> float:
+    """Momentum of a joint minus the share of the sample's torque in the period that it ends.
 
     Args:
         half_period: T / 2, s.
         motor_time: `motor_share`, s; with 0 the motor torque is not read.
-        signals: of `observer`.
+        momentum: kg m^2/s.
+        model: C^T v - G - tau_f, N m.
+        tau_J: motor torque, N m.
     """
-    model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
-    arrived: float = signals[MOMENTUM, i] - half_period * model
+    arrived = momentum - half_period * model
     if motor_time != 0.0:
-        arrived -= motor_time * signals[TAU_J, i]
+        arrived -= motor_time * tau_J
     return arrived
 
 

@@ -44,7 +44,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.numerics.kernel import kernel
-from wrenchsight.models.numerics.views import borrowed
 from wrenchsight.models.robot.arm import Arm
 
 Codes = NDArray[np.int64]
@@ -134,10 +133,11 @@ class SampleCheck:
             DISAGREES and FROZEN, or 0.
         """
         q, v, current = contiguous(q, v, current)
-        checked, codes = np.empty((len(q), 3, self.num_joints)), np.zeros(len(q), np.int64)
-        periods = np.broadcast_to(np.asarray(period, float), (len(q),)).copy()
-        _check_log(self.table, state, _Samples(periods, q, v, current), checked, codes)
-        return np.ascontiguousarray(checked.swapaxes(0, 1)), codes
+        checked, codes = np.empty((3, *q.shape)), np.empty(len(q), np.int64)
+        periods = np.empty(len(q))
+        periods[:] = period
+        check_rows(self.table, state, periods, q, v, current, checked, codes)
+        return checked, codes
 
 
 class _Joint(NamedTuple):
@@ -150,7 +150,7 @@ class _Joint(NamedTuple):
 
 
 @kernel
-def check_motion(
+def _check_motion(
     table: Array,
     state: Array,
     period: float,
@@ -179,14 +179,14 @@ def check_motion(
 
 
 @kernel
-def check_current(
+def _check_current(
     table: Array,
     state: Array,
     period: float,
     current: Array,
     checked: Array,
 ) -> None:
-    """Writes the current (n,) into row 2 of `checked`, as `check_motion`.
+    """Writes the current (n,) into row 2 of `checked`, as `_check_motion`.
 
     Its fault is reported with the next sample, as no reading of this one depends on it.
     """
@@ -196,7 +196,7 @@ def check_current(
 
 
 @kernel
-def take_sample(
+def _take_sample(
     table: Array,
     state: Array,
     period: float,
@@ -316,28 +316,28 @@ def _bound(joint: _Joint) -> float:
     return largest
 
 
-class _Samples(NamedTuple):
-    """Successive samples.
+@kernel
+def check_rows(
+    table: Array,
+    state: Array,
+    periods: Array,
+    q: Array,
+    v: Array,
+    current: Array,
+    checked: Array,
+    codes: Codes,
+) -> None:
+    """Checks N samples.
 
-    Attributes:
+    Args:
+        table, state: of SampleCheck; the state is changed.
         periods: (N,) s since the sample before.
         q, v, current: (N, n) rad, rad/s, A.
+        checked: (3, N, n) the same, written, NaN where impossible.
+        codes: (N,) written: the faults of q and v, and of the current of the sample before.
     """
-
-    periods: Array
-    q: Array
-    v: Array
-    current: Array
-
-
-@kernel
-def _check_log(table: Array, state: Array, samples: _Samples, checked: Array, codes: Codes) -> None:
-    """The three kernels above for N samples; checked (N, 3, n)."""
-    table, state, checked = borrowed(table), borrowed(state), borrowed(checked)
-    q, v, current = borrowed(samples.q), borrowed(samples.v), borrowed(samples.current)
-    periods = samples.periods
     for k in range(q.shape[0]):
-        checked_sample = checked[k]
-        codes[k] = check_motion(table, state, periods[k], q[k], v[k], checked_sample)
-        check_current(table, state, periods[k], current[k], checked_sample)
-        take_sample(table, state, periods[k], q[k], v[k], current[k], checked_sample)
+        sample = checked[:, k]
+        codes[k] = _check_motion(table, state, periods[k], q[k], v[k], sample)
+        _check_current(table, state, periods[k], current[k], sample)
+        _take_sample(table, state, periods[k], q[k], v[k], current[k], sample)

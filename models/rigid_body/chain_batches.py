@@ -16,6 +16,7 @@ from wrenchsight.models.rigid_body.chain_kernels import (
     link_velocities,
     momentum_and_forces,
     newton_euler,
+    observer_terms,
     place_inertia,
     place_links,
     tool_jacobian,
@@ -65,6 +66,22 @@ def momentum_terms_rows(
         place_inertia(table, links)
         link_velocities(v[k], links)
         momentum_and_forces(table, v[k], momentum[k], CTv[k], G[k], links)
+
+
+@kernel(nogil=True)
+def observer_terms_rows(
+    table: Array,
+    q: Array,
+    v: Array,
+    momentum: Array,
+    CTv: Array,
+    G: Array,
+    J: Array,
+    scratch: Array,
+) -> None:
+    R_WE, p_WE = np.empty((3, 3)), np.empty(3)
+    for k in range(q.shape[0]):
+        observer_terms(table, q[k], v[k], momentum[k], CTv[k], G[k], J[k], R_WE, p_WE, scratch)
 
 
 @kernel(nogil=True)

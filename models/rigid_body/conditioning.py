@@ -19,7 +19,6 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.row_blocks import in_row_blocks
 from wrenchsight.models.numerics.small_matrices import MAX_SWEEPS, ORTHOGONAL_COSINE, turn_rows
-from wrenchsight.models.numerics.views import borrowed
 
 # A smallest singular value below this part of the largest, times the matrix's size, is rounding.
 _MACHINE_EPSILON = float(np.finfo(np.float64).eps)
@@ -96,14 +95,6 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
     The others are (lanes,) scratch. Every inner loop runs over the lanes without a branch.
     """
     count, length, lanes = rows.shape
-    rows, a, b, g, c, s = (
-        borrowed(rows),
-        borrowed(a),
-        borrowed(b),
-        borrowed(g),
-        borrowed(c),
-        borrowed(s),
-    )
     num_turned = 0.0
     for i in range(count - 1):
         for j in range(i + 1, count):
@@ -112,12 +103,11 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
                 b[m] = 0.0
                 g[m] = 0.0
             for k in range(length):
-                x = rows[i, k]
-                y = rows[j, k]
                 for m in range(lanes):
-                    a[m] += x[m] * x[m]
-                    b[m] += y[m] * y[m]
-                    g[m] += x[m] * y[m]
+                    x, y = rows[i, k, m], rows[j, k, m]
+                    a[m] += x * x
+                    b[m] += y * y
+                    g[m] += x * y
             for m in range(lanes):
                 turn = g[m] * g[m] > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (a[m] * b[m])
                 z = b[m] - a[m]
@@ -131,13 +121,10 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
             for m in range(lanes):
                 num_turned += g[m]
             for k in range(length):
-                x = rows[i, k]
-                y = rows[j, k]
                 for m in range(lanes):
-                    u = x[m]
-                    w = y[m]
-                    x[m] = c[m] * u - s[m] * w
-                    y[m] = s[m] * u + c[m] * w
+                    x, y = rows[i, k, m], rows[j, k, m]
+                    rows[i, k, m] = c[m] * x - s[m] * y
+                    rows[j, k, m] = s[m] * x + c[m] * y
     return num_turned > 0.0
 
 

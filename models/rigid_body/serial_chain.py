@@ -33,6 +33,7 @@ from wrenchsight.models.rigid_body.chain_batches import (
     inverse_dynamics_rows,
     jacobian_rows,
     momentum_terms_rows,
+    observer_terms_rows,
     pose_rows,
     regressor_rows,
 )
@@ -269,6 +270,14 @@ class SerialChain:
         self._run(momentum_terms_rows, *rows, momentum, CTv, G)
         n = self.num_joints
         return momentum.reshape(*shape, n), CTv.reshape(*shape, n), G.reshape(*shape, n)
+
+    def observer_terms(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+        """`momentum_terms` and `jacobian` of N samples in one pass; q and v contiguous."""
+        N, n = q.shape
+        momentum, CTv, G = np.empty((N, n)), np.empty((N, n)), np.empty((N, n))
+        J = np.empty((N, 6, n))
+        self._run(observer_terms_rows, q, v, momentum, CTv, G, J)
+        return momentum, CTv, G, J
 
     def gravity_torque(self, q: ArrayLike) -> Array:
         """G (..., n) in N m: the torque that holds the arm (minus Drake's gravity forces)."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.sparse_products import products
 
 
 def motor_gain(torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> Array:
@@ -34,21 +34,13 @@ def motor_gain(torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> A
     return np.asarray(gain * sign)
 
 
-@kernel
-def joint_torque(gain: Array, motor_rates: Array, current: Array, tau_J: Array) -> None:
-    """Single-sample kernel: the torque of motors, of which one may move several joints.
+def joint_torque(gain: Array, motor_rates: Array, current: Array) -> Array:
+    """The torque (N, n) in N m of motors, of which one may move several joints: D^T (gain current).
 
     Args:
         gain: (n,) signed, of the motors, N m/A.
         motor_rates: (n, n) D with v_motor = D v_joint; (0, n) where each moves its own alone.
-        current: (n,) A.
-        tau_J: (n,) N m, written: D^T (gain current).
+        current: (N, n) A. A NaN stays with the joints it belongs to.
     """
-    n = gain.shape[0]
-    is_coupled = motor_rates.shape[0] > 0
-    for i in range(n):
-        tau_J[i] = 0.0 if is_coupled else gain[i] * current[i]
-    for k in range(motor_rates.shape[0]):
-        for i in range(n):
-            if motor_rates[k, i] != 0.0:  # so that a NaN stays with the joints it belongs to
-                tau_J[i] += motor_rates[k, i] * gain[k] * current[k]
+    tau_motor = np.asarray(gain * current)
+    return products(motor_rates.T, tau_motor) if len(motor_rates) else tau_motor

@@ -16,7 +16,7 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.observers.lag import observer_poles, see_jacobian, take_jacobian
+from wrenchsight.models.observers.lag import observer_poles, see_jacobian_rows
 from wrenchsight.models.robot.robot import Robot
 
 _PLAIN_ERROR = {
@@ -88,9 +88,7 @@ def jacobian_seen(J: Array, K_0: ArrayLike, time_step: float) -> Array:
     """J (N, 6, n) through the low-pass of `models.observers.lag`."""
     poles, seen = observer_poles(K_0, J.shape[2], time_step), np.empty_like(J)
     state = np.full(J.shape[1:], np.nan)
-    for k in range(len(J)):
-        see_jacobian(poles, state, J[k], seen[k])
-        take_jacobian(poles, state, J[k], seen[k])
+    see_jacobian_rows(poles, state, np.ascontiguousarray(J), seen)
     return seen
 
 

@@ -14,6 +14,7 @@ from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -119,7 +120,7 @@ def test_ports(sts, model):
         "tau_J",
         "tau_f",
         "pole",
-        "law",
+        "sliding",
     ]
     for late in ("tau_J", "tau_f"):
         port = system.GetInputPort(late).get_index()
@@ -144,7 +145,7 @@ def test_an_impossible_number_leaves_the_detection_finite_for_good(sts, model, l
         **{"tau_J": np.zeros(N), "tau_f": np.zeros(N), "pole": np.full(N, 20.0)},
     }
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
-    block.GetInputPort("law").FixValue(context, AbstractValue.Make(model.friction))
+    block.GetInputPort("sliding").FixValue(context, SlidingLaw.of(model.friction).flat)
     for k in range(60):
         for key, value in values.items():
             number = np.array(value, float)

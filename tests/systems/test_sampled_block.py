@@ -107,8 +107,8 @@ def test_advancing_and_evaluating_reads_the_last_tick(sts, log, fused):
 
 
 @pytest.mark.parametrize("config", ["momentum", "unchecked"])
-def test_the_checked_current_between_ticks_is_that_of_the_last(sts, log, config):
-    """An impossible current is NaN where samples are checked; the block alone puts it out."""
+def test_the_motor_torque_between_ticks_is_that_of_the_last(sts, log, config):
+    """Of an impossible current it is NaN where samples are checked."""
     block = WrenchEstimatorSystem(
         WrenchEstimator(sts, IdentifiedModel.nominal(sts), CONFIGS[config])
     )
@@ -121,7 +121,7 @@ def test_the_checked_current_between_ticks_is_that_of_the_last(sts, log, config)
         for name, value in (("q", q[k]), ("v", v[k]), ("current", sample)):
             block.GetInputPort(name).FixValue(context, value)
         context.SetTime(k * T)
-        port = block.GetOutputPort("checked_current")
+        port = block.GetOutputPort("tau_J")
         at = port.Eval(context).copy()
         assert np.isnan(at[3]) == (k == 2 and config == "momentum")
         take_tick(block, context)

@@ -65,7 +65,7 @@ from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.reading_gain import ReadingGain
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstructionConfig
-from wrenchsight.models.estimation.wrench_reading import ReadingSample
+from wrenchsight.models.estimation.wrench_reading import ReadingSamples
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -194,14 +194,14 @@ class _PointLog:
     def read(self, estimator: WrenchEstimator) -> WrenchEstimate:
         """The wrench at the point of action."""
         N = len(self.J)
-        samples = ReadingSample(
+        samples = ReadingSamples(
             J=self.J,
             tau_ext=self.observation.tau_ext,
             is_fresh=self.observation.fresh,
-            is_missing=np.zeros(N, bool),
+            q=self.uniform.q,
+            v=self.uniform.v,
             is_corrected=np.ones(N, bool),
             fault=np.zeros(N, np.int64),
-            observed=np.empty((N, 0)),
         )
         return estimator.reading.run(
             estimator.reading.initial_state(), self.error(estimator), samples

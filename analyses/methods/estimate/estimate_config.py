@@ -226,7 +226,7 @@ def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
     except ValueError as error:
         remedy = "see the command's --help"
         raise InputError("estimate", "observer", str(error), remedy) from None
-    kind, reads_wrench = kind_name(type(made_observer)), made_observer.kernels.wrench is not None
+    kind, reads_wrench = kind_name(type(made_observer)), made_observer.reads_wrench
     if config.track:
         problem = "reads each sample with those after it"
         _require(not config.smooth, "smooth", problem, "leave --track or --smooth out")

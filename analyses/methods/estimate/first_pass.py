@@ -313,7 +313,7 @@ def _with_torque_observer(config: WrenchEstimatorConfig) -> WrenchEstimatorConfi
     tau_ext: the momentum observer takes its place.
     """
     kind = kind_of(config.observer)
-    if kind is None or kind.kernels.wrench is None:
+    if kind is None or not kind.reads_wrench:
         return config
     momentum_observer = MomentumObserverConfig(
         time_step=config.observer.time_step, torque_samples=config.observer.torque_samples

@@ -80,7 +80,7 @@ class LogReadings:
         self._sensor_log = SensorLogCollector(step) if reference.columns else None
         # An observer of the wrench leaves no torque that a wrench at E does not explain.
         kind = kind_of(config.observer)
-        leaves_torque = kind is None or kind.kernels.wrench is None
+        leaves_torque = kind is None or not kind.reads_wrench
         self._judges_places = leaves_torque and not settings.estimate.contact.axis
         self._J, self._torque_sd = EvenSample(_UNCERTAIN_SAMPLES), EvenSample(_UNCERTAIN_SAMPLES)
         self._is_wrong = is_wrong

@@ -40,7 +40,7 @@ def model_warnings(robot: Robot, model: IdentifiedModel, settings: EstimateSetti
             f"identify it again: {identify}"
         )
     kind = kind_of(settings.estimate.estimator.observer)
-    if kind is not None and kind.kernels.wrench is not None and model.torque_error is not None:
+    if kind is not None and kind.reads_wrench and model.torque_error is not None:
         warnings.append(
             f"contact and misfit are judged by the {kind_name(kind)} observer's readings with "
             "thresholds of the momentum observer's: the rate of false alarms may differ; for the "

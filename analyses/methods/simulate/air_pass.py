@@ -179,7 +179,7 @@ def learn_correction(
     t = recording.t[start:] - recording.t[start]
     counts = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
     steady = np.flatnonzero(counts)
-    if reading.estimator.friction.state_rows > 0 and len(steady):
+    if not reading.estimator.friction.is_of_speed_alone and len(steady):
         counts[steady[0] : steady[-1]] = True
     return AirPassCorrection(t, reading.batch.tau_ext[start:], counts.astype(np.float64))
 

@@ -31,7 +31,7 @@ from wrenchsight.diagrams.pages.run_page import (
 )
 from wrenchsight.diagrams.scenario import Scenario, load_scenario
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
-from wrenchsight.models.estimation.tick import memory_log
+from wrenchsight.models.estimation.wrench_reading import judge_rows
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.robot import Robot
@@ -106,7 +106,7 @@ def demonstrate(
         InputError: `out` cannot be written, or holds what this command did not write.
     """
     with result_folder(out, "demo") as folder:
-        if not are_compiled((arm_drives, memory_log)):
+        if not are_compiled((arm_drives, judge_rows)):
             parts = {"estimator": _compile_estimator, "simulated arm": _compile_arm}
             compile_side_by_side(parts, lambda share, words: progress(0.6 * share, words))
         scenario = load_scenario(SCENARIO)

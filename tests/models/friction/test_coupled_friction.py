@@ -9,7 +9,6 @@ from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import (
     CoulombViscous,
     SemiParametricFriction,
-    friction_torque,
 )
 
 D = np.array([[1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 1.0, 1.0]])
@@ -45,28 +44,32 @@ def test_sliding_friction_at_the_joints():
 
 
 @pytest.mark.parametrize("below", [SemiParametricFriction(SLIDING), presliding()])
-def test_kernels_sample_by_sample_are_the_law_along_a_log(below):
+def test_sample_by_sample_it_is_the_law_along_a_log(below):
     """Also the load of a motor: the joints', as its own gear transmits it."""
     law = CoupledFriction(below, D)
     q, v, load = motion()
     state, torque = law.initial_state(), np.empty_like(q)
     assert state.shape == (law.state_rows, 3)
     for k in range(len(q)):
-        law.kernels.update(law.slip_table, state.copy(), q[k], v[k], load[k])
         if below.state_rows:  # as `torque_along`: the load of the sample itself
             state[1] = np.linalg.inv(D).T @ load[k]
-        friction_torque(law.velocity_law.table, v[k], torque[k])
-        law.kernels.add_torque(law.slip_table, state, q[k], v[k], torque[k])
-        law.kernels.update(law.slip_table, state, q[k], v[k], load[k])
+        torque[k] = law.run(state, q[k : k + 1], v[k : k + 1], load[k : k + 1])[0]
     np.testing.assert_allclose(torque, law.torque_along(q, v, load), atol=1e-9)
+
+
+def test_the_load_of_a_sample_is_what_the_gears_transmitted_before():
+    law = CoupledFriction(presliding(), D)
+    q, v, load = motion(3)
+    state = law.initial_state()
+    tau_f = law.run(state, q, v, load)
+    np.testing.assert_allclose(state[1], np.linalg.inv(D).T @ (load[-1] - tau_f[-1]), rtol=1e-12)
 
 
 def test_a_missing_sample_spares_the_joints_that_it_does_not_move():
     law = CoupledFriction(presliding(), D)
     q, v, _ = motion(2)
     v[1, 2] = np.nan
-    tau_f = np.zeros(3)
-    law.kernels.add_torque(law.slip_table, law.initial_state(), q[1], v[1], tau_f)
+    tau_f = law.run(law.initial_state(), q[1:], v[1:], np.zeros((1, 3)))[0]
     assert np.isnan(tau_f).tolist() == [False, True, True]
 
 

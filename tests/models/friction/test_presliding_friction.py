@@ -284,3 +284,16 @@ def test_at_rest_the_slip_relaxes_and_moving_brings_it_back() -> None:
     np.testing.assert_allclose(tau[299], level)
     np.testing.assert_allclose(tau[599], level * np.exp(-3.0 / RELAXATION), rtol=1e-9)
     np.testing.assert_allclose(tau[-1], level)
+
+
+def test_at_rest_the_law_keeps_its_offset_and_its_viscous_part_alone():
+    """By the share by which a joint rests; a sign of a velocity that is noise does not count."""
+    offset, viscous = np.array([1.0, 0.0]), np.array([10.0, 3.0])
+    law = SemiParametricFriction(CoulombViscous(np.array([14.0, 3.0]), viscous, offset))
+    v, no_q = np.array([[2e-3, -1e-9]]), np.zeros((1, 2))
+    state, whole = law.initial_state(), law.torque(v)
+    for share in (0.0, 0.5, 1.0):
+        tau_f = law.run(state, no_q, v, no_q, np.full((1, 2), share))
+        resting = offset + viscous * v
+        np.testing.assert_allclose(tau_f, (1.0 - share) * whole + share * resting, atol=1e-14)
+    np.testing.assert_array_equal(law.run(state, no_q, v, no_q), whole)

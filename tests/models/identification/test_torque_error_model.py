@@ -16,11 +16,9 @@ from wrenchsight.models.identification.torque_error_model import (
     LawHoldsAtRest,
     TorqueErrorModel,
     averaged_share,
-    friction_at_rest,
     hidden_torque,
-    posture_variance,
-    take_transmitted,
-    torque_sd_tick,
+    rest_rows,
+    torque_sd_rows,
 )
 
 N = 2
@@ -133,13 +131,16 @@ def test_tick_by_tick_is_the_log() -> None:
     sd, stiction = torque_sds(error_model, friction, q, v, load, STEP)
     table, state = error_model.table(friction, STEP, 20.0), error_model.initial_state()
     assert state.shape == (TORQUE_ERROR_ROWS, N)
-    tick_sd, held, drift = np.empty(N), np.empty(N), np.empty(N)
     for k in range(200):
-        posture_variance(table, q[k], tick_sd)
-        torque_sd_tick(table, state, q[k], v[k], tick_sd, held, drift)
-        take_transmitted(state, load[k], np.zeros(N))
-        np.testing.assert_array_equal(tick_sd, sd[k])
-        np.testing.assert_array_equal(held, stiction[k])
+        tick = slice(k, k + 1)
+        tick_sd, held, drift = np.zeros((1, N)), np.empty((1, N)), np.empty((1, N))
+        rows = np.empty((1, TORQUE_ERROR_ROWS, N))
+        rest_rows(table, state, q[tick], v[tick], rows)
+        torque_sd_rows(
+            table, state, v[tick], load[tick], np.zeros((1, N)), rows, tick_sd, held, drift
+        )
+        np.testing.assert_array_equal(tick_sd[0], sd[k])
+        np.testing.assert_array_equal(held[0], stiction[k])
 
 
 def still(samples: int = 500) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -228,14 +229,12 @@ def resting_rows(
     q = np.round(0.1 * np.minimum(t, 1.0)[:, None] * np.ones(N), 4)
     v = np.where(t < 1.0, 0.1, 0.0)[:, None] + rng.normal(0.0, noise, q.shape)
     table, state = error_model.table(friction, STEP, 20.0), error_model.initial_state()
-    rest, hidden = np.empty((300, N)), np.empty((300, N))
-    sd, held, drift = np.empty((3, N))
-    for k in range(300):
-        posture_variance(table, q[k], sd)
-        torque_sd_tick(table, state, q[k], v[k], sd, held, drift)
-        rest[k] = state[REST_ROW]
-        hidden[k] = [hidden_torque(table, state, j) for j in range(N)]
-    return rest, hidden
+    rows, sds = np.empty((300, TORQUE_ERROR_ROWS, N)), np.zeros((3, 300, N))
+    rest_rows(table, state, q, v, rows)
+    nothing = np.full((300, N), np.nan)
+    torque_sd_rows(table, state, v, nothing, nothing, rows, *sds)
+    hidden = np.array([[hidden_torque(table, row, j) for j in range(N)] for row in rows])
+    return rows[:, REST_ROW], hidden
 
 
 def coulomb() -> SemiParametricFriction:
@@ -260,18 +259,6 @@ def test_a_law_with_memory_keeps_what_the_joint_held_for_a_second() -> None:
     np.testing.assert_allclose(rest[200], 1.0 - np.exp(-1.0), atol=0.02)
     rigid, _ = resting_rows(0.0, law(displacement=np.zeros((N, 1))))
     assert (rigid[160:] > 0.99).all()
-
-
-def test_at_rest_the_law_keeps_its_offset_and_its_viscous_part_alone() -> None:
-    tau_f = np.array([14.0 + 1.0 + 0.02, -3.0])
-    offset, viscous, v = np.array([1.0, 0.0]), np.array([10.0, 3.0]), np.array([2e-3, 0.0])
-    moving, halfway, resting = tau_f.copy(), tau_f.copy(), tau_f.copy()
-    friction_at_rest(offset, viscous, np.zeros(N), v, moving)
-    friction_at_rest(offset, viscous, np.full(N, 0.5), v, halfway)
-    friction_at_rest(offset, viscous, np.ones(N), v, resting)
-    np.testing.assert_array_equal(moving, tau_f)
-    np.testing.assert_allclose(halfway, [8.02, -1.5])
-    np.testing.assert_allclose(resting, [1.02, 0.0])
 
 
 def test_joints_that_rested_in_no_log_hide_twice_their_friction() -> None:

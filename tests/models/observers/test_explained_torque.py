@@ -10,9 +10,9 @@ from wrenchsight.models.observers.explained_torque import (
     BEYOND,
     QUIET,
     WITHIN,
-    explained_table,
+    ExplainedConstants,
+    explained_constants,
     is_explained,
-    unexplained,
     unexplained_log,
 )
 
@@ -26,9 +26,14 @@ def correlated() -> np.ndarray:
     return R
 
 
-def table(correlation: np.ndarray | None = None) -> np.ndarray:
+def unexplained(table: ExplainedConstants, *sample: np.ndarray) -> float:
+    """D of one sample: J, tau_ext and sd."""
+    return float(unexplained_log(table, *(part[None] for part in sample))[0])
+
+
+def table(correlation: np.ndarray | None = None) -> ExplainedConstants:
     R = np.eye(N) if correlation is None else correlation
-    return explained_table(R, MOMENT_SD, FORCE_SD, SCALE, T)
+    return explained_constants(R, MOMENT_SD, FORCE_SD, SCALE, T)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -63,15 +68,15 @@ def test_seven_joints_whose_errors_go_together_are_held_to_it() -> None:
     torque_sd = np.sqrt(sd**2 + (SCALE * tau) ** 2)
     P = np.diag([MOMENT_SD**2] * 3 + [FORCE_SD**2] * 3)
     S = torque_sd[:, None] * R * torque_sd + J.T @ P @ J
-    square = unexplained(explained_table(R, MOMENT_SD, FORCE_SD, SCALE, T), J, tau, sd)
+    square = unexplained(explained_constants(R, MOMENT_SD, FORCE_SD, SCALE, T), J, tau, sd)
     np.testing.assert_allclose(square, tau @ np.linalg.solve(S, tau), rtol=1e-9)
 
 
 def test_no_prior_is_none_or_unbounded() -> None:
-    without = explained_table(np.eye(N), None, FORCE_SD, SCALE, T)
+    without = explained_constants(np.eye(N), None, FORCE_SD, SCALE, T)
     for moment_sd in (np.inf, 1e300):
-        endless = explained_table(np.eye(N), moment_sd, FORCE_SD, SCALE, T)
-        np.testing.assert_array_equal(endless, without)
+        endless = explained_constants(np.eye(N), moment_sd, FORCE_SD, SCALE, T)
+        np.testing.assert_array_equal(endless.numbers, without.numbers)
 
 
 def test_a_force_at_E_is_explained_and_one_that_no_arm_takes_is_not() -> None:
@@ -79,7 +84,7 @@ def test_a_force_at_E_is_explained_and_one_that_no_arm_takes_is_not() -> None:
     F, sd = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0]), np.full(N, 0.1)
     for share, explained in ((1.0, True), (4.0, True), (9.0, False)):
         D = unexplained(table(), J, J.T @ F * share * FORCE_SD, sd)
-        assert is_explained(table(), np.nan, D)[0] is explained
+        assert is_explained(table().numbers, np.nan, D)[0] is explained
 
 
 def test_one_joint_s_torque_that_no_wrench_brings_is_not_explained() -> None:
@@ -87,7 +92,9 @@ def test_one_joint_s_torque_that_no_wrench_brings_is_not_explained() -> None:
     J = np.random.default_rng(1).normal(size=(6, N))
     tau = np.zeros(N)
     tau[2] = 60.0
-    assert not is_explained(table(), np.nan, unexplained(table(), J, tau, np.full(N, 0.5)))[0]
+    assert not is_explained(table().numbers, np.nan, unexplained(table(), J, tau, np.full(N, 0.5)))[
+        0
+    ]
 
 
 def test_doubt_lasts_until_the_torque_has_been_explained_for_a_while() -> None:
@@ -95,20 +102,20 @@ def test_doubt_lasts_until_the_torque_has_been_explained_for_a_while() -> None:
     doubt, seen = np.nan, []
     quiet = round(QUIET / T)
     for D in [between, beyond] + [between] * 5 + [within] * (quiet + 2) + [between]:
-        explained, doubt = is_explained(table(), doubt, D)
+        explained, doubt = is_explained(table().numbers, doubt, D)
         seen.append(explained)
     assert seen[0] and not any(seen[1:7])
     first = 7 + seen[7:].index(True)
     assert abs(first - (6 + quiet)) <= 1  # a tick of rounding
     assert all(seen[first:])
-    assert is_explained(table(), np.nan, np.nan)[0]
+    assert is_explained(table().numbers, np.nan, np.nan)[0]
 
 
 def explained_log(table, state, J, tau, sd, explained):
     """`is_explained` of samples, one after another."""
     for k in range(len(tau)):
         explained[k], state[0] = is_explained(
-            table, state[0], unexplained(table, J[k], tau[k], sd[k])
+            table.numbers, state[0], unexplained(table, J[k], tau[k], sd[k])
         )
 
 

@@ -30,6 +30,7 @@ from wrenchsight.models.observers.observer import (
     TAU_J,
     TORQUE_SD,
     ModelKnowledge,
+    ObserverSamples,
     Q,
     V,
     WrenchPrior,
@@ -101,16 +102,23 @@ def read(
         signals[:, TORQUE_SD], signals[:, STICTION] = sds
         viscous = friction(n).coulomb_viscous.viscous
         signals[:, DRIFT] = known.torque_error.drifts * viscous * signals[:, V]
-    state, rows = observer.initial_state(), len(signals)
-    wrench, covariance = np.empty((rows, 6)), np.empty((rows, 6, 6))
-    fresh = np.empty(rows, bool)
-    for k in range(rows):
-        before = state.copy()
-        fresh[k] = observer.kernels.output(observer.table, state, signals[k], J[k])
-        observer.kernels.wrench(observer.table, state, signals[k], J[k], wrench[k], covariance[k])
-        np.testing.assert_array_equal(state, before)  # an output changes nothing
-        observer.kernels.update(observer.table, state, signals[k], J[k])
-    return wrench, covariance, fresh
+    samples = ObserverSamples(
+        q=signals[:, Q],
+        v=signals[:, V],
+        momentum=signals[:, MOMENTUM],
+        CTv=signals[:, CTV],
+        G=signals[:, GRAVITY],
+        tau_J=signals[:, TAU_J],
+        tau_f=signals[:, TAU_F],
+        J=J,
+        sd=signals[:, TORQUE_SD],
+        stiction=signals[:, STICTION],
+        drift=signals[:, DRIFT],
+    )
+    observed = observer.observe(observer.initial_state(), samples)
+    assert observed.wrench is not None and observed.covariance is not None
+    signals[:, TAU_EXT] = observed.tau_ext
+    return observed.wrench, observed.covariance, observed.is_fresh
 
 
 def plain_filter(

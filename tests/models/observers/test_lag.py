@@ -12,7 +12,7 @@ from wrenchsight.models.observers.lag import (
     lag_tick,
     lag_update,
     observer_poles,
-    see_jacobian,
+    see_jacobian_rows,
 )
 from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 
@@ -59,8 +59,8 @@ def test_a_constant_force_is_read_exactly_while_the_arm_moves(K_0: np.ndarray) -
 
 
 def test_an_observer_without_lag_sees_J() -> None:
-    J, seen = motion(1)[0], np.empty((6, N))
-    see_jacobian(observer_poles(None, N, STEP), np.zeros((6, N)), J, seen)
+    J, seen = motion(10), np.empty((10, 6, N))
+    see_jacobian_rows(observer_poles(None, N, STEP), np.zeros((6, N)), J, seen)
     np.testing.assert_array_equal(seen, J)
     covariance = np.zeros((20, 6, 6))
     wrench = np.random.default_rng(1).normal(size=(20, 6))

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from wrenchsight.models.observers.observer import CTV, GRAVITY, MOMENTUM, NUM_SIGNALS, TAU_F, TAU_J
 from wrenchsight.models.observers.period_torque import (
     arrived_momentum,
     checked_period,
@@ -14,24 +13,19 @@ from wrenchsight.models.observers.period_torque import (
 def test_both_ends_of_a_period_add_up_to_the_momentum_of_its_torque(torque_samples):
     """Under a torque that is linear in time, p(T) - p(0) is the mean of both ends times T."""
     T = 0.01
-    begin, end = np.zeros((NUM_SIGNALS, 1)), np.zeros((NUM_SIGNALS, 1))
-    begin[[TAU_J, CTV, GRAVITY, TAU_F], 0] = 5.0, 0.3, 2.0, 0.7
-    end[[TAU_J, CTV, GRAVITY, TAU_F], 0] = 9.0, 0.5, 1.0, 0.9
-    model = 0.5 * ((0.3 - 2.0 - 0.7) + (0.5 - 1.0 - 0.9))
-    motor = 5.0 if torque_samples == "held" else 7.0
-    begin[MOMENTUM, 0] = 1.0
-    end[MOMENTUM, 0] = 1.0 + T * (model + motor)
+    begin, end = 0.3 - 2.0 - 0.7, 0.5 - 1.0 - 0.9  # C^T v - G - tau_f
+    motor = 5.0 if torque_samples == "held" else 7.0  # between 5 and 9 N m
+    momentum = 1.0 + T * (0.5 * (begin + end) + motor)
     before = motor_share(T, torque_samples)
-    arrived = arrived_momentum(0.5 * T, before, end, 0)
-    left = 1.0 + 0.5 * T * (0.3 - 2.0 - 0.7) + (T - before) * 5.0
+    arrived = arrived_momentum(0.5 * T, before, momentum, end, 9.0)
+    left = 1.0 + 0.5 * T * begin + (T - before) * 5.0
     assert arrived == pytest.approx(left, rel=1e-14)  # rounding of five additions
 
 
 def test_held_torque_is_not_read_at_the_period_s_end():
-    signals = np.zeros((NUM_SIGNALS, 1))
-    signals[TAU_J] = np.nan
-    assert arrived_momentum(0.005, motor_share(0.01, "held"), signals, 0) == 0.0
-    assert np.isnan(arrived_momentum(0.005, motor_share(0.01, "trapezoidal"), signals, 0))
+    assert arrived_momentum(0.005, motor_share(0.01, "held"), 0.0, 0.0, np.nan) == 0.0
+    share = motor_share(0.01, "trapezoidal")
+    assert np.isnan(arrived_momentum(0.005, share, 0.0, 0.0, np.nan))
 
 
 def test_an_invalid_period_is_refused():

@@ -1,0 +1,48 @@
+"""States of several arrays, and the one vector that a Drake Context holds of them."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from wrenchsight.models.numerics.arrays import Array
+
+
+class StateLayout:
+    """Where the arrays of a state stand in a vector: one after another, row by row.
+
+    Args:
+        state: an array, or a NamedTuple of states.
+
+    Attributes:
+        initial: (size,) the numbers of that state.
+    """
+
+    def __init__(self, state: Any) -> None:
+        arrays = _arrays_of(state)
+        self.initial: Array = np.concatenate([np.ravel(array) for array in arrays])
+        ends = np.cumsum([array.size for array in arrays]).tolist()
+        starts = [0, *ends[:-1]]
+        slices = [slice(start, end) for start, end in zip(starts, ends, strict=True)]
+        shapes = [array.shape for array in arrays]
+        self._parts = list(zip(slices, shapes, strict=True))
+        self._made = _maker(state)
+
+    def state_of(self, vector: Array) -> Any:
+        """The state whose numbers stand in a vector (size,), as views of it."""
+        return self._made(iter([vector[part].reshape(shape) for part, shape in self._parts]))
+
+
+def _arrays_of(state: Any) -> list[Array]:
+    """The arrays of a state, in their order."""
+    if isinstance(state, tuple):
+        return [array for part in state for array in _arrays_of(part)]
+    return [state]
+
+
+def _maker(state: Any) -> Callable[[Any], Any]:
+    """A function that makes a state like this one of an iterator of arrays."""
+    if not isinstance(state, tuple):
+        return next
+    kind, makers = type(state), [_maker(part) for part in state]
+    return lambda arrays: kind(*[make(arrays) for make in makers])

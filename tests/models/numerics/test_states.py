@@ -1,0 +1,37 @@
+"""States of several arrays in one vector."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.states import StateLayout
+
+
+class Inner(NamedTuple):
+    x: Array
+    empty: Array
+
+
+class Outer(NamedTuple):
+    first: Array
+    inner: Inner
+
+
+def test_the_vector_holds_all_arrays_in_their_order_and_gives_views() -> None:
+    state = Outer(np.arange(6.0).reshape(2, 3), Inner(np.array([7.0]), np.empty((0, 4))))
+    layout = StateLayout(state)
+    np.testing.assert_array_equal(layout.initial, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 7.0])
+    vector = layout.initial.copy()
+    again = layout.state_of(vector)
+    assert type(again) is Outer and type(again.inner) is Inner
+    np.testing.assert_array_equal(again.first, state.first)
+    assert again.inner.empty.shape == (0, 4)
+    again.first[1, 2], again.inner.x[0] = -1.0, -2.0
+    np.testing.assert_array_equal(vector[5:], [-1.0, -2.0])
+    assert state.first[1, 2] == 5.0  # the initial one stays as it is
+
+
+def test_an_array_alone_is_a_state() -> None:
+    layout = StateLayout(np.zeros((2, 2)))
+    np.testing.assert_array_equal(layout.state_of(np.arange(4.0)), [[0.0, 1.0], [2.0, 3.0]])
