@@ -26,54 +26,41 @@ _BLOCK_POSTURES = 8  # postures that a thread takes at a time
 
 
 @kernel
-def goal_minus_pose(
-    R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array, turn: Array
-) -> float:
+def goal_minus_pose(R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array) -> float:
     """Writes the rotation vector and translation (6,) in W from (R, p) to the goal.
-
-    Args:
-        turn: (3, 3) scratch.
 
     Returns:
         Its length, of rad and m.
     """
+    turn = np.empty((3, 3))  # R_goal R^T
     for i in range(3):
         for k in range(3):
             turn[i, k] = R_goal[i, 0] * R[k, 0] + R_goal[i, 1] * R[k, 1] + R_goal[i, 2] * R[k, 2]
         error[3 + i] = p_goal[i] - p[i]
     rotation_vector(turn, error)
-    total = 0.0
-    for i in range(6):
-        total += error[i] * error[i]
-    return math.sqrt(total)
+    return math.sqrt(np.sum(error * error))
 
 
 @kernel
-def damped_step(J: Array, error: Array, damping: float, step: Array, A: Array) -> bool:
+def damped_step(J: Array, error: Array, damping: float, step: Array) -> bool:
     """Writes step = J^T y with y = (J J^T + damping 1)^-1 error.
-
-    Args:
-        A: (7, 6) scratch; its last row is y afterwards.
 
     Returns:
         False where the matrix is singular.
     """
-    n = J.shape[1]
+    matrix, y = np.empty((6, 6)), error.copy()
     for i in range(6):
         for j in range(i + 1):
-            total = damping if i == j else 0.0
-            for k in range(n):
-                total += J[i, k] * J[j, k]
-            A[i, j] = total
-        A[6, i] = error[i]
-    if not factorise_in_place(A, 6, _MIN_PIVOT):
+            matrix[i, j] = damping if i == j else 0.0
+            for k in range(J.shape[1]):
+                matrix[i, j] += J[i, k] * J[j, k]
+    if not factorise_in_place(matrix, 6, _MIN_PIVOT):
         return False
-    solve_factorised(A, 6, A[6])
-    for k in range(n):
-        total = 0.0
+    solve_factorised(matrix, 6, y)
+    for k in range(J.shape[1]):
+        step[k] = 0.0
         for i in range(6):
-            total += J[i, k] * A[6, i]
-        step[k] = total
+            step[k] += J[i, k] * y[i]
     return True
 
 
@@ -143,31 +130,38 @@ def _approach(
     errors: Array,
 ) -> None:
     """Writes q (M, n) and the remaining errors (M,), as `approach`."""
-    M, n = q.shape
-    R_goal, p_goal, lower, upper = goals.R, goals.p, bounds.lower, bounds.upper
-    max_steps, aim, damped = settings.max_steps, settings.aim, settings.damped
-    for b in prange((M + _BLOCK_POSTURES - 1) // _BLOCK_POSTURES):
-        R, p, turn, J = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((6, n))
-        error, step, A = np.empty(6), np.empty(n), np.empty((7, 6))
-        scratch = np.empty((n, SCRATCH_COLUMNS))
-        for m in range(b * _BLOCK_POSTURES, min(M, (b + 1) * _BLOCK_POSTURES)):
-            pose_and_jacobian(table, q[m], R, p, J, scratch)
-            size = goal_minus_pose(R, p, R_goal[m], p_goal[m], error, turn)
-            for _ in range(max_steps):
-                if size < aim or not math.isfinite(size):
-                    break
-                damping = min(_MAX_DAMPING, size * size) if damped else 0.0
-                if not damped_step(J, error, damping, step, A):
-                    size = math.inf
-                    break
-                largest = 0.0
-                for j in range(n):
-                    largest = max(largest, abs(step[j]))
-                if largest < _MIN_STEP:
-                    break
-                scale = _MAX_STEP / largest if largest > _MAX_STEP else 1.0
-                for j in range(n):
-                    q[m, j] = min(max(q[m, j] + scale * step[j], lower[j]), upper[j])
-                pose_and_jacobian(table, q[m], R, p, J, scratch)
-                size = goal_minus_pose(R, p, R_goal[m], p_goal[m], error, turn)
-            errors[m] = size
+    M = q.shape[0]
+    for block in prange((M + _BLOCK_POSTURES - 1) // _BLOCK_POSTURES):
+        for m in range(block * _BLOCK_POSTURES, min(M, (block + 1) * _BLOCK_POSTURES)):
+            errors[m] = _approach_one(table, goals.R[m], goals.p[m], bounds, settings, q[m])
+
+
+@kernel
+def _approach_one(
+    table: Array,
+    R_goal: Array,
+    p_goal: Array,
+    bounds: _Bounds,
+    settings: ApproachSettings,
+    q: Array,
+) -> float:
+    """Moves one q (n,) in place towards its pose; returns the remaining error, as `approach`."""
+    n = q.shape[0]
+    R, p, J, links = np.empty((3, 3)), np.empty(3), np.empty((6, n)), np.empty((n, SCRATCH_COLUMNS))
+    error, step = np.empty(6), np.empty(n)
+    pose_and_jacobian(table, q, R, p, J, links)
+    size = goal_minus_pose(R, p, R_goal, p_goal, error)
+    for _ in range(settings.max_steps):
+        if size < settings.aim or not math.isfinite(size):
+            break
+        damping = min(_MAX_DAMPING, size * size) if settings.damped else 0.0
+        if not damped_step(J, error, damping, step):
+            return math.inf
+        largest = np.max(np.abs(step))
+        if largest < _MIN_STEP:
+            break
+        step *= min(1.0, _MAX_STEP / largest)
+        q[:] = np.minimum(np.maximum(q + step, bounds.lower), bounds.upper)
+        pose_and_jacobian(table, q, R, p, J, links)
+        size = goal_minus_pose(R, p, R_goal, p_goal, error)
+    return float(size)
