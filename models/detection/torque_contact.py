@@ -62,10 +62,9 @@ MAX_SAMPLES = 1 << 18  # from which the error is learnt
 _MIN_SD = 1e-4  # N m, where a log shows no error
 _MIN_MEDIAN_SAMPLES = 20  # samples, of which a median is taken
 _SETTLING_TIME = 0.15  # s after a contact, from when a sample counts as free
-# Rows of the state after those of J's low-pass: (6 + NUM_ROWS, n).
-_BASE, _PEAK, _LOWEST, _SINGLE, NUM_ROWS = range(5)
-# Of `_SINGLE`; _TIME is NaN before the first sample, _ABOVE where s is not above CONTACT_LEVEL.
-_TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _MOVED, _NUMBERS = range(7)
+# Entries of `_State.numbers`; _TIME is NaN before the first sample, _ABOVE where s is not above
+# CONTACT_LEVEL.
+_TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _MOVED, _NUM_NUMBERS = range(7)
 
 
 class ReportedTorqueSd(NamedTuple):
@@ -86,6 +85,24 @@ class _Samples(NamedTuple):
     t: Array
     tau_ext: Array
     J: Array
+
+
+class _State(NamedTuple):
+    """What a detector knows of the samples so far; changed in place.
+
+    Attributes:
+        J_mean: (6, n) J, low-passed.
+        baseline: (n,) N m, of the torque without contact.
+        peak: (n,) z of the contact where it was largest, fading.
+        calmest: (n,) N m, the torque of smallest s in the pause after a contact.
+        numbers: (_NUM_NUMBERS,), entries _TIME to _MOVED.
+    """
+
+    J_mean: Array
+    baseline: Array
+    peak: Array
+    calmest: Array
+    numbers: Array
 
 
 class TorqueContact(NamedTuple):
@@ -117,9 +134,14 @@ class TorqueContactDetector:
     def __init__(self, error: ReportedTorqueSd, start: Array) -> None:
         n = len(start)
         self.error = error
-        self._state = np.zeros((6 + NUM_ROWS, max(n, _NUMBERS)))
-        self._state[6 + _BASE, :n] = start
-        self._state[6 + _SINGLE, [_TIME, _ABOVE]] = np.nan
+        self._state = _State(
+            J_mean=np.zeros((6, n)),
+            baseline=np.array(start, dtype=np.float64),
+            peak=np.zeros(n),
+            calmest=np.zeros(n),
+            numbers=np.zeros(_NUM_NUMBERS),
+        )
+        self._state.numbers[[_TIME, _ABOVE]] = np.nan
 
     def run(self, t: Array, tau_ext: Array, J: Array) -> TorqueContact:
         """Takes the next N samples.
@@ -256,7 +278,7 @@ def _windows_sd(t: Array, tau: Array, used: Flags) -> Array:
 
 @kernel
 def torque_contact_log(
-    error: ReportedTorqueSd, state: Array, samples: _Samples, out: Array, base: Array
+    error: ReportedTorqueSd, state: _State, samples: _Samples, out: Array, base: Array
 ) -> None:
     """Detects contact at N samples.
 
@@ -268,19 +290,18 @@ def torque_contact_log(
         base: (N, n) N m, the baseline, written.
     """
     t, tau_ext, J = samples
-    rows = state[6:]
     z = np.empty(tau_ext.shape[1])
     for k in range(tau_ext.shape[0]):
         if _is_finite(t[k], tau_ext[k], J[k]):
             T = _period(state, t[k], J[k])
             moves = _moves(state, J[k], T)
             sd = error.moving_sd if moves else error.rest_sd
-            norms = _take_torque(rows, tau_ext[k], sd, T, z)
-            _decide(rows, tau_ext[k], norms, T, z)
-            out[k, 0], out[k, 1] = np.sqrt(norms.square) / CONTACT_LEVEL, rows[_SINGLE, _CONTACT]
+            norms = _take_torque(state, tau_ext[k], sd, T, z)
+            _decide(state, tau_ext[k], norms, T, z)
+            out[k, 0] = np.sqrt(norms.square) / CONTACT_LEVEL
+            out[k, 1] = state.numbers[_CONTACT]
             out[k, 2] = 1.0 if moves else 0.0
-        for j in range(tau_ext.shape[1]):
-            base[k, j] = rows[_BASE, j]
+        base[k] = state.baseline
 
 
 class _Norms(NamedTuple):
@@ -294,64 +315,49 @@ class _Norms(NamedTuple):
 @kernel
 def _is_finite(t: float, tau_ext: Array, J: Array) -> bool:
     """Whether a sample is finite."""
-    finite = np.isfinite(t)
-    for j in range(tau_ext.shape[0]):
-        finite = finite and np.isfinite(tau_ext[j])
-        for i in range(6):
-            finite = finite and np.isfinite(J[i, j])
-    return bool(finite)
+    return bool(np.isfinite(t) and np.all(np.isfinite(tau_ext)) and np.all(np.isfinite(J)))
 
 
 @kernel
-def _period(state: Array, t: float, J: Array) -> float:
+def _period(state: _State, t: float, J: Array) -> float:
     """The time since the last sample, s; the first one starts the low-pass of J and gives 0."""
-    numbers, T = state[6 + _SINGLE], 0.0
-    if np.isfinite(numbers[_TIME]):
-        T = max(t - numbers[_TIME], 0.0)
+    T = 0.0
+    if np.isfinite(state.numbers[_TIME]):
+        T = max(t - state.numbers[_TIME], 0.0)
     else:
-        for i in range(6):
-            for j in range(J.shape[1]):
-                state[i, j] = J[i, j]
-    numbers[_TIME] = t
+        state.J_mean[:] = J
+    state.numbers[_TIME] = t
     return T
 
 
 @kernel
-def _moves(state: Array, J: Array, T: float) -> bool:
+def _moves(state: _State, J: Array, T: float) -> bool:
     """Takes J (6, n) into its low-pass; returns whether the arm moves, or has within REST_TIME."""
-    numbers = state[6 + _SINGLE]
-    gain, change = 1.0 - np.exp(-T / MOTION_TIME), 0.0
-    for i in range(6):
-        for j in range(J.shape[1]):
-            state[i, j] += gain * (J[i, j] - state[i, j])
-            change = max(change, abs(J[i, j] - state[i, j]))
+    J_mean, numbers = state.J_mean, state.numbers
+    J_mean += (1.0 - np.exp(-T / MOTION_TIME)) * (J - J_mean)
+    change = np.max(np.abs(J - J_mean))
     numbers[_MOVED] = REST_TIME if change > MIN_JACOBIAN_RATE * MOTION_TIME else numbers[_MOVED] - T
     return bool(numbers[_MOVED] > 0.0)
 
 
 @kernel
-def _take_torque(rows: Array, tau_ext: Array, sd: Array, T: float, z: Array) -> _Norms:
+def _take_torque(state: _State, tau_ext: Array, sd: Array, T: float, z: Array) -> _Norms:
     """Writes z (n,), and lets the peak fade."""
-    square, along_peak, peak_square = 0.0, 0.0, 0.0
-    fade = np.exp(-T / PEAK_TIME)
-    for j in range(tau_ext.shape[0]):
-        z[j] = (tau_ext[j] - rows[_BASE, j]) / sd[j]
-        square += z[j] * z[j]
-        rows[_PEAK, j] *= fade
-        along_peak += z[j] * rows[_PEAK, j]
-        peak_square += rows[_PEAK, j] * rows[_PEAK, j]
-    return _Norms(square, along_peak, peak_square)
+    peak = state.peak
+    z[:] = (tau_ext - state.baseline) / sd
+    peak *= np.exp(-T / PEAK_TIME)
+    return _Norms(np.sum(z * z), np.sum(z * peak), np.sum(peak * peak))
 
 
 @kernel
-def _decide(rows: Array, tau_ext: Array, norms: _Norms, T: float, z: Array) -> None:
+def _decide(state: _State, tau_ext: Array, norms: _Norms, T: float, z: Array) -> None:
     """Begins and ends contact; without contact takes the sample into the baseline."""
-    numbers, n, s = rows[_SINGLE], tau_ext.shape[0], np.sqrt(norms.square)
+    numbers, s = state.numbers, np.sqrt(norms.square)
     ends = False
     if numbers[_CONTACT] == 0.0:
-        _wait_for_contact(rows, tau_ext, s, T, z)
+        _wait_for_contact(state, tau_ext, s, T, z)
     elif norms.square >= norms.peak_square:
-        rows[_PEAK, :n] = z
+        state.peak[:] = z
     else:
         ends = norms.along_peak < MIN_PEAK_SHARE * norms.peak_square
     if ends or (numbers[_CONTACT] == 1.0 and s < RELEASE_SHARE * CONTACT_LEVEL):
@@ -361,21 +367,20 @@ def _decide(rows: Array, tau_ext: Array, norms: _Norms, T: float, z: Array) -> N
 
 
 @kernel
-def _wait_for_contact(rows: Array, tau_ext: Array, s: float, T: float, z: Array) -> None:
+def _wait_for_contact(state: _State, tau_ext: Array, s: float, T: float, z: Array) -> None:
     """The pause after a contact, the begin of one, or the baseline's low-pass."""
-    numbers, n = rows[_SINGLE], tau_ext.shape[0]
+    numbers, baseline = state.numbers, state.baseline
     if numbers[_WAIT] > 0.0:
         numbers[_WAIT] -= T
         if s <= numbers[_SMALLEST]:
             numbers[_SMALLEST] = s
-            rows[_LOWEST, :n] = tau_ext
+            state.calmest[:] = tau_ext
         if numbers[_WAIT] <= 0.0:
-            rows[_BASE, :n] = rows[_LOWEST, :n]
+            baseline[:] = state.calmest
     elif s > CONTACT_LEVEL:
         numbers[_ABOVE] = numbers[_ABOVE] + T if np.isfinite(numbers[_ABOVE]) else 0.0
         if numbers[_ABOVE] >= ONSET_TIME:
             numbers[_CONTACT] = 1.0
-            rows[_PEAK, :n] = z
+            state.peak[:] = z
     else:
-        for j in range(n):
-            rows[_BASE, j] += (1.0 - np.exp(-T / BASELINE_TIME)) * (tau_ext[j] - rows[_BASE, j])
+        baseline += (1.0 - np.exp(-T / BASELINE_TIME)) * (tau_ext - baseline)

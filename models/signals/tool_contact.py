@@ -34,21 +34,16 @@ def add_contact(
         p_WC: (3,) m, where it touches.
         contact: (10,), changed.
     """
+    wrench, normal = contact[WRENCH], contact[NORMAL]
     r = p_WC - p_WE
-    contact[0] += moment[0] + r[1] * force[2] - r[2] * force[1]
-    contact[1] += moment[1] + r[2] * force[0] - r[0] * force[2]
-    contact[2] += moment[2] + r[0] * force[1] - r[1] * force[0]
-    length = 0.0
-    for i in range(3):
-        contact[3 + i] += force[i]
-        contact[7 + i] = -tip_radius * R_WE[i, 2] - r[i]
-        length += contact[7 + i] ** 2
-    length = max(np.sqrt(length), _MIN_LENGTH)
-    push = 0.0
-    for i in range(3):
-        contact[7 + i] /= length
-        push += contact[7 + i] * force[i]
-    contact[6] += max(0.0, push)
+    wrench[:3] += moment
+    wrench[0] += r[1] * force[2] - r[2] * force[1]
+    wrench[1] += r[2] * force[0] - r[0] * force[2]
+    wrench[2] += r[0] * force[1] - r[1] * force[0]
+    wrench[3:] += force
+    normal[:] = -tip_radius * R_WE[:, 2] - r
+    normal /= max(np.sqrt(np.sum(normal * normal)), _MIN_LENGTH)
+    contact[NORMAL_FORCE] += max(0.0, np.sum(normal * force))
 
 
 @kernel
@@ -63,11 +58,9 @@ def sum_with_contact(
         J: (6, n).
         tau_contact: (n,) N m, of contact.
     """
+    wrench, tau_ext, normal = out[:6], out[6:-NORMAL_SIZE], out[-NORMAL_SIZE:]
+    wrench[:] = applied + contact[WRENCH]
+    tau_ext[:] = tau_contact
     for i in range(6):
-        out[i] = applied[i] + contact[i]
-    n = J.shape[1]
-    out[6 + n :] = contact[6:]
-    for j in range(n):
-        out[6 + j] = tau_contact[j]
-        for i in range(6):
-            out[6 + j] += applied[i] * J[i, j]
+        tau_ext += applied[i] * J[i]
+    normal[:] = contact[NORMAL_FORCE:]
