@@ -416,14 +416,15 @@ class WrenchEstimator:
         rows = [np.array(signal, float)[None] for signal in (q, v, current)]
         if correction is not None:
             correction = Correction(*(np.asarray(part, float)[None] for part in correction))
-        batch = self.run(state, *rows, correction=correction)
+        taken = self.take(state, rows[0], rows[1], rows[2], correction=correction)
+        reading = self.read(state.reading, taken)
         return TickEstimate(
-            batch.tau_ext[0],
-            batch.wrench[0],
-            batch.covariance[0],
-            batch.condition_number.item(),
-            batch.invalid.item(),
-            batch.fault.item(),
+            taken.tau_ext[0],
+            reading.wrench[0],
+            reading.covariance[0],
+            reading.condition_number.item(),
+            reading.invalid.item(),
+            taken.fault.item(),
         )
 
     def run(
@@ -500,11 +501,12 @@ class WrenchEstimator:
         signals = contiguous(q, v, current)
         self._check_shapes(state, signals, correction, tau_f)
         N = len(signals[0])
-        fault = np.zeros(N, np.int64)
         if check and self.check is not None:
             period = self.observer.time_step
             checked, fault = self.check.run(state.check, signals[0], signals[1], signals[2], period)
             signals = list(checked)
+        else:
+            fault = np.zeros(N, np.int64)
         q, v, current = signals
         momentum, CTv, G, J = self.chain.observer_terms(q, v)
         tau_J = joint_torque(self.gain, self._motor_rates, current)
@@ -534,7 +536,8 @@ class WrenchEstimator:
             drift=error.drift,
         )
         observed = self.observer.observe(state.observer, samples)
-        tau_ext, is_corrected = observed.tau_ext, np.ones(N, np.bool_)
+        tau_ext, is_corrected = observed.tau_ext, np.empty(N, np.bool_)
+        is_corrected.fill(True)
         if correction is not None:
             added = np.asarray(correction.tau_correction, float)
             is_known = np.isfinite(added)

@@ -53,7 +53,6 @@ from wrenchsight.models.estimation.wrench_kernels import (
     CONDITION,
     FORCE_ONLY,
     METHODS,
-    WORK_ROWS,
     WrenchConstants,
     reasons_log,
     reconstruct_log,
@@ -231,7 +230,7 @@ class WrenchReconstruction:
             `force_only`; None: the sample's sds alone are the weights.
 
     Attributes:
-        table: constants that `reconstruct` reads.
+        table: constants that the kernels read.
 
     Raises:
         ValueError: an unknown method, a prior that is missing or negative, damping or truncation
@@ -266,10 +265,6 @@ class WrenchReconstruction:
     def limits(self) -> ValidityLimits:
         """The limits of a valid reading."""
         return ValidityLimits.of(self.config)
-
-    def scratch(self) -> Array:
-        """Returns a new work array for `reconstruct`; one per thread."""
-        return np.zeros((WORK_ROWS, max(self.num_joints, 6)))
 
     def reconstruct(
         self,

@@ -14,7 +14,7 @@ from wrenchsight.models.numerics.small_matrices import (
     largest_eigenvalue_3x3,
     orthogonalise_rows,
 )
-from wrenchsight.models.rigid_body.conditioning import condition_number_of, condition_numbers_of
+from wrenchsight.models.rigid_body.conditioning import condition_numbers_of
 
 METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
 _INVERSE, FORCE_ONLY, BAYESIAN, _DAMPED, _TRUNCATED = range(5)
@@ -26,13 +26,13 @@ _VALID_FORCE_SD, _VALID_MOMENT_SD, _MAX_STICTION_FORCE, NUM_SETTINGS = range(6, 
 # Entries of a reading's quality, see WrenchOut.
 CONDITION, FORCE_SD, STICTION_FORCE, HAS_FULL_RANK, NUM_QUALITY = range(5)
 
-# Rows of the scratch array of `reconstruct`, (WORK_ROWS, max(n, 6)).
+# Rows of the scratch array of a sample, (WORK_ROWS, max(n, 6)).
 _WHITE, _FACTOR, _INVERSE_FACTOR, _TURNED, _TURN, _MATRIX, _PLAIN = range(0, 42, 6)
 _SCRATCH, _FROM_STICTION, _VECTOR = 42, 48, 51
-_SD, _STICTION, _WEIGHTS = range(_VECTOR + 3, _VECTOR + 6)
-WORK_ROWS = _VECTOR + 6
+_WEIGHTS = _VECTOR + 3
+WORK_ROWS = _VECTOR + 4
 _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
-_BLOCK = 1024  # samples that are worth a thread: some 5 ms
+_BLOCK_SAMPLES = 1024  # that are worth a thread: some 5 ms
 _WELL_CONDITIONED = 1e9  # up to which elimination gives what singular values give
 _LARGEST = 1e60  # N, N m and their squares; more counts as not finite
 
@@ -83,50 +83,6 @@ class WrenchOut(NamedTuple):
     wrench: Array
     covariance: Array
     quality: Array
-
-
-@kernel
-def reconstruct(
-    table: WrenchConstants,
-    J: Array,
-    tau_ext: Array,
-    wrench: Array,
-    covariance: Array,
-    quality: Array,
-    work: Array,
-) -> None:
-    """Single-sample kernel of `WrenchReconstruction`, for errors of constant covariance.
-
-    Args:
-        table: `WrenchReconstruction.table`.
-        J: (6, n).
-        tau_ext: (n,).
-        wrench, covariance, quality: written, as WrenchOut.
-        work: `WrenchReconstruction.scratch()`.
-    """
-    n = J.shape[1]
-    sd, stiction = work[_SD, :n], work[_STICTION, :n]
-    for j in range(n):
-        sd[j], stiction[j] = 1.0, 0.0
-    out = WrenchOut(wrench, covariance, quality)
-    _reading(table, TorqueSample(J, tau_ext, sd, stiction), out, work)
-    condition = condition_number_of(J, work[_SCRATCH : _SCRATCH + 6])
-    quality[CONDITION] = np.inf if np.isnan(condition) else condition
-
-
-@kernel
-def _reading(table: WrenchConstants, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
-    """Writes wrench, covariance and quality by any method, but for the condition number."""
-    method, has_full_rank = int(table.settings[_METHOD]), True
-    if not _is_readable(table, sample, out):
-        return
-    if method == FORCE_ONLY and table.usual_sd.shape[0] > 0:
-        _balanced(table, sample, out, work)
-    elif method in (FORCE_ONLY, BAYESIAN):
-        _posterior(table, sample, out, work)
-    else:
-        has_full_rank = _pseudo_inverse(table, sample, out, work)
-    _rate(table, sample, out, has_full_rank, work)
 
 
 @kernel
@@ -544,6 +500,12 @@ def reconstruct_log(
             balanced_rows if method == FORCE_ONLY and len(table.usual_sd) else posterior_rows
         )
 
+    if N <= _BLOCK_SAMPLES:
+        if len(J_now):
+            condition_numbers_of(J_now, condition)
+        read_rows(*table, condition, J, tau_ext, sd, stiction, *out)
+        return out
+
     def run(rows: slice) -> None:
         if len(J_now):
             condition_numbers_of(J_now[rows], condition[rows])
@@ -559,7 +521,7 @@ def reconstruct_log(
             out.quality[rows],
         )
 
-    in_row_blocks(run, N, _BLOCK)
+    in_row_blocks(run, N, _BLOCK_SAMPLES)
     return out
 
 

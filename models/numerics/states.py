@@ -30,6 +30,8 @@ class StateLayout:
 
     def state_of(self, vector: Array) -> Any:
         """The state whose numbers stand in a vector (size,), as views of it."""
+        if self._made is next:  # of one array alone
+            return vector.reshape(self._parts[0][1])
         return self._made(iter([vector[part].reshape(shape) for part, shape in self._parts]))
 
 

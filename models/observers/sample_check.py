@@ -133,7 +133,7 @@ class SampleCheck:
             DISAGREES and FROZEN, or 0.
         """
         q, v, current = contiguous(q, v, current)
-        checked, codes = np.empty((3, *q.shape)), np.empty(len(q), np.int64)
+        checked, codes = np.empty((3, len(q), self.num_joints)), np.empty(len(q), np.int64)
         periods = np.empty(len(q))
         periods[:] = period
         check_rows(self.table, state, periods, q, v, current, checked, codes)

@@ -339,6 +339,10 @@ class SerialChain:
         """Calls a kernel of `chain_batches` for all rows."""
         shape = self.num_joints, SCRATCH_COLUMNS
 
+        if len(arrays[0]) <= _BLOCK_SAMPLES:
+            kernel(self.table, *arrays, np.empty(shape))
+            return
+
         def run(rows: slice) -> None:
             blocks = [array[rows] for array in arrays]
             kernel(self.table, *blocks, np.empty(shape))
