@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.estimation.invalid import InvalidCodes, marked
+from wrenchsight.models.estimation.invalid import UNSEEN_REST, InvalidCodes, marked
 from wrenchsight.models.estimation.torque_error_stage import (
     TorqueError,
     TorqueErrorStage,
@@ -48,6 +48,7 @@ from wrenchsight.models.identification.torque_error_model import (
     REST_ROW,
     ConstantTorqueError,
     TorqueErrorModel,
+    torque_at_unseen_rest,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -560,7 +561,10 @@ class WrenchEstimator:
     def read(
         self, state: ReadingState, taken: TakenSamples, conditions: bool = True
     ) -> WrenchEstimate:
-        """The last stage of `run`: the wrench of samples that `take` has taken."""
+        """The last stage of `run`: the wrench of samples that `take` has taken.
+
+        It is not valid where a joint that rested in no log of the model rests beyond friction.
+        """
         samples, observed = taken.samples, taken.observed
         reading_samples = ReadingSamples(
             J=samples.J,
@@ -573,7 +577,12 @@ class WrenchEstimator:
             wrench=observed.wrench,
             covariance=observed.covariance,
         )
-        return self.reading.run(state, taken.error, reading_samples, conditions)
+        reading = self.reading.run(state, taken.error, reading_samples, conditions)
+        if np.all(np.asarray(self.error.error.rests) > 0.0):
+            return reading
+        states, tau_ext = contiguous(taken.error.rows, taken.tau_ext)
+        is_unseen = torque_at_unseen_rest(self.error.table, states, tau_ext)
+        return reading._replace(invalid=marked(reading.invalid, UNSEEN_REST, is_unseen))
 
     def _check_shapes(
         self,

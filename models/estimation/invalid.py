@@ -38,6 +38,7 @@ STREAM_LATE = 1 << 13
 ZEROING = 1 << 14
 LAGGING = 1 << 15
 WRONG_LOG = 1 << 16
+UNSEEN_REST = 1 << 17
 
 
 class Reason(NamedTuple):
@@ -117,6 +118,12 @@ REASONS: Mapping[int, Reason] = {
         "singular",
         "at a singular posture",
         "find another posture with `wrenchsight place`, or use --method bayesian",
+    ),
+    UNSEEN_REST: Reason(
+        "unseen_rest",
+        "rest of a joint that rested in no log of the model",
+        "record a motion that stops for some seconds, as `wrenchsight excite` plans it, and "
+        "identify again",
     ),
     HIDDEN_BY_STICTION: Reason(
         "hidden_by_stiction",

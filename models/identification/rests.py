@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrenchsight.models.identification.torque_error_model import (
+    HELD,
     PLAY,
-    UNSEEN_HELD,
     TorqueErrorModel,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -53,9 +53,10 @@ def unseen_rests(error: TorqueErrorModel, joint_names: Sequence[str]) -> tuple[s
     if len(unseen) < len(joint_names):
         subject = f"{', '.join(unseen)} never rested"
     return (
-        f"{subject} in the logs of the model: contacts at stops cannot be judged, and only a "
-        f"torque beyond {UNSEEN_HELD:g} times the joint's friction is reported; record a motion "
-        "that stops for some seconds, as `wrenchsight excite` plans it, and identify again",
+        f"{subject} in the logs of the model: contact at rest cannot be told from friction there, "
+        f"and is not reported; a torque beyond {HELD:g} times the joint's friction makes the "
+        "reading not valid (unseen_rest); record a motion that stops for some seconds, as "
+        "`wrenchsight excite` plans it, and identify again",
     )
 
 

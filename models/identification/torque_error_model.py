@@ -44,12 +44,16 @@ RECOGNITION for both the reading of the UR10e's ptp_10_points errs by 3.7 N for 
 The position p_a follows p with the play of a bearing, so that an encoder that flickers and a noisy
 velocity move nothing. What friction can hide altogether is
 
-    hidden = held level(0) LP((2 - r) max(still, r))
+    hidden = held level(0) LP(max((2 - r) max(still, r), w))
 
 from the first sample without motion on: any torque of the band, less the law's that is still
-subtracted. `held` allows for what stiction has above the sliding level, and for the level's drift:
-it is the largest share that a rest in the logs showed, and HELD at least; UNSEEN_HELD for a joint
-that never rested in them. A contact counts beyond it (`models.detection.contact_statistic`).
+subtracted. A joint that creeps to its stop hides the share w of its band: MuJoCo's solver, for one,
+lets a joint creep under a part of its friction. `held` allows for what stiction has above the
+sliding level, and for the level's drift: it is the largest share that a rest in the logs showed,
+and HELD at least. A contact counts beyond it (`models.detection.contact_statistic`). What a joint
+holds that never rested in the logs is not known: once it is known to rest (r > UNSEEN_REST),
+`hidden` is infinite, and a torque beyond HELD times the level makes the reading not valid
+(`torque_at_unseen_rest`). Before, as at a reversal, `held` is UNSEEN_HELD.
 
 rest_time and reach are constants: the most likely ones of a grid (.1 to 2 s, .1 to .8 mrad) over
 the UR10e's three runs. Each run was read causally by a model of the others. `unknown` has no fitted
@@ -89,7 +93,7 @@ from wrenchsight.models.identification.gravity_spread import (
     spread_beyond,
     spread_table,
 )
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
@@ -101,7 +105,8 @@ REST_TIME = 0.5  # s
 REACH = 3e-4  # rad (m)
 PLAY = 1e-4  # rad (m), least play of the position that decides whether a joint rests
 HELD = 1.1  # level at rest over that of sliding, at least, where logs show rests
-UNSEEN_HELD = 2.0  # the same where they show none
+UNSEEN_HELD = 2.0  # the same where they show none, until the joint is known to rest
+UNSEEN_REST = 0.5  # r, from which on it is
 CREEP = 1e-4  # rad/s (m/s), of a motion that a rest cannot be told from
 RECOGNITION = 0.1  # s without motion, in which a joint is known to rest
 
@@ -132,8 +137,9 @@ _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COL
     _SUDDEN,
     _INVERSE_CREEP,
     _HELD,
+    _UNSEEN,
     _COLUMNS,
-) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 25)
+) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 26)
 
 # Rows of the state.
 _POSITION, _UNKNOWN_SHARE, _TURN, _UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED, _TAU_J = range(8)
@@ -284,7 +290,7 @@ class TorqueErrorModel:
         resolution: ArrayLike | None = None,
         chain: SerialChain | None = None,
     ) -> Array:
-        """(n, 32 + k) contiguous, constants of `torque_sd_rows`; k columns are `spread_table`'s.
+        """(n, 33 + k) contiguous, constants of `torque_sd_rows`; k columns are `spread_table`'s.
 
         Args:
             friction: the model's, or its numbers; its level is the stiction band.
@@ -324,7 +330,7 @@ class TorqueErrorModel:
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
         table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
         table[:, _PLAY] = np.maximum(2.0 * table[:, _HALF_STEP], PLAY)
-        table[:, _HELD] = self.held
+        table[:, _HELD], table[:, _UNSEEN] = self.held, self.rests == 0.0
         is_elastic = sliding.remembers > 0.0
         times = np.where(is_elastic, RELAXATION, RECOGNITION)
         table[:, _SUDDEN] = ~is_elastic
@@ -581,7 +587,7 @@ def _low_pass(table: Array, motion: Array, state: Array, i: int, v: float) -> No
     share = max(w, r)
     unknown = level * np.sqrt(share / 3.0 + row[_SUDDEN] * r * (1.0 - r))
     turning = level * (1.0 - z * z) * (1.0 - share)
-    hidden = (2.0 - r) * max(motion[_STILL, i], r)
+    hidden = max((2.0 - r) * max(motion[_STILL, i], r), w)
     pole = 0.0 if motion[_TAKEN, i] == _FIRST else row[_POLE]
     state[HIDDEN_ROW, i] = pole * state[HIDDEN_ROW, i] + (1.0 - pole) * hidden
     state[_UNKNOWN, i] = pole * state[_UNKNOWN, i] + (1.0 - pole) * unknown
@@ -599,7 +605,28 @@ def breakaway(table: Array, state: Array, i: int) -> float:
 @kernel
 def hidden_torque(table: Array, state: Array, i: int) -> float:
     """N m, what friction of joint i may hide of tau_ext after this sample."""
-    return float(table[i, _HELD] * breakaway(table, state, i) * state[HIDDEN_ROW, i])
+    level = breakaway(table, state, i)
+    if table[i, _UNSEEN] != 0.0 and state[REST_ROW, i] > UNSEEN_REST and level > 0.0:
+        return np.inf
+    return float(table[i, _HELD] * level * state[HIDDEN_ROW, i])
+
+
+@kernel
+def torque_at_unseen_rest(table: Array, rows: Array, tau_ext: Array) -> Flags:
+    """(N,) whether a joint that rested in no log rests with more than its sliding friction.
+
+    Args:
+        table: `TorqueErrorModel.table`.
+        rows: (N, TORQUE_ERROR_ROWS, n) states after N samples.
+        tau_ext: (N, n) N m.
+    """
+    found = np.zeros(len(tau_ext), np.bool_)
+    for k in range(len(tau_ext)):
+        for i in range(tau_ext.shape[1]):
+            if table[i, _UNSEEN] != 0.0 and rows[k, REST_ROW, i] > UNSEEN_REST:
+                level = breakaway(table, rows[k], i)
+                found[k] = found[k] or abs(tau_ext[k, i]) > HELD * level > 0.0
+    return found
 
 
 @kernel(nogil=True)

@@ -31,6 +31,7 @@ _PLAIN_ERROR = {
     "fitted_load": 9e3,
     "K_0": 20.0,
     "resolution": 0.0,
+    "rests": 1.0,
 }
 
 

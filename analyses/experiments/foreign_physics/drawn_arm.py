@@ -12,7 +12,6 @@ from wrenchsight.analyses.experiments.foreign_physics.arms import MujocoArm, dra
 from wrenchsight.analyses.experiments.foreign_physics.cases import CASES, SMOOTH_CASES
 from wrenchsight.analyses.experiments.foreign_physics.identified_arms import (
     EXCITATION_SEEDS,
-    NUM_PERIODS,
     excitation_motions,
     identification_logs,
     identified,
@@ -58,7 +57,12 @@ class DrawnArm:
 
     @classmethod
     def identify(
-        cls, name: str, draw: int, folder: Path, periods: int = NUM_PERIODS, keeps: bool = False
+        cls,
+        name: str,
+        draw: int,
+        folder: Path,
+        motions: tuple[Motion, ...] = (),
+        keeps: bool = False,
     ) -> Self:
         """Draws an arm, records two motions of `excite` and identifies it.
 
@@ -66,14 +70,14 @@ class DrawnArm:
             name: one of `arms.ARMS`.
             draw: its seed.
             folder: for its files; made.
-            periods: periods of each motion of the identification.
+            motions: motions of `identified_arms.excitation_motions`; none: they are planned.
             keeps: whether logs and model are kept in the folder, and read where they are there.
         """
         folder.mkdir(parents=True, exist_ok=True)
         arm = draw_arm(robot_file(name, folder), draw)
-        motions: tuple[Motion, ...] = ()
-        if not (keeps and all(path.exists() for path in _log_paths(folder))):
-            motions = excitation_motions(arm.robot, arm.robot_file, periods)
+        has_logs = keeps and all(path.exists() for path in _log_paths(folder))
+        if not (motions or has_logs):
+            motions = excitation_motions(arm.robot, arm.robot_file)
         return cls._identified(arm, motions, folder, keeps)
 
     @classmethod

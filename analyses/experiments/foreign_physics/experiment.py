@@ -8,15 +8,17 @@ the others for the first FURTHER_DRAWS of the UR10e. Figures are the median and 
 draws.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from wrenchsight.analyses.output.figures import SERIES, new_figure
+from wrenchsight.analyses.output.side_by_side import Died, run_side_by_side
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -25,9 +27,10 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     ResultTable,
 )
+from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.experiments.foreign_physics.drawn_arm import DrawnArm
+    from wrenchsight.analyses.experiments.foreign_physics.motions import Motion
 
 CORE_CASES: Final = (
     "free",
@@ -42,13 +45,14 @@ CORE_CASES: Final = (
     "drift_steps",
 )
 FIRST_ARM: Final = "ur10e"
-NUM_DRAWS: Final = {"ur10e": 20, "panda": 3, "z1": 3}
+NUM_DRAWS: Final = {"ur10e": 20, "panda": 20, "z1": 20}
 QUICK_DRAWS: Final = {"ur10e": 2}
 FURTHER_DRAWS: Final = 4
 QUICK_CASES: Final = ("free", "pick_and_place", "steps")
 QUICK_PERIODS: Final = 2
 README_CASES: Final = ("free", "constant", "steps", "sine_2", "slide_40", "slide_110")
 """Cases of which the README states the worst draw."""
+_MOTIONS_SHARE: Final = 0.05  # of the whole time
 _WORST: Final = {  # whether the least is the worst
     "inside_95_pct": True,
     "beyond_3sd_pct": False,
@@ -59,32 +63,96 @@ _WORST: Final = {  # whether the least is the worst
 }
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """Cases that are read of each draw of an arm."""
+class _Plan(NamedTuple):
+    """Draws of an arm: the cases that are read of each."""
 
     arm: str
-    draw: int
+    cases: Sequence[tuple[str, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Draw:
+    """A draw of an arm, and the cases that are read of it.
+
+    Attributes:
+        arm: one of `arms.ARMS`.
+        seed: of the draw.
+        motions: of its identification.
+        cases: names of `cases.CASES`.
+    """
+
+    arm: str
+    seed: int
+    motions: "tuple[Motion, ...]"
     cases: tuple[str, ...]
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """Reads all logs, draw by draw, and sums them up."""
+    """Reads all logs, draws side by side, and sums them up."""
+    from numba import config
+
     plans, lacking = _plans(context.quick)
-    count, done = sum(len(plan.cases) for plan in plans), 0
+    draws = list(_with_motions(plans, context))
+    found: dict[int, dict[str, dict[str, Any]]] = {}
+    failures = []
+    ends = run_side_by_side(
+        _read_draw,
+        draws,
+        config.NUMBA_NUM_THREADS,  # as many processors as this experiment may use
+        environment={"NUMBA_NUM_THREADS": "1"},
+        started=lambda draw: context.progress(
+            _MOTIONS_SHARE + (1.0 - _MOTIONS_SHARE) * len(found) / len(draws),
+            f"{draw.arm}, draw {draw.seed}; {len(found)} of {len(draws)} draws are read",
+        ),
+    )
+    with closing(ends):
+        for draw, figures in ends:
+            if isinstance(figures, Died | str):
+                failures.append(f"{draw.arm}, draw {draw.seed}: {figures}")
+            else:
+                found[draws.index(draw)] = figures
     read: dict[str, dict[str, list[dict[str, Any]]]] = {}
-    with TemporaryDirectory() as scratch:
-        for plan in plans:
-            context.progress(done / count, f"{plan.arm} {plan.draw}: identification")
-            drawn = _drawn(plan, Path(scratch), context)
-            by_case = read.setdefault(plan.arm, {})
-            for case in plan.cases:
-                context.progress(done / count, f"{plan.arm} {plan.draw}: {case}")
+    for k in sorted(found):  # the order in which they end is chance
+        by_case = read.setdefault(draws[k].arm, {})
+        for case, figures in found[k].items():
+            by_case.setdefault(case, []).append(figures)
+    return replace(result_of(read, lacking, context.draws), failures=failures)
+
+
+def _with_motions(plans: "Sequence[_Plan]", context: ExperimentContext) -> Iterator[_Draw]:
+    """The draws of all plans, with the motions of the arm, which are planned once."""
+    from wrenchsight.analyses.experiments.foreign_physics.arms import robot_file
+    from wrenchsight.analyses.experiments.foreign_physics.identified_arms import (
+        NUM_PERIODS,
+        excitation_motions,
+    )
+    from wrenchsight.models.robot.robot import Robot
+
+    periods = QUICK_PERIODS if context.quick else NUM_PERIODS
+    for k, plan in enumerate(plans):
+        context.progress(_MOTIONS_SHARE * k / len(plans), f"{plan.arm}: motions of excite")
+        with TemporaryDirectory() as scratch:
+            file = robot_file(plan.arm, Path(scratch))
+            motions = excitation_motions(Robot.load(file), file, periods)
+        for draw, cases in enumerate(plan.cases):
+            yield _Draw(plan.arm, 100 * context.seed + draw, motions, cases)
+
+
+def _read_draw(draw: _Draw) -> dict[str, dict[str, Any]] | str:
+    """The figures of a draw by case (`readings.figures`), or why it has none."""
+    from wrenchsight.analyses.experiments.foreign_physics.drawn_arm import DrawnArm
+
+    found = {}
+    try:
+        with TemporaryDirectory() as scratch:
+            drawn = DrawnArm.identify(draw.arm, draw.seed, Path(scratch), draw.motions)
+            for case in draw.cases:
                 log = drawn.simulate(case)
                 reading = drawn.read(case, log, draws=False)
-                by_case.setdefault(case, []).append(drawn.figures(case, log, reading))
-                done += 1
-    return result_of(read, lacking, context.draws)
+                found[case] = drawn.figures(case, log, reading)
+    except (InputError, RuntimeError) as error:  # its logs identify nothing, or MuJoCo gave up
+        return str(error)
+    return found
 
 
 def result_of(
@@ -102,8 +170,10 @@ def result_of(
         for arm, by_case in read.items()
     }
     for cases in metrics.values():
-        shown = [cases[case] for case in README_CASES if case in cases]
-        cases["worst_inside_pct"] = [float(np.min(c["inside_95_pct"]["worst"][:3])) for c in shown]
+        shown = _shown(cases)
+        if shown:
+            worst = [cases[case]["inside_95_pct"]["worst"] for case in shown]
+            cases["worst_inside_pct"] = [float(np.min(of_axes[:3])) for of_axes in worst]
     return ExperimentResult(
         metrics=metrics,
         figures=[_figure(read)] if draws else [],
@@ -113,36 +183,31 @@ def result_of(
     )
 
 
+def _shown(cases: dict[str, Any]) -> list[str]:
+    """The README's cases of an arm, but for those of which no draw has a valid sample."""
+    return [case for case in README_CASES if "inside_95_pct" in cases.get(case, {})]
+
+
 def _plans(quick: bool) -> tuple[list[_Plan], list[str]]:
     """What is read, and a sentence on what is left out."""
     from wrenchsight.analyses.experiments.foreign_physics.arms import DRAFTED_ARM, has_stranger
     from wrenchsight.analyses.experiments.foreign_physics.cases import CASES
 
     if quick:
-        plans = [
-            _Plan(arm, k, QUICK_CASES) for arm, draws in QUICK_DRAWS.items() for k in range(draws)
-        ]
-        return plans, []
+        return [_Plan(arm, [QUICK_CASES] * count) for arm, count in QUICK_DRAWS.items()], []
     further = tuple(case for case in CASES if case not in CORE_CASES)
-    arms = [arm for arm in NUM_DRAWS if arm != DRAFTED_ARM or has_stranger()]
     plans = [
-        _Plan(arm, k, CORE_CASES + further * (arm == FIRST_ARM and k < FURTHER_DRAWS))
-        for arm in arms
-        for k in range(NUM_DRAWS[arm])
+        _Plan(
+            arm,
+            [CORE_CASES + further * (arm == FIRST_ARM and k < FURTHER_DRAWS) for k in range(count)],
+        )
+        for arm, count in NUM_DRAWS.items()
+        if arm != DRAFTED_ARM or has_stranger()
     ]
     without = (
         f"{DRAFTED_ARM} is left out: python -m pip install 'wrenchsight[study]' brings its URDF."
     )
-    return plans, [] if DRAFTED_ARM in arms else [without]
-
-
-def _drawn(plan: _Plan, scratch: Path, context: ExperimentContext) -> "DrawnArm":
-    from wrenchsight.analyses.experiments.foreign_physics.drawn_arm import DrawnArm
-    from wrenchsight.analyses.experiments.foreign_physics.identified_arms import NUM_PERIODS
-
-    periods = QUICK_PERIODS if context.quick else NUM_PERIODS
-    seed = 100 * context.seed + plan.draw
-    return DrawnArm.identify(plan.arm, seed, scratch / f"{plan.arm}_{plan.draw}", periods)
+    return plans, [] if any(plan.arm == DRAFTED_ARM for plan in plans) else [without]
 
 
 def summed_up(draws: list[dict[str, Any]]) -> dict[str, Any]:
@@ -169,21 +234,21 @@ def summed_up(draws: list[dict[str, Any]]) -> dict[str, Any]:
             values = [3600.0 * f["false_contacts"] / f["seconds"] for f in draws]
         else:
             values = [figures[key] for figures in draws]
-        result[key] = _median_and_worst(values, is_least)
+        result |= _median_and_worst(key, values, is_least)
     for tool in ("ours", "plain"):
         values = [figures[tool]["rmse_n"] for figures in draws]
-        result[tool] = {"rmse_n": _median_and_worst(values, False)}
+        result[tool] = _median_and_worst("rmse_n", values, False)
     return result
 
 
-def _median_and_worst(values: list[Any], is_least: bool) -> dict[str, Any]:
+def _median_and_worst(key: str, values: list[Any], is_least: bool) -> dict[str, Any]:
+    """Median and worst of the draws that have the figure, by its key; nothing where none has."""
     table = np.array(values, dtype=float)
     known = table[~np.isnan(table.reshape(len(table), -1)).any(axis=1)]
     if not len(known):
-        none = np.full(table.shape[1:], np.nan)
-        return {"median": none, "worst": none}
+        return {}
     worst = known.min(axis=0) if is_least else known.max(axis=0)
-    return {"median": np.median(known, axis=0), "worst": worst}
+    return {key: {"median": np.median(known, axis=0), "worst": worst}}
 
 
 def _figure(read: dict[str, dict[str, list[dict[str, Any]]]]) -> Drawing:
@@ -248,12 +313,19 @@ def _table(arm: str, cases: dict[str, Any]) -> ResultTable:
 
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
-    cases = ", ".join(README_CASES)
     rows = []
     for arm, figures in metrics.items():
-        draws = figures[next(iter(figures))]["draws"]
-        label = f"Inside the stated 95 % band, worst axis and draw of {draws}, {arm}: {cases}"
-        remark = "of the draws with valid samples; not finite: no draw has one"
+        shown = _shown(figures)
+        if not shown:
+            continue
+        label = (
+            f"Inside the stated 95 % band, worst axis and draw of {figures[shown[0]]['draws']}, "
+            f"{arm}: {', '.join(shown)}"
+        )
+        lacking = [case for case in README_CASES if case in figures and case not in shown]
+        remark = "of the draws with valid samples"
+        if lacking:
+            remark += f"; no draw has one in {', '.join(lacking)}"
         rows.append(ComparisonRow(label, f"{arm}.worst_inside_pct", None, remark))
     return rows
 
@@ -276,6 +348,6 @@ EXPERIMENT = Experiment(
     run=run,
     modules=("mujoco",),
     order=190,
-    seconds=500,
+    seconds=3000,
     readme=("ur10e.worst_inside_pct", "panda.worst_inside_pct", "z1.worst_inside_pct"),
 )

@@ -223,7 +223,9 @@ def learn_error(
         K_0=np.asarray(K_0, float),
         resolution=position_resolution(log.q),
     )
-    return replace(fit_torque_error([reading], rest=AIR_PASS_REST), read_load=BEYOND_LOAD)
+    error = fit_torque_error([reading], rest=AIR_PASS_REST)
+    # Both passes rest at the same places: what friction holds there is in the correction.
+    return replace(error, read_load=BEYOND_LOAD, rests=np.ones(error.num_joints))
 
 
 class _PassReading(NamedTuple):

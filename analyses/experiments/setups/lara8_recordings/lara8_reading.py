@@ -299,6 +299,7 @@ def stated_model(robot: Robot, friction: PreslidingFriction) -> IdentifiedModel:
         drift=_VISCOUS_DRIFT,
         beyond_speed=0.0,
         beyond_load=0.0,
+        rests=every,  # friction at rest is stated as well, within twice the level
     )
     provenance = Provenance(
         method="the maker's URDF, the controller's friction, the UR10e's share of the load",

@@ -9,7 +9,11 @@ pytest.importorskip("mujoco", reason="needs MuJoCo: python -m pip install 'wrenc
 
 from wrenchsight.analyses.experiments.foreign_physics.arms import MujocoArm, draw_arm
 from wrenchsight.analyses.experiments.foreign_physics.cases import BALL_TOOL, CASES, JOINT_STIFFNESS
-from wrenchsight.analyses.experiments.foreign_physics.experiment import EXPERIMENT, summed_up
+from wrenchsight.analyses.experiments.foreign_physics.experiment import (
+    EXPERIMENT,
+    result_of,
+    summed_up,
+)
 from wrenchsight.analyses.experiments.foreign_physics.motions import pick_and_place, wave
 from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import simulate
 from wrenchsight.analyses.experiments.foreign_physics.plain_tools import PlainModel
@@ -217,6 +221,13 @@ def test_a_refused_log_counts_as_not_valid_and_spoils_no_share() -> None:
     assert figure["false_contacts_per_hour"]["worst"] == pytest.approx(100.0)
     assert figure["refused"] == 1.0
     assert figure["invalid"] == {"settling_pct": 5.0}  # of all draws
+
+    # A case without any valid sample has no share at all, and the README's row does not name it.
+    metrics = result_of({"ur10e": {"free": [read], "steps": [refused]}}, [], False)
+    assert "inside_95_pct" not in metrics.metrics["ur10e"]["steps"]
+    np.testing.assert_array_equal(metrics.metrics["ur10e"]["worst_inside_pct"], [96.0])
+    [row] = metrics.comparison
+    assert row.label.endswith("of 1, ur10e: free") and row.remark.endswith("in steps")
 
 
 @pytest.mark.long
