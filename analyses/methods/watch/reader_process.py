@@ -133,12 +133,12 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
         return not ready
 
     source: Source | None = None
+    checks: StartChecks | None = None
     try:
         settings, robot, model = load_watched(settings)
         source = open_source(settings.source, robot)
         publishers += [open_publisher(url, robot) for url in settings.publish]
         warm_up(settings, robot, model)
-        checks = None
         if settings.watch.check:
             checks = StartChecks(robot, model, settings.watch, in_background=source.rate > 0.0)
         live = make_live(settings, robot, model, source)
@@ -152,6 +152,8 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
         emit(StreamEvent(EventKind.ENDED, str(error), time.monotonic()))
         return 2
     finally:
+        if checks is not None:
+            checks.close()
         if source is not None:
             source.close()
         for publisher in publishers:

@@ -43,7 +43,7 @@ class StartChecks:
     Args:
         robot, model: with which the stream is compared.
         config: of the checks.
-        in_background: whether long computations run in a thread, so that no sample waits for them.
+        in_background: whether long computations run beside, so that no sample waits for them.
     """
 
     def __init__(
@@ -76,6 +76,10 @@ class StartChecks:
             return
         if self._search is not None:
             self._search.add_reading(reading)
+
+    def close(self) -> None:
+        """Ends what runs beside."""
+        self._judgement.close()
 
     def take(self, sample: Sample, live: LiveEstimator) -> StreamEvent | None:
         """Takes the next sample; returns an event, if any. A contradiction is noted in `live`."""

@@ -155,7 +155,8 @@ def test_checks_in_the_background_report_the_same(ur10e, model):
         if sum(event is not None for event in events) == len(before):
             break
         if len(events) % 100 == 0:  # a second of the stream, in which a look may end
-            time.sleep(0.5)
+            time.sleep(1.0)
+    checks.close()
     # Each is said once it is known, of what was known then.
     said_so = [event.text for event in events if event is not None]
     assert any(text.endswith("agree with the model") for text in said_so)
