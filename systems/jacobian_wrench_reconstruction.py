@@ -27,7 +27,7 @@ from wrenchsight.systems.sampled_block import SampledBlock
 
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 _LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
-_OBSERVED = 42  # entries of a wrench and its covariance
+_OBSERVED_SIZE = 42  # entries of a wrench and its covariance
 _PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
 
 
@@ -133,7 +133,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
         self._corrected = self.DeclareVectorInputPort("corrected", 1)
-        self._observed = self.DeclareVectorInputPort("observed", _OBSERVED)
+        self._observed = self.DeclareVectorInputPort("observed", _OBSERVED_SIZE)
         self._fault = self.DeclareVectorInputPort("fault", 1)
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         self._pole = self.DeclareVectorInputPort("pole", n)

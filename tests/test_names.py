@@ -21,24 +21,10 @@ ALLOWED = {
 }
 # Modules whose constants still have one-word names; the set only shrinks.
 OLDER = {
-    "models/estimation/estimator.py",
-    "models/estimation/reading_gain.py",
-    "models/estimation/tick.py",
     "models/estimation/wrench_kernels.py",
-    "models/estimation/wrench_reading.py",
-    "models/friction/path_friction.py",
     "models/friction/presliding_friction.py",
     "models/identification/torque_error_model.py",
     "models/machining/air_pass.py",
-    "models/machining/freed_feedforward.py",
-    "models/machining/machining_reference.py",
-    "models/machining/tool_vibration.py",
-    "models/observers/explained_torque.py",
-    "models/observers/fault_signature.py",
-    "models/observers/kalman_kernels.py",
-    "models/observers/kalman_observer.py",
-    "models/observers/lag.py",
-    "models/observers/momentum_observer.py",
     "models/observers/sample_check.py",
 }
 # Words that bound something unsaid, whatever the constant holds.

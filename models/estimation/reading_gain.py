@@ -17,7 +17,7 @@ from wrenchsight.models.estimation.invalid import FRICTION_DRIFT
 from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior, wrench_prior
 from wrenchsight.models.numerics.arrays import Array
 
-_LEAST, _LARGEST = 1e-9, 1e9  # N or N m, sds in place of zero and infinity
+_MIN_SD, _MAX_SD = 1e-9, 1e9  # N or N m, sds in place of zero and infinity
 
 
 class ReadingGain:
@@ -41,7 +41,7 @@ class ReadingGain:
         if prior is None:
             raise ValueError(f"the method {reconstruction.method} has no prior")
         sds = np.repeat([prior.moment_sd, prior.force_sd], 3)
-        self._precision = np.diag(np.clip(sds, _LEAST, _LARGEST) ** -2.0)
+        self._precision = np.diag(np.clip(sds, _MIN_SD, _MAX_SD) ** -2.0)
         self._correlation = np.linalg.inv(model.torque_error.correlation)
         balanced = reconstruction.method == "force_only"
         self._usual_sd = np.sqrt(np.diag(model.residual_covariance)) if balanced else None

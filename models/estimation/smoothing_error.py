@@ -10,19 +10,19 @@ is the force that the smoothed wrench lacks, with the noise of the causal readin
 through a zero-phase low-pass of the corner RATE_CORNERS omega, omega / (2 pi) the stated
 `force_bandwidth_hz`. What exceeds the noise is added, as its power over the time around a sample:
 
-    Sigma_F <- Sigma_F + ZP(g g^T) / SHARE
+    Sigma_F <- Sigma_F + ZP(g g^T) / LAG_POWER_SHARE
     g_i = e_i sqrt(max(0, 1 - NOISE_FACTOR Sigma_F,ii / e_i^2))
 
-with ZP the zero-phase low-pass of the corner POWER_CORNER omega, and SHARE and RATE_CORNERS of
-`models.observers.lag`. A force beyond that bandwidth is not held: its readings are not valid, as
-the causal ones are not.
+with ZP the zero-phase low-pass of the corner POWER_CORNER omega, and LAG_POWER_SHARE and
+RATE_CORNERS of `models.observers.lag`. A force beyond that bandwidth is not held: its readings are
+not valid, as the causal ones are not.
 """
 
 import numpy as np
 from scipy.signal import lfilter
 
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.observers.lag import RATE_CORNERS, SHARE
+from wrenchsight.models.observers.lag import LAG_POWER_SHARE, RATE_CORNERS
 
 NOISE_FACTOR = 2.0  # on the smoothed variance, which e shows as well
 POWER_CORNER = 0.5  # of the stated bandwidth, over whose inverse the power is taken
@@ -62,7 +62,7 @@ class MissingForce:
         missing = _zero_phase(residual + rate / self._K_0, self._rate_pole)
         power = np.maximum(missing**2 - NOISE_FACTOR * variance, 0.0)
         g = np.copysign(np.sqrt(np.nan_to_num(power)), missing)
-        return _zero_phase(g[:, :, None] * g[:, None, :], self._power_pole) / SHARE
+        return _zero_phase(g[:, :, None] * g[:, None, :], self._power_pole) / LAG_POWER_SHARE
 
     def _behind_observer(self, smoothed: Array) -> Array:
         """(N, 6) the smoothed wrench through the observer's low-pass."""

@@ -30,7 +30,7 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 STAGE_ROWS = TORQUE_ERROR_ROWS + JACOBIAN_ROWS  # of the state, (STAGE_ROWS, n)
 ERROR_ROWS = 3 + JACOBIAN_ROWS + TORQUE_ERROR_ROWS  # of a TorqueError of one sample, flat
 _ERROR_STATE = 3 + JACOBIAN_ROWS  # first of its rows of the torque error's state
-_BLOCK = 4096  # rows a thread takes at a time
+_BLOCK_ROWS = 4096  # rows a thread takes at a time
 
 
 class TorqueError(NamedTuple):
@@ -167,7 +167,7 @@ class TorqueErrorStage:
         sd, stiction, drift = np.zeros((N, n)), np.empty((N, n)), np.empty((N, n))
         if has_spread(self.table):
             in_row_blocks(
-                lambda block: posture_variance_rows(self.table, q[block], sd[block]), N, _BLOCK
+                lambda block: posture_variance_rows(self.table, q[block], sd[block]), N, _BLOCK_ROWS
             )
         torques = state[:TORQUE_ERROR_ROWS]
         torque_sd_rows(self.table, torques, v, tau_J, tau_f, rows, sd, stiction, drift)

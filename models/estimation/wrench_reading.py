@@ -44,7 +44,7 @@ from wrenchsight.models.identification.torque_error_model import (
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.observers.explained_torque import (
-    BEYOND,
+    ONSET_SDS,
     explained_constants,
     is_explained,
     unexplained_log,
@@ -140,7 +140,7 @@ class WrenchReading:
         self.reconstruction = WrenchReconstruction(config, error.correlation, usual_sd)
         rates = K_0 if learnt else None
         self.lag = lag_settings(rates, time_step, force_bandwidth_hz, error.scale)
-        beyond = BEYOND if learnt else np.inf
+        beyond = ONSET_SDS if learnt else np.inf
         self.explained = explained_constants(
             error.correlation,
             config.live_moment_sd,

@@ -5,9 +5,10 @@ place to place. A task's path is driven again and again; where a force sensor ha
 there, the residual of the motor torque is known. With its mean r_i (n,) of n_i samples about
 posture q_i and velocity v_i,
 
-    tau_f = law + sum_i w_i r_i / (sum_i w_i + PRIOR)
+    tau_f = law + sum_i w_i r_i / (sum_i w_i + PRIOR_SAMPLES)
 
-    w_i = n_i exp(-|q - q_i|^2 / (2 REACH^2) - |v - v_i|^2 / (2 ALIKE^2 |v| |v_i|))
+    w_i = n_i exp(-|q - q_i|^2 / (2 PLACE_REACH^2) - |v - v_i|^2 / (2 VELOCITY_TOLERANCE^2 |v|
+    |v_i|))
 
 a kernel regression (Nadaraya, Theory of Probability and its Applications 9, 1964) with a prior of
 zero: the law alone counts away from the path, at another speed, at rest and in the other direction.
@@ -22,14 +23,16 @@ from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 
-REACH = 0.01  # rad: ripple of a joint's gear repeats every .03 to .06 rad
-ALIKE = 0.3  # of the speed, by which velocities that show the same differ
-PRIOR = 1.0  # sample of `PERIOD`: its noise is about as large as the residual that repeats (4 N m)
-PERIOD = 0.01  # s that a sample averages
-_FAR = 9.0  # exponent beyond which a weight is taken as zero
-_FAR_APART = 2.0 * _FAR * (1.0 + 1e-9) * REACH**2  # rad^2, beyond which the exponent is
+PLACE_REACH = 0.01  # rad: ripple of a joint's gear repeats every .03 to .06 rad
+VELOCITY_TOLERANCE = 0.3  # of the speed, by which velocities that show the same differ
+# sample of `SAMPLE_PERIOD`: its noise is about as large as the residual that repeats (4 N m)
+PRIOR_SAMPLES = 1.0
+SAMPLE_PERIOD = 0.01  # s that a sample averages
+_MAX_EXPONENT = 9.0  # exponent beyond which a weight is taken as zero
+# rad^2, beyond which the exponent is
+_FAR_APART = 2.0 * _MAX_EXPONENT * (1.0 + 1e-9) * PLACE_REACH**2
 _SAME_SPEED = 1.25  # ratio of speeds that are averaged
-_DIGITS = 6  # after the point, of stored numbers
+_STORED_DIGITS = 6  # after the point, of stored numbers
 
 
 class PathPlaces(NamedTuple):
@@ -39,7 +42,8 @@ class PathPlaces(NamedTuple):
         q: (M, n) rad.
         v: (M, n) rad/s.
         torque: (M, n) N m, residual of the law, positive against v > 0 as friction is.
-        samples: (M, n) of PERIOD, of which it is the mean; 0 for a joint that does not slide.
+        samples: (M, n) of SAMPLE_PERIOD, of which it is the mean; 0 for a joint that does not
+            slide.
     """
 
     q: Array
@@ -61,7 +65,7 @@ class PathPlaces(NamedTuple):
         slides, speed = slides[moving], speed[moving]
         cells = np.column_stack(
             [
-                np.round(q / REACH),
+                np.round(q / PLACE_REACH),
                 np.round(np.log(speed) / np.log(_SAME_SPEED)),
                 np.round(2.0 * v / speed[:, None]),
             ]
@@ -78,10 +82,10 @@ class PathPlaces(NamedTuple):
         count = summed(slides.astype(float))
         mean = summed(np.where(slides, torque, 0.0)) / np.maximum(count, 1.0)
         return cls(
-            q=np.round(summed(q) / size, _DIGITS),
-            v=np.round(summed(v) / size, _DIGITS),
-            torque=np.round(mean, _DIGITS),
-            samples=np.round(count, _DIGITS),
+            q=np.round(summed(q) / size, _STORED_DIGITS),
+            v=np.round(summed(v) / size, _STORED_DIGITS),
+            torque=np.round(mean, _STORED_DIGITS),
+            samples=np.round(count, _STORED_DIGITS),
         )
 
 
@@ -163,21 +167,23 @@ def add_place_torques(
                 distance += (q[k, i] - place_q[place, i]) ** 2
                 if not distance < _FAR_APART:
                     break
-            exponent = 0.5 * distance / REACH**2
-            if not exponent < _FAR:
+            exponent = 0.5 * distance / PLACE_REACH**2
+            if not exponent < _MAX_EXPONENT:
                 continue
             distance, place_speed_squared = 0.0, 0.0
             for i in range(n):
                 distance += (v[k, i] - place_v[place, i]) ** 2
                 place_speed_squared += place_v[place, i] ** 2
             exponent += (
-                0.5 * distance / (ALIKE**2 * np.sqrt(speed_squared * place_speed_squared))
+                0.5
+                * distance
+                / (VELOCITY_TOLERANCE**2 * np.sqrt(speed_squared * place_speed_squared))
             )  # at rest without end
-            if not exponent < _FAR:
+            if not exponent < _MAX_EXPONENT:
                 continue
             weight = np.exp(-exponent)
             for i in range(n):
                 sums[i] += weight * place_samples[place, i] * place_torque[place, i]
                 weights[i] += weight * place_samples[place, i]
         for i in range(n):
-            tau_f[k, i] += sums[i] / (weights[i] + PRIOR)
+            tau_f[k, i] += sums[i] / (weights[i] + PRIOR_SAMPLES)

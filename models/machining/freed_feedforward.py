@@ -3,7 +3,7 @@
 A joint that vibrates with the tool has only a share of its dry friction left (`held_share`). If a
 controller feeds the whole friction forward, the tool presses too hard by the rest of it. A sensor's
 feedback corrects this at once. An estimate is fed back only from the steady feed on: it then takes
-over within FADE. Through turns the command stays as it is. If it was corrected there as well,
+over within FADE_TIME. Through turns the command stays as it is. If it was corrected there as well,
 joints followed their plan more closely and more readings counted, but in one of worlds 0 to 3 of
 `campaign` with seed 0 as few as 73 % of these lay inside the band.
 """
@@ -19,7 +19,7 @@ from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import plain
 
-FADE = 1.0
+FADE_TIME = 1.0
 """s, in which the correction of the command fades once the feed has started.
 
 The integral of an estimate's feedback (4 per s in the bundled scenarios) takes over meanwhile.
@@ -45,7 +45,7 @@ def take_off_freed_friction(
     """Takes off the commanded torque what it holds of friction that vibration frees.
 
         tau_j -= (tau_f(v_d) - viscous v_d)_j (1 - held_share(v_d_j, amplitude_j)) fade
-        fade = exp(-max(feed_time, 0) / FADE)
+        fade = exp(-max(feed_time, 0) / FADE_TIME)
 
     Args:
         law: of `impedance_law`, whose friction is fed forward.
@@ -55,7 +55,7 @@ def take_off_freed_friction(
         tau: (n,) N m, changed; within effort_limit.
     """
     n, effort_limit = v_d.shape[0], law[0].effort_limit
-    friction, fade = np.empty(n), math.exp(-max(feed_time, 0.0) / FADE)
+    friction, fade = np.empty(n), math.exp(-max(feed_time, 0.0) / FADE_TIME)
     friction_feedforward(plain(law[0].friction), v_d, law[0].friction_velocity, friction)
     for i in range(n):
         dry = friction[i] - vibration.viscous[i] * v_d[i]

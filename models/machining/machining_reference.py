@@ -31,7 +31,7 @@ from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_an
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
-PUSH = 0.5
+TOUCH_SPEED_SHARE = 0.5
 """Share of the approach speed whose friction is fed forward in a touch without a sensor.
 
 A joint that is pushed at rest holds less friction than one that slides at the approach speed, and
@@ -40,7 +40,7 @@ how much less is not known. Settled on grinding and polishing at 15 s one way, i
 set-point in grinding, and up to 6 N below it in polishing. With 1 it lies up to 20 and 7 N above
 it, with 0.3 up to 15 N above and 8 N below it.
 """
-_SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank
+_SINGULAR_DAMPING = 1e-6  # damping of J, in m and rad, where it loses rank
 
 
 class PassPlan(NamedTuple):
@@ -55,7 +55,7 @@ class PassPlan(NamedTuple):
         trusted: (T,) 1 where the force feedback can be used at work, else 0.
         pushes_on: m/s, above 0 where the feedback is wrong at rest, as an estimate is. In the touch
             v_d is then that of going on into the surface at this speed, so that the friction of the
-            joints at rest is fed forward together with the contact force (PUSH).
+            joints at rest is fed forward together with the contact force (TOUCH_SPEED_SHARE).
         time_step: s.
     """
 
@@ -139,7 +139,7 @@ def plan_pass(
         place=np.array(path.s, dtype=np.float64),
         force=np.array(path.setpoint, dtype=np.float64),
         trusted=np.array(path.steady, dtype=np.float64),
-        pushes_on=0.0 if reads_at_rest else PUSH * config.approach_speed,
+        pushes_on=0.0 if reads_at_rest else TOUCH_SPEED_SHARE * config.approach_speed,
         time_step=time_step,
     )
 
@@ -274,7 +274,7 @@ def _joint_velocity(J: Array, V: Array, v: Array) -> None:
     mobility = np.empty((6, 6))
     for i in range(6):
         for k in range(6):
-            mobility[i, k] = _SINGULAR if i == k else 0.0
+            mobility[i, k] = _SINGULAR_DAMPING if i == k else 0.0
             for j in range(J.shape[1]):
                 mobility[i, k] += J[i, j] * J[k, j]
     effort = np.linalg.solve(mobility, V)

@@ -22,11 +22,11 @@ and, for each joint, how many sds its share deviates. It predicts the friction t
 LP is the observer's low-pass. By a hypothesis, tau_ext - freed is normally distributed with the
 covariance Sigma_tau + J^T P J. P is the prior of the reading. Sigma_tau is the torque error with
 what contact may change of friction (`read_load`). Log-likelihoods are summed. One sample in
-CORRELATION seconds counts as independent, since errors of friction last. After MEMORY seconds a
-sample is forgotten. The hypotheses are fixed points of the prior (`hypotheses`); that nothing
-vibrates is as likely beforehand as all others together. Their weighted mean is taken off tau_ext,
-and their spread is its sd. Where an error of one joint is made up for by an error of another one,
-both stay in the band until the torques exclude them.
+CORRELATION_TIME seconds counts as independent, since errors of friction last. After MEMORY_TIME
+seconds a sample is forgotten. The hypotheses are fixed points of the prior (`hypotheses`); that
+nothing vibrates is as likely beforehand as all others together. Their weighted mean is taken off
+tau_ext, and their spread is its sd. Where an error of one joint is made up for by an error of
+another one, both stay in the band until the torques exclude them.
 
 The sd of a share is that of an entry of M that the identification hardly knew: for a joint of the
 wrist often ten times what the joint truly moves. Were deviations normally distributed with it, a
@@ -52,20 +52,21 @@ diagonal for more. An entry that is well known stays as it is: the share of a jo
 tool is a small difference of large terms. What is still open is the sd of the shares
 (`expected_shares`).
 
-INERTIA was settled on grinding at 15 s one way, in worlds 0 to 9 of `campaign` with seed 0. The
-rule for entries of M was settled on the identified and the true shares along the same path, in
-worlds 0 to 7 of seed 5; no torque of grinding was used. An earlier rule added the sd to every entry
-on the diagonal and shrank the others by the square of the ratio. The share of joint 2 then came out
-as 0.5 to 1.0 rad/m in six of the eight worlds, where the true one is 0.23, 1.2 to 3.0 sd away. Now
-it is 1.1 sd away (RMS over all points), 0.3 sd in the median. In worlds 0 to 13 of seed 0, which
-were read once, it is 1.2 sd and 0.1 sd (1.6 and 0.8 sd before). The other constants were settled on
-grinding at 15, 30 and 60 s in worlds 0 to 3 of seed 5, by replays. With a correlation of 0.3 s or
-with 128 hypotheses, the band was too narrow. Without DEPARTED_FACTOR, half of the valid readings at
-some turns lay outside. With normally distributed deviations, 79 to 100 % of the valid readings of a
-run's steady feed lay inside, now 95 to 100 %. An earlier version took the deviations of the shares
-as noise that is new in each sample. A large amplitude then freed joints that do not vibrate, so
-that a smaller one was likelier, the more the slower the feed. In some worlds only 50 to 80 % of the
-valid readings lay inside the band. That the amplitude lies along the normal is assumed.
+INERTIA_ERROR_SHARE was settled on grinding at 15 s one way, in worlds 0 to 9 of `campaign` with
+seed 0. The rule for entries of M was settled on the identified and the true shares along the same
+path, in worlds 0 to 7 of seed 5; no torque of grinding was used. An earlier rule added the sd to
+every entry on the diagonal and shrank the others by the square of the ratio. The share of joint 2
+then came out as 0.5 to 1.0 rad/m in six of the eight worlds, where the true one is 0.23, 1.2 to 3.0
+sd away. Now it is 1.1 sd away (RMS over all points), 0.3 sd in the median. In worlds 0 to 13 of
+seed 0, which were read once, it is 1.2 sd and 0.1 sd (1.6 and 0.8 sd before). The other constants
+were settled on grinding at 15, 30 and 60 s in worlds 0 to 3 of seed 5, by replays. With a
+correlation of 0.3 s or with 128 hypotheses, the band was too narrow. Without DEPARTED_FACTOR, half
+of the valid readings at some turns lay outside. With normally distributed deviations, 79 to 100 %
+of the valid readings of a run's steady feed lay inside, now 95 to 100 %. An earlier version took
+the deviations of the shares as noise that is new in each sample. A large amplitude then freed
+joints that do not vibrate, so that a smaller one was likelier, the more the slower the feed. In
+some worlds only 50 to 80 % of the valid readings lay inside the band. That the amplitude lies along
+the normal is assumed.
 """
 
 import math
@@ -87,20 +88,21 @@ from wrenchsight.models.numerics.small_matrices import (
 )
 from wrenchsight.models.numerics.views import plain
 
-HYPOTHESES = 1024
+NUM_HYPOTHESES = 1024
 WELL_DETERMINED = 0.7  # probability that a share deviates by far less than its sd
 WELL_DETERMINED_SD = 0.15  # of the stated sd, of such a share
-LEAST, MOST = 0.002, 0.1
+MIN_AMPLITUDE, MAX_AMPLITUDE = 0.002, 0.1
 """m/s, bounds of the amplitude; 10 m/s^2 at 100 Hz are 0.016 m/s."""
-CORRELATION, MEMORY = 2.0, 30.0  # s
+CORRELATION_TIME, MEMORY_TIME = 2.0, 30.0  # s
 FREE_MASS = 0.2  # sd of a share, of itself, whatever M is: no joint is a free mass alone
-INERTIA = 0.3  # of a torque over an acceleration: an identification averages its residuals
+# of a torque over an acceleration: an identification averages its residuals
+INERTIA_ERROR_SHARE = 0.3
 NEAR_FACTOR = 1.1  # by which a joint's amplitude may be off
 DEPARTED_FACTOR = 2.3  # the same of a joint that does not move as planned
-SHRINKAGE = 2.0  # sd, below which an entry of M beside the diagonal counts as none
-_STILL = 1e-3  # rad/s^2, below which a joint does not accelerate
+SHRINKAGE_SDS = 2.0  # sd, below which an entry of M beside the diagonal counts as none
+_MIN_ACCELERATION = 1e-3  # rad/s^2, below which a joint does not accelerate
 _LEAST_ADDED = 0.25  # sd, first added to the diagonal where M is not positive definite
-_DOUBLINGS = 30  # of it
+_MAX_DOUBLINGS = 30  # of it
 # Factors of a joint's mean amplitude, of the rows of `_Tracked.steps`.
 _STEPS = np.array([NEAR_FACTOR, 1.0 / NEAR_FACTOR, DEPARTED_FACTOR, 1.0 / DEPARTED_FACTOR])
 _NUM_STEPS = 4
@@ -154,27 +156,27 @@ def vibration_constants(estimator: WrenchEstimator) -> VibrationConstants:
         prior=np.square([moment_sd] * 3 + [force_sd] * 3),
         inertia_sd=inertia_sd(estimator.model),
         read_load=0.0 if error is None else float(error.read_load),
-        rates=np.array([math.exp(-T / MEMORY), T / CORRELATION]),
+        rates=np.array([math.exp(-T / MEMORY_TIME), T / CORRELATION_TIME]),
     )
 
 
 def initial_tracked(num_joints: int) -> Array:
     """The state of `track_vibration` before the first tick, flat: nothing is known."""
-    return np.zeros((1 + HYPOTHESES) * (1 + num_joints) + (_NUM_STEPS + 2) * num_joints)
+    return np.zeros((1 + NUM_HYPOTHESES) * (1 + num_joints) + (_NUM_STEPS + 2) * num_joints)
 
 
 def hypotheses(num_joints: int) -> tuple[Array, Array]:
     """Returns amplitudes (m,) in m/s and deviations (n, m) in sds: the prior, as points.
 
     The first has the amplitude 0. Of the others the amplitude's logarithm is evenly distributed
-    from LEAST to MOST. A deviation has the distribution of `deviation_probability` (Sobol 1967; not
-    scrambled, so that the points are the same everywhere).
+    from MIN_AMPLITUDE to MAX_AMPLITUDE. A deviation has the distribution of `deviation_probability`
+    (Sobol 1967; not scrambled, so that the points are the same everywhere).
     """
     points = qmc.Sobol(1 + num_joints, scramble=False)
     points.fast_forward(1)  # the first one is 0 in all dimensions
-    uniform = points.random(HYPOTHESES)
-    amplitudes = LEAST * (MOST / LEAST) ** uniform[:, 0]
-    far = norm.ppf(0.5 / HYPOTHESES)  # sds, farther out than any point
+    uniform = points.random(NUM_HYPOTHESES)
+    amplitudes = MIN_AMPLITUDE * (MAX_AMPLITUDE / MIN_AMPLITUDE) ** uniform[:, 0]
+    far = norm.ppf(0.5 / NUM_HYPOTHESES)  # sds, farther out than any point
     deviation = np.linspace(far, -far, 20001)
     deviations = np.interp(uniform[:, 1:], deviation_probability(deviation), deviation)
     return (
@@ -199,13 +201,18 @@ def inertia_sd(model: IdentifiedModel) -> Array:
     """How well the logs of an identification knew the entries of M, (n, n) kg m^2.
 
     An error of M_jk is seen by the torque of j where k accelerates, and the other way round: the
-    lesser of the two, INERTIA times a residual's sd over the logs' largest acceleration. Of a joint
-    that did not move it is so large that this joint has no share. Zero for a model of no logs.
+    lesser of the two, INERTIA_ERROR_SHARE times a residual's sd over the logs' largest
+    acceleration. Of a joint that did not move it is so large that this joint has no share. Zero for
+    a model of no logs.
     """
     sd = np.sqrt(np.diag(model.residual_covariance))
     if len(model.validity.vdot_max) != len(sd):
         return np.zeros((len(sd), len(sd)))
-    seen = INERTIA * sd[:, np.newaxis] / np.maximum(model.validity.vdot_max, _STILL)
+    seen = (
+        INERTIA_ERROR_SHARE
+        * sd[:, np.newaxis]
+        / np.maximum(model.validity.vdot_max, _MIN_ACCELERATION)
+    )
     return np.ascontiguousarray(np.minimum(seen, seen.T))
 
 
@@ -245,11 +252,12 @@ def _shares(factor: Array, J: Array, normal: Array, out: Array) -> None:
 def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) -> None:
     """Writes the signed shares of an identified M and their sd, (2n,) rad/m.
 
-    An entry beside the diagonal is multiplied by 1 - (SHRINKAGE sd / M)^4, at the least by 0 (the
-    garrote of Breiman 1995 has the second power, which takes a sixth of an entry that is five times
-    its sd; thresholds for matrices: Bickel, Levina 2008). An entry M on it becomes the positive
-    root x of x = M + sd^2 / x: M where that is well known, and positive where M is not. Until the
-    matrix is positive definite, a multiple of the sd is added to its diagonal. To first order
+    An entry beside the diagonal is multiplied by 1 - (SHRINKAGE_SDS sd / M)^4, at the least by 0
+    (the garrote of Breiman 1995 has the second power, which takes a sixth of an entry that is five
+    times its sd; thresholds for matrices: Bickel, Levina 2008). An entry M on it becomes the
+    positive root x of x = M + sd^2 / x: M where that is well known, and positive where M is not.
+    Until the matrix is positive definite, a multiple of the sd is added to its diagonal. To first
+    order
 
         sd_j^2 = sum_ik (M^-1)_ji^2 sd_ik^2 share_k^2
 
@@ -262,10 +270,10 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
     n = M.shape[0]
     factor, column, added = np.empty((n, n)), np.empty(n), 0.0
     out[:] = 0.0
-    for _ in range(_DOUBLINGS):
+    for _ in range(_MAX_DOUBLINGS):
         for i in range(n):
             for j in range(i):
-                unsure = SHRINKAGE * sd[i, j]
+                unsure = SHRINKAGE_SDS * sd[i, j]
                 shrunk = abs(M[i, j]) > unsure
                 factor[i, j] = M[i, j] * (1.0 - (unsure / M[i, j]) ** 4) if shrunk else 0.0
             positive = 0.5 * M[i, i] + math.sqrt(0.25 * M[i, i] ** 2 + sd[i, i] ** 2)

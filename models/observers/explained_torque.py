@@ -6,14 +6,16 @@ covariance P. tau_ext then has the covariance Sigma + J^T P J, and
     D = tau_ext^T (Sigma + J^T P J)^-1 tau_ext
 
 is n on average. Sigma is that of the torque error model, plus an error in proportion to the reading
-(`scale`). Where sqrt(D) is above BEYOND, model and prior do not explain the torque. The wrench at E
+(`scale`). Where sqrt(D) is above ONSET_SDS, model and prior do not explain the torque. The wrench
+at E
 is then unknown: a current has the wrong sign or size, the force acts far from E, or it is beyond
-the arm's rating. For a force alone, BEYOND live sds are three times the rated payload's weight.
-Such a reading is not valid. Neither are those after it, until sqrt(D) has been below WITHIN for
-QUIET: a wrong signal crosses its right value again and again.
+the arm's rating. For a force alone, ONSET_SDS live sds are three times the rated payload's weight.
+Such a reading is not valid. Neither are those after it, until sqrt(D) has been below RELEASE_SDS
+for
+RELEASE_TIME: a wrong signal crosses its right value again and again.
 
 The bounds were chosen on the UR10e's three fitted runs, where sqrt(D) of valid readings stays below
-WITHIN. Below these bounds, the error from a wrong current is no larger than a possible force.
+RELEASE_SDS. Below these bounds, the error from a wrong current is no larger than a possible force.
 """
 
 from typing import NamedTuple
@@ -26,10 +28,10 @@ from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.row_blocks import in_row_blocks
 from wrenchsight.models.numerics.small_matrices import factorise_with_floor, solve_lower
 
-BEYOND = 6.0
-WITHIN = 3.0
-QUIET = 0.1  # s
-_BLOCK = 4096  # rows a thread takes at a time
+ONSET_SDS = 6.0
+RELEASE_SDS = 3.0
+RELEASE_TIME = 0.1  # s
+_BLOCK_ROWS = 4096  # rows a thread takes at a time
 _LARGEST_SD = 1e6  # N or N m; stands for no prior
 
 _MOMENT_VARIANCE, _FORCE_VARIANCE, _SCALE2, _PERIOD, _BEYOND2 = range(5)
@@ -58,7 +60,7 @@ def explained_constants(
     force_sd: float | None,
     scale: float,
     time_step: float,
-    bound: float = BEYOND,
+    bound: float = ONSET_SDS,
 ) -> ExplainedConstants:
     """Returns the constants that the kernels read.
 
@@ -89,7 +91,7 @@ def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd:
     def run(rows: slice) -> None:
         unexplained_rows(*constants, J[rows], tau_ext[rows], sd[rows], D[rows])
 
-    in_row_blocks(run, len(J), _BLOCK)
+    in_row_blocks(run, len(J), _BLOCK_ROWS)
     return D
 
 
@@ -136,6 +138,6 @@ def is_explained(numbers: Array, unexplained_time: float, D: float) -> tuple[boo
     remaining_time, bound_squared = 0.0, numbers[_BEYOND2]
     if np.isfinite(unexplained_time):
         remaining_time = max(unexplained_time - numbers[_PERIOD], 0.0)
-    if bound_squared < D or (remaining_time > 0.0 and not D < WITHIN * WITHIN):
-        remaining_time = QUIET
+    if bound_squared < D or (remaining_time > 0.0 and not D < RELEASE_SDS * RELEASE_SDS):
+        remaining_time = RELEASE_TIME
     return remaining_time <= 0.0, remaining_time

@@ -8,24 +8,25 @@ contact hardly ever leaves. With z = tau_ext / sd, joint by joint,
     all late by d          z is need(t) - need(t - d), where need = tau_J + tau_ext is the torque
                            that an arm that nothing touches takes
 
-z lies along such a line where |z|^2 > LOADED n and its part beside the line is below ALONE n and
-ALONE_SHARE of it. Late currents are recognised by means over LATE_TIME. `once` and `twice` are need
-behind one and two low-passes of time constant LATENESS. a (need - once) + b (once - twice) must be
-LATE_SHARE of |z|^2. a and b must be those of a delay of .1 to .5 s, within LATE_SUM and
-LATE_SECOND.
+z lies along such a line where |z|^2 > MIN_LOADED_SQUARE n and its part beside the line is below
+MAX_OTHERS_SQUARE n and ALONE_SHARE of it. Late currents are recognised by means over LATE_TIME.
+`once` and `twice` are need behind one and two low-passes of time constant MAX_LATENESS. a (need -
+once) + b (once - twice) must be LATE_SHARE of |z|^2. a and b must be those of a delay of .1 to .5
+s, within LATE_SUM and LATE_SECOND.
 
-Suspicion is counted in seconds, up to MOST. From REPORTED on a reading is not valid, unless it is
-free of force: |z|^2 < FREE n, as without any contact or fault. While z lies on none of these lines,
-as in a contact, suspicion falls as fast as it rose. While readings are free, it falls by FORGOTTEN
-of the time.
+Suspicion is counted in seconds, up to MAX_REPORT_TIME. From REPORT_TIME on a reading is not valid,
+unless it is
+free of force: |z|^2 < MAX_FREE_SQUARE n, as without any contact or fault. While z lies on none of
+these lines, as in a contact, suspicion falls as fast as it rose. While readings are free, it falls
+by FORGETTING_SHARE of the time.
 
 After samples beyond the joints' limits for LOST_TIME, readings are not valid as soon as samples are
 possible again: two exchanged joints, or an encoder that slipped, give possible numbers. Until there
-have been PROBATION seconds of free readings, only these are valid.
+have been PROBATION_TIME seconds of free readings, only these are valid.
 
-Faults with another trace are not detected: a fault while something pushes, one below LOADED, a
-wrong position without a jump. The constants were chosen on one half of the motions of a simulated
-and of the real UR10e, and checked on the other half.
+Faults with another trace are not detected: a fault while something pushes, one below
+MIN_LOADED_SQUARE, a wrong position without a jump. The constants were chosen on one half of the
+motions of a simulated and of the real UR10e, and checked on the other half.
 """
 
 from typing import NamedTuple
@@ -36,16 +37,16 @@ from numpy.typing import ArrayLike
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
-LOADED, FREE, ALONE = 8.0, 3.0, 2.5  # of |z|^2, by joint
+MIN_LOADED_SQUARE, MAX_FREE_SQUARE, MAX_OTHERS_SQUARE = 8.0, 3.0, 2.5  # of |z|^2, by joint
 ALONE_SHARE = 0.12
 LATE_SHARE, CONTACT_SHARE = 0.8, 0.5
-LATENESS, LATE_TIME = 0.15, 0.15  # s
+MAX_LATENESS, LATE_TIME = 0.15, 0.15  # s
 LATE_SUM, LATE_SECOND = (1.0, 3.0), (-1.5, 5.0)  # of a + b / 2, of b
-REPORTED, MOST = 0.05, 0.5  # s
-FORGOTTEN = 0.2
-LOST_TIME, PROBATION = 0.05, 5.0  # s
+REPORT_TIME, MAX_REPORT_TIME = 0.05, 0.5  # s
+FORGETTING_SHARE = 0.2
+LOST_TIME, PROBATION_TIME = 0.05, 5.0  # s
 
-_LARGEST = 1e50  # N m; beyond, nothing is known
+_MAX_TORQUE = 1e50  # N m; beyond, nothing is known
 
 _PERIOD, _LOADED, _DECAY, _DECAY_LATE = range(4)  # of FaultConstants.numbers
 _SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, _NUM_MEANS = range(9)  # of FaultState.means
@@ -56,7 +57,7 @@ class FaultConstants(NamedTuple):
     """Constants of the test.
 
     Attributes:
-        numbers: (4,) period, bound of |z|^2, decays over LATENESS and LATE_TIME.
+        numbers: (4,) period, bound of |z|^2, decays over MAX_LATENESS and LATE_TIME.
         poles: (n,) of the observer; -1: lateness is not looked for.
         lines: (m, n) N m, along which the torque of a wrong current lies.
     """
@@ -93,8 +94,8 @@ def fault_constants(
     n = len(torques)
     pairs = [torques[j] - torques[k] for j in range(n) for k in range(j)]
     poles = np.full(n, -1.0) if K_0 is None else np.exp(-np.asarray(K_0, float) * time_step)
-    decays = np.exp(-time_step / np.array([LATENESS, LATE_TIME]))
-    loaded = LOADED * n if has_sd else np.inf
+    decays = np.exp(-time_step / np.array([MAX_LATENESS, LATE_TIME]))
+    loaded = MIN_LOADED_SQUARE * n if has_sd else np.inf
     return FaultConstants(
         numbers=np.array([time_step, loaded, *decays]),
         poles=np.broadcast_to(poles, n).copy(),
@@ -133,27 +134,27 @@ def is_believed(
     if is_implausible:
         means[_LOST] = min(means[_LOST] + period, LOST_TIME)
         if means[_LOST] > LOST_TIME - 0.5 * period:
-            means[_SUSPICION] = PROBATION + MOST
+            means[_SUSPICION] = PROBATION_TIME + MAX_REPORT_TIME
     else:
-        means[_LOST] = max(means[_LOST] - FORGOTTEN * period, 0.0)
+        means[_LOST] = max(means[_LOST] - FORGETTING_SHARE * period, 0.0)
     square = 0.0
     for j in range(n):
         square += (tau_ext[j] / sd[j]) ** 2 + 0.0 * tau_J[j]  # NaN before a torque is known
-    if not (is_measured and square < _LARGEST):
+    if not (is_measured and square < _MAX_TORQUE):
         return True
     late_share = _lateness(constants, state, tau_ext, sd, tau_J)
-    is_free = square < FREE * n
-    if square > constants.numbers[_LOADED] and means[_SUSPICION] <= MOST:
+    is_free = square < MAX_FREE_SQUARE * n
+    if square > constants.numbers[_LOADED] and means[_SUSPICION] <= MAX_REPORT_TIME:
         off_line = square - _along(constants.lines, tau_ext, sd)
-        on_line = off_line < min(ALONE * n, ALONE_SHARE * square)
+        on_line = off_line < min(MAX_OTHERS_SQUARE * n, ALONE_SHARE * square)
         if on_line or late_share > LATE_SHARE:
-            means[_SUSPICION] = min(means[_SUSPICION] + period, MOST)
-        elif off_line > ALONE * n and late_share < CONTACT_SHARE:
+            means[_SUSPICION] = min(means[_SUSPICION] + period, MAX_REPORT_TIME)
+        elif off_line > MAX_OTHERS_SQUARE * n and late_share < CONTACT_SHARE:
             means[_SUSPICION] = max(means[_SUSPICION] - period, 0.0)
     elif is_free:
-        share = 1.0 if means[_SUSPICION] > MOST else FORGOTTEN
+        share = 1.0 if means[_SUSPICION] > MAX_REPORT_TIME else FORGETTING_SHARE
         means[_SUSPICION] = max(means[_SUSPICION] - share * period, 0.0)
-    believed: bool = is_free or means[_SUSPICION] < REPORTED
+    believed: bool = is_free or means[_SUSPICION] < REPORT_TIME
     return believed
 
 

@@ -29,21 +29,21 @@ from wrenchsight.models.observers.period_torque import arrived_momentum
 
 # Table: numbers, 6-vectors, n-vectors and an (n, n), all flat.
 PERIOD, BEFORE, SETTLED, GROSS, CHANGED, DECAY_SUM = range(6)
-SUMS = 3  # of the innovations, each over a time of its own
-NUMBERS = DECAY_SUM + SUMS
+NUM_SUMS = 3  # of the innovations, each over a time of its own
+NUM_NUMBERS = DECAY_SUM + NUM_SUMS
 DECAY_F, NOISE_F, START_F, JUMP_F, SIXES = range(5)
 RATE_X, SMOOTH, WHITE, LASTING, ROUND, JOINTS = range(6)
 
 MOST_DOUBT = 1e4  # largest factor by which a gross innovation widens the variance
 # Status: this or less, one less for each sample lost in a row; this.
-_LOST, _RUNNING = 0.0, 1.0
+_LOST_STATUS, _RUNNING_STATUS = 0.0, 1.0
 
 
 class KalmanTable(NamedTuple):
     """The constants of the filter.
 
     Attributes:
-        numbers: (NUMBERS,).
+        numbers: (NUM_NUMBERS,).
         sixes: (SIXES, 6), of the wrench.
         joints: (JOINTS, n).
         mixing: (n, n) correlation of the joints' errors.
@@ -62,7 +62,7 @@ class KalmanState(NamedTuple):
         x, gain, P, C: (N,), (N, n), (N, N), (N, n) of the coming sample, before it is measured.
         status: (2,).
         previous_smooth: (n,) s of the sample before; zero: there was none.
-        sums: (SUMS, n) of the whitened innovations.
+        sums: (NUM_SUMS, n) of the whitened innovations.
     """
 
     x: Array
@@ -106,19 +106,19 @@ def split_state(flat: Array, n: int) -> KalmanState:
         flat[c:d].reshape(N, n),
         flat[d:e],
         flat[e:f],
-        flat[f : f + SUMS * n].reshape(SUMS, n),
+        flat[f : f + NUM_SUMS * n].reshape(NUM_SUMS, n),
     )
 
 
 @kernel
 def split_table(table: Array, n: int) -> KalmanTable:
     """The parts of a flat table."""
-    a = NUMBERS + 6 * SIXES
+    a = NUM_NUMBERS + 6 * SIXES
     b = a + n * JOINTS
     c = b + n * n
     return KalmanTable(
-        table[:NUMBERS],
-        table[NUMBERS:a].reshape(SIXES, 6),
+        table[:NUM_NUMBERS],
+        table[NUM_NUMBERS:a].reshape(SIXES, 6),
         table[a:b].reshape(JOINTS, n),
         table[b:c].reshape(n, n),
     )
@@ -136,7 +136,7 @@ def sample_momentum(table: Array, signals: Array, i: int) -> float:
 
 @kernel
 def _is_measured(table: Array, status: Array, signals: Array) -> bool:
-    is_measured: bool = status[0] == _RUNNING
+    is_measured: bool = status[0] == _RUNNING_STATUS
     for i in range(signals.shape[1]):
         is_measured = is_measured and np.isfinite(sample_momentum(table, signals, i))
     return is_measured
@@ -256,7 +256,7 @@ def _take_sample(table: Array, state: Array, signals: Array, J: Array) -> None:
             for a in range(6):
                 P[n + a, n + a] += sixes[JUMP_F, a]
             s.sums[:] = 0.0
-    if status[0] != _RUNNING:
+    if status[0] != _RUNNING_STATUS:
         for i in range(n):
             x[i] = arrived[i]
             P[i], P[:, i], C[i] = 0.0, 0.0, 0.0
@@ -273,11 +273,11 @@ def _take_sample(table: Array, state: Array, signals: Array, J: Array) -> None:
         renew(error.decay, t.mixing, x, P)
         _advance(t, s, J, error)
         _find_gain(s, rounding)
-        status[0] = _RUNNING
+        status[0] = _RUNNING_STATUS
     else:
         for a in range(6):  # without a motion only time goes by
             P[n + a, n + a] += sixes[NOISE_F, a]
-        status[0] = min(status[0], _LOST) - 1.0
+        status[0] = min(status[0], _LOST_STATUS) - 1.0
         if status[0] <= -numbers[SETTLED]:
             _begin(t, s)
 
@@ -308,13 +308,13 @@ def _whitened_innovation(s: KalmanState, rounding: Array, arrived: Array) -> Arr
 
 @kernel
 def _sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
-    """Updates `sums` (SUMS, n) with a whitened innovation (n,), in place.
+    """Updates `sums` (NUM_SUMS, n) with a whitened innovation (n,), in place.
 
     Returns:
         The largest |sum|^2. Each sum has the covariance 1 where the model holds.
     """
     largest = 0.0
-    for m in range(SUMS):
+    for m in range(NUM_SUMS):
         decay, total = numbers[DECAY_SUM + m], 0.0
         weight = np.sqrt(1.0 - decay * decay)
         for i in range(whitened.shape[0]):

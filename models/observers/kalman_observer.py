@@ -77,7 +77,8 @@ from wrenchsight.models.observers.kalman_kernels import (
     JUMP_F,
     LASTING,
     NOISE_F,
-    NUMBERS,
+    NUM_NUMBERS,
+    NUM_SUMS,
     PERIOD,
     RATE_X,
     ROUND,
@@ -85,7 +86,6 @@ from wrenchsight.models.observers.kalman_kernels import (
     SIXES,
     SMOOTH,
     START_F,
-    SUMS,
     WHITE,
     observe_wrench,
     split_state,
@@ -101,10 +101,10 @@ from wrenchsight.models.observers.period_torque import checked_period, motor_sha
 from wrenchsight.models.observers.signals import signals_of
 
 WHITE_SHARE = 0.6  # of a moving joint's error variance behind K_0: the UR10e's three fitted runs
-SETTLING = 3.0  # 1 / K_0 of the error model
+SETTLING_TIME_CONSTANTS = 3.0  # 1 / K_0 of the error model
 CHANGE_TIMES = (0.03, 0.1, 0.3)  # s, over which innovations are summed
 CHANGE_ODDS = 1e-3  # of a sum of them that is still the model's
-_ROUNDING = 1e-3  # of the momentum that the torque's sd brings in a period
+_ROUNDING_SHARE = 1e-3  # of the momentum that the torque's sd brings in a period
 _START_SHARE = 30.0  # of the live prior's sd: an sd that stands for no prior
 _GROSS_ODDS = 1e-6  # of a sample whose innovation is still the model's
 _PLAIN_K_0, _PLAIN_TIME = 20.0, 0.3  # 1/s, s: of a model without a torque error
@@ -173,9 +173,9 @@ class KalmanObserver:
         """Returns the state before the first sample; its layout is `split_state`'s."""
         n = self.num_joints
         N = 2 * n + 6
-        size = N + 2 * N * n + N * N + 2 + (1 + SUMS) * n
+        size = N + 2 * N * n + N * N + 2 + (1 + NUM_SUMS) * n
         state = np.zeros((-(-size // n), n))
-        start = self.table[NUMBERS : NUMBERS + 6 * SIXES].reshape(SIXES, 6)[START_F]
+        start = self.table[NUM_NUMBERS : NUM_NUMBERS + 6 * SIXES].reshape(SIXES, 6)[START_F]
         P = split_state(state.reshape(-1), n).P
         P[range(n, N), range(n, N)] = np.concatenate([start, np.ones(n)])
         return state
@@ -190,7 +190,7 @@ class KalmanObserver:
 
     def _table(self, knowledge: ModelKnowledge | None) -> Array:
         n, T = self.num_joints, self.time_step
-        numbers, sixes = np.zeros(NUMBERS), np.zeros((SIXES, 6))
+        numbers, sixes = np.zeros(NUM_NUMBERS), np.zeros((SIXES, 6))
         joints, mixing = np.zeros((JOINTS, n)), np.eye(n)
         error = None if knowledge is None else knowledge.torque_error
         K_0 = np.full(n, _PLAIN_K_0)
@@ -201,8 +201,8 @@ class KalmanObserver:
         numbers[BEFORE] = motor_share(T, self.config.torque_samples)
         numbers[GROSS] = chdtri(n, _GROSS_ODDS)  # the square that chi^2 exceeds so seldom
         numbers[CHANGED] = chdtri(n, CHANGE_ODDS)
-        numbers[DECAY_SUM : DECAY_SUM + SUMS] = np.exp(-T / np.array(CHANGE_TIMES))
-        numbers[SETTLED] = np.ceil(SETTLING / float(np.min(K_0)) / T)
+        numbers[DECAY_SUM : DECAY_SUM + NUM_SUMS] = np.exp(-T / np.array(CHANGE_TIMES))
+        numbers[SETTLED] = np.ceil(SETTLING_TIME_CONSTANTS / float(np.min(K_0)) / T)
         prior = WrenchPrior(1.0, 1.0, 1.0, 1.0) if knowledge is None else knowledge.prior
         if prior is None:
             raise ValueError("a Kalman observer reads by bayesian, force_only or inverse")
@@ -217,7 +217,7 @@ class KalmanObserver:
             mixing = error.correlation
             joints[LASTING] = np.sqrt(error.lasting)
             sd = error.constant
-        joints[ROUND] = (_ROUNDING * T * np.asarray(sd)) ** 2
+        joints[ROUND] = (_ROUNDING_SHARE * T * np.asarray(sd)) ** 2
         return np.concatenate([part.ravel() for part in (numbers, sixes, joints, mixing)])
 
 

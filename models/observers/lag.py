@@ -20,24 +20,25 @@ K_0. The rate is seen through a further low-pass, of the corner w = RATE_CORNERS
 f is late itself. It passes through zero where the lag does not. So the band takes the power of f
 over the last 1 / omega, and that of this instant where it is larger, as right after a jump:
 
-    Sigma_F <- Sigma_F + L / SHARE + h h^T,   L = LP_omega(g g^T),
-    g_i = f_i sqrt(max(0, 1 - noise_i / f_i^2)),   h_i = sgn(g_i) sqrt(max(0, g_i^2 - L_ii / SHARE))
+    Sigma_F <- Sigma_F + L / LAG_POWER_SHARE + h h^T,   L = LP_omega(g g^T),
+    g_i = f_i sqrt(max(0, 1 - noise_i / f_i^2)),   h_i = sgn(g_i) sqrt(max(0, g_i^2 - L_ii /
+    LAG_POWER_SHARE))
 
-LP_w takes part of the rate's power. For a force whose spectrum is flat up to omega it leaves SHARE
-= int_0^1 x^2 / (1 + x^2 / r^2) dx / int_0^1 x^2 dx, r = RATE_CORNERS. f shows the noise of the
-reading, too, which is in Sigma_F already: noise_i = NOISE_FACTOR Sigma_F,ii. Of an error with a
-correlation time of .05 s (white torque behind K_0 = 20/s) to .3 s, f shows 1.2 to .3 of the
-variance, and scatters about that.
+LP_w takes part of the rate's power. For a force whose spectrum is flat up to omega it leaves
+LAG_POWER_SHARE = int_0^1 x^2 / (1 + x^2 / r^2) dx / int_0^1 x^2 dx, r = RATE_CORNERS. f shows the
+noise of the reading, too, which is in Sigma_F already: noise_i = NOISE_FACTOR Sigma_F,ii. Of an
+error with a correlation time of .05 s (white torque behind K_0 = 20/s) to .3 s, f shows 1.2 to .3
+of the variance, and scatters about that.
 
 A force that jumps is outside the band until the reading shows some of it, since it cannot be
 foreseen. Where a reading is not valid, the low-passes follow a tenth as fast, since a reading near
 a singular posture is not the force.
 
-**Faster than stated.** Of a force beyond `force_bandwidth_hz` LP_w takes more than SHARE leaves.
-The corner w shows it beside omega: for a sine of the frequency x omega the powers of the rates seen
-through both are as (1 + x^2) / (1 + x^2 / r^2), 1.6 at x = 1. Above MAX_POWER_RATIO, x = 1.5, the
-reading lags by an unknown amount. It does not keep pace, and is not valid, if the lag's variance is
-more than MAX_LAG_RATIO of all else that the force's holds.
+**Faster than stated.** Of a force beyond `force_bandwidth_hz` LP_w takes more than LAG_POWER_SHARE
+leaves. The corner w shows it beside omega: for a sine of the frequency x omega the powers of the
+rates seen through both are as (1 + x^2) / (1 + x^2 / r^2), 1.6 at x = 1. Above MAX_POWER_RATIO, x =
+1.5, the reading lags by an unknown amount. It does not keep pace, and is not valid, if the lag's
+variance is more than MAX_LAG_RATIO of all else that the force's holds.
 
 **The scale** of all readings (torque per ampere, friction under a load that no log had) has a
 stated relative sd: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
@@ -55,10 +56,10 @@ JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first samp
 RATE_CORNERS = 2.0  # corner of the rate's low-pass, in units of the stated bandwidth
 NOISE_FACTOR = 2.0  # on the variance of all else, above which the rate's power is a lag
 PACE_TIME = 4.0  # 1 / omega, over which powers are compared: a period of the slowest such force
-SHARE = 3.0 * RATE_CORNERS**2 * (1.0 - RATE_CORNERS * math.atan(1.0 / RATE_CORNERS))
+LAG_POWER_SHARE = 3.0 * RATE_CORNERS**2 * (1.0 - RATE_CORNERS * math.atan(1.0 / RATE_CORNERS))
 MAX_POWER_RATIO = 2.1  # of the rates seen through both corners
 MAX_LAG_RATIO = 4.0  # variance of the lag of a force faster than stated, over that of all else
-_DOUBTED = 0.1  # pace of the low-passes where the reading is not valid
+_DOUBTED_PACE = 0.1  # pace of the low-passes where the reading is not valid
 
 # Entries of the settings: poles per tick of the low-passes at w and at omega, where the reading is
 # valid and where it is not; the pole over PACE_TIME; the factors w / K_0 and omega / K_0 of a tick;
@@ -93,7 +94,7 @@ def lag_settings(
     if K_0 is not None:
         rates = np.array([RATE_CORNERS, 1.0]) * omega
         settings[[_POLE, _SLOW_POLE]] = np.exp(-rates * time_step)
-        settings[[_DOUBTED_POLE, _DOUBTED_SLOW_POLE]] = np.exp(-_DOUBTED * rates * time_step)
+        settings[[_DOUBTED_POLE, _DOUBTED_SLOW_POLE]] = np.exp(-_DOUBTED_PACE * rates * time_step)
         settings[_PACE_POLE] = np.exp(-omega * time_step / PACE_TIME)
         # Such that a ramp, low-passed up to the sample before, shows its rate exactly.
         ramp_rates = (1.0 - np.exp(-rates * time_step)) / time_step
@@ -178,12 +179,12 @@ def lag_tick(
     state[_RATES, 0] = decay * state[_RATES, 0] + (1.0 - decay) * fast_power
     state[_RATES, 1] = decay * state[_RATES, 1] + (1.0 - decay) * slow_power
     for i in range(6):
-        missing = lateness[i] * lateness[i] - state[_POWER + i, i] / SHARE
+        missing = lateness[i] * lateness[i] - state[_POWER + i, i] / LAG_POWER_SHARE
         lateness[i] = np.copysign(np.sqrt(missing), lateness[i]) if missing > 0.0 else 0.0
     lag_variance, scale = 0.0, settings[_SCALE]
     for i in range(6):
         for j in range(i + 1):
-            lag = state[_POWER + i, j] / SHARE + lateness[i] * lateness[j]
+            lag = state[_POWER + i, j] / LAG_POWER_SHARE + lateness[i] * lateness[j]
             covariance[i, j] += lag + scale * scale * wrench[i] * wrench[j]
             covariance[j, i] = covariance[i, j]
             if i == j and i >= 3:

@@ -46,7 +46,7 @@ from wrenchsight.models.observers.period_torque import (
 START_SHARE = 0.05  # 3 / K_0 after the start
 HELD_SHARE = START_SHARE / 50.0  # a gap of up to 4 / K_0 costs its own rows, a longer one more
 LEAST_K_0 = 0.01  # 1/s; below, a reading is never fresh
-LARGEST = 1e100  # kg m^2/s; more counts as not finite, as sums of it would not be
+MAX_MOMENTUM = 1e100  # kg m^2/s; more counts as not finite, as sums of it would not be
 
 # Columns of MomentumObserver.table.
 _GAIN, _POLE, _MOTOR_AFTER, _MOTOR_BEFORE, _HALF = range(5)
@@ -103,7 +103,7 @@ def observe_momentum(
                 table[i, _HALF], table[i, _MOTOR_BEFORE], momentum[k, i], model, tau_J[k, i]
             )
             estimate, pole, gain = state[1, i], table[i, _POLE], table[i, _GAIN]
-            if abs(arrived) < LARGEST and np.isfinite(state[0, i]):
+            if abs(arrived) < MAX_MOMENTUM and np.isfinite(state[0, i]):
                 estimate = pole * state[1, i] + gain * (arrived - state[0, i])
                 # The second: the output of a filter that hardly moves does not depend on the
                 # present.
@@ -114,7 +114,7 @@ def observe_momentum(
             tau_ext[k, i] = estimate
             predicted = momentum[k, i] + table[i, _HALF] * model
             predicted += table[i, _MOTOR_AFTER] * tau_J[k, i]
-            is_known = abs(predicted) < LARGEST
+            is_known = abs(predicted) < MAX_MOMENTUM
             if is_known and np.isfinite(state[0, i]):
                 state[2, i] *= pole
             elif not is_known and np.isnan(state[0, i]):  # a held estimate ages

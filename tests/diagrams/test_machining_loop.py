@@ -27,7 +27,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import AirPassCorrection
-from wrenchsight.models.machining.freed_feedforward import FADE
+from wrenchsight.models.machining.freed_feedforward import FADE_TIME
 from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.machining.tool_vibration import expected_shares, inertia_sd
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
@@ -97,7 +97,7 @@ def freed_feedforward(parts, model):
     friction = model.friction.torque(v_d) * near_rest
     with np.errstate(divide="ignore"):
         held = 2.0 / np.pi * np.arcsin(np.minimum(np.abs(v_d) / amplitude, 1.0))
-    fade = np.exp(-max(parts["feed_time"][0], 0.0) / FADE)
+    fade = np.exp(-max(parts["feed_time"][0], 0.0) / FADE_TIME)
     return (friction - model.friction.coulomb_viscous.viscous * v_d) * (1.0 - held) * fade
 
 

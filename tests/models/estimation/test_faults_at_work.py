@@ -13,7 +13,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.samples import Sample
-from wrenchsight.models.observers.fault_signature import PROBATION
+from wrenchsight.models.observers.fault_signature import PROBATION_TIME
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
 
@@ -115,7 +115,7 @@ def exchanged_then_pushed(estimator: WrenchEstimator, log: Log) -> Log:
     current[BEGIN + 1000 :] -= estimator.robot.motor_current(tau)[BEGIN + 1000 :]
     for x in (q, v, current):
         x[BEGIN : BEGIN + 500, [0, 3]] = x[BEGIN : BEGIN + 500][:, [3, 0]]
-    assert (N - BEGIN - 1000) * T < PROBATION
+    assert (N - BEGIN - 1000) * T < PROBATION_TIME
     return q, v, current
 
 

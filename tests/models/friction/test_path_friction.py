@@ -9,9 +9,9 @@ import pytest
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.path_friction import (
-    ALIKE,
-    PRIOR,
-    REACH,
+    PLACE_REACH,
+    PRIOR_SAMPLES,
+    VELOCITY_TOLERANCE,
     PathFriction,
     PathPlaces,
 )
@@ -62,11 +62,11 @@ def test_torque_is_the_kernel_regression(law: PathFriction) -> None:
     v = _SPEED * rng.uniform(0.7, 1.3, (30, 1))
     places, load = law.places, np.zeros((30, 6))
     added = law.torque_along(q, v, load) - law.law.torque_along(q, v, load)
-    far = ((q[:, None] - places.q) ** 2).sum(axis=2) / (2.0 * REACH**2)
+    far = ((q[:, None] - places.q) ** 2).sum(axis=2) / (2.0 * PLACE_REACH**2)
     size = np.linalg.norm(v, axis=1)[:, None] * np.linalg.norm(places.v, axis=1)
-    unlike = ((v[:, None] - places.v) ** 2).sum(axis=2) / (2.0 * ALIKE**2 * size)
+    unlike = ((v[:, None] - places.v) ** 2).sum(axis=2) / (2.0 * VELOCITY_TOLERANCE**2 * size)
     weight = np.exp(-far - unlike)[:, :, None] * places.samples
-    expected = (weight * places.torque).sum(axis=1) / (weight.sum(axis=1) + PRIOR)
+    expected = (weight * places.torque).sum(axis=1) / (weight.sum(axis=1) + PRIOR_SAMPLES)
     # The kernel leaves out weights below exp(-9) = 1e-4 of some ten places.
     np.testing.assert_allclose(added, expected, atol=0.02)
     assert np.abs(added[:, 0]).max() > 2.0  # of 3, next to the prior

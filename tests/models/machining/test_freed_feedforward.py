@@ -6,7 +6,7 @@ import pytest
 from wrenchsight.models.control.impedance import SpringDamper, impedance_law
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.machining.freed_feedforward import (
-    FADE,
+    FADE_TIME,
     JointVibration,
     take_off_freed_friction,
 )
@@ -65,7 +65,7 @@ def test_it_fades_once_the_feed_has_started():
     whole = after(np.zeros(3), v_d, amplitudes)
     assert np.abs(whole).min() > 0.1
     np.testing.assert_array_equal(after(np.zeros(3), v_d, amplitudes, 0.0), whole)
-    late = after(np.zeros(3), v_d, amplitudes, 2.0 * FADE)
+    late = after(np.zeros(3), v_d, amplitudes, 2.0 * FADE_TIME)
     np.testing.assert_allclose(late, np.exp(-2.0) * whole, rtol=1e-12)
 
 

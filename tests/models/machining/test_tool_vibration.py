@@ -14,15 +14,15 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
 from wrenchsight.models.machining.air_pass import CorrectionSample
 from wrenchsight.models.machining.tool_vibration import (
-    CORRELATION,
+    CORRELATION_TIME,
     DEPARTED_FACTOR,
     FREE_MASS,
-    HYPOTHESES,
-    INERTIA,
-    LEAST,
-    MOST,
+    INERTIA_ERROR_SHARE,
+    MAX_AMPLITUDE,
+    MIN_AMPLITUDE,
     NEAR_FACTOR,
-    SHRINKAGE,
+    NUM_HYPOTHESES,
+    SHRINKAGE_SDS,
     WELL_DETERMINED,
     WELL_DETERMINED_SD,
     ObservedTorque,
@@ -204,7 +204,7 @@ def test_entries_of_a_matrix_that_the_logs_hardly_determined_are_shrunk():
     expected, out, solution = M.copy(), np.empty(2 * N), np.empty(2 * N)
     for i in range(N):
         expected[i, i] = np.roots([1.0, -M[i, i], -(sd[i, i] ** 2)]).max()
-    expected[1, 2] = expected[2, 1] = 0.03 * (1.0 - (SHRINKAGE / 3.0) ** 4)
+    expected[1, 2] = expected[2, 1] = 0.03 * (1.0 - (SHRINKAGE_SDS / 3.0) ** 4)
     expected[2, 3] = expected[3, 2] = 0.0
     _, J, normal = _masses()
     expected_shares(M, sd, J, normal, out)
@@ -252,8 +252,8 @@ def test_an_entry_of_a_matrix_is_known_by_the_better_of_two_joints(sts):
     )
     entry_sd = inertia_sd(model)
     np.testing.assert_array_equal(entry_sd, entry_sd.T)
-    assert entry_sd[3, 3] == pytest.approx(INERTIA * 0.3 / 7.0)
-    assert entry_sd[1, 3] == pytest.approx(INERTIA * min(0.3 / 6.0, 3.0 / 7.0))
+    assert entry_sd[3, 3] == pytest.approx(INERTIA_ERROR_SHARE * 0.3 / 7.0)
+    assert entry_sd[1, 3] == pytest.approx(INERTIA_ERROR_SHARE * min(0.3 / 6.0, 3.0 / 7.0))
     np.testing.assert_array_equal(inertia_sd(IdentifiedModel.nominal(sts)), 0.0)
 
 
@@ -283,9 +283,11 @@ def test_forces_and_contact_s_error_are_those_of_the_reading(sts):
 
 def test_the_hypotheses_are_spread_as_the_prior_says():
     """Against the distributions they stand for; points of Sobol's sequence err by far less."""
-    assert (AMPLITUDES[0], len(AMPLITUDES)) == (0.0, HYPOTHESES + 1)
-    logarithm = np.log(AMPLITUDES[1:] / LEAST) / np.log(MOST / LEAST)
-    assert np.abs(np.sort(logarithm) - (np.arange(HYPOTHESES) + 0.5) / HYPOTHESES).max() < 0.01
+    assert (AMPLITUDES[0], len(AMPLITUDES)) == (0.0, NUM_HYPOTHESES + 1)
+    logarithm = np.log(AMPLITUDES[1:] / MIN_AMPLITUDE) / np.log(MAX_AMPLITUDE / MIN_AMPLITUDE)
+    assert (
+        np.abs(np.sort(logarithm) - (np.arange(NUM_HYPOTHESES) + 0.5) / NUM_HYPOTHESES).max() < 0.01
+    )
     deviations = DEVIATIONS[:, 1:]
     np.testing.assert_allclose(deviations.mean(axis=1), 0.0, atol=0.02)
     # Of a mixture of normal distributions the variance is the mean of theirs.
@@ -296,7 +298,7 @@ def test_the_hypotheses_are_spread_as_the_prior_says():
         of_others = 2.0 * norm.cdf(limit) - 1.0
         within = WELL_DETERMINED * of_well_determined + (1.0 - WELL_DETERMINED) * of_others
         np.testing.assert_allclose((np.abs(deviations) < limit).mean(axis=1), within, atol=0.01)
-    np.testing.assert_allclose(deviations @ (logarithm - 0.5) / HYPOTHESES, 0.0, atol=0.02)
+    np.testing.assert_allclose(deviations @ (logarithm - 0.5) / NUM_HYPOTHESES, 0.0, atol=0.02)
 
 
 @pytest.mark.parametrize("num_joints", [2, 7])
@@ -411,7 +413,7 @@ def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker
     covariance = tick.J.T @ np.diag(constants.prior) @ tick.J + np.diag(torque_variance)
     tau = tick.tau_ext + taken[:N]
     expected = multivariate_normal.logpdf(tau - freed.T, np.zeros(N), covariance)
-    expected = (expected - expected.max()) * T / CORRELATION
+    expected = (expected - expected.max()) * T / CORRELATION_TIME
     np.testing.assert_allclose(state[:M], expected, rtol=1e-9, atol=1e-12)
     assert np.ptp(expected) > 1e-4
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from wrenchsight.models.observers.explained_torque import (
-    BEYOND,
-    QUIET,
-    WITHIN,
+    ONSET_SDS,
+    RELEASE_SDS,
+    RELEASE_TIME,
     ExplainedConstants,
     explained_constants,
     is_explained,
@@ -98,9 +98,9 @@ def test_one_joint_s_torque_that_no_wrench_brings_is_not_explained() -> None:
 
 
 def test_doubt_lasts_until_the_torque_has_been_explained_for_a_while() -> None:
-    within, between, beyond = WITHIN**2 - 1.0, WITHIN**2 + 1.0, BEYOND**2 + 1.0
+    within, between, beyond = RELEASE_SDS**2 - 1.0, RELEASE_SDS**2 + 1.0, ONSET_SDS**2 + 1.0
     doubt, seen = np.nan, []
-    quiet = round(QUIET / T)
+    quiet = round(RELEASE_TIME / T)
     for D in [between, beyond] + [between] * 5 + [within] * (quiet + 2) + [between]:
         explained, doubt = is_explained(table().numbers, doubt, D)
         seen.append(explained)
@@ -136,4 +136,4 @@ def test_a_log_in_two_parts_gives_the_same() -> None:
 
 def test_the_documentation_states_these_bounds() -> None:
     text = (Path(__file__).parents[3] / "docs" / "faults.md").read_text(encoding="utf-8")
-    assert f"more than {BEYOND:.0f} standard deviations" in text
+    assert f"more than {ONSET_SDS:.0f} standard deviations" in text

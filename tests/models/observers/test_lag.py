@@ -5,8 +5,8 @@ import pytest
 from sample_models import jacobian_seen
 
 from wrenchsight.models.observers.lag import (
+    LAG_POWER_SHARE,
     RATE_CORNERS,
-    SHARE,
     initial_lag_state,
     lag_settings,
     lag_tick,
@@ -106,7 +106,9 @@ def test_the_band_of_a_steady_rate_is_its_lag(K_0: float) -> None:
     late = np.abs(force - read)[-1]
     # Two digital filters of one rate: half a step apart, 5 ms of 50.
     # The band's power is that of a force flat up to the bandwidth; a ramp loses nothing.
-    np.testing.assert_allclose(band(read, K_0)[-1] * np.sqrt(SHARE), late, rtol=0.1, atol=1e-9)
+    np.testing.assert_allclose(
+        band(read, K_0)[-1] * np.sqrt(LAG_POWER_SHARE), late, rtol=0.1, atol=1e-9
+    )
     np.testing.assert_allclose(late[3], 40.0 / K_0, rtol=0.01)
 
 
@@ -143,13 +145,15 @@ def test_noise_is_not_counted_twice() -> None:
     ramp = np.outer(t, np.full(6, 400.0))
     covariance = np.tile(4.0 * np.eye(6), (100, 1, 1))
     lag_log(settings, ramp, np.ones(100, bool), covariance)
-    assert covariance[-1, 0, 0] == pytest.approx((400.0 / 20.0) ** 2 / SHARE + 4.0, rel=0.05)
+    assert covariance[-1, 0, 0] == pytest.approx(
+        (400.0 / 20.0) ** 2 / LAG_POWER_SHARE + 4.0, rel=0.05
+    )
 
 
 def test_share_is_the_integral_that_it_stands_for() -> None:
     x = (np.arange(100_000) + 0.5) / 100_000
     left = x**2 / (1.0 + (x / RATE_CORNERS) ** 2)
-    assert pytest.approx(np.mean(left) / np.mean(x**2), rel=1e-6) == SHARE
+    assert pytest.approx(np.mean(left) / np.mean(x**2), rel=1e-6) == LAG_POWER_SHARE
 
 
 def sine(frequency: float, size: float = 30.0, noise: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

@@ -40,7 +40,7 @@ from wrenchsight.models.calibration.specimen_friction import (
 )
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.path_friction import PERIOD, PathFriction, PathPlaces
+from wrenchsight.models.friction.path_friction import SAMPLE_PERIOD, PathFriction, PathPlaces
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
 from wrenchsight.models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
@@ -197,7 +197,8 @@ class LogRows:
 
     Attributes:
         level: means over ROW_TIME, from which the law's level is fitted.
-        places: means over `path_friction.PERIOD`, where a force sensor has measured the force.
+        places: means over `path_friction.SAMPLE_PERIOD`, where a force sensor has measured the
+            force.
     """
 
     level: Rows
@@ -226,7 +227,7 @@ class LogRows:
         """
         terms, law = joint_torques(recording, robot, model), carried_over(presliding_of(model))
         level = rows_of(terms, where, external, law)
-        places = None if external is None else rows_of(terms, where, external, law, PERIOD)
+        places = None if external is None else rows_of(terms, where, external, law, SAMPLE_PERIOD)
         return cls(level, places)
 
 
