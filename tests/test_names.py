@@ -20,13 +20,7 @@ ALLOWED = {
     "Z": "axis of a frame",
 }
 # Modules whose constants still have one-word names; the set only shrinks.
-OLDER = {
-    "models/estimation/wrench_kernels.py",
-    "models/friction/presliding_friction.py",
-    "models/identification/torque_error_model.py",
-    "models/machining/air_pass.py",
-    "models/observers/sample_check.py",
-}
+OLDER = {"models/observers/sample_check.py"}
 # Words that bound something unsaid, whatever the constant holds.
 ADJECTIVES = set(
     """

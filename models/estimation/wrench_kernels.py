@@ -29,12 +29,12 @@ CONDITION, FORCE_SD, STICTION_FORCE, HAS_FULL_RANK, NUM_QUALITY = range(5)
 # Rows of the scratch array of a sample, (WORK_ROWS, max(n, 6)).
 _WHITE, _FACTOR, _INVERSE_FACTOR, _TURNED, _TURN, _MATRIX, _PLAIN = range(0, 42, 6)
 _SCRATCH, _FROM_STICTION, _VECTOR = 42, 48, 51
-_WEIGHTS = _VECTOR + 3
+_WEIGHTS_ROW = _VECTOR + 3
 WORK_ROWS = _VECTOR + 4
 _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
 _BLOCK_SAMPLES = 1024  # that are worth a thread: some 5 ms
 _WELL_CONDITIONED = 1e9  # up to which elimination gives what singular values give
-_LARGEST = 1e60  # N, N m and their squares; more counts as not finite
+_MAX_NUMBER = 1e60  # N, N m and their squares; more counts as not finite
 
 
 class WrenchConstants(NamedTuple):
@@ -110,7 +110,7 @@ def _rate(
     quality[HAS_FULL_RANK] = 1.0 if has_full_rank else 0.0
     for i in range(6):
         total += abs(out.wrench[i]) + out.covariance[i, i]
-    if not total < _LARGEST:
+    if not total < _MAX_NUMBER:
         _prior_only(table.settings, out.wrench, out.covariance)
         quality[FORCE_SD] = np.inf
         return
@@ -286,7 +286,7 @@ def _balanced(table: WrenchConstants, sample: TorqueSample, out: WrenchOut, work
     sd, wrench, covariance = sample.sd, out.wrench, out.covariance
     n = sd.shape[0]
     settings, usual = table.settings, table.usual_sd
-    weights, product = work[_WEIGHTS, :n], work[_TURNED : _TURNED + 6]
+    weights, product = work[_WEIGHTS_ROW, :n], work[_TURNED : _TURNED + 6]
     for k in range(n):
         weights[k] = np.sqrt(sd[k] * usual[k])
     whiten(table, sample.J, sample.tau_ext, weights, work)

@@ -28,8 +28,8 @@ velocity and stays within the interval that the rounded one allows,
     p <- clip(p + v dt, q - resolution / 2, q + resolution / 2),    dq = change of p
 
 a continuous function of q and v; with resolution 0 it is q. Slip relaxes with the time constant
-RELAXATION: vibration and the controller release the torque that a joint kept when it stopped. At
-rest on the UR10e the true slip (motor torque minus gravity, over the band) has an rms of .45 for
+RELAXATION_TIME: vibration and the controller release the torque that a joint kept when it stopped.
+At rest on the UR10e the true slip (motor torque minus gravity, over the band) has an rms of .45 for
 any memory of the law. Memory helps for less than about a second.
 """
 
@@ -65,7 +65,7 @@ from wrenchsight.models.friction.velocity_friction import (
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 
-RELAXATION = 1.0  # s in which the slip of a joint at rest fades to 1/e
+RELAXATION_TIME = 1.0  # s in which the slip of a joint at rest fades to 1/e
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ class PreslidingFriction:
             np.maximum(3.0 * self.cubic * speed_limit**2, -viscous),  # no total slope below zero
             0.5 * self.resolution,
             np.full(n, self.time_step),
-            np.full(n, np.exp(-self.time_step / RELAXATION)),
+            np.full(n, np.exp(-self.time_step / RELAXATION_TIME)),
         )
         return np.ascontiguousarray(
             np.hstack([np.stack(joint_columns, axis=1), self.weight, self.displacement])

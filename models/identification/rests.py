@@ -1,6 +1,6 @@
 """Rests of joints in logs: how often each joint rested, and what its friction held there.
 
-A joint rests where its position stays within twice PLAY (`torque_error_model`) or its encoder's
+A joint rests where its position stays within twice MIN_PLAY (`torque_error_model`) or its encoder's
 step for REST_TIME. At rest friction balances motor torque and gravity,
 
     f = tau_J - G(q) - offset,
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrenchsight.models.identification.torque_error_model import (
-    HELD,
-    PLAY,
+    MIN_HELD_RATIO,
+    MIN_PLAY,
     TorqueErrorModel,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -54,7 +54,8 @@ def unseen_rests(error: TorqueErrorModel, joint_names: Sequence[str]) -> tuple[s
         subject = f"{', '.join(unseen)} never rested"
     return (
         f"{subject} in the logs of the model: contact at rest cannot be told from friction there, "
-        f"and is not reported; a torque beyond {HELD:g} times the joint's friction makes the "
+        f"and is not reported; a torque beyond {MIN_HELD_RATIO:g} times the joint's friction "
+        "makes the "
         "reading not valid (unseen_rest); record a motion that stops for some seconds, as "
         "`wrenchsight excite` plans it, and identify again",
     )
@@ -74,7 +75,7 @@ def rests_along(
     """
     n = q.shape[1]
     count, held = np.zeros(n), np.zeros(n)
-    still = _still(q, max(2, round(REST_TIME / time_step)), np.maximum(resolution, PLAY))
+    still = _still(q, max(2, round(REST_TIME / time_step)), np.maximum(resolution, MIN_PLAY))
     for j in range(n):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], still[:, j], [False]])))
         for begin, end in edges.reshape(-1, 2):

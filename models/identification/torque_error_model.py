@@ -21,7 +21,7 @@ of the slip follows displacement, not speed:
 
     p_a <- clip(p_a, p - play, p + play)            moves by dp_a
     w   <- (1 - (1 - w) (1 - g + g exp(-2 dt / rest_time))) exp(-|dp_a| / reach)
-    still = exp(-(dp_a / (CREEP dt))^2)
+    still = exp(-(dp_a / (CREEP_SPEED dt))^2)
     r   <- r' + still (1 - exp(-dt / forgetting)) (1 - r'),    r' = r exp(-|dp_a| / reach)
     z   <- clip(z + dp / reach, -1, 1)
 
@@ -39,10 +39,10 @@ law without memory takes its sign from the noise of the velocity there. So the e
 (`models.friction.slip_elements`), r being the share by which the joint is known to rest. Its error
 has the mean square level^2 (r / 3 + r (1 - r)), for a joint whose friction has changed since it
 moved with the probability r. A law with memory knows for about a second what the joint held when it
-stopped: there m = 0 and `forgetting` is RELAXATION, elsewhere m = 1 and it is RECOGNITION. (With
-RECOGNITION for both the reading of the UR10e's ptp_10_points errs by 3.7 N for 2.3 N after a stop.)
-The position p_a follows p with the play of a bearing, so that an encoder that flickers and a noisy
-velocity move nothing. What friction can hide altogether is
+stopped: there m = 0 and `forgetting` is RELAXATION_TIME, elsewhere m = 1 and it is
+RECOGNITION_TIME. (With RECOGNITION_TIME for both the reading of the UR10e's ptp_10_points errs by
+3.7 N for 2.3 N after a stop.) The position p_a follows p with the play of a bearing, so that an
+encoder that flickers and a noisy velocity move nothing. What friction can hide altogether is
 
     hidden = held level(0) LP(max((2 - r) max(still, r), w))
 
@@ -50,17 +50,17 @@ from the first sample without motion on: any torque of the band, less the law's 
 subtracted. A joint that creeps to its stop hides the share w of its band: MuJoCo's solver, for one,
 lets a joint creep under a part of its friction. `held` allows for what stiction has above the
 sliding level, and for the level's drift: it is the largest share that a rest in the logs showed,
-and HELD at least. A contact counts beyond it (`models.detection.contact_statistic`). What a joint
-holds that never rested in the logs is not known: once it is known to rest (r > UNSEEN_REST),
-`hidden` is infinite, and a torque beyond HELD times the level makes the reading not valid
-(`torque_at_unseen_rest`). Before, as at a reversal, `held` is UNSEEN_HELD.
+and MIN_HELD_RATIO at least. A contact counts beyond it (`models.detection.contact_statistic`). What
+a joint holds that never rested in the logs is not known: once it is known to rest (r >
+UNSEEN_REST), `hidden` is infinite, and a torque beyond MIN_HELD_RATIO times the level makes the
+reading not valid (`torque_at_unseen_rest`). Before, as at a reversal, `held` is UNSEEN_HELD.
 
 rest_time and reach are constants: the most likely ones of a grid (.1 to 2 s, .1 to .8 mrad) over
 the UR10e's three runs. Each run was read causally by a model of the others. `unknown` has no fitted
 factor: such a factor would be between .8 and 1.25 on all six joints. Those runs contain reversals
 only, but the model also holds for longer rests. An encoder whose noise at rest exceeds the play,
-PLAY or its resolution, would hide that the joint rests: its resolution must cover that noise. The
-errors of two joints correlate by less than .1, except for joints 2 and 3 (.18).
+MIN_PLAY or its resolution, would hide that the joint rests: its resolution must cover that noise.
+The errors of two joints correlate by less than .1, except for joints 2 and 3 (.18).
 
 The sds belong to one K_0. The smooth part of the error has the correlation time T, and passes a
 low-pass with the share K_0 T / (1 + K_0 T) of its variance. This converts the sds to another K_0.
@@ -80,7 +80,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.friction.presliding_friction import RELAXATION
+from wrenchsight.models.friction.presliding_friction import RELAXATION_TIME
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.friction.slip_elements import (
     SLIDING_COLUMNS,
@@ -97,18 +97,18 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
-DRIFT = 0.05  # of the viscous torque
+VISCOUS_DRIFT = 0.05  # of the viscous torque
 BEYOND_SPEED = 0.3  # of the viscous coefficient
 BEYOND_LOAD = 0.05  # N m per N m
-SCALE = 0.05  # of what is read
+SCALE_ERROR = 0.05  # of what is read
 REST_TIME = 0.5  # s
-REACH = 3e-4  # rad (m)
-PLAY = 1e-4  # rad (m), least play of the position that decides whether a joint rests
-HELD = 1.1  # level at rest over that of sliding, at least, where logs show rests
+PRESLIDING_REACH = 3e-4  # rad (m)
+MIN_PLAY = 1e-4  # rad (m), least play of the position that decides whether a joint rests
+MIN_HELD_RATIO = 1.1  # level at rest over that of sliding, at least, where logs show rests
 UNSEEN_HELD = 2.0  # the same where they show none, until the joint is known to rest
 UNSEEN_REST = 0.5  # r, from which on it is
-CREEP = 1e-4  # rad/s (m/s), of a motion that a rest cannot be told from
-RECOGNITION = 0.1  # s without motion, in which a joint is known to rest
+CREEP_SPEED = 1e-4  # rad/s (m/s), of a motion that a rest cannot be told from
+RECOGNITION_TIME = 0.1  # s without motion, in which a joint is known to rest
 
 # Columns of the table after the sliding law's.
 _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COLUMNS)
@@ -148,7 +148,7 @@ _STILL, _TAKEN = 11, 12  # `still`; whether the last sample was taken
 TORQUE_ERROR_ROWS = 13
 _MOTION_ROWS = (_POSITION, _PLAY_POSITION, _UNKNOWN_SHARE, _TURN, REST_ROW, _STILL, _TAKEN)
 _LOAD_ROWS = (_UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED, _TAU_J, HIDDEN_ROW)
-_LOST, _FIRST, _LATER = 0.0, 1.0, 2.0  # of _TAKEN
+_LOST_STATUS, _FIRST_STATUS, _LATER_STATUS = 0.0, 1.0, 2.0  # of _TAKEN
 UNKNOWN_SHARE_ROW, TRANSMITTED_ROW, TAU_J_ROW = _UNKNOWN_SHARE, _TRANSMITTED, _TAU_J
 # w, and L and tau_J of the last sample
 NUM_FEATURES = 6  # of `torque_error_features`
@@ -158,7 +158,7 @@ class Rest(NamedTuple):
     """Three constants of a TorqueErrorModel: `rest_time` s, `reach` rad and `resting_only`."""
 
     time: float = REST_TIME
-    reach: float = REACH
+    reach: float = PRESLIDING_REACH
     only: float = 0.0
 
 
@@ -213,11 +213,11 @@ class TorqueErrorModel:
     K_0: Array
     resolution: Array
     rest_time: float = field(default=REST_TIME)
-    reach: float = field(default=REACH)
-    drift: float = field(default=DRIFT)
+    reach: float = field(default=PRESLIDING_REACH)
+    drift: float = field(default=VISCOUS_DRIFT)
     beyond_speed: float = field(default=BEYOND_SPEED)
     beyond_load: float = field(default=BEYOND_LOAD)
-    scale: float = field(default=SCALE)
+    scale: float = field(default=SCALE_ERROR)
     read_load: float = field(default=0.0)
     resting_only: float = field(default=0.0)
     drift_shown: Array | float = field(default=0.0)
@@ -270,7 +270,7 @@ class TorqueErrorModel:
 
     def with_rests(self, count: Array, held: Array) -> Self:
         """Returns the model with what logs show of rests, (n,) each (`identification.rests`)."""
-        level = np.where(count > 0.0, np.maximum(held, HELD), UNSEEN_HELD)
+        level = np.where(count > 0.0, np.maximum(held, MIN_HELD_RATIO), UNSEEN_HELD)
         return replace(self, rests=count, held=level)
 
     def with_drift(self, drift: float) -> Self:
@@ -329,12 +329,12 @@ class TorqueErrorModel:
         table[:, _FITTED_LOAD] = np.where(is_fitted, self.fitted_load, np.inf)
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
         table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
-        table[:, _PLAY] = np.maximum(2.0 * table[:, _HALF_STEP], PLAY)
+        table[:, _PLAY] = np.maximum(2.0 * table[:, _HALF_STEP], MIN_PLAY)
         table[:, _HELD], table[:, _UNSEEN] = self.held, self.rests == 0.0
         is_elastic = sliding.remembers > 0.0
-        times = np.where(is_elastic, RELAXATION, RECOGNITION)
+        times = np.where(is_elastic, RELAXATION_TIME, RECOGNITION_TIME)
         table[:, _SUDDEN] = ~is_elastic
-        table[:, _INVERSE_CREEP] = 1.0 / (CREEP * time_step)
+        table[:, _INVERSE_CREEP] = 1.0 / (CREEP_SPEED * time_step)
         table[:, _RECOGNISED] = -np.expm1(-time_step / times)
         return table if chain is None else np.hstack([table, self.spread_table(chain)])
 
@@ -549,7 +549,7 @@ def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
 def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> None:
     """Updates the rows of joint i's motion; without a finite pair they stay."""
     if not (np.isfinite(q) and np.isfinite(v)):
-        state[_TAKEN, i] = _LOST
+        state[_TAKEN, i] = _LOST_STATUS
         return
     row = table[i]
     previous = state[_POSITION, i]
@@ -571,13 +571,13 @@ def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> No
     state[_TURN, i] = min(max(state[_TURN, i] + moved, -1.0), 1.0)
     state[_POSITION, i], state[_PLAY_POSITION, i] = now, followed
     state[_STILL, i] = still
-    state[_TAKEN, i] = _LATER if started else _FIRST
+    state[_TAKEN, i] = _LATER_STATUS if started else _FIRST_STATUS
 
 
 @kernel
 def _low_pass(table: Array, motion: Array, state: Array, i: int, v: float) -> None:
     """Updates the low-passed rows of joint i; `motion` has its rows of the motion at the sample."""
-    if motion[_TAKEN, i] == _LOST:
+    if motion[_TAKEN, i] == _LOST_STATUS:
         return
     row = table[i]
     x = v * row[_INVERSE_SPEED]
@@ -588,7 +588,7 @@ def _low_pass(table: Array, motion: Array, state: Array, i: int, v: float) -> No
     unknown = level * np.sqrt(share / 3.0 + row[_SUDDEN] * r * (1.0 - r))
     turning = level * (1.0 - z * z) * (1.0 - share)
     hidden = max((2.0 - r) * max(motion[_STILL, i], r), w)
-    pole = 0.0 if motion[_TAKEN, i] == _FIRST else row[_POLE]
+    pole = 0.0 if motion[_TAKEN, i] == _FIRST_STATUS else row[_POLE]
     state[HIDDEN_ROW, i] = pole * state[HIDDEN_ROW, i] + (1.0 - pole) * hidden
     state[_UNKNOWN, i] = pole * state[_UNKNOWN, i] + (1.0 - pole) * unknown
     state[_TURNING, i] = pole * state[_TURNING, i] + (1.0 - pole) * turning
@@ -625,7 +625,7 @@ def torque_at_unseen_rest(table: Array, rows: Array, tau_ext: Array) -> Flags:
         for i in range(tau_ext.shape[1]):
             if table[i, _UNSEEN] != 0.0 and rows[k, REST_ROW, i] > UNSEEN_REST:
                 level = breakaway(table, rows[k], i)
-                found[k] = found[k] or abs(tau_ext[k, i]) > HELD * level > 0.0
+                found[k] = found[k] or abs(tau_ext[k, i]) > MIN_HELD_RATIO * level > 0.0
     return found
 
 

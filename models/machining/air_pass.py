@@ -44,7 +44,7 @@ from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.robot.robot import Robot
 
-LEAD = 0.5  # s at rest before the motion: the observer settles
+LEAD_TIME = 0.5  # s at rest before the motion: the observer settles
 STILL_SPEED = 2e-3  # rad/s: below it a speed that differs from the planned one hardly moves a joint
 
 
@@ -202,7 +202,7 @@ def departure(v: float, v_planned: float) -> float:
 
 
 def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> JointTrajectory:
-    """The same motion of the tool `height` (m) back along its own axis, after LEAD at rest.
+    """The same motion of the tool `height` (m) back along its own axis, after LEAD_TIME at rest.
 
     Args:
         motion: motion of the joints, E's z axis into the surface, from rest to rest.
@@ -233,7 +233,7 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
     vdot[[0, -1]] = 0.0
     standstill = np.zeros((1, robot.num_joints))
     return JointTrajectory(
-        np.concatenate([[0.0], motion.t - motion.t[0] + LEAD]),
+        np.concatenate([[0.0], motion.t - motion.t[0] + LEAD_TIME]),
         np.vstack([q[:1], q]),
         np.vstack([standstill, v]),
         np.vstack([standstill, vdot]),

@@ -27,7 +27,7 @@ from wrenchsight.models.estimation.estimator import (
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
 from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD, Rest, TorqueErrorModel
-from wrenchsight.models.machining.air_pass import LEAD, AirPassCorrection, raised_motion
+from wrenchsight.models.machining.air_pass import LEAD_TIME, AirPassCorrection, raised_motion
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.paths import JointTrajectory
@@ -75,7 +75,8 @@ def record_air_pass(
     seed: int,
     progress: ProgressCallback = lambda fraction, message: None,
 ) -> Recording:
-    """Simulates the pass and returns the log of the robot's controller; the feed starts at LEAD.
+    """Simulates the pass and returns the log of the robot's controller; the feed starts at
+    LEAD_TIME.
 
     Args:
         scenario: of the work; its workpiece, contact and sensor are left out.
@@ -175,7 +176,7 @@ def learn_correction(
             same for both.
     """
     reading = _read(AirPass(motion, recording), robot, model, config)
-    start = round(LEAD / recording.time_step)
+    start = round(LEAD_TIME / recording.time_step)
     t = recording.t[start:] - recording.t[start]
     counts = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
     steady = np.flatnonzero(counts)
@@ -217,7 +218,7 @@ def learn_error(
         q=log.q[:N],
         v=log.v[:N],
         transmitted=batch.transmitted[:N],
-        used=log.t[:N] - log.t[0] >= LEAD,
+        used=log.t[:N] - log.t[0] >= LEAD_TIME,
         friction=estimator.friction,
         time_step=log.time_step,
         K_0=np.asarray(K_0, float),

@@ -30,7 +30,7 @@ from wrenchsight.models.robot.robot import Robot
 
 LOOK_TIMES = (2.0, 5.0, 10.0, 20.0, 40.0)  # s since the stream began
 _MODULE = "wrenchsight.analyses.methods.watch.stream_judgement"
-_NICE = 5  # below the process that reads
+_PROCESS_NICENESS = 5  # below the process that reads
 LONGEST_GAP = 0.5  # s between samples, after which the stream begins anew
 
 
@@ -148,7 +148,7 @@ class _Task:
 def main() -> int:
     """Judges what standard input holds; returns the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started it ends it
-    os.nice(_NICE)
+    os.nice(_PROCESS_NICENESS)
     task = pickle.load(sys.stdin.buffer)
     sys.stdout.buffer.write(pickle.dumps(task.judgement()))
     return 0

@@ -7,7 +7,7 @@ import pytest
 
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.presliding_friction import (
-    RELAXATION,
+    RELAXATION_TIME,
     PreslidingFriction,
     add_slip_torque,
     slip_path,
@@ -239,7 +239,7 @@ def test_an_encoder_that_flickers_does_not_move_a_joint_at_rest() -> None:
     assert np.ptp(ticks(flicker, still)[10:], axis=0).max() > 2.0
     quiet = ticks(flicker, still, resolution=np.full(N, 1e-4))
     # The first flicker shows that the joint is where both intervals meet; then only relaxation.
-    fading = np.exp(-0.01 * np.arange(399) / RELAXATION)[:, None]
+    fading = np.exp(-0.01 * np.arange(399) / RELAXATION_TIME)[:, None]
     np.testing.assert_allclose(quiet[1:], quiet[1] * fading, rtol=1e-9)
 
 
@@ -282,7 +282,7 @@ def test_at_rest_the_slip_relaxes_and_moving_brings_it_back() -> None:
     tau = ticks(q, v)
     level = np.array([5.0, 2.0])
     np.testing.assert_allclose(tau[299], level)
-    np.testing.assert_allclose(tau[599], level * np.exp(-3.0 / RELAXATION), rtol=1e-9)
+    np.testing.assert_allclose(tau[599], level * np.exp(-3.0 / RELAXATION_TIME), rtol=1e-9)
     np.testing.assert_allclose(tau[-1], level)
 
 

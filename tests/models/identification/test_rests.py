@@ -5,7 +5,7 @@ import pytest
 
 from wrenchsight.models.identification.rests import arm_rests, rests_along, unseen_rests
 from wrenchsight.models.identification.torque_error_model import (
-    HELD,
+    MIN_HELD_RATIO,
     UNSEEN_HELD,
     ConstantTorqueError,
 )
@@ -50,7 +50,9 @@ def test_the_user_is_told_of_joints_that_never_rested(
     count: list[float], begin: str | None
 ) -> None:
     error = ConstantTorqueError.of(np.eye(2)).with_rests(np.array(count), np.zeros(2))
-    np.testing.assert_array_equal(error.held, np.where(np.array(count) > 0.0, HELD, UNSEEN_HELD))
+    np.testing.assert_array_equal(
+        error.held, np.where(np.array(count) > 0.0, MIN_HELD_RATIO, UNSEEN_HELD)
+    )
     sentences = unseen_rests(error, ["shoulder", "elbow"])
     assert [sentence.startswith(begin or "") for sentence in sentences] == [True] * (
         begin is not None

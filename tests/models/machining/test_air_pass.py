@@ -6,7 +6,7 @@ from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.air_pass import (
-    LEAD,
+    LEAD_TIME,
     STILL_SPEED,
     AirPassCorrection,
     CorrectionSample,
@@ -78,10 +78,10 @@ def test_an_invalid_correction_is_refused(t, tau_ext, words):
 
 def test_the_tool_is_led_alike_but_higher(sts, motion):
     raised = raised_motion(sts, motion, HEIGHT)
-    assert raised.duration == pytest.approx(motion.duration + LEAD)
+    assert raised.duration == pytest.approx(motion.duration + LEAD_TIME)
     at = np.linspace(0.0, motion.duration, 307)  # mostly between the knots
     R, p = sts.chain.pose(motion.sample(at)[0])
-    R_up, p_up = sts.chain.pose(raised.sample(LEAD + at)[0])
+    R_up, p_up = sts.chain.pose(raised.sample(LEAD_TIME + at)[0])
     # Inverse kinematics at the knots is right to 1e-10; between them both are quintics.
     np.testing.assert_allclose(R_up, R, atol=1e-7)
     np.testing.assert_allclose(p_up, p - HEIGHT * R[:, :, 2], atol=1e-7)
@@ -89,7 +89,7 @@ def test_the_tool_is_led_alike_but_higher(sts, motion):
 
 def test_it_rests_first_and_last(sts, motion):
     raised = raised_motion(sts, motion, HEIGHT)
-    q, v, vdot = raised.sample(np.linspace(0.0, LEAD, 11))
+    q, v, vdot = raised.sample(np.linspace(0.0, LEAD_TIME, 11))
     np.testing.assert_allclose(q, np.broadcast_to(raised.q[0], q.shape), atol=1e-12)
     np.testing.assert_allclose([v, vdot], 0.0, atol=1e-9)
     np.testing.assert_allclose(raised.v[-1], 0.0, atol=1e-12)

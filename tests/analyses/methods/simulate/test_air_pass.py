@@ -22,7 +22,7 @@ from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD
-from wrenchsight.models.machining.air_pass import LEAD, raised_motion
+from wrenchsight.models.machining.air_pass import LEAD_TIME, raised_motion
 from wrenchsight.models.observers.momentum_observer import MomentumObserver
 
 LOW, HIGH = 0.005, 0.01
@@ -71,9 +71,9 @@ def test_the_arm_follows_the_motion_above_the_surface(sts_reversed, passes):
         error = recording.q - motion.sample(recording.t)[0]
         assert np.abs(error).max() < 0.01
         assert np.sqrt(np.mean(error**2, axis=0)).max() < 1e-3
-        work = recording.t >= LEAD
+        work = recording.t >= LEAD_TIME
         R_WE, p_WE = sts_reversed.chain.pose(recording.q[work])
-        place = np.interp(recording.t[work] - LEAD, plan.trajectory.t, plan.s)
+        place = np.interp(recording.t[work] - LEAD_TIME, plan.trajectory.t, plan.s)
         s = plan.path.distance / plan.path.distance[-1]
         surface = np.stack([np.interp(place, s, p) for p in plan.path.p_WS.T], axis=1)
         above = np.sum((p_WE - surface) * -R_WE[:, :, 2], axis=1)
@@ -127,7 +127,7 @@ def test_the_error_that_a_correction_leaves_is_stated(sts_reversed, model, passe
     sd, _ = torque_sds(
         error, estimator.friction, log.q, log.v, batch.transmitted, log.time_step, resolution=0.0
     )
-    work = log.t >= LEAD
+    work = log.t >= LEAD_TIME
     inside = np.abs(readings["high"] - readings["low"])[work] <= 1.96 * sd[work]
     # 90 to 99 % of each joint's samples; of a constant sd as small at steady feed a third.
     assert np.all(inside.mean(axis=0) > 0.85)
@@ -197,7 +197,7 @@ def test_the_correction_is_the_observers_output_with_friction_at_planned_speeds(
         recording.current * sts_reversed.torque_per_ampere * sts_reversed.current_sign,
         law.coulomb * np.sign(v_planned) + law.viscous * v_planned,
     )
-    error = np.abs(expected[round(LEAD / recording.time_step) :] - taught.tau_ext)
+    error = np.abs(expected[round(LEAD_TIME / recording.time_step) :] - taught.tau_ext)
     # `learn_correction` takes friction off the current, which is held over a tick; the observer
     # takes the mean of both ends. Where a joint turns round, twice Coulomb's torque is there half a
     # tick longer: 2 x 23 N m K_0 T / 2 = .46 N m, which dies away with K_0.
