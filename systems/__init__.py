@@ -2,6 +2,7 @@
 
 In: signals of a robot, real or simulated. Out: estimates, commands and the truth of a simulation.
 Order of the estimator: sample_check, rigid_body_terms, motor_current_torque_source, friction_law,
-external_torque_observer, torque_error, jacobian_wrench_reconstruction, contact_detection; or all of
-them as wrench_estimator. Controllers: *_reference, then *_controller. `truth`: the simulated arm.
+external_torque_observer, torque_error, torque_correction, jacobian_wrench_reconstruction,
+contact_detection; or all of them as wrench_estimator. Controllers: *_reference, then *_controller.
+`machining`: what a machining pass has besides. `truth`: the simulated arm.
 """

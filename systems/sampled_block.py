@@ -9,7 +9,6 @@ from pydrake.systems.framework import (
     Context,
     DependencyTicket,
     DiscreteStateIndex,
-    EventStatus,
     LeafSystem,
     State,
 )
@@ -97,7 +96,7 @@ class SampledBlock(LeafSystem):
         if self._memory_index is None:
             return self._memory_layout.state_of(self._memory_layout.initial.copy())
         value = context.get_discrete_state(self._memory_index).value()
-        return self._memory_layout.state_of(np.array(value))
+        return self._memory_layout.state_of(value.copy())
 
     def held(self, context: Context, name: str) -> Array | None:
         """The output `name` of the last tick, a view to be copied at once.
@@ -115,7 +114,7 @@ class SampledBlock(LeafSystem):
             return held
         return None
 
-    def _take(self, context: Context, state: State) -> EventStatus:
+    def _take(self, context: Context, state: State) -> None:
         discrete = state.get_mutable_discrete_state()
         memory = discrete.get_mutable_value(self._memory_index)
         outputs = self.take_sample(context, self._memory_layout.state_of(memory))
@@ -125,4 +124,3 @@ class SampledBlock(LeafSystem):
         ticks = discrete.get_mutable_value(self._ticks_index)
         # The times are computed as Drake does, so that rounding makes no third kind.
         ticks[_LAST_TICK], ticks[_NEXT_TICK] = now, (round(now / self._period) + 1) * self._period
-        return EventStatus.Succeeded()

@@ -8,6 +8,7 @@ alone, is the floor.
 """
 
 import gc
+import itertools
 import time
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.closed_loop import LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.robot_cell import RobotCell
 from wrenchsight.diagrams.scenario import Scenario, load_scenario
@@ -38,21 +39,31 @@ def main() -> None:
     for name in ("LinearPath", "Default"):
         simulator = Simulator(make_closed_loop(load_scenario(name), robot, model).diagram)
         show(name, timed(simulator, 0.2, STRETCHES))
-    for name in ("Polishing", "Grinding"):
-        scenario = load_scenario(name)
-        plan = make_machining_path(scenario, robot)
-        loop = make_closed_loop(scenario, robot, model, motion=plan)
-        simulator = Simulator(loop.diagram)
-        assert scenario.machining is not None
-        phases = scenario.machining.phases
-        working = phases.standoff / phases.approach_speed + phases.rise + phases.settle + 1.0
-        for part, start, count in (("approach", 0.2, 3), ("work", working, STRETCHES)):
-            show(f"{name}, {part}", timed(simulator, start, count))
-        context = simulator.get_context()
-        show(f"{name}, work, Drake's plant alone", plant_alone(loop.cell, context, scenario))
-        _, signals = loop.logged(context)
-        assert signals["phase"][-1, 0] == Phase.WORK, "the pass must still be at work"
-        assert signals["fault"][-1, 0] == 0.0
+    for name, fused in itertools.product(("Polishing", "Grinding"), (True, False)):
+        machining(name, robot, model, fused)
+
+
+def machining(name: str, robot: Robot, model: IdentifiedModel, fused: bool) -> None:
+    """Prints the lines of a pass, with the estimator as one block or as its stages."""
+    scenario, form = load_scenario(name), "one block" if fused else "stages"
+    plan = make_machining_path(scenario, robot)
+    loop = make_closed_loop(
+        scenario, robot, model, motion=plan, estimator=LoopEstimator(fused=fused)
+    )
+    simulator = Simulator(loop.diagram)
+    assert scenario.machining is not None
+    phases = scenario.machining.phases
+    working = phases.standoff / phases.approach_speed + phases.rise + phases.settle + 1.0
+    show(f"{name}, {form}, approach", timed(simulator, 0.2, 3))
+    work = timed(simulator, working, STRETCHES)
+    show(f"{name}, {form}, work", work)
+    context = simulator.get_context()
+    alone = plant_alone(loop.cell, context, scenario)
+    show(f"{name}, work, Drake's plant alone", alone)
+    print(f"{'':34} {np.median(alone) / np.median(work):16.2f} of the plant's speed at work")
+    _, signals = loop.logged(context)
+    assert signals["phase"][-1, 0] == Phase.WORK, "the pass must still be at work"
+    assert signals["fault"][-1, 0] == 0.0
 
 
 def timed(simulator: Simulator, start: float, count: int) -> Array:
