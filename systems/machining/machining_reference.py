@@ -3,11 +3,9 @@
 from collections.abc import Sequence
 from typing import cast
 
-import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
 
-from wrenchsight.models.machining.machining_phases import STATE_SIZE
 from wrenchsight.models.machining.machining_reference import (
     PassMemory,
     PassPlan,
@@ -62,7 +60,7 @@ class MachiningReference(SampledBlock):
         progress = dict.fromkeys(PassProgress._fields, 1)
         self.output_sizes = {"pose_reference": POSE_REFERENCE_SIZE, "reference": 3 * n} | progress
         size = sum(self.output_sizes.values())
-        SampledBlock.__init__(self, plan.time_step, np.concatenate(memory), {"all": size})
+        SampledBlock.__init__(self, plan.time_step, memory, {"all": size})
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
         tickets = {self._terms.ticket()} | self.state_tickets
@@ -78,19 +76,14 @@ class MachiningReference(SampledBlock):
         out[joints_end:] = machining_reference(
             self._plan,
             context.get_time(),
-            _parts(self.memory(context)),
+            self.memory(context),
             terms.record,
             out[:POSE_REFERENCE_SIZE],
             out[POSE_REFERENCE_SIZE:joints_end].reshape(3, self._n),
         )
 
-    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+    def take_sample(self, context: Context, memory: PassMemory) -> Sequence[Array]:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         wrench = self._wrench.Eval(context)
-        advance_reference(self._plan, context.get_time(), terms.record, wrench, _parts(memory))
+        advance_reference(self._plan, context.get_time(), terms.record, wrench, memory)
         return (self._all.Eval(context),)
-
-
-def _parts(memory: Array) -> PassMemory:
-    """State and anchor of a flat memory, as views."""
-    return PassMemory(memory[:STATE_SIZE], memory[STATE_SIZE:])
