@@ -248,7 +248,7 @@ def _take_sample(
             state[_I, j], state[_I_AGE, j] = current[j], 0.0
 
 
-@kernel(inline="always")
+@kernel
 def _wrong_motion(joint: _Joint, fade: float, q: float, v: float) -> int:
     """The fault code of q and v of one joint; `fade` as in `_drift`."""
     table, state, period, j = joint
@@ -272,7 +272,7 @@ def _wrong_motion(joint: _Joint, fade: float, q: float, v: float) -> int:
     return DISAGREES if abs(total) > drift or disorder > drift else 0
 
 
-@kernel(inline="always")
+@kernel
 def _wrong_current(joint: _Joint, i: float) -> int:
     """The fault code of the current of one joint."""
     table, state, period, j = joint
@@ -290,14 +290,14 @@ def _wrong_current(joint: _Joint, i: float) -> int:
     return FROZEN if i == state[_I, j] and state[_SAME, j] >= FROZEN_TIME else 0
 
 
-@kernel(inline="always")
+@kernel
 def _disagreement(joint: _Joint, age: float, q: float, v: float) -> float:
     """The disagreement r of one joint, rad/s (m/s)."""
     r: float = (q - joint.state[_Q, joint.j]) / age - 0.5 * (v + joint.state[_V, joint.j])
     return r
 
 
-@kernel(inline="always")
+@kernel
 def _drift(joint: _Joint, age: float, fade: float, r: float, v: float) -> tuple[float, float]:
     """Drift and disorder of one joint with a sample, rad (m); `fade` exp(-age / DRIFT_TIME)."""
     table, state, _, j = joint
@@ -309,7 +309,7 @@ def _drift(joint: _Joint, age: float, fade: float, r: float, v: float) -> tuple[
     return fade * state[_SUM, j] + r * age, max(disorder, 0.0)
 
 
-@kernel(inline="always")
+@kernel
 def _bound(joint: _Joint) -> float:
     """Largest r of one joint, rad/s (m/s)."""
     largest: float = max(joint.table[_SHARE, joint.j], RISE * joint.state[_LARGEST, joint.j])

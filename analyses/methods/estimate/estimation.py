@@ -46,6 +46,7 @@ from wrenchsight.analyses.methods.reference_sensor.comparison import SensorCompa
 from wrenchsight.analyses.methods.reference_sensor.reference_config import (
     reference_columns,
 )
+from wrenchsight.analyses.output.estimator_compilation import compile_estimator
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
@@ -180,6 +181,7 @@ def estimate(
     """
     config = settings.estimate
     warnings = model_warnings(robot, model, settings)
+    compile_estimator(lambda share, left: progress(0.0, left))
     progress(0.0, "looking for what is wrong with the log")
     judgement = _judgement(read, robot, model, config)
     if judgement is not None and judgement.sentence():

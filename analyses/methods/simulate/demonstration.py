@@ -18,6 +18,7 @@ from pydrake.systems.analysis import Simulator
 from wrenchsight.analyses.methods.simulate.advance import advance, even_stretches
 from wrenchsight.analyses.methods.simulate.simulation import known_model
 from wrenchsight.analyses.output.compilation import are_compiled, compile_side_by_side
+from wrenchsight.analyses.output.estimator_compilation import ESTIMATOR_PARTS
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
@@ -107,7 +108,7 @@ def demonstrate(
     """
     with result_folder(out, "demo") as folder:
         if not are_compiled((arm_drives, judge_rows)):
-            parts = {"estimator": _compile_estimator, "simulated arm": _compile_arm}
+            parts = {"simulated arm": _compile_arm, **ESTIMATOR_PARTS}
             compile_side_by_side(parts, lambda share, words: progress(0.6 * share, words))
         scenario = load_scenario(SCENARIO)
         robot = Robot.load(scenario.robot)
@@ -162,15 +163,6 @@ def _compile_arm() -> None:
     scenario.duration = _TICKS_TO_COMPILE * scenario.time_step
     robot = Robot.load(scenario.robot)
     _logged(scenario, robot, known_model(robot, scenario))
-
-
-def _compile_estimator() -> None:
-    """Compiles what `_read` calls."""
-    scenario = load_scenario(SCENARIO)
-    robot = Robot.load(scenario.robot)
-    rows = np.zeros((_TICKS_TO_COMPILE, robot.num_joints))
-    signals = {"q": rows + robot.home, "v": rows, "current": rows}
-    _read(scenario, robot, IdentifiedModel.nominal(robot), signals)
 
 
 def _write_page(
