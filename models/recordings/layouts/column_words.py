@@ -26,7 +26,7 @@ from wrenchsight.models.recordings.recording_format import (
 
 _QUANTITIES = {  # in this order: "current as torque" is a torque, "joint speed" a velocity
     "velocity": {"vel", "velocity", "velocities", "velocityactual", "speed", "speeds", "qd", "dq",
-                 "qdot", "qvel", "omega", "v", "geschwindigkeit"},
+                 "qdot", "qvel", "omega", "v", "geschw", "geschwindigkeit"},
     "motor_torque": {"tau", "trq", "torque", "torques", "moment", "effort", "efforts", "taumsr",
                      "drehmoment"},
     "current": {"cur", "curr", "current", "currents", "amp", "amps", "ampere", "i", "iq", "strom"},
