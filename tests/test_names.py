@@ -19,8 +19,6 @@ ALLOWED = {
     "Y": "axis of a frame",
     "Z": "axis of a frame",
 }
-# Modules whose constants still have one-word names; the set only shrinks.
-OLDER = {"models/observers/sample_check.py"}
 # Words that bound something unsaid, whatever the constant holds.
 ADJECTIVES = set(
     """
@@ -104,7 +102,7 @@ def test_a_number_is_named_by_what_it_bounds() -> None:
         for file in FILES
         if (names := bare_names(file.read_text(encoding="utf-8")))
     }
-    assert set(bare) <= OLDER, {file: bare[file] for file in bare.keys() - OLDER}
+    assert bare == {}
 
 
 def test_the_rule_tells_bounds_from_rows() -> None:

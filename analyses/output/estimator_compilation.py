@@ -14,7 +14,7 @@ from wrenchsight.models.observers.momentum_observer import observe_momentum
 from wrenchsight.models.robot.robot import Robot
 
 _ROWS, _JOINTS = 3, 6  # of what is computed while kernels compile
-_PAYLOAD = 5.0  # kg
+_PAYLOAD_MASS = 5.0  # kg
 
 
 def compile_estimator(announce: Callable[[float, str], None]) -> None:
@@ -39,7 +39,7 @@ def _compile_stages() -> None:
 
 def _compile_reading() -> None:
     """Compiles the reading of a wrench."""
-    config = WrenchReconstructionConfig().with_prior(*live_prior(_PAYLOAD))
+    config = WrenchReconstructionConfig().with_prior(*live_prior(_PAYLOAD_MASS))
     reading = WrenchReading.constant(config, np.eye(_JOINTS))
     zeros, no_faults = np.zeros((_ROWS, _JOINTS)), np.zeros(_ROWS, np.int64)
     J = np.tile(np.eye(6, _JOINTS), (_ROWS, 1, 1))

@@ -62,7 +62,7 @@ from wrenchsight.models.observers.lag import (
     lag_tick,
     lag_update,
 )
-from wrenchsight.models.observers.sample_check import BEYOND as BEYOND_LIMITS
+from wrenchsight.models.observers.sample_check import FAULT_BEYOND as BEYOND_LIMITS
 from wrenchsight.models.observers.sample_check import Codes
 
 

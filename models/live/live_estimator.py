@@ -36,7 +36,12 @@ from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.stream_order import GridSample, SampleGrid, StreamOrder
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.models.observers.sample_check import BEYOND, FURTHEST, LESS, SampleCheck
+from wrenchsight.models.observers.sample_check import (
+    FAULT_BEYOND,
+    MAX_POSITION,
+    OTHER_FAULT_WEIGHT,
+    SampleCheck,
+)
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.resampling import (
     UNIFORM_TOLERANCE,
@@ -228,7 +233,7 @@ class LiveEstimator:
         if self._resolution_q is None:
             return False
         q = np.array(self._resolution_q)
-        resolution = position_resolution(np.where(np.abs(q) < FURTHEST, q, np.nan))
+        resolution = position_resolution(np.where(np.abs(q) < MAX_POSITION, q, np.nan))
         if not resolution.any():
             if len(self._resolution_q) >= RESOLUTION_SAMPLES:
                 self._resolution_q = None  # there is none
@@ -376,7 +381,7 @@ class LiveEstimator:
     def _checked(self, sample: Sample) -> GridSample:
         """The sample as one row: position, speed, current, and its fault.
 
-        The fault is 0, LESS or 1 (beyond limits), as on a log's grid.
+        The fault is 0, OTHER_FAULT_WEIGHT or 1 (beyond limits), as on a log's grid.
         """
         effort = sample.effort
         if sample.is_torque and not sample.is_external:
@@ -391,7 +396,7 @@ class LiveEstimator:
             checked, codes = self._check.run(self._check_state, rows[0], rows[1], rows[2], period)
             is_impossible = bool((np.isnan(checked) & ~np.isnan(rows)).any())
             x[:-1] = checked.ravel()
-            x[-1] = float(is_impossible) * (1.0 if codes[0] & BEYOND else LESS)
+            x[-1] = float(is_impossible) * (1.0 if codes[0] & FAULT_BEYOND else OTHER_FAULT_WEIGHT)
             dropout = dropout or is_impossible
         self._last_t = sample.t
         return GridSample(sample.t, x, dropout)
@@ -399,8 +404,8 @@ class LiveEstimator:
     def _read(self, point: GridSample, sample: Sample, is_stale: bool) -> Reading:
         n = self._num_joints
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
-        sample_fault = 0 if point.x[-1] == 0.0 else BEYOND
-        if point.x[-1] > LESS and not self._is_external:
+        sample_fault = 0 if point.x[-1] == 0.0 else FAULT_BEYOND
+        if point.x[-1] > OTHER_FAULT_WEIGHT and not self._is_external:
             current = np.full(n, np.inf)
         batch, detection = self._reader.run(q[None], v[None], current[None])
         contradicted = self.contradicted and not self._is_external

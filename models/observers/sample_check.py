@@ -8,17 +8,18 @@ law takes as a sample that never came. Checked are, joint by joint,
     current       TORQUE_MARGIN times the effort limit; a change from one sample to the next of
                   STEP_MARGIN times that limit
     acceleration  ACCELERATION_MARGIN times what the effort limit gives the rotor alone, with
-                  VELOCITY_NOISE of DISAGREEMENT on top
+                  VELOCITY_NOISE of MAX_DISAGREEMENT on top
     encoder step  r = (q - q_before) / dt - (v + v_before) / 2, the speed by which position and
-                  velocity disagree: no larger than DISAGREEMENT of the speed limit, nor than RISE
-                  times the largest of the last RISE_TIME, with the encoder's own step on top
-    drift         the sum of r dt over DRIFT_TIME, at most DRIFT times the speed limit: the trace of
-                  a stuck encoder, or of another joint's velocity; once over, it is forgotten
-                  within DRIFT_TIME ln DRIFT_CAP
-    disorder      the sum of (|r| - |v| - SMOOTH DISAGREEMENT) dt likewise: positions that run to
-                  and fro further than their velocity goes, as of samples in a wrong order or with
-                  wrong times. Of a joint that moves, |v| above SMOOTH DISAGREEMENT: at rest it is
-                  the encoder's noise
+                  velocity disagree: no larger than MAX_DISAGREEMENT of the speed limit, nor than
+                  MAX_RISE times the largest of the last RISE_TIME, with the encoder's own step on
+                  top
+    drift         the sum of r dt over DRIFT_TIME, at most MAX_DRIFT times the speed limit: the
+                  trace of a stuck encoder, or of another joint's velocity; once over, it is
+                  forgotten within DRIFT_TIME ln DRIFT_CAP
+    disorder      the sum of (|r| - |v| - SMOOTH_SHARE MAX_DISAGREEMENT) dt likewise: positions that
+                  run to and fro further than their velocity goes, as of samples in a wrong order or
+                  with wrong times. Of a joint that moves, |v| above SMOOTH_SHARE MAX_DISAGREEMENT:
+                  at rest it is the encoder's noise
     life          a current that stays bit by bit the same for FROZEN_TIME while its joint moves was
                   not measured; one of exactly zero for ZERO_TIME, or from the sample on at which
                   it falls to zero from more than ZERO_FALL of the effort limit, at rest, too
@@ -50,25 +51,26 @@ Codes = NDArray[np.int64]
 
 LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little
 SPEED_MARGIN = 2.0
-FASTEST = 20.0  # rad/s or m/s, where the robot states no limit
-FURTHEST = 1e4  # rad or m, where the robot states no limit
+MAX_SPEED = 20.0  # rad/s or m/s, where the robot states no limit
+MAX_POSITION = 1e4  # rad or m, where the robot states no limit
 TORQUE_MARGIN = 2.0
 STEP_MARGIN = 1.0
 ACCELERATION_MARGIN = 0.5
 VELOCITY_NOISE = 0.3
-DISAGREEMENT, JITTER = 0.1, 3.0
-RISE, RISE_TIME = 4.0, 1.0  # s
-DRIFT, DRIFT_TIME = 0.01, 0.5  # s at the speed limit, s
+MAX_DISAGREEMENT, MAX_JITTER = 0.1, 3.0
+MAX_RISE, RISE_TIME = 4.0, 1.0  # s
+MAX_DRIFT, DRIFT_TIME = 0.01, 0.5  # s at the speed limit, s
 DRIFT_CAP = 1.1  # of the bound
-SMOOTH = 0.5
+SMOOTH_SHARE = 0.5
 FROZEN_TIME, ZERO_TIME = 0.5, 0.05  # s
 ZERO_FALL = 0.1
-MOVES = 0.02  # of the speed limit, above which a joint moves
+MOVING_SHARE = 0.02  # of the speed limit, above which a joint moves
 RESTART_TIME, RESTART_TICKS = 0.1, 3.5  # s, and at least as many periods
 
 # Codes of a fault, summed up: beyond a limit; drift or disorder; a current that does not change.
-BEYOND, DISAGREES, FROZEN = 1, 2, 4
-LESS = 0.25  # stands for the others beside a 1 for BEYOND, where the samples are interpolated later
+FAULT_BEYOND, FAULT_DISAGREES, FAULT_FROZEN = 1, 2, 4
+# stands for the others beside a 1 for FAULT_BEYOND, where the samples are interpolated later
+OTHER_FAULT_WEIGHT = 0.25
 
 _LOW, _HIGH, _SPEED, _CURRENT, _CURRENT_STEP = range(5)
 _ACCELERATION, _SHARE, _ENCODER, _DRIFT, _MOVING, _ZERO_FALL, _NUM_BOUNDS = range(5, 12)
@@ -91,22 +93,22 @@ class SampleCheck:
         self, robot: Arm, resolution: ArrayLike | None = None, jitter: bool = False
     ) -> None:
         self.num_joints = n = robot.num_joints
-        speed = np.minimum(robot.velocity_limit, FASTEST)
+        speed = np.minimum(robot.velocity_limit, MAX_SPEED)
         current = robot.current_limit
         with np.errstate(divide="ignore"):
             acceleration = robot.effort_limit / robot.reflected_inertia
         self.table = np.zeros((_NUM_BOUNDS, n))
         for row, values in {
-            _LOW: np.maximum(robot.position_lower - LIMIT_MARGIN, -FURTHEST),
-            _HIGH: np.minimum(robot.position_upper + LIMIT_MARGIN, FURTHEST),
+            _LOW: np.maximum(robot.position_lower - LIMIT_MARGIN, -MAX_POSITION),
+            _HIGH: np.minimum(robot.position_upper + LIMIT_MARGIN, MAX_POSITION),
             _SPEED: SPEED_MARGIN * speed,
             _CURRENT: TORQUE_MARGIN * current,
             _CURRENT_STEP: STEP_MARGIN * current,
             _ACCELERATION: ACCELERATION_MARGIN * acceleration,
-            _SHARE: (JITTER if jitter else 1.0) * DISAGREEMENT * speed,
+            _SHARE: (MAX_JITTER if jitter else 1.0) * MAX_DISAGREEMENT * speed,
             _ENCODER: 0.0 if resolution is None else np.asarray(resolution, float),
-            _DRIFT: DRIFT * speed,
-            _MOVING: MOVES * speed,
+            _DRIFT: MAX_DRIFT * speed,
+            _MOVING: MOVING_SHARE * speed,
             _ZERO_FALL: ZERO_FALL * current,
         }.items():
             self.table[row] = values
@@ -129,8 +131,8 @@ class SampleCheck:
 
         Returns:
             (3, N, n) q, v and current with NaN in place of impossible entries; and (N,) the faults
-            of q and v of each sample and of the current of the one before: a sum of BEYOND,
-            DISAGREES and FROZEN, or 0.
+            of q and v of each sample and of the current of the one before: a sum of FAULT_BEYOND,
+            FAULT_DISAGREES and FAULT_FROZEN, or 0.
         """
         q, v, current = contiguous(q, v, current)
         checked, codes = np.empty((3, len(q), self.num_joints)), np.empty(len(q), np.int64)
@@ -214,17 +216,17 @@ def _take_sample(
             fade_age, rise_fade, fade = age, np.exp(-age / RISE_TIME), np.exp(-age / DRIFT_TIME)
         is_known = np.isfinite(state[_Q, j]) and np.isfinite(q[j]) and np.isfinite(v[j])
         is_recent = is_known and age <= max(RESTART_TIME, RESTART_TICKS * period)
-        code = BEYOND
+        code = FAULT_BEYOND
         if np.isfinite(checked[0, j]) and np.isfinite(checked[1, j]):
             code = 0
         elif is_known:
             code = _wrong_motion(joint, fade, q[j], v[j])
-        if code == BEYOND:
+        if code == FAULT_BEYOND:
             state[_AGE, j] = age
             r = abs(_disagreement(joint, age, q[j], v[j])) if is_recent else np.inf
             # A lasting disagreement is not a spike: the bound follows it within some samples.
             if r * age <= table[_DRIFT, j] and abs(v[j]) <= table[_SPEED, j]:
-                adapted = 1.25 * _bound(joint) / RISE
+                adapted = 1.25 * _bound(joint) / MAX_RISE
                 state[_LARGEST, j] = max(state[_LARGEST, j], min(r, adapted))
         else:  # a drift is still summed, or it would never end
             if is_recent:
@@ -255,21 +257,21 @@ def _wrong_motion(joint: _Joint, fade: float, q: float, v: float) -> int:
     if not (np.isfinite(q) and np.isfinite(v)):
         return 0
     if not (table[_LOW, j] <= q <= table[_HIGH, j]) or abs(v) > table[_SPEED, j]:
-        return BEYOND
+        return FAULT_BEYOND
     age = state[_AGE, j] + period
     if not np.isfinite(state[_Q, j]) or age > max(RESTART_TIME, RESTART_TICKS * period):
         return 0
     r = _disagreement(joint, age, q, v)
     change = abs(v - state[_V, j]) - VELOCITY_NOISE * table[_SHARE, j]
     if abs(r) > _bound(joint) + table[_ENCODER, j] / age:
-        return BEYOND
+        return FAULT_BEYOND
     if change > table[_ACCELERATION, j] * age:
-        return BEYOND
+        return FAULT_BEYOND
     drift = table[_DRIFT, j] + 2.0 * table[_SHARE, j] * age
     if abs(r * age) > drift:  # in a single sample
-        return BEYOND
+        return FAULT_BEYOND
     total, disorder = _drift(joint, age, fade, r, v)
-    return DISAGREES if abs(total) > drift or disorder > drift else 0
+    return FAULT_DISAGREES if abs(total) > drift or disorder > drift else 0
 
 
 @kernel
@@ -279,15 +281,15 @@ def _wrong_current(joint: _Joint, i: float) -> int:
     if np.isnan(i):
         return 0
     if abs(i) > table[_CURRENT, j]:
-        return BEYOND
+        return FAULT_BEYOND
     # Before the first sample it is NaN, which exceeds nothing.
     if i == 0.0 and (abs(state[_I, j]) > table[_ZERO_FALL, j] or state[_SAME, j] >= ZERO_TIME):
-        return FROZEN
+        return FAULT_FROZEN
     if state[_I_AGE, j] + period > max(RESTART_TIME, RESTART_TICKS * period):
         return 0
     if abs(i - state[_I, j]) > table[_CURRENT_STEP, j]:
-        return BEYOND
-    return FROZEN if i == state[_I, j] and state[_SAME, j] >= FROZEN_TIME else 0
+        return FAULT_BEYOND
+    return FAULT_FROZEN if i == state[_I, j] and state[_SAME, j] >= FROZEN_TIME else 0
 
 
 @kernel
@@ -301,7 +303,7 @@ def _disagreement(joint: _Joint, age: float, q: float, v: float) -> float:
 def _drift(joint: _Joint, age: float, fade: float, r: float, v: float) -> tuple[float, float]:
     """Drift and disorder of one joint with a sample, rad (m); `fade` exp(-age / DRIFT_TIME)."""
     table, state, _, j = joint
-    slow_speed = SMOOTH * table[_SHARE, j]
+    slow_speed = SMOOTH_SHARE * table[_SHARE, j]
     path_speed = abs(v) + slow_speed + table[_ENCODER, j] / age
     disorder = fade * state[_DISORDER, j]
     if abs(v) > slow_speed:
@@ -312,7 +314,7 @@ def _drift(joint: _Joint, age: float, fade: float, r: float, v: float) -> tuple[
 @kernel
 def _bound(joint: _Joint) -> float:
     """Largest r of one joint, rad/s (m/s)."""
-    largest: float = max(joint.table[_SHARE, joint.j], RISE * joint.state[_LARGEST, joint.j])
+    largest: float = max(joint.table[_SHARE, joint.j], MAX_RISE * joint.state[_LARGEST, joint.j])
     return largest
 
 

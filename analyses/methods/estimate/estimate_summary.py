@@ -14,7 +14,7 @@ from wrenchsight.models.estimation.invalid_shares import InvalidShares
 from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.identification.identified_model import Validity
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.observers.sample_check import BEYOND, DISAGREES, FROZEN
+from wrenchsight.models.observers.sample_check import FAULT_BEYOND, FAULT_DISAGREES, FAULT_FROZEN
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 from wrenchsight.models.signals.bands import SIGMA_95
@@ -29,11 +29,11 @@ FAR_CLOCK = 1e6  # s; with a clock that shows more, time is drawn since the firs
 _MAX_CONDITION_NUMBER = 1e12  # condition number: beyond, rounding alone decides its digits
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
 _FAULTS = {
-    BEYOND: "a position, speed, current or torque is beyond its joint's limits; check the log's "
-    "units and the limits in robot.yaml",
-    DISAGREES: "position and velocity of a joint disagree; check its encoder",
-    FROZEN: "a joint moves while its current or torque stays the same to the last digit; check the "
-    "connection to its drive",
+    FAULT_BEYOND: "a position, speed, current or torque is beyond its joint's limits; check the "
+    "log's units and the limits in robot.yaml",
+    FAULT_DISAGREES: "position and velocity of a joint disagree; check its encoder",
+    FAULT_FROZEN: "a joint moves while its current or torque stays the same to the last digit; "
+    "check the connection to its drive",
 }
 _UNCERTAIN_WARNING = 0.5  # share of samples whose force is too uncertain
 
@@ -187,9 +187,9 @@ class EstimateSummary:
             "valid_pct": 100.0 * self.valid_share,
             "invalid": self.invalid.metrics(),
             "faults": {
-                "beyond_limits_pct": share * self._num_faults[BEYOND],
-                "encoder_pct": share * self._num_faults[DISAGREES],
-                "frozen_current_pct": share * self._num_faults[FROZEN],
+                "beyond_limits_pct": share * self._num_faults[FAULT_BEYOND],
+                "encoder_pct": share * self._num_faults[FAULT_DISAGREES],
+                "frozen_current_pct": share * self._num_faults[FAULT_FROZEN],
             },
             "prior": {
                 "force_sd_n": config.reconstruction.prior_force_sd,

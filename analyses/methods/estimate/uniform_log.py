@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.observers.sample_check import BEYOND, LESS, SampleCheck
+from wrenchsight.models.observers.sample_check import FAULT_BEYOND, OTHER_FAULT_WEIGHT, SampleCheck
 from wrenchsight.models.recordings.episodes_reader import LogReader
 from wrenchsight.models.recordings.recording import Recording, place_of
 from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
@@ -84,7 +84,9 @@ class SampleScreen:
             if is_impossible.any() and not self._num_impossible:
                 self._first_place = place_of(chunk, int(np.argmax(is_impossible)))
             self._num_impossible += int(is_impossible.sum())
-            fault = np.where(is_impossible, np.where(codes & BEYOND, 1.0, LESS), 0.0)
+            fault = np.where(
+                is_impossible, np.where(codes & FAULT_BEYOND, 1.0, OTHER_FAULT_WEIGHT), 0.0
+            )
             yield replace(
                 chunk,
                 q=q,
@@ -153,15 +155,15 @@ def fault_of(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
     if log_fault is None:
         return batch.fault
     # An interpolated sample beside a missing one is missing, too.
-    return np.asarray(batch.fault | np.where(log_fault == 0.0, 0, BEYOND))
+    return np.asarray(batch.fault | np.where(log_fault == 0.0, 0, FAULT_BEYOND))
 
 
 def marked_current(chunk: Recording) -> Array:
-    """(N, n) A, inf in samples that were BEYOND before the log was resampled."""
+    """(N, n) A, inf in samples that were FAULT_BEYOND before the log was resampled."""
     log_fault = chunk.extra.get(FAULT_SIGNAL)
     if log_fault is None:
         return chunk.current
-    return np.asarray(np.where(log_fault[:, None] > LESS, np.inf, chunk.current))
+    return np.asarray(np.where(log_fault[:, None] > OTHER_FAULT_WEIGHT, np.inf, chunk.current))
 
 
 def is_measured(chunk: Recording, batch: EstimateBatch) -> Flags:

@@ -18,7 +18,12 @@ from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.models.observers.sample_check import BEYOND, DISAGREES, FROZEN, SampleCheck
+from wrenchsight.models.observers.sample_check import (
+    FAULT_BEYOND,
+    FAULT_DISAGREES,
+    FAULT_FROZEN,
+    SampleCheck,
+)
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
@@ -92,7 +97,7 @@ def test_one_absurd_tick_is_missing_and_soon_forgotten(spike: str, method: str) 
     batch = run(signals, method)
     assert finite(batch)
     first_flagged = 501 if signal == 2 else 500  # no reading rests on the current of its own tick
-    assert batch.fault[first_flagged] == BEYOND
+    assert batch.fault[first_flagged] == FAULT_BEYOND
     assert np.flatnonzero(batch.fault).tolist() == [first_flagged]
     assert not batch.valid[first_flagged]
     settled = 500 + round(3.0 / 20.0 / T)  # 3 / K_0
@@ -114,10 +119,10 @@ def test_a_position_that_jumped_permanently_is_accepted_after_a_while() -> None:
 
 FAULTS = {
     # .13 rad/s and falling for .3 s are .01 s at the speed limit of 3.1 rad/s.
-    "encoder sticks": (0, 1.0, lambda x: x[300], DISAGREES, (T, 0.35), 600, 900),
-    "current freezes": (2, 1.0, lambda x: 1.5, FROZEN, (0.5, 0.8), 800, 802),
-    "small current freezes": (2, 1.0, lambda x: 1e-9, FROZEN, (0.5, 0.8), 800, 802),
-    "small current stays zero": (2, 0.01, lambda x: 0.0, FROZEN, (0.05, 0.2), 800, 802),
+    "encoder sticks": (0, 1.0, lambda x: x[300], FAULT_DISAGREES, (T, 0.35), 600, 900),
+    "current freezes": (2, 1.0, lambda x: 1.5, FAULT_FROZEN, (0.5, 0.8), 800, 802),
+    "small current freezes": (2, 1.0, lambda x: 1e-9, FAULT_FROZEN, (0.5, 0.8), 800, 802),
+    "small current stays zero": (2, 0.01, lambda x: 0.0, FAULT_FROZEN, (0.05, 0.2), 800, 802),
 }
 
 
@@ -144,7 +149,7 @@ def test_samples_with_wrong_time_stamps_are_flagged() -> None:
     rows = np.arange(N) + np.rint(0.005 / T * np.random.default_rng(3).normal(size=N)).astype(int)
     rows = np.where((np.arange(N) > 300) & (np.arange(N) < 900), rows, np.arange(N))
     batch = run((q[rows], v[rows], current[rows]))
-    flagged = np.flatnonzero(batch.fault & DISAGREES)
+    flagged = np.flatnonzero(batch.fault & FAULT_DISAGREES)
     assert 300 < flagged[0] < 300 + round(0.2 / T)
     assert batch.valid[flagged[0] : 900].mean() < 0.02
 
