@@ -109,8 +109,7 @@ class LoopEstimator:
 
     Attributes:
         model: that it knows, and that its output `terms` is of; None: the controller's.
-        fused: whether it is one block instead of its stages: the same numbers; in machining stages
-            take 1.2 to 1.5 times as long a tick.
+        fused: whether it is one block instead of its stages, with the same numbers.
         air_pass: correction of a machining scenario, learnt along the same path; None: none.
     """
 

@@ -211,8 +211,7 @@ def run_machining(
         robot,
         models.models[LAW],
         motion=plan,
-        # One block for speed: a pass takes minutes of simulated time.
-        estimator=LoopEstimator(model=reads or models.models[OURS], fused=True, air_pass=air_pass),
+        estimator=LoopEstimator(model=reads or models.models[OURS], air_pass=air_pass),
         log=LogRequest(
             also=("tau_f_true",), only=_LOGGED if air_pass is None else _LOGGED_CORRECTED
         ),
