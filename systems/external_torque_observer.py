@@ -1,7 +1,7 @@
 """An observer of external joint torque as a block, whatever its kind."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -13,6 +13,13 @@ from wrenchsight.models.observers.observer import Observed, Observer, ObserverSa
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.sampled_block import SampledBlock
+
+
+class _Tick(NamedTuple):
+    """The present sample, its motor torque only where the estimate reads it, and the estimate."""
+
+    samples: ObserverSamples
+    observed: Observed
 
 
 class ExternalTorqueObserver(SampledBlock):
@@ -107,13 +114,13 @@ class ExternalTorqueObserver(SampledBlock):
         pole = self._tuned.EvalAbstract(context).get_value().pole
         output.SetFromVector(np.full(self._n, -1.0) if pole is None else pole)
 
-    def _observe(self, context: Context, memory: Any, tau_J: Array) -> Observed:
-        """Takes the present sample into `memory`; tau_J (1, n)."""
+    def _samples(self, context: Context, tau_J: Array) -> ObserverSamples:
+        """The present sample; tau_J (1, n)."""
         error = self._no_error
         if self.uses_sd and self._torque_error.HasValue(context):
             error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        samples = ObserverSamples(
+        return ObserverSamples(
             q=terms.q[None],
             v=terms.v[None],
             momentum=terms.momentum[None],
@@ -126,30 +133,33 @@ class ExternalTorqueObserver(SampledBlock):
             stiction=error.stiction[None],
             drift=error.drift[None],
         )
-        observer: Observer = self._tuned.EvalAbstract(context).get_value()
-        return observer.observe(memory, samples)
 
-    def _calc_observed(self, context: Context) -> Observed:
-        """The estimate of the present sample, which is not taken yet."""
+    def _calc_observed(self, context: Context) -> _Tick:
+        """The present sample, which is not taken yet, and its estimate."""
         tau_J = self._no_torque
         if self._observer.reads_present_torque:
             tau_J = self._tau_J.Eval(context)[None]
-        return self._observe(context, self.memory(context), tau_J)
+        observer: Observer = self._tuned.EvalAbstract(context).get_value()
+        samples = self._samples(context, tau_J)
+        return _Tick(samples, observer.observe(self.memory(context), samples))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         reading = self.held(context, "estimate")
         if reading is None:
-            reading = _reading_of(self._observed.EvalAbstract(context).get_value())
+            reading = _reading_of(self._observed.EvalAbstract(context).get_value().observed)
         output.SetFromVector(reading)
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
         wrench = self.held(context, "wrench")
         if wrench is None:
-            wrench = _wrench_of(self._observed.EvalAbstract(context).get_value())
+            wrench = _wrench_of(self._observed.EvalAbstract(context).get_value().observed)
         output.SetFromVector(wrench)
 
     def take_sample(self, context: Context, memory: Any) -> Sequence[Array]:
-        observed = self._observe(context, memory, self._tau_J.Eval(context)[None])
+        samples: ObserverSamples = self._observed.EvalAbstract(context).get_value().samples
+        observer: Observer = self._tuned.EvalAbstract(context).get_value()
+        tau_J = self._tau_J.Eval(context)[None]
+        observed = observer.observe(memory, samples._replace(tau_J=tau_J))
         outputs = [_reading_of(observed)]
         if self._has_wrench:
             outputs.append(_wrench_of(observed))

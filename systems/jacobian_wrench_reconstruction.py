@@ -169,17 +169,18 @@ class JacobianWrenchReconstruction(SampledBlock):
         J, tau_ext = terms.J, self._tau_ext.Eval(context)
         is_usable &= all_below(terms.q, _LARGEST_INPUT) and all_below(J.ravel(), _LARGEST_INPUT)
         if self._torque_error.HasValue(context):
-            stated = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
+            flat = self._torque_error.Eval(context)
+            stated = TorqueError.of_flat(flat, self._n)
             # The last sample's position and motor torque are NaN before the first one.
             known_rows = stated.rows[UNKNOWN_SHARE_ROW:TAU_J_ROW]
-            for part in (stated.sd, stated.stiction, stated.drift, stated.J_seen, known_rows):
-                is_usable &= all_below(part.ravel(), _LARGEST_INPUT)
-            error = TorqueError(*(np.array(part)[None] for part in stated))
+            for part in (flat[: flat.size - stated.rows.size], known_rows.ravel()):
+                is_usable &= all_below(part, _LARGEST_INPUT)
+            error = TorqueError(*(part[None] for part in stated))
         else:
             error = error._replace(J_seen=J[None])
         wrench, covariance = None, None
         if self._observed.HasValue(context):
-            observed = np.array(self._observed.Eval(context))
+            observed = self._observed.Eval(context)
             wrench, covariance = observed[None, :6], observed[6:].reshape(1, 6, 6)
         is_fresh = self._is_set(context, self._tau_ext_valid)
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
@@ -191,7 +192,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         motion = terms.momentum if is_usable else self._no_torque
         samples = ReadingSamples(
             J=J[None],
-            tau_ext=np.array(tau_ext)[None],
+            tau_ext=tau_ext[None],
             is_fresh=np.array([is_fresh]),
             q=motion[None],
             v=motion[None],

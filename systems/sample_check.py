@@ -42,7 +42,6 @@ class SampleCheckSystem(SampledBlock):
         held = {"motion": self._motion_size, "checked_current": n}
         SampledBlock.__init__(self, time_step, initial, held)
         self._check, self._time_step, self._n = check, time_step, n
-        self._unread = np.zeros(n)  # what an output does not depend on
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
@@ -60,34 +59,27 @@ class SampleCheckSystem(SampledBlock):
         """Sizes of the parts of `motion`: fault; q; v."""
         return list(self._sizes)
 
-    def _checked(
-        self, memory: Array, q: Array, v: Array, current: Array
-    ) -> tuple[Sequence[Array], int]:
-        """q, v and current, checked, and the fault; `memory` is changed."""
-        if self._check is None:
-            return (q, v, current), 0
-        signals = (q[None], v[None], current[None])
-        checked, faults = self._check.run(memory, *signals, self._time_step)
-        return list(checked[:, 0]), faults.item()
-
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
         motion, held = output.get_mutable_value(), self.held(context, "motion")
         if held is not None:
             motion[:] = held
             return
-        q, v = self._q.Eval(context), self._v.Eval(context)
-        checked, motion[0] = self._checked(self.memory(context), q, v, self._unread)
-        motion[1 : self._n + 1], motion[self._n + 1 :] = checked[0], checked[1]
+        q, v, fault = self._q.Eval(context), self._v.Eval(context), 0
+        if self._check is not None:
+            (q, v), fault = self._check.motion(self.memory(context), q, v, self._time_step)
+        motion[0], motion[1 : self._n + 1], motion[self._n + 1 :] = fault, q, v
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
         current = self.held(context, "checked_current")
         if current is None:
-            memory, unread = self.memory(context), self._unread
-            checked, _ = self._checked(memory, unread, unread, self._current.Eval(context))
-            current = checked[2]
+            current = self._current.Eval(context)
+            if self._check is not None:
+                current = self._check.current(self.memory(context), current, self._time_step)
         output.SetFromVector(current)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        q, v, current = (port.Eval(context) for port in (self._q, self._v, self._current))
-        (q, v, current), fault = self._checked(memory, q, v, current)
-        return np.concatenate([[fault], q, v]), current
+        q, v, current = (port.Eval(context)[None] for port in (self._q, self._v, self._current))
+        fault = np.zeros(1, np.int64)
+        if self._check is not None:
+            (q, v, current), fault = self._check.run(memory, q, v, current, self._time_step)
+        return np.concatenate([fault, q[0], v[0]]), current[0]

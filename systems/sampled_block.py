@@ -61,19 +61,20 @@ class SampledBlock(LeafSystem):
         LeafSystem.__init__(self)
         self._period = time_step
         self._memory_layout = StateLayout(memory)
-        self._memory_index: DiscreteStateIndex | None = None
+        # Plain numbers: pydrake takes a fifth of a microsecond to look into an index of its own.
+        self._memory_index: int | None = None
         self.state_tickets: set[DependencyTicket] = set()
         if time_step == 0.0:
             return
-        self._memory_index = DiscreteStateIndex(
-            self.DeclareDiscreteState(self._memory_layout.initial)
-        )
+        self._memory_index = int(self.DeclareDiscreteState(self._memory_layout.initial))
         self._held_index = {
-            name: DiscreteStateIndex(self.DeclareDiscreteState(size)) for name, size in held.items()
+            name: int(self.DeclareDiscreteState(size)) for name, size in held.items()
         }
-        self._ticks_index = DiscreteStateIndex(self.DeclareDiscreteState(np.full(2, np.nan)))
+        self._ticks_index = int(self.DeclareDiscreteState(np.full(2, np.nan)))
         indices = (self._memory_index, *self._held_index.values(), self._ticks_index)
-        self.state_tickets = {self.discrete_state_ticket(index) for index in indices}
+        self.state_tickets = {
+            self.discrete_state_ticket(DiscreteStateIndex(index)) for index in indices
+        }
         self.state_tickets.add(self.time_ticket())
         self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._take)
         self.DeclareForcedUnrestrictedUpdateEvent(self._take)
@@ -95,7 +96,7 @@ class SampledBlock(LeafSystem):
         """A copy of the block's memory, in the shapes of the initial one."""
         if self._memory_index is None:
             return self._memory_layout.state_of(self._memory_layout.initial.copy())
-        value = context.get_discrete_state(self._memory_index).value()
+        value = context.get_discrete_state().value(self._memory_index)
         return self._memory_layout.state_of(value.copy())
 
     def held(self, context: Context, name: str) -> Array | None:
@@ -107,10 +108,11 @@ class SampledBlock(LeafSystem):
         """
         if self._memory_index is None:
             return None
-        ticks = context.get_discrete_state(self._ticks_index).value()
+        discrete = context.get_discrete_state()
+        ticks = discrete.value(self._ticks_index)
         # NaN, before the first tick, is between nothing.
         if ticks.item(_LAST_TICK) <= context.get_time() < ticks.item(_NEXT_TICK):
-            held: Array = context.get_discrete_state(self._held_index[name]).value()
+            held: Array = discrete.value(self._held_index[name])
             return held
         return None
 
@@ -119,7 +121,7 @@ class SampledBlock(LeafSystem):
         memory = discrete.get_mutable_value(self._memory_index)
         outputs = self.take_sample(context, self._memory_layout.state_of(memory))
         for index, value in zip(self._held_index.values(), outputs, strict=True):
-            discrete.get_mutable_value(index)[:] = value
+            discrete.set_value(index, value)
         now = context.get_time()
         ticks = discrete.get_mutable_value(self._ticks_index)
         # The times are computed as Drake does, so that rounding makes no third kind.

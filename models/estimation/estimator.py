@@ -578,10 +578,12 @@ class WrenchEstimator:
             covariance=observed.covariance,
         )
         reading = self.reading.run(state, taken.error, reading_samples, conditions)
-        if np.all(np.asarray(self.error.error.rests) > 0.0):
+        if not self.error.may_rest_unseen:
             return reading
         states, tau_ext = contiguous(taken.error.rows, taken.tau_ext)
         is_unseen = torque_at_unseen_rest(self.error.table, states, tau_ext)
+        if not is_unseen.any():
+            return reading
         return reading._replace(invalid=marked(reading.invalid, UNSEEN_REST, is_unseen))
 
     def _check_shapes(

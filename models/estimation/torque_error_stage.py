@@ -18,6 +18,7 @@ from wrenchsight.models.identification.torque_error_model import (
     ConstantTorqueError,
     TorqueErrorModel,
     has_spread,
+    may_rest_unseen,
     posture_variance_rows,
     rest_rows,
     torque_sd_rows,
@@ -91,6 +92,7 @@ class TorqueErrorStage:
         poles: (n,) of the observer, per tick. Negative for an observer without lag and for a model
             without a learnt error; then J is that of the sample itself.
         rates: (n,) 1/s, to which the sds belong.
+        may_rest_unseen: whether a joint may rest that rested in no log of the model.
     """
 
     def __init__(
@@ -107,6 +109,7 @@ class TorqueErrorStage:
         self._time_step, self._resolution, self._chain = time_step, resolution, chain
         self.rates = np.broadcast_to(np.asarray(error.K_0 if K_0 is None else K_0, float), (n,))
         self.table = error.table(friction, time_step, self.rates, resolution, chain)
+        self.may_rest_unseen = may_rest_unseen(self.table)
         learnt = not isinstance(error, ConstantTorqueError)
         self.poles = observer_poles(K_0 if learnt else None, n, time_step)
 

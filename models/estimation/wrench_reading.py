@@ -230,7 +230,8 @@ class WrenchReading:
         J, tau_ext = samples.J, samples.tau_ext
         sd = error.sd
         if self.error.read_load > 0.0:
-            sd = np.sqrt(sd**2 + (self.error.read_load * np.nan_to_num(tau_ext)) ** 2)
+            known = np.where(np.isnan(tau_ext), 0.0, tau_ext)
+            sd = np.sqrt(sd**2 + (self.error.read_load * known) ** 2)
         constants = self.reconstruction.table
         J_now = J if conditions else J[:0]
         wrench, covariance, quality = reconstruct_log(

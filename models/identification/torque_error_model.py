@@ -611,6 +611,11 @@ def hidden_torque(table: Array, state: Array, i: int) -> float:
     return float(table[i, _HELD] * level * state[HIDDEN_ROW, i])
 
 
+def may_rest_unseen(table: Array) -> bool:
+    """Whether `torque_at_unseen_rest` can find anything with a `TorqueErrorModel.table`."""
+    return bool(np.any((table[:, _UNSEEN] != 0.0) & (table[:, _RECOGNISED] > 0.0)))
+
+
 @kernel
 def torque_at_unseen_rest(table: Array, rows: Array, tau_ext: Array) -> Flags:
     """(N,) whether a joint that rested in no log rests with more than its sliding friction.

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+_FLOAT64 = np.dtype(np.float64)
+
 Record = NDArray[np.void]
 """One structured entry (1,) with named fields: what belongs together, in one argument of a kernel.
 
@@ -35,10 +37,7 @@ def contiguous(*signals: ArrayLike) -> list[Array]:
     """Each as kernels take it: float64, contiguous, writeable; the same memory where it is so."""
     return [
         x
-        if type(x) is np.ndarray
-        and x.dtype == np.float64
-        and x.flags.c_contiguous
-        and x.flags.writeable
+        if type(x) is np.ndarray and x.dtype is _FLOAT64 and x.flags.carray
         else np.require(x, np.float64, ("C", "W"))
         for x in signals
     ]

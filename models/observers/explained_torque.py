@@ -87,6 +87,9 @@ def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd:
     if constants.explains_all:
         return np.zeros(len(J))
     D = np.empty(len(J))
+    if len(J) <= _BLOCK_ROWS:
+        unexplained_rows(*constants, J, tau_ext, sd, D)
+        return D
 
     def run(rows: slice) -> None:
         unexplained_rows(*constants, J[rows], tau_ext[rows], sd[rows], D[rows])

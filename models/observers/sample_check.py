@@ -141,6 +141,27 @@ class SampleCheck:
         check_rows(self.table, state, periods, q, v, current, checked, codes)
         return checked, codes
 
+    def motion(self, state: Array, q: Array, v: Array, period: float) -> tuple[Array, int]:
+        """Checks q and v of the sample that follows, as `run` would; `state` stays as it is.
+
+        Args:
+            state: of `initial_state`.
+            q, v: (n,), contiguous.
+            period: s since the sample before.
+
+        Returns:
+            (2, n) q and v as `run` returns them, and their fault.
+        """
+        checked = np.empty((3, self.num_joints))
+        fault = _check_motion(self.table, state, period, q, v, checked)
+        return checked[:2], fault
+
+    def current(self, state: Array, current: Array, period: float) -> Array:
+        """Checks the current (n,) of the sample that follows, likewise; returns it (n,)."""
+        checked: Array = np.empty((3, self.num_joints))
+        _check_current(self.table, state, period, current, checked)
+        return np.asarray(checked[2])
+
 
 class _Joint(NamedTuple):
     """One joint at a sample: `SampleCheck.table`, the state, the period and the joint's number."""
