@@ -21,7 +21,8 @@ class Explanation:
         values: what was found, by name with its unit, for metrics.json.
         has_form: whether there is something to choose or to fit: then it could stand for a force at
             the tool that lasts (`judgement.stands_beside_contact`).
-        is_small: whether its odds count also where it explains little more than the log as it is.
+        is_small: whether its odds count also where it explains little more than the log as it is,
+            if that does not fit the model.
         is_fault: whether readings of the log as it is would be wrong; friction that has drifted is
             none, as the band holds it.
     """

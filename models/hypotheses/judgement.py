@@ -215,11 +215,14 @@ def judge(case: Case) -> Judgement:
         one.name: one.log_evidence - (known - math.log(PRIOR_WRONG_SHARE) if one.is_fault else base)
         for one in explanations
     }
+    # A small fault needs not explain much more; but where all is as the model has it, it may not
+    # stand for what the model's own error explains.
+    most_left = MAX_LEFT_SHARE * (1.0 - explained) + 1e-9
     faults = [
         one
         for one in explanations
         if one.is_fault
-        and (one.is_small or 1.0 - one.explained < MAX_LEFT_SHARE * (1.0 - explained) + 1e-9)
+        and ((one.is_small and not case.base_is_good) or 1.0 - one.explained < most_left)
         and stands_beside_contact(one, case.base_fit.kind_share, explained)
     ]
     faults.sort(key=lambda one: -log_odds[one.name])

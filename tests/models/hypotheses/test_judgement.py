@@ -12,12 +12,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from wrenchsight.models.hypotheses import judgement
+from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.hypotheses.judgement import (
     Judgement,
     judge_log,
     stands_beside_contact,
 )
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
@@ -254,3 +257,20 @@ def test_a_force_that_lasts_is_no_fault(base, left, stands):
     assert stands_beside_contact(fault(left), np.array(base), 0.97) == stands
     # Gravity missing has nothing to fit: it stands where the log as it is explains little.
     assert stands_beside_contact(fault(left, has_form=False), np.array(base), 0.7)
+
+
+@pytest.mark.parametrize(("delay", "stands"), [(0.0, False), (0.3, True)])
+def test_a_small_fault_is_none_where_the_log_fits_as_it_is(ur10e, monkeypatch, delay, stands):
+    """A tenth of what a log that fits leaves unexplained is the model's own error, at any odds; of
+    a log that does not fit it may be a zero."""
+
+    def explain(case: Case) -> Explanation:
+        explained = 1.0 - 0.9 * (1.0 - case.explained(case.base, case.base_fit))
+        share = np.array((0.99, 0.01, 0.0, 0.0, 0.0))
+        evidence = case.base_fit.log_evidence + 50.0
+        return Explanation("zero", evidence, explained, share, "it", "mend it", is_small=True)
+
+    monkeypatch.setattr(judgement, "HYPOTHESES", {"zero": explain})
+    log = later(motion(ur10e), delay)
+    exact = replace(IdentifiedModel.nominal(ur10e), residual_covariance=0.5**2 * np.eye(6))
+    assert (judge_log([log], ur10e, exact).fault is not None) == stands

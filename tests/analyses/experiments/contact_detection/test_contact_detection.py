@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
 from wrenchsight.analyses.experiments.contact_detection.experiment import (
-    COLLISIONS,
+    COLLISION_TIMES,
     PUSH_FORCES,
     PUSHED_LINKS,
     push_key,
@@ -31,7 +31,7 @@ def test_the_collisions_are_where_the_current_leaves_the_untouched_paths(data_ho
     t = logs[1].t - logs[1].t[0]
     labelled = np.zeros(len(t), bool)
     peaks = []
-    for begin, end in COLLISIONS:
+    for begin, end in COLLISION_TIMES:
         inside = (t >= begin) & (t <= end + 0.5)  # the arm swings a little after each
         peaks.append(torque[inside].max())
         labelled |= inside

@@ -86,8 +86,10 @@ def test_a_log_compared_as_given(log, model_file, tmp_path):
 
 
 def test_without_a_reference_nothing_is_compared(log, sts, model_file, tmp_path):
-    with pytest.raises(InputError, match='unknown column "FX"'):
-        _compared(log, model_file, tmp_path / "out", ReferenceConfig())
+    result = _compared(log, model_file, tmp_path / "out", ReferenceConfig())
+    assert "reference" not in result.metrics()
+    assert any("FX, FY, FZ" in note for note in result.notices), result.notices
+    assert not (tmp_path / "out" / "figures" / "reference.png").exists()
 
 
 @pytest.mark.parametrize(
