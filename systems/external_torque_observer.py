@@ -119,16 +119,16 @@ class ExternalTorqueObserver(SampledBlock):
         error = self._no_error
         if self.uses_sd and self._torque_error.HasValue(context):
             error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         return ObserverSamples(
-            q=terms.q[None],
-            v=terms.v[None],
-            momentum=terms.momentum[None],
-            CTv=terms.CTv[None],
-            G=terms.G[None],
+            q=terms["q"],
+            v=terms["v"],
+            momentum=terms["momentum"],
+            CTv=terms["CTv"],
+            G=terms["G"],
             tau_J=tau_J,
             tau_f=self._tau_f.Eval(context)[None],
-            J=terms.J[None],
+            J=terms["J"],
             sd=error.sd[None],
             stiction=error.stiction[None],
             drift=error.drift[None],

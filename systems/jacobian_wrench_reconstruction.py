@@ -143,7 +143,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._corrected, self._fault]
         ports += [self._observed, self._torque_error]
         tickets = {port.ticket() for port in ports} | {self._tuned.ticket()} | self.state_tickets
-        self._no_torque = np.full(n, np.nan)
+        self._no_torque = np.full((1, n), np.nan)
         # The reading and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(self, "reading and state", self._calc_tick, tickets)
         self._reading = self.DeclareVectorOutputPort(
@@ -165,9 +165,10 @@ class JacobianWrenchReconstruction(SampledBlock):
 
     def _calc_tick(self, context: Context) -> _Tick:
         reading, error, is_usable = self._tuned.EvalAbstract(context).get_value()
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        J, tau_ext = terms.J, self._tau_ext.Eval(context)
-        is_usable &= all_below(terms.q, _LARGEST_INPUT) and all_below(J.ravel(), _LARGEST_INPUT)
+        terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
+        J, tau_ext = terms["J"], self._tau_ext.Eval(context)[None]
+        for part in (terms["q"], J):
+            is_usable &= all_below(part.ravel(), _LARGEST_INPUT)
         if self._torque_error.HasValue(context):
             flat = self._torque_error.Eval(context)
             stated = TorqueError.of_flat(flat, self._n)
@@ -177,7 +178,7 @@ class JacobianWrenchReconstruction(SampledBlock):
                 is_usable &= all_below(part, _LARGEST_INPUT)
             error = TorqueError(*(part[None] for part in stated))
         else:
-            error = error._replace(J_seen=J[None])
+            error = error._replace(J_seen=J)
         wrench, covariance = None, None
         if self._observed.HasValue(context):
             observed = self._observed.Eval(context)
@@ -189,13 +190,13 @@ class JacobianWrenchReconstruction(SampledBlock):
         if not is_usable:
             is_fresh, tau_ext = False, self._no_torque
         # Terms that are not finite are those of a missing sample.
-        motion = terms.momentum if is_usable else self._no_torque
+        motion = terms["momentum"] if is_usable else self._no_torque
         samples = ReadingSamples(
-            J=J[None],
-            tau_ext=tau_ext[None],
+            J=J,
+            tau_ext=tau_ext,
             is_fresh=np.array([is_fresh]),
-            q=motion[None],
-            v=motion[None],
+            q=motion,
+            v=motion,
             is_corrected=np.array([self._is_set(context, self._corrected)]),
             fault=np.array([int(fault)]),
             wrench=wrench,

@@ -86,7 +86,7 @@ class TorqueErrorSystem(SampledBlock):
 
     def _calc_tick(self, context: Context) -> tuple[Array, Array]:
         state, none = self.memory(context), self._no_torque
-        J = cast(RigidBodyTerms, self._terms.Eval(context)).J[None]
+        J = cast(RigidBodyTerms, self._terms.Eval(context)).record["J"]
         stage: TorqueErrorStage = self._tuned.EvalAbstract(context).get_value()
         q, v = self._q.Eval(context)[None], self._v.Eval(context)[None]
         rows = stage.follow(state, q, v)

@@ -41,7 +41,8 @@ class RigidBodyTerms:
         p_WE: (3,) m.
         V_WE: (6,) velocity of E in W [angular; linear], rad/s and m/s.
         q: (n,) rad (m for a prismatic joint), v: (n,) its rate.
-        record: (1,) of `terms_type`; the attributes are views of it, made when first read.
+        record: (1,) of `terms_type`; the attributes are views of it, made when first read. Its
+            fields are those of one sample with a first axis, as `record["J"]` (1, 6, n).
     """
 
     if TYPE_CHECKING:
