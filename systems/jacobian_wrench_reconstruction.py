@@ -7,13 +7,19 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, InputPort
 
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, TorqueError
+from wrenchsight.models.estimation.torque_error_stage import (
+    ERROR_ROWS,
+    TorqueError,
+    TorqueErrorStage,
+)
 from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.estimation.wrench_reading import (
     ReadingSamples,
     ReadingState,
     WrenchReading,
+    with_unseen_rests,
 )
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import (
     TAU_J_ROW,
     UNKNOWN_SHARE_ROW,
@@ -38,11 +44,13 @@ class _TunedReading(NamedTuple):
         reading: of them.
         error: torque error of one sample for an unconnected port, but for its J.
         is_usable: whether the pole is one of an observer.
+        unseen_rests: table of the torque error; None where no joint can rest unseen.
     """
 
     reading: WrenchReading
     error: TorqueError
     is_usable: bool
+    unseen_rests: Array | None
 
 
 class _Tick(NamedTuple):
@@ -79,6 +87,7 @@ class JacobianWrenchReconstruction(SampledBlock):
       observed      -->  |                              | --> reading
       torque_error  -->  |                              |
       pole          -->  |                              |
+      sliding       -->  |                              |
                          +------------------------------+
 
     Inputs:      terms              RigidBodyTerms (abstract): J at E in axes of W
@@ -93,6 +102,8 @@ class JacobianWrenchReconstruction(SampledBlock):
                                     is of one covariance
                  pole               (n,) 1/s of the observer, below 0 for one without; with
                                     torque_error alone
+                 sliding            (10 n,) of FrictionLawSystem; left unconnected, a rest that no
+                                    log of the model has seen is no reason against a reading
     Outputs:     wrench             (6,) F_E_W = [mx my mz fx fy fz], N m and N, at E in axes of W,
                                     exerted by the environment on the robot
                  covariance         (36,) of the wrench, row by row, rotation first
@@ -137,8 +148,9 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._fault = self.DeclareVectorInputPort("fault", 1)
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         self._pole = self.DeclareVectorInputPort("pole", n)
+        self._sliding = self.DeclareVectorInputPort("sliding", len(SlidingLaw._fields) * n)
         # The whitening and the prior change only with the parameters, not at every tick.
-        tuned = self._parameters.tickets | {self._pole.ticket()}
+        tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
         self._tuned = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._corrected, self._fault]
         ports += [self._observed, self._torque_error]
@@ -161,10 +173,18 @@ class JacobianWrenchReconstruction(SampledBlock):
         reading = self._wrench_reading.with_parameters(self._parameters.at(context), K_0)
         constant = TorqueError(*(np.zeros_like(part) for part in TorqueError.empty(1, n)))
         constant.sd[:] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
-        return _TunedReading(reading, constant, is_usable)
+        return _TunedReading(reading, constant, is_usable, self._unseen_rests(context, K_0))
+
+    def _unseen_rests(self, context: Context, K_0: Array | None) -> Array | None:
+        """The torque error's table, if a joint may rest that rested in no log of the model."""
+        if self._period == 0.0 or not self._sliding.HasValue(context):
+            return None
+        sliding, error = SlidingLaw.of_flat(self._sliding.Eval(context)), self._wrench_reading.error
+        stage = TorqueErrorStage(error, sliding, K_0, self._period, None)
+        return stage.table if stage.may_rest_unseen else None
 
     def _calc_tick(self, context: Context) -> _Tick:
-        reading, error, is_usable = self._tuned.EvalAbstract(context).get_value()
+        reading, error, is_usable, unseen_rests = self._tuned.EvalAbstract(context).get_value()
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         J, tau_ext = terms["J"], self._tau_ext.Eval(context)[None]
         for part in (terms["q"], J):
@@ -203,7 +223,10 @@ class JacobianWrenchReconstruction(SampledBlock):
             covariance=covariance,
         )
         state = self.memory(context)
-        return _Tick(reading_parts(reading.run(state, error, samples)), state)
+        estimate = reading.run(state, error, samples)
+        if unseen_rests is not None:
+            estimate = with_unseen_rests(estimate, unseen_rests, error.rows, tau_ext)
+        return _Tick(reading_parts(estimate), state)
 
     def _is_set(self, context: Context, port: InputPort) -> bool:
         """Whether a port is 1 or not connected."""

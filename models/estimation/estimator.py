@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.estimation.invalid import UNSEEN_REST, InvalidCodes, marked
+from wrenchsight.models.estimation.invalid import InvalidCodes, marked
 from wrenchsight.models.estimation.torque_error_stage import (
     TorqueError,
     TorqueErrorStage,
@@ -41,6 +41,7 @@ from wrenchsight.models.estimation.wrench_reading import (
     ReadingSamples,
     ReadingState,
     WrenchReading,
+    with_unseen_rests,
 )
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -48,7 +49,6 @@ from wrenchsight.models.identification.torque_error_model import (
     REST_ROW,
     ConstantTorqueError,
     TorqueErrorModel,
-    torque_at_unseen_rest,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -580,11 +580,7 @@ class WrenchEstimator:
         reading = self.reading.run(state, taken.error, reading_samples, conditions)
         if not self.error.may_rest_unseen:
             return reading
-        states, tau_ext = contiguous(taken.error.rows, taken.tau_ext)
-        is_unseen = torque_at_unseen_rest(self.error.table, states, tau_ext)
-        if not is_unseen.any():
-            return reading
-        return reading._replace(invalid=marked(reading.invalid, UNSEEN_REST, is_unseen))
+        return with_unseen_rests(reading, self.error.table, taken.error.rows, taken.tau_ext)
 
     def _check_shapes(
         self,

@@ -18,9 +18,11 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.estimation.invalid import (
     LAGGING,
+    UNSEEN_REST,
     Findings,
     InvalidCodes,
     invalid_reasons,
+    marked,
 )
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.estimation.wrench import (
@@ -40,8 +42,9 @@ from wrenchsight.models.identification.torque_error_model import (
     TAU_J_ROW,
     ConstantTorqueError,
     TorqueErrorModel,
+    torque_at_unseen_rest,
 )
-from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.observers.explained_torque import (
     ONSET_SDS,
@@ -261,6 +264,23 @@ class WrenchReading:
             invalid,
         )
         return WrenchEstimate(wrench, covariance, quality[:, CONDITION], invalid)
+
+
+def with_unseen_rests(
+    reading: WrenchEstimate, table: Array, rows: Array, tau_ext: Array
+) -> WrenchEstimate:
+    """A reading, not valid where a joint that rested in no log of the model rests beyond friction.
+
+    Args:
+        reading: of N samples.
+        table: of TorqueErrorStage.
+        rows: (N, TORQUE_ERROR_ROWS, n) of TorqueError.
+        tau_ext: (N, n) N m.
+    """
+    is_unseen = torque_at_unseen_rest(table, *contiguous(rows, tau_ext))
+    if not is_unseen.any():
+        return reading
+    return reading._replace(invalid=marked(reading.invalid, UNSEEN_REST, is_unseen))
 
 
 @kernel

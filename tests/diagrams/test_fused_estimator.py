@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from played_logs import OUTPUTS, moving_log, played
 from pydrake.systems.analysis import Simulator
+from sample_models import sample_torque_error
 
 from wrenchsight.diagrams.estimator import make_estimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.invalid import UNSEEN_REST
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.friction.friction_network import FrictionNetworks
@@ -115,6 +117,22 @@ def test_the_numbers_of_the_stages_and_of_the_batch(sts_reversed, model, log, la
     np.testing.assert_allclose(fused["wrench"], batch.wrench, rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(fused["valid"][:, 0] == 1.0, batch.valid)
     np.testing.assert_array_equal(fused["invalid"][:, 0], batch.invalid)
+
+
+@pytest.mark.parametrize("fused", [False, True])
+def test_a_rest_that_no_log_has_seen_is_told_in_every_form(sts_reversed, model, fused):
+    error = sample_torque_error().with_rests(np.zeros(N), np.ones(N))
+    model = replace(model, friction=friction("coulomb-viscous"), torque_error=error)
+    q = np.tile([0.0, 0.2, -0.6, 0.3, 1.0, 0.0], (ROWS, 1))
+    tau = sts_reversed.chain.gravity_torque(q)
+    tau[ROWS // 4 :] += 20.0  # N m, more than any joint's friction
+    log = q, np.zeros_like(q), sts_reversed.motor_current(tau)
+    estimator = WrenchEstimator(sts_reversed, model, config())
+    invalid = estimator.run(estimator.initial_state(), *log).invalid
+    assert 0 < np.count_nonzero(invalid & UNSEEN_REST) < ROWS
+    np.testing.assert_array_equal(
+        played(sts_reversed, model, config(), log, fused=fused)["invalid"][:, 0], invalid
+    )
 
 
 @pytest.mark.parametrize("law", LAWS)

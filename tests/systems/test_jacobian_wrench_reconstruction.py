@@ -61,7 +61,7 @@ def test_ports():
     block = block_of(config(), SIGMA)
     names = [block.get_input_port(i).get_name() for i in range(block.num_input_ports())]
     ports = ["terms", "tau_ext", "tau_ext_valid", "corrected", "observed", "fault"]
-    ports += ["torque_error", "pole"]
+    ports += ["torque_error", "pole", "sliding"]
     assert names == ports
     sizes = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "reading": 45}
     sizes["invalid"] = 1
