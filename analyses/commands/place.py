@@ -65,4 +65,5 @@ def _print(result: "PlacementResult", out: Path) -> None:
 
 
 def _vector(values: Iterable[float]) -> str:
-    return " ".join(f"{value:.4f}" for value in values)
+    """Numbers of four decimals; one that is rounded to zero has no sign."""
+    return " ".join(f"{round(value, 4) + 0.0:.4f}" for value in values)
