@@ -50,7 +50,12 @@ def _print(result: "PlacementResult", out: Path) -> None:
             cells = [f"{metrics[solution][name]:.4f}" for name in names]
             table.add_row(solution, *cells)
     optimised = metrics["optimised"]
-    optima = ", ".join(f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)" for o in metrics["optima"])
+    # An optimum that no start ended at comes of the refinement of another.
+    optima = ", ".join(
+        f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)"
+        for k, o in enumerate(metrics["optima"])
+        if k == 0 or o["starts"] > 0
+    )
     show(
         table,
         f"direction: {_vector(optimised['direction'])}",

@@ -26,7 +26,8 @@ EXAMPLES = examples()
 
 
 def printed(arguments, folder):
-    """The lines that a command prints, without the time that it took."""
+    """The lines that a command prints, without what differs from machine to machine: the time that
+    it took, and which starts of a search end at which optimum but the best."""
     ended = subprocess.run(
         [sys.executable, "-m", "wrenchsight", *arguments],
         cwd=folder,
@@ -39,7 +40,7 @@ def printed(arguments, folder):
 
 
 def masked(lines):
-    return [re.sub(r"; \d+\.\d s$", "; SECONDS", line.rstrip()) for line in lines]
+    return [re.sub(r"^(local optima: \S+) .*", r"\1", line.rstrip()) for line in lines]
 
 
 def test_every_example_has_a_test():
