@@ -319,7 +319,8 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         if not shown:
             continue
         label = (
-            f"Inside the stated 95 % band, worst axis and draw of {figures[shown[0]]['draws']}, "
+            "Inside the stated 95 % band, worst axis of the force and worst draw of "
+            f"{figures[shown[0]]['draws']}, "
             f"{arm}: {', '.join(shown)}"
         )
         lacking = [case for case in README_CASES if case in figures and case not in shown]
