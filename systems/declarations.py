@@ -93,6 +93,14 @@ def declare_outputs(
     return port
 
 
+def parts_of(sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Where consecutive parts of a vector stand, by name, from its first entry on."""
+    ends = np.cumsum(list(sizes.values())).tolist()
+    return {
+        name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
+    }
+
+
 def declare_parts(
     block: LeafSystem,
     read_vector: Callable[[Context], Array],
@@ -107,12 +115,9 @@ def declare_parts(
         sizes: of the parts, by the names of their ports, from the vector's first entry on.
         tickets: prerequisites of the vector.
     """
-    start = 0
-    for name, size in sizes.items():
-        part = slice(start, start + size)
+    for name, part in parts_of(sizes).items():
 
         def write(context: Context, output: BasicVector, part: slice = part) -> None:
             output.SetFromVector(read_vector(context)[part])
 
-        block.DeclareVectorOutputPort(name, size, write, tickets)
-        start += size
+        block.DeclareVectorOutputPort(name, sizes[name], write, tickets)

@@ -108,8 +108,8 @@ class ResultFolder:
         self.files = {} if marker is None else dict(marker.files)
         self._mixed: dict[str, str] = {} if marker is None else dict(marker.replacing)
         if self._mixed:
-            there = {name: file_checksum(file) for name, file in visible_files(path)}
-            self.files = dict.fromkeys(self._mixed, "") | there  # no stranger's is among them
+            present = {name: file_checksum(file) for name, file in visible_files(path)}
+            self.files = dict.fromkeys(self._mixed, "") | present  # no stranger's is among them
         staging = path / STAGING  # of a run that was killed
         if os.path.lexists(staging) and not _is_folder(staging):
             raise InputError(staging, "", "is no folder", _REMEDY)

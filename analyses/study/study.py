@@ -44,6 +44,7 @@ from wrenchsight.models.robot.truth_config import TRUTHS
 COMMAND: Final = "study"
 _TIMINGS: Final = "timings.json"
 _SHARED_FOLDER: Final = ".shared"  # folder of results that experiments share
+_SHORT_RUN: Final = 10.0  # s of processor time, up to which an experiment begins before long ones
 
 
 def run_study(
@@ -219,7 +220,7 @@ class _Runs:
         self._told: dict[str, str] = {}
 
     def run(self, jobs: int) -> None:
-        """Runs them, `jobs` at a time; those that take longest first, so that none is left alone.
+        """Runs them, `jobs` at a time, in the order of `_in_order`.
 
         Raises:
             InputError: the disk is full.
@@ -227,7 +228,7 @@ class _Runs:
         threads = max(1, available_cores() // jobs)  # numba's loops write each element once
         ends = run_side_by_side(
             _run_task,
-            map(self._task, _longest_first(self.outcomes, self._folder.path)),
+            map(self._task, _in_order(self.outcomes, self._folder.path)),
             jobs,
             each_in_its_own=True,
             environment={"NUMBA_NUM_THREADS": str(threads)},
@@ -295,12 +296,19 @@ class _Runs:
         self._watch(Progress(name, end.state, 1.0, end.reason, seconds))
 
 
-def _longest_first(names: Iterable[str], out: Path) -> list[str]:
-    """Experiments by their processor seconds: those measured in `out` before, else typical ones."""
+def _in_order(names: Iterable[str], out: Path) -> list[str]:
+    """Experiments in the order in which they begin.
+
+    Short ones come first, so that a result soon shows; then those that take longest, so that none
+    of these is left alone at the end. Processor seconds are those measured in `out` before, else
+    typical ones.
+    """
     seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
     for name, timing in _read_timings(out).items():
         seconds[name] = timing.get("processor_seconds", seconds.get(name, 0.0))
-    return sorted(names, key=lambda name: -seconds[name])
+    ascending = sorted(names, key=lambda name: seconds[name])
+    short = [name for name in ascending if seconds[name] <= _SHORT_RUN]
+    return short + [name for name in reversed(ascending) if name not in short]
 
 
 def _run_task(task: _Task) -> _End:

@@ -26,7 +26,7 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
 
     Args:
         robot: sets the distance, by the size of its arm.
-        p_WE: (3,) where the tool will be, m.
+        p_WE: (..., 3) m, where the tool will be.
         view_direction: (3,) from the tool to the camera, in W; by default from ahead of the tool
             and to one side, a little above.
     """
@@ -40,11 +40,12 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
         log.setLevel(level)
     meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
     meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
-    for path in ("/Axes", "/Grid"):
-        meshcat.SetProperty(path, "visible", False)
-    tool = np.asarray(p_WE, dtype=np.float64)
+    for object_path in ("/Axes", "/Grid"):
+        meshcat.SetProperty(object_path, "visible", False)
+    path = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
+    tool = 0.5 * (path.min(axis=0) + path.max(axis=0))
     _, home = robot.chain.pose(robot.home)
-    size = max(0.5, float(np.linalg.norm(home)), float(np.linalg.norm(tool)))
+    size = max(0.5, float(np.linalg.norm(home)), float(np.linalg.norm(path, axis=1).max()))
     target = np.array([0.45 * tool[0], 0.45 * tool[1], 0.5 * size])
     if view_direction is None:
         azimuth = np.arctan2(tool[1], tool[0]) - 1.0

@@ -89,10 +89,10 @@ def friction_disagreements(
     sliding = rows.sliding
     unexplained = rows.moving_rms(rows.residual - (sliding * refresh.change).sum(axis=2))
     added = rows.moving_rms((sliding * refresh.change)[:, :, :2].sum(axis=2))
-    found = []
+    drifted = []
     for j in range(rows.num_joints):
         worst = int(np.argmax(np.abs(refresh.standard_errors[j, :2])))
-        found.append(
+        drifted.append(
             FrictionDisagreement(
                 joint=j,
                 term=TERMS[worst],
@@ -102,11 +102,13 @@ def friction_disagreements(
                 stated=float(rows.sd[j]),
             )
         )
-    found = [
-        joint for joint in found if unexplained[joint.joint] < MAX_RESIDUAL_RATIO * joint.stated
+    drifted = [
+        joint for joint in drifted if unexplained[joint.joint] < MAX_RESIDUAL_RATIO * joint.stated
     ]
-    if not any(joint.exceeds(MIN_STANDARD_ERRORS, 1.0) for joint in found):
+    if not any(joint.exceeds(MIN_STANDARD_ERRORS, 1.0) for joint in drifted):
         return []
     return [
-        joint for joint in found if joint.exceeds(NEIGHBOUR_STANDARD_ERRORS, NEIGHBOUR_TORQUE_SHARE)
+        joint
+        for joint in drifted
+        if joint.exceeds(NEIGHBOUR_STANDARD_ERRORS, NEIGHBOUR_TORQUE_SHARE)
     ]

@@ -197,10 +197,10 @@ def stands_beside_contact(fault: Explanation, base_share: Array, explained: floa
 
 def judge(case: Case) -> Judgement:
     """Tests all hypotheses on a case."""
-    found = {name: explain(case) for name, explain in HYPOTHESES.items()}
+    explanation_of = {name: explain(case) for name, explain in HYPOTHESES.items()}
     base = case.base_fit.log_evidence
     explained = case.explained(case.base, case.base_fit)
-    explanations = [one for one in found.values() if one is not None]
+    explanations = [one for one in explanation_of.values() if one is not None]
     # Of what is no fault the best one stands for the log as it is.
     known = max(
         (

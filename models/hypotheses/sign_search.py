@@ -14,8 +14,8 @@ def best_signs(num_joints: int, score: Callable[[Array], float], base_score: flo
         score: score of signs (n,).
         base_score: score of the log's own signs.
     """
-    own = np.ones(num_joints)
-    starts = [(base_score, own), (score(-own), -own)]
+    own_signs = np.ones(num_joints)
+    starts = [(base_score, own_signs), (score(-own_signs), -own_signs)]
     best_score, best = max(starts, key=lambda pair: pair[0])
     for _ in range(num_joints):
         trials = []

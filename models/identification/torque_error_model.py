@@ -74,7 +74,7 @@ where the logs hold no change of load at all (`wrenchsight.models.machining.air_
 """
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -226,6 +226,8 @@ class TorqueErrorModel:
     rests: Array | float = field(default=0.0)
     held: Array | float = field(default=UNSEEN_HELD)
 
+    law_holds_at_rest: ClassVar[bool] = False  # whether friction at rest is the law's, too
+
     def __post_init__(self) -> None:
         n = np.size(self.constant)
         if self.spread is None or np.size(self.spread) == 0:
@@ -335,7 +337,8 @@ class TorqueErrorModel:
         times = np.where(is_elastic, RELAXATION_TIME, RECOGNITION_TIME)
         table[:, _SUDDEN] = ~is_elastic
         table[:, _INVERSE_CREEP] = 1.0 / (CREEP_SPEED * time_step)
-        table[:, _RECOGNISED] = -np.expm1(-time_step / times)
+        recognised = -np.expm1(-time_step / times)
+        table[:, _RECOGNISED] = 0.0 if self.law_holds_at_rest else recognised
         return table if chain is None else np.hstack([table, self.spread_table(chain)])
 
     def initial_state(self) -> Array:
@@ -372,6 +375,8 @@ PLAIN: dict[str, Any] = {
 
 class ConstantTorqueError(TorqueErrorModel):
     """Torque error of constant covariance, for a model without a fitted torque error."""
+
+    law_holds_at_rest = True
 
     @classmethod
     def of(
@@ -415,7 +420,6 @@ class ConstantTorqueError(TorqueErrorModel):
         table = super().table(friction, time_step, K_0, resolution, chain)
         table[:, :SLIDING_COLUMNS] = 0.0
         table[:, _CONSTANT2] = self.constant**2
-        table[:, _RECOGNISED] = 0.0  # the law holds at rest, too
         return table
 
 
@@ -426,23 +430,12 @@ class LawHoldsAtRest(TorqueErrorModel):
     stands, the sign of its velocity is that of noise, and so is that of its friction.
     """
 
+    law_holds_at_rest = True
+
     @classmethod
     def of(cls, error: TorqueErrorModel) -> Self:
         """Returns the same error for such an observer."""
         return cls(**{field.name: getattr(error, field.name) for field in fields(error)})
-
-    def table(
-        self,
-        friction: FrictionLaw | SlidingLaw,
-        time_step: float,
-        K_0: ArrayLike,
-        resolution: ArrayLike | None = None,
-        chain: SerialChain | None = None,
-    ) -> Array:
-        """As `TorqueErrorModel`'s, without a joint that is recognised to rest."""
-        table = super().table(friction, time_step, K_0, resolution, chain)
-        table[:, _RECOGNISED] = 0.0
-        return table
 
 
 def averaged_share(x: ArrayLike) -> Array:
@@ -625,13 +618,13 @@ def torque_at_unseen_rest(table: Array, rows: Array, tau_ext: Array) -> Flags:
         rows: (N, TORQUE_ERROR_ROWS, n) states after N samples.
         tau_ext: (N, n) N m.
     """
-    found = np.zeros(len(tau_ext), np.bool_)
+    is_beyond = np.zeros(len(tau_ext), np.bool_)
     for k in range(len(tau_ext)):
         for i in range(tau_ext.shape[1]):
             if table[i, _UNSEEN] != 0.0 and rows[k, REST_ROW, i] > UNSEEN_REST:
                 level = breakaway(table, rows[k], i)
-                found[k] = found[k] or abs(tau_ext[k, i]) > MIN_HELD_RATIO * level > 0.0
-    return found
+                is_beyond[k] = is_beyond[k] or abs(tau_ext[k, i]) > MIN_HELD_RATIO * level > 0.0
+    return is_beyond
 
 
 @kernel(nogil=True)

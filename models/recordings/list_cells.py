@@ -5,6 +5,7 @@ NAME.1..NAME.k, as `parquet_table` has them. Rows keep their line numbers.
 """
 
 import csv
+import io
 import re
 import tempfile
 from collections.abc import Sequence
@@ -91,9 +92,10 @@ def _names(header: Sequence[str], widths: Sequence[int]) -> list[str]:
 
 def _line(cells: Sequence[str], separator: str, span: int, num_blank: int) -> str:
     """Cells as a line, after as many blank lines as the row had further ones."""
-    quoted = [f'"{cell}"' if separator in cell or "\n" in cell else cell for cell in cells]
-    text = separator.join(cell.replace("\n", " ") for cell in quoted)
-    return "\n" * max(0, span - 1 - num_blank) + text + "\n"
+    one_line = [cell.replace("\n", " ") for cell in cells]
+    text = io.StringIO()
+    csv.writer(text, delimiter=separator, lineterminator="\n").writerow(one_line)
+    return "\n" * max(0, span - 1 - num_blank) + text.getvalue()
 
 
 def _check_widths(
@@ -109,7 +111,7 @@ def _check_widths(
         if count == width and count <= _MOST_ENTRIES:
             continue
         name = header[k] if k < len(header) else str(k + 1)
-        found = "no list" if row is None else f"a list of {count} entries"
+        content = "no list" if row is None else f"a list of {count} entries"
         expected = "a single value" if width < 0 else f"{min(width, _MOST_ENTRIES)}"
-        problem = f"holds {found}, expected {expected} as in the first row"
+        problem = f"holds {content}, expected {expected} as in the first row"
         raise InputError(path, f"line {line}, column {name}", problem, "correct or remove the row")

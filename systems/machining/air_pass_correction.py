@@ -8,7 +8,7 @@ from wrenchsight.models.machining.air_pass import (
     CorrectionTable,
     sample_correction,
 )
-from wrenchsight.systems.declarations import declare_outputs
+from wrenchsight.systems.declarations import declare_outputs, parts_of
 
 
 class AirPassCorrectionSystem(LeafSystem):
@@ -34,12 +34,17 @@ class AirPassCorrectionSystem(LeafSystem):
     def __init__(self, correction: AirPassCorrection) -> None:
         LeafSystem.__init__(self)
         n = correction.num_joints
-        self._n, self._table = n, CorrectionTable.of(correction)
+        self._table = CorrectionTable.of(correction)
         self._feed_time = self.DeclareVectorInputPort("feed_time", 1)
         self.output_sizes = {"correction": n, "spread": n, "valid": 1}
+        self._parts = parts_of(self.output_sizes)
         declare_outputs(self, self.output_sizes, self._calc_all, {self._feed_time.ticket()})
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
-        n, out = self._n, output.get_mutable_value()
-        sample = CorrectionSample(correction=out[:n], spread=out[n : 2 * n], counts=out[2 * n :])
+        out, parts = output.get_mutable_value(), self._parts
+        sample = CorrectionSample(
+            correction=out[parts["correction"]],
+            spread=out[parts["spread"]],
+            counts=out[parts["valid"]],
+        )
         sample_correction(self._table, self._feed_time.Eval(context).item(), sample)

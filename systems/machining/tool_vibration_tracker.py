@@ -20,7 +20,7 @@ from wrenchsight.models.machining.tool_vibration import (
 )
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_outputs
+from wrenchsight.systems.declarations import declare_outputs, parts_of
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -80,6 +80,7 @@ class ToolVibrationTracker(SampledBlock):
             "joint_shares_sd": n,
             "tool_vibration": 1,
         }
+        self._parts = parts_of(self.output_sizes)
         held = {"all": sum(self.output_sizes.values())}
         SampledBlock.__init__(self, time_step, initial_tracked(n), held)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -105,13 +106,21 @@ class ToolVibrationTracker(SampledBlock):
         if held is not None:
             out[:] = held
             return
-        n, constants = self._n, self._constants
-        out[4 * n] = freed_friction(
-            constants.amplitudes, self.memory(context), out[:n], out[n : 2 * n]
+        constants, parts = self._constants, self._parts
+        out[parts["tool_vibration"]] = freed_friction(
+            constants.amplitudes,
+            self.memory(context),
+            out[parts["freed_torque"]],
+            out[parts["freed_sd"]],
         )
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         normal = self._pose.Eval(context)[2:9:3]
-        expected_shares(terms.M, constants.inertia_sd, terms.J, normal, out[2 * n : 4 * n])
+        expected_shares(terms.M, constants.inertia_sd, terms.J, normal, self._shares(out))
+
+    def _shares(self, outputs: Array) -> Array:
+        """(2n,) the joints' shares and their sds, of all outputs."""
+        parts = self._parts
+        return outputs[parts["joint_shares"].start : parts["joint_shares_sd"].stop]
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         n, out = self._n, self._all.Eval(context)
@@ -121,8 +130,8 @@ class ToolVibrationTracker(SampledBlock):
             tau_f=self._tau_f.Eval(context),
             counts=self._tau_ext_valid.Eval(context),
             fault=self._fault.Eval(context),
-            freed_torque=out[:n],
-            freed_sd=out[n : 2 * n],
+            freed_torque=out[self._parts["freed_torque"]],
+            freed_sd=out[self._parts["freed_sd"]],
         )
         correction = CorrectionSample(
             correction=self._correction.Eval(context),
@@ -132,7 +141,7 @@ class ToolVibrationTracker(SampledBlock):
         work = WorkTick(
             correction=correction,
             v_planned=self._reference.Eval(context)[n : 2 * n],
-            shares=out[2 * n : 4 * n],
+            shares=self._shares(out),
             touches=force_controlled(int(self._phase.Eval(context).item())),
             works=self._feed_time.Eval(context).item() >= 0.0,
         )

@@ -111,13 +111,13 @@ def slide(force: float, tool: Tool) -> "Case":
 def press(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:
     """The ball presses at rest with 30, 60 and 130 N in turn."""
     t = grid(CONTACT_SECONDS)
-    asked = np.zeros(len(t))
+    push_setpoint = np.zeros(len(t))
     span = (t[-1] - LIFT_BEFORE_END - TOUCH_AT) / 3.0
     for k, force in enumerate((30.0, 60.0, 130.0)):
         begin = TOUCH_AT + k * span
-        asked[(t >= begin) & (t < begin + span)] = scale(robot) * force
-    asked[t >= t[-1] - LIFT_BEFORE_END] = 0.0
-    return _on_plane(robot, BALL_TOOL, asked, 0.0)
+        push_setpoint[(t >= begin) & (t < begin + span)] = scale(robot) * force
+    push_setpoint[t >= t[-1] - LIFT_BEFORE_END] = 0.0
+    return _on_plane(robot, BALL_TOOL, push_setpoint, 0.0)
 
 
 def slow_reversal(robot: Robot, coulomb: Array, seed: int) -> MujocoScene:

@@ -93,7 +93,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
     plans, lacking = _plans(context.quick)
     draws = list(_with_motions(plans, context))
-    found: dict[int, dict[str, dict[str, Any]]] = {}
+    figures_of_draw: dict[int, dict[str, dict[str, Any]]] = {}
     failures = []
     ends = run_side_by_side(
         _read_draw,
@@ -101,8 +101,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
         config.NUMBA_NUM_THREADS,  # as many processors as this experiment may use
         environment={"NUMBA_NUM_THREADS": "1"},
         started=lambda draw: context.progress(
-            _MOTIONS_SHARE + (1.0 - _MOTIONS_SHARE) * len(found) / len(draws),
-            f"{draw.arm}, draw {draw.seed}; {len(found)} of {len(draws)} draws are read",
+            _MOTIONS_SHARE + (1.0 - _MOTIONS_SHARE) * len(figures_of_draw) / len(draws),
+            f"{draw.arm}, draw {draw.seed}; {len(figures_of_draw)} of {len(draws)} draws are read",
         ),
     )
     with closing(ends):
@@ -110,11 +110,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
             if isinstance(figures, Died | str):
                 failures.append(f"{draw.arm}, draw {draw.seed}: {figures}")
             else:
-                found[draws.index(draw)] = figures
+                figures_of_draw[draws.index(draw)] = figures
     read: dict[str, dict[str, list[dict[str, Any]]]] = {}
-    for k in sorted(found):  # the order in which they end is chance
+    for k in sorted(figures_of_draw):  # the order in which they end is chance
         by_case = read.setdefault(draws[k].arm, {})
-        for case, figures in found[k].items():
+        for case, figures in figures_of_draw[k].items():
             by_case.setdefault(case, []).append(figures)
     return replace(result_of(read, lacking, context.draws), failures=failures)
 
@@ -142,17 +142,17 @@ def _read_draw(draw: _Draw) -> dict[str, dict[str, Any]] | str:
     """The figures of a draw by case (`readings.figures`), or why it has none."""
     from wrenchsight.analyses.experiments.foreign_physics.drawn_arm import DrawnArm
 
-    found = {}
+    figures_of_case = {}
     try:
         with TemporaryDirectory() as scratch:
             drawn = DrawnArm.identify(draw.arm, draw.seed, Path(scratch), draw.motions)
             for case in draw.cases:
                 log = drawn.simulate(case)
                 reading = drawn.read(case, log, draws=False)
-                found[case] = drawn.figures(case, log, reading)
+                figures_of_case[case] = drawn.figures(case, log, reading)
     except (InputError, RuntimeError) as error:  # its logs identify nothing, or MuJoCo gave up
         return str(error)
-    return found
+    return figures_of_case
 
 
 def result_of(

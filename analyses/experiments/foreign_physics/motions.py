@@ -83,19 +83,19 @@ def pick_and_place(robot: Robot, duration: float, seed: int, dwell: float = 1.2)
     low, high = _room(robot, 0.6)
     q = np.tile(robot.home, (len(t), 1))
     v, vdot = np.zeros((2, len(t), n))
-    here, begin = np.array(robot.home), dwell
+    start, begin = np.array(robot.home), dwell
     while begin + dwell < duration:
-        there = rng.uniform(low, high)
-        takes = float(max(1.0, 1.9 * np.max(np.abs(there - here)) / 0.9))  # s, up to .9 rad/s
+        goal = rng.uniform(low, high)
+        takes = float(max(1.0, 1.9 * np.max(np.abs(goal - start)) / 0.9))  # s, up to .9 rad/s
         if begin + takes + dwell > duration:
             break
         s, s1, s2 = smooth_step((t - begin) / takes)
         moves = t >= begin
-        way = there - here
-        q[moves] = here + s[moves, None] * way
-        v[moves] = s1[moves, None] * way / takes
-        vdot[moves] = s2[moves, None] * way / takes**2
-        here, begin = there, begin + takes + dwell
+        step = goal - start
+        q[moves] = start + s[moves, None] * step
+        v[moves] = s1[moves, None] * step / takes
+        vdot[moves] = s2[moves, None] * step / takes**2
+        start, begin = goal, begin + takes + dwell
     return Motion(q, v, vdot)
 
 

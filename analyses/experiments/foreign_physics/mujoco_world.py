@@ -167,11 +167,11 @@ class _World:
         if scene.push is not None and scene.push[k] > 0.0 and self._has_touched:
             J_n = scene.plane_normal @ self._J[0][:, self._rates]
             vdot = vdot - J_n * (J_n @ vdot + PUSH_DAMPING * (J_n @ v)) / (J_n @ J_n)
-            asked = scene.push[k]
-            error = asked - float(scene.plane_normal @ self._touch[3:])
+            setpoint = scene.push[k]
+            error = setpoint - float(scene.plane_normal @ self._touch[3:])
             correction = self._correction + FORCE_GAIN * TIME_STEP * error
             self._correction = float(np.clip(correction, -LARGEST_CORRECTION, LARGEST_CORRECTION))
-            push = asked + self._correction
+            push = setpoint + self._correction
         nominal.qacc[:] = vdot
         mujoco.mj_inverse(self._nominal, nominal)
         tau_J = np.array(nominal.qfrc_inverse)

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
+
 from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit
 from wrenchsight.analyses.output.figures import (
     BAND_ALPHA,
@@ -11,19 +13,23 @@ from wrenchsight.analyses.output.figures import (
     legend_below,
     panels_in_pairs,
 )
+from wrenchsight.models.numerics.arrays import Array
 
 TITLE_LETTERS: Final = 40  # that a panel of half the figure's width has room for
+GAP_STEPS: Final = 2.5  # between samples, from which on no line joins them
 
 
 def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> Figure:
     """Measured and predicted torque with the residual and its mean ± 1 sd, one panel a joint."""
     n = fit.measured.shape[1]
     figure, panels = panels_in_pairs(n, "time [s]", "torque [N m]", share_x=True)
-    t = fit.t - fit.t[0]
+    t, measured, predicted, residual = _with_gaps(
+        fit.t - fit.t[0], fit.measured, fit.predicted, fit.residual
+    )
     for j, axis in enumerate(panels):
-        axis.plot(t, fit.measured[:, j], color=COLOUR["truth"], label="measured")
-        axis.plot(t, fit.predicted[:, j], color=COLOUR["estimate"], lw=1.0, label="predicted")
-        axis.plot(t, fit.residual[:, j], color=COLOUR["before"], lw=0.8, label="residual")
+        axis.plot(t, measured[:, j], color=COLOUR["truth"], label="measured")
+        axis.plot(t, predicted[:, j], color=COLOUR["estimate"], lw=1.0, label="predicted")
+        axis.plot(t, residual[:, j], color=COLOUR["before"], lw=0.8, label="residual")
         mean, sd = float(fit.bias[j]), float(fit.residual_sd[j])
         axis.axhspan(
             mean - sd,
@@ -39,3 +45,10 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> Figu
     legend_below(figure, panels[0], 4)
     figure.suptitle(f"{fit.name} ({kind}): RMSE, and its share of the torque's RMS")
     return figure
+
+
+def _with_gaps(t: Array, *signals: Array) -> list[Array]:
+    """t (T,) and signals (T, n) with a row of NaN where samples are left out, as at a stop."""
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > GAP_STEPS * np.median(steps)) + 1 if len(steps) else []
+    return [np.insert(values, gaps, np.nan, axis=0) for values in (t, *signals)]

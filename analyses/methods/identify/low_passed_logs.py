@@ -334,10 +334,10 @@ def low_pass_logs(
     low_passed = []
     for k, (name, recording) in enumerate(zip(log_names(logs), logs, strict=True)):
         progress(k / steps, f"filtering {name}")
-        low_passed.append(low_pass_log(name, recording, robot, config))
-    # At rest friction is anything in its band: neither the fit nor its residual is judged there.
-    fitted = [replace(log, used=_informative(log)) for log in low_passed[: len(recordings)]]
-    validated = low_passed[len(recordings) :]
+        log = low_pass_log(name, recording, robot, config)
+        # At rest friction is anything in its band: neither a fit nor its error is judged there.
+        low_passed.append(replace(log, used=_informative(log)))
+    fitted, validated = low_passed[: len(recordings)], low_passed[len(recordings) :]
     _check_motion(fitted, robot)
     row_step = decimation(fitted[0].low_pass)
     regressions = []

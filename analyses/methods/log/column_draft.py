@@ -121,7 +121,7 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
         joint_names: joint names of the robot; None: not known.
     """
     lines = [_FIRST_LINE, *_text_keys(table)]
-    found = _series(table, joint_names)
+    series = _series(table, joint_names)
     time = None if table.names is None else time_columns(table.names)
     if time is not None and table.names is not None:
         numbers = [int(column) - 1 for column in str(time.columns).split(",")]
@@ -131,10 +131,10 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
     else:
         lines.append('rate_hz: "?"  # samples a second; or time: {columns: NAME, unit: s}\n')
     for key in ("position", "velocity", "current", "motor_torque"):
-        if key in found:
-            values = {"columns": _columns_text(found[key].columns, table)}
-            if found[key].unit:
-                values["unit"] = found[key].unit
+        if key in series:
+            values = {"columns": _columns_text(series[key].columns, table)}
+            if series[key].unit:
+                values["unit"] = series[key].unit
             question = _UNIT_QUESTIONS[key] + "; joints from base to tool"
             lines.append(_Entry(key, values, question).line())
         elif key == "position":

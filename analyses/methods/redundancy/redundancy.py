@@ -270,14 +270,14 @@ def _check_clearance(
     """Checks the ways for collisions; searches a free way where "optimised" is none."""
     robot = problem.robot
     # A task that asks for no clearance may come as near as it likes, and not through anything.
-    asked = config.clearance or RedundancyClearance(distance=0.0, approach=0.0)
+    clearance = config.clearance or RedundancyClearance(distance=0.0, approach=0.0)
     if robot.unusable_collisions:
         notices.append(
             f"no usable collision shape for {', '.join(robot.unusable_collisions)}: "
             "clearance is not checked"
         )
         return _ClearanceCheck({}, None)
-    cell = surroundings(robot, config, asked)
+    cell = surroundings(robot, config, clearance)
     if not cell.clearance.has_shapes:
         notices.append(f"{robot.name} has no collision shapes: clearance is not checked")
         return _ClearanceCheck({}, None)
@@ -296,10 +296,10 @@ def _check_clearance(
     shapes = ""
     if pair is not None:
         shapes = f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
-    ends = ", approach and retreat included" if asked.approach > 0.0 else ""
+    ends = ", approach and retreat included" if clearance.approach > 0.0 else ""
     notices.append(
-        f"the optimum keeps less than {1e3 * asked.distance:.0f} mm from the arm itself, the floor "
-        f"or the workpiece{ends}{shapes}"
+        f"the optimum keeps less than {1e3 * clearance.distance:.0f} mm from the arm itself, the "
+        f"floor or the workpiece{ends}{shapes}"
     )
     way = best_free(cell, problem, grid, lambda f: progress(0.95 + 0.05 * f, "clearance"))
     if way is None:

@@ -178,7 +178,7 @@ def _write_page(
     rows = np.searchsorted(t, np.arange(0.0, t[-1], 1.0 / fps))
     q = signals["q"][rows]
     p_WE = robot.chain.pose(q)[1]
-    meshcat = make_meshcat(robot, p_WE[len(rows) // 2])
+    meshcat = make_meshcat(robot, p_WE)
     picture = ArmPicture(robot, meshcat, fps)
     arrows = WrenchArrows(meshcat, FORCE_ARROWS, fps, scenario.recording.metres_per_newton)
     context = arrows.CreateDefaultContext()

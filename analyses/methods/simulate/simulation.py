@@ -331,9 +331,8 @@ def _learnt_correction(
 
 
 def _make_meshcat(work: _Work, robot: Robot) -> Meshcat:
-    """An empty picture that looks at the middle of the motion."""
-    q_middle = work.trajectory.q[len(work.trajectory.q) // 2]
-    _, p_WE = robot.chain.pose(q_middle)
+    """An empty picture that looks at the motion."""
+    _, p_WE = robot.chain.pose(work.trajectory.q)
     return make_meshcat(robot, p_WE, None if work.plan is None else view_of(work.plan.path))
 
 

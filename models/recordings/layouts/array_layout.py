@@ -80,13 +80,13 @@ def array_layout(
     time_numbers = [int(column) - 1 for column in str(time.columns).split(",")]
     time_names = " and ".join(names[column] for column in time_numbers)
     assignments = [f"{time_names} as time"]
-    found = {key: _array(arrays, array_words) for key, array_words in _ARRAYS.items()}
-    position = found["position"]
+    array_of = {key: _array(arrays, array_words) for key, array_words in _ARRAYS.items()}
+    position = array_of["position"]
     if position is None:
         return None
     num_joints = len(arrays[position])
     order = _order(names, arrays, num_joints, path, row_words, joint_names, words)
-    for key, array in found.items():
+    for key, array in array_of.items():
         if array is not None and len(arrays[array]) == num_joints:
             columns = arrays.pop(array)
             setattr(form, key, by_number([columns[j] for j in order.indices]))
@@ -115,9 +115,9 @@ def _array(arrays: dict[str, list[int]], array_words: Sequence[str]) -> str | No
         if word in arrays:
             return word
     for word in array_words:
-        found = [name for name in arrays if _last_word(name) == word.lower()]
-        if len(found) == 1:
-            return found[0]
+        matching = [name for name in arrays if _last_word(name) == word.lower()]
+        if len(matching) == 1:
+            return matching[0]
     return None
 
 

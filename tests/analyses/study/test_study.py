@@ -126,15 +126,16 @@ def test_real_experiments_give_the_same_bytes_whatever_the_jobs(tmp_path, monkey
 
 
 def test_progress_reports_each_step(experiments, run):
-    for name, seconds in (("one", 1.0), ("two", 300.0), ("three", 30.0)):
+    costs = {"one": 8.0, "two": 300.0, "three": 30.0, "four": 1.0}
+    for name, seconds in costs.items():
         experiments(name, seconds=seconds)
     seen: list[Progress] = []
     result = run(watch=seen.append)
-    # Those that take longest, by `seconds`, begin first.
-    assert list(dict.fromkeys(p.name for p in seen)) == ["two", "three", "one"]
+    # Short ones begin first, by `seconds`, so that a result soon shows; then the longest.
+    assert list(dict.fromkeys(p.name for p in seen)) == ["four", "one", "two", "three"]
     assert [p.state for p in seen[:1] + seen[-1:]] == ["running", "done"]
     assert Progress("one", "running", 0.5, "half way") in seen
-    assert [o.name for o in result.outcomes] == ["one", "two", "three"]
+    assert [o.name for o in result.outcomes] == ["one", "two", "three", "four"]
 
 
 def test_jobs_run_side_by_side(experiments, tmp_path):

@@ -35,3 +35,14 @@ def test_no_title_is_cut_off_or_runs_into_its_neighbour(n, name):
         assert box.x1 <= figure.bbox.x1, name
         if k % 2 == 0 and k + 1 < n:
             assert box.x1 < boxes[k + 1].x0, name
+
+
+def test_no_line_is_drawn_across_a_stop():
+    fit = _fit(1)
+    moving = (fit.t < 0.4) | (fit.t > 0.7)
+    stopped = TorqueFit("log", fit.t[moving], fit.measured[moving], fit.predicted[moving])
+    axis = torque_figure(stopped, ["j"], "validation").axes[0]
+    for line in axis.lines[:3]:
+        x, y = line.get_xdata(), line.get_ydata()
+        assert np.isnan(x).sum() == np.isnan(y).sum() == 1
+        assert np.nanmax(np.diff(x)) < 0.1

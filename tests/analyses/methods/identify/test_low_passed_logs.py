@@ -14,6 +14,7 @@ from wrenchsight.analyses.methods.identify.low_passed_logs import (
     SHORTEST_LOG,
     long_enough,
     low_pass_log,
+    low_pass_logs,
     missing_time,
 )
 from wrenchsight.models.files.input_error import InputError
@@ -30,6 +31,23 @@ def log_of(samples: int, step: float, begin: float = 0.0) -> Recording:
     t = begin + step * np.arange(samples)
     q = 0.3 * np.sin(t)[:, None] * np.ones(6)
     return Recording(t=t, q=q, v=0.3 * np.cos(t)[:, None] * np.ones(6), current=q, source="a.csv")
+
+
+def test_stops_count_in_no_log_fitted_or_held_out(ur10e: Robot) -> None:
+    """Friction at rest is any torque in its band: 3 s of rest of 12 are left out of both."""
+    moving, step = log_of(1200, 0.01), 0.01
+    t = moving.t
+    turned = np.where(t < 5.0, t, np.where(t < 8.0, 5.0, t - 3.0))  # rests from 5 s to 8 s
+    q = 0.3 * np.sin(turned)[:, None] * np.ones(6)
+    v = 0.3 * (np.cos(turned) * ((t < 5.0) | (t >= 8.0)))[:, None] * np.ones(6)
+    stopping = replace(moving, q=q, v=v, current=q)
+    config = IdentificationConfig(time_step=step, cutoff=5.0)
+    logs = low_pass_logs([stopping], ur10e, [stopping], config, lambda *_: None)
+    (fitted,), (held_out,) = logs.fitted, logs.validation
+    assert np.array_equal(fitted.used, held_out.used)
+    rests = (fitted.t > 5.5) & (fitted.t < 7.5)
+    assert rests.any() and not held_out.used[rests].any()
+    assert held_out.used[(fitted.t > 1.0) & (fitted.t < 4.0)].all()
 
 
 def refusal(recording: Recording, robot: Robot, config: IdentificationConfig) -> str | None:
