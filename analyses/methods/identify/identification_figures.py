@@ -50,5 +50,5 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> Figu
 def _with_gaps(t: Array, *signals: Array) -> list[Array]:
     """t (T,) and signals (T, n) with a row of NaN where samples are left out, as at a stop."""
     steps = np.diff(t)
-    gaps = np.flatnonzero(steps > GAP_STEPS * np.median(steps)) + 1 if len(steps) else []
+    gaps = np.flatnonzero(steps > GAP_STEPS * np.min(steps, initial=np.inf)) + 1
     return [np.insert(values, gaps, np.nan, axis=0) for values in (t, *signals)]
