@@ -357,9 +357,9 @@ def test_a_module_of_another_name_fails(experiments, run):
 
 
 def test_an_interrupt_leaves_whole_results_only(experiments, tmp_path):
-    experiments("quick-one", seconds=90.0)
-    experiments("slow", "(context.out / 'half.txt').write_text('h')\ntime.sleep(60)")
-    experiments("never")
+    experiments("quick-one", seconds=1.0)  # short ones begin first, then the longest
+    experiments("slow", "(context.out / 'half.txt').write_text('h')\ntime.sleep(60)", seconds=90.0)
+    experiments("never", seconds=50.0)
 
     def interrupt(progress):
         if progress.name == "slow" and progress.state == "running":
