@@ -29,6 +29,7 @@ from wrenchsight.diagrams.placement.coming_and_going import distance_of_ends, se
 from wrenchsight.diagrams.placement.placement_cell import PlacementCell
 from wrenchsight.diagrams.placement.placement_program import SOLVERS, PlacementProgram
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -123,6 +124,7 @@ def place(
     """
     _check_choice("--objective", request.objective, OBJECTIVES)
     _check_choice("--solver", request.solver, PLACE_SOLVERS)
+    _check_choice("--method", request.method, METHODS)
     check_task(task, source, robot)
     measure, notices = measure_of(robot, request.objective, request.model, request.method)
     cell = PlacementCell(robot, task.clearance or ClearanceConfig(distance=0.0))

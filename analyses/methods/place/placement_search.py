@@ -73,7 +73,10 @@ _ROUGH_OPTIONS = {
 }
 
 
-_KEEP_OPTIONS = {"Major optimality tolerance": 1e-2}
+_LOOSE_OPTIONS = {  # by solver; of a second solve from an end that breaks a constraint
+    "snopt": {"Major optimality tolerance": 1e-2},
+    "ipopt": {"tol": 1e-2},
+}
 _FEASIBILITY_OPTIONS = {
     "Major feasibility tolerance": 1e-6,
     "Major iterations limit": 60,
@@ -581,7 +584,7 @@ class PlacementSearch:
         result.evaluations += solution.evaluations
         placement = self.corrected(solution.placement)
         if placement is None:  # at the optimum within the solver's rounding, or not at all
-            solution = self.program.solve(solution.placement, solver, _KEEP_OPTIONS)
+            solution = self.program.solve(solution.placement, solver, _LOOSE_OPTIONS[solver])
             result.evaluations += solution.evaluations
             placement = self.corrected(solution.placement)
         if placement is None:

@@ -2,8 +2,9 @@
 
 `Base Position [deg]`, `left_elbow_joint_pos`, `AxisAct_A1`, `q1_deg`: a name is a quantity, perhaps
 its unit, and a joint, by its number or its name. What a controller commands (target, desired, ..)
-and what is no signal of a joint are left out. A table that names two series of one quantity, or
-one that lacks joints, is not recognised: only its owner knows which one counts.
+and what is no signal of a joint are left out. Where no column says that it is a position, those of
+the axes' actual values (`Achse1_Ist`, `J1`) are. A table that names two series of one quantity is
+refused: only its owner knows which one counts.
 """
 
 import re
@@ -13,7 +14,18 @@ from typing import NamedTuple
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout
-from wrenchsight.models.recordings.layouts.joint_names import is_nameless, matched_joints
+from wrenchsight.models.recordings.layouts.joint_names import (
+    DESCRIBE,
+    is_nameless,
+    matched_joints,
+)
+from wrenchsight.models.recordings.layouts.signal_words import (
+    QUANTITIES,
+    ColumnName,
+    column_name,
+    name_tokens,
+    without_joint_words,
+)
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.log_words import LogWords
 from wrenchsight.models.recordings.recording_format import (
@@ -24,37 +36,6 @@ from wrenchsight.models.recordings.recording_format import (
     by_number,
 )
 
-_QUANTITIES = {  # in this order: "current as torque" is a torque, "joint speed" a velocity
-    "velocity": {"vel", "velocity", "velocities", "velocityactual", "speed", "speeds", "qd", "dq",
-                 "qdot", "qvel", "omega", "v", "geschw", "geschwindigkeit"},
-    "motor_torque": {"tau", "trq", "torque", "torques", "moment", "effort", "efforts", "taumsr",
-                     "drehmoment"},
-    "current": {"cur", "curr", "current", "currents", "amp", "amps", "ampere", "i", "iq", "strom"},
-    "position": {"pos", "position", "positions", "angle", "angles", "theta", "q", "qpos", "winkel"},
-}  # fmt: skip
-_ASIDE = {  # words of what is no measured signal of a joint
-    "target", "desired", "des", "d", "cmd", "command", "commanded", "goal", "ref", "reference",
-    "set", "setpoint", "soll", "ext", "external", "error", "err", "temp", "temperature", "voltage",
-    "limit", "max", "min", "acc", "acceleration", "tcp", "ee", "wrench", "mode", "status",
-    "gripper", "finger", "digital", "output", "input", "gravity", "coriolis", "friction", "control",
-}  # fmt: skip
-_MEASURED = {"actual", "act", "measured", "meas", "msr", "real", "ist", "feedback", "fb", "motor",
-             "joint", "axis", "raw", "axes", "achse", "gelenk"}  # fmt: skip
-_UNITS = {
-    "rad": "rad", "rads": "rad", "radian": "rad", "radians": "rad", "deg": "deg", "degree": "deg",
-    "degrees": "deg", "°": "deg", "grad": "deg", "rev": "rev", "mm": "mm", "rad/s": "rad/s",
-    "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "rad/sec": "rad/s", "deg/s": "deg/s",
-    "°/s": "deg/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s", "deg/sec": "deg/s",
-    "rpm": "rpm", "a": "A", "amp": "A", "ampere": "A", "amperes": "A", "ma": "mA", "nm": "N m",
-    "n*m": "N m", "n.m": "N m", "n m": "N m", "mnm": "mN m", "%": PER_CENT, "percent": PER_CENT,
-    "pct": PER_CENT, "permille": PER_MILLE, "promille": PER_MILLE, "‰": PER_MILLE,
-}  # fmt: skip
-_INNER_UNITS = ("rad", "deg", "ma", "nm", "mnm", "percent", "pct", "permille", "promille")
-_IN_BRACKETS = re.compile(r"\s*[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$")
-_AT_END = re.compile(
-    r"[\s_.\-](rad[_/]s|rad_per_s|deg[_/]s|deg_per_s|rad/sec|deg/sec|[a-z%°‰]+)$", re.IGNORECASE
-)
-_MAX_NAME = 200  # characters
 _JOINT_COLUMNS = ("joint", "joint_name", "joint_names", "joint_id", "axis", "name")
 
 
@@ -62,8 +43,7 @@ class _Column(NamedTuple):
     """A column that holds a signal of a joint, at its place among all columns."""
 
     place: int
-    unit: str
-    words: tuple[str, ...]  # of its joint: all but quantity and unit
+    name: ColumnName
 
 
 def column_words_layout(
@@ -85,9 +65,12 @@ def column_words_layout(
         return None
     series = signal_columns(names, path, joint_names, words)
     _refuse_joint_rows(names, path)
-    named = {_taken_apart(name, k)[0] for k, name in enumerate(names)} - {""}
+    named = {column_name(name).quantity for name in names} - {""}
     has_drives = not series.keys().isdisjoint(("current", "motor_torque"))
-    if not (named <= series.keys() and "position" in series and has_drives):
+    if not named <= series.keys():
+        _refuse_doubtful_series(names, named - series.keys(), path)
+        return None
+    if not ("position" in series and has_drives):
         return None
     if len({len(found.columns) for found in series.values()}) > 1:
         return None
@@ -142,55 +125,26 @@ def signal_columns(
         InputError: as `matched_joints`.
     """
     by_quantity: dict[str, list[_Column]] = {}
-    for index, name in enumerate(names):
-        quantity, column = _taken_apart(name, index)
-        if quantity:
-            by_quantity.setdefault(quantity, []).append(column)
+    bare: list[_Column] = []
+    for place, name in enumerate(names):
+        column = _Column(place, column_name(name))
+        if column.name.quantity:
+            by_quantity.setdefault(column.name.quantity, []).append(column)
+        elif column.name.is_bare:
+            bare.append(column)
+    if not by_quantity.keys().isdisjoint(("current", "motor_torque")):
+        by_quantity.setdefault("position", bare)  # Axis 1 Actual beside Axis 1 Current
     found: dict[str, JointColumns] = {}
     for quantity in ("position", "velocity", "current", "motor_torque"):
         columns = by_quantity.get(quantity, [])
         joints = _numbered(columns, joint_names) or _named(columns, joint_names, path, words)
         if joints is None:
             continue
-        by_index = {column.place: column for column in columns}
-        units = {by_index[k].unit for k in joints[0]}
+        unit_of = {column.place: column.name.unit for column in columns}
+        units = {unit_of[place] for place in joints[0]}
         if len(units) == 1 and units <= {"", *UNITS[quantity]}:
             found[quantity] = JointColumns(joints[0], units.pop(), joints[1])
     return found
-
-
-def _taken_apart(name: str, place: int) -> tuple[str, _Column]:
-    """The quantity of a column, empty where it is none of a joint, and the column."""
-    if len(name) > _MAX_NAME:
-        return "", _Column(place, "", ())
-    unit, rest = _unit(name.strip())
-    tokens = _tokens(rest)
-    if not unit:  # percent_1, or pos_deg_1
-        unit = next((_UNITS[token] for token in tokens if token in _INNER_UNITS), "")
-        tokens = [token for token in tokens if token not in _INNER_UNITS]
-    found = [key for key, known in _QUANTITIES.items() if known & set(tokens)]
-    quantity = found[0] if found else next(
-        (key for key in _QUANTITIES if unit in UNITS[key] and unit not in (PER_CENT, PER_MILLE)), ""
-    )  # fmt: skip
-    if not tokens or _ASIDE & set(tokens):
-        quantity = ""
-    known = set().union(*(_QUANTITIES[key] for key in found))
-    joint = tuple(token for token in tokens if token not in known)
-    return quantity, _Column(place, unit, joint)
-
-
-def _unit(name: str) -> tuple[str, str]:
-    """The unit at the end of a column's name, and the name without it."""
-    for pattern in (_IN_BRACKETS, _AT_END):
-        match = pattern.search(name)
-        if match and match[1].lower() in _UNITS and match.start():
-            return _UNITS[match[1].lower()], name[: match.start()]
-    return "", name
-
-
-def _tokens(text: str) -> list[str]:
-    """Words and numbers of a name, in lower case; AxisAct_A1 has four."""
-    return [token.lower() for token in re.findall(r"[A-Z]?[a-zäöü]+|[A-Z]+(?![a-z])|\d+", text)]
 
 
 def _numbered(
@@ -199,9 +153,10 @@ def _numbered(
     """The only series of columns that count through the joints, from 0 or 1 on."""
     series: dict[tuple[str, ...], dict[int, int]] = {}
     for column in columns:
-        for k, word in enumerate(column.words):
+        words = column.name.words
+        for k, word in enumerate(words):
             if word.isdigit() and len(word) < 4:
-                stem = (*column.words[:k], "#", *column.words[k + 1 :])
+                stem = (*words[:k], "#", *words[k + 1 :])
                 series.setdefault(stem, {})[int(word)] = column.place
     complete = [
         [numbers[k] for k in sorted(numbers)]
@@ -220,12 +175,13 @@ def _named(
         return None
     index_of: dict[str, int] = {}
     for column in columns:
-        index_of.setdefault("_".join(column.words), column.place)
-    ours = ["_".join(_tokens(name)) for name in joint_names]
+        index_of.setdefault("_".join(column.name.words), column.place)
+    ours = ["_".join(name_tokens(name)) for name in joint_names]
     theirs = [name for name in index_of if name]
     if not theirs or is_nameless(theirs):
         return None
-    for known, logged in ((ours, theirs), ([_plain(n) for n in ours], [_plain(n) for n in theirs])):
+    plain = [[without_joint_words(name) for name in joints] for joints in (ours, theirs)]
+    for known, logged in ((ours, theirs), (plain[0], plain[1])):
         if len(set(known)) < len(known) or len(set(logged)) < len(logged):
             continue
         match = matched_joints(logged, known, path, words)
@@ -235,9 +191,18 @@ def _named(
     return None
 
 
-def _plain(joint: str) -> str:
-    """A joint's name without words that say no more than that it is one."""
-    return "_".join(word for word in joint.split("_") if word not in _MEASURED) or joint
+def _refuse_doubtful_series(names: Sequence[str], quantities: set[str], path: Path) -> None:
+    """Refuses a table without a plain header whose columns of a quantity are not one a joint."""
+    if any(re.fullmatch(r"(q|v|i|tau)\d{1,4}", name) for name in names):
+        return
+    quantity = next(key for key in QUANTITIES if key in quantities)
+    columns = [name for name in names if column_name(name).quantity == quantity]
+    more = f" and {len(columns) - 6} more" if len(columns) > 6 else ""
+    what = quantity.replace("_", " ")
+    problem = f"names {what}s that are not one for each joint of the robot, by number or name: "
+    problem += f"{', '.join(columns[:6])}{more}"
+    remedy = f"leave one for each joint and call it {what} 1.. from base to tool, {DESCRIBE}"
+    raise InputError(path, "header", problem, remedy)
 
 
 def _refuse_joint_rows(names: Sequence[str], path: Path) -> None:
@@ -245,8 +210,8 @@ def _refuse_joint_rows(names: Sequence[str], path: Path) -> None:
     joint = next((name for name in names if name.strip().lower() in _JOINT_COLUMNS), None)
     if joint is None:
         return
-    rest = [_taken_apart(name, k) for k, name in enumerate(names)]
-    if any(quantity == "position" and not column.words for quantity, column in rest):
+    taken = [column_name(name) for name in names]
+    if any(column.quantity == "position" and not column.words for column in taken):
         problem = f'has a row for each joint (column "{joint}"), expected one for each sample'
         remedy = "write a row a sample with a column for each joint and quantity, such as "
         remedy += "q1..qn, v1..vn, i1..in, or JOINT_position, JOINT_velocity, JOINT_current"

@@ -5,7 +5,8 @@ Tried in this order; each but the first adds a notice:
 1. the robot's own names;
 2. the robot's names behind or before one common text (`left_`, `/arm1/`), or without one that the
    robot's own names have in common;
-3. the names of a teach pendant (Base, Shoulder, Elbow, Wrist 1 to 3);
+3. the names of a teach pendant (Base, Shoulder, Elbow, Wrist 1 to 3, also in German, French,
+   Italian and Spanish), or the letters of Yaskawa's axes (S, L, U, R, B, T);
 4. names that end in the joints' numbers from the base on (`J1`, `axis_1`, `fr3_joint1`).
 """
 
@@ -26,6 +27,13 @@ _PENDANT = {  # words of a robot's names by those of a pendant
     "wrist2": "wrist2",
     "wrist3": "wrist3",
 }
+_PENDANT_WORDS = {  # of a pendant in other languages
+    "base": ("basis",),
+    "shoulder": ("schulter", "epaule", "spalla", "hombro"),
+    "elbow": ("ellbogen", "ellenbogen", "coude", "gomito", "codo"),
+    "wrist": ("handgelenk", "poignet", "polso", "muneca"),
+}
+_LETTERED_AXES = ("slurbt", "sleurbt")  # base to tool
 _JOINT_WORD = re.compile(
     r"(?<![a-z])(joint|jnt|axis|motor|actuator|drive|servo|[jaq])[^a-z0-9]*$", re.I
 )
@@ -75,6 +83,7 @@ def matched_joints(
     for candidates in (
         _with_affixes(log_joints, robot_joints),
         _of_pendant(log_joints, robot_joints),
+        _by_letter(log_joints, robot_joints),
         _by_number(log_joints, robot_joints),
     ):
         if len(candidates) == 1:
@@ -154,10 +163,28 @@ def _of_pendant(log_joints: Sequence[str], robot_joints: Sequence[str]) -> _Cand
     ours = [_letters(joint).removesuffix("joint") for joint in robot_joints]
     pendant_of = {word: name for name, word in _PENDANT.items()}
     wanted = [next((pendant_of[w] for w in pendant_of if joint.endswith(w)), "") for joint in ours]
-    theirs = {_letters(joint).removesuffix("joint"): joint for joint in log_joints}
+    theirs = {_in_english(_letters(joint).removesuffix("joint")): joint for joint in log_joints}
     if "" in wanted or not set(wanted) <= set(theirs):
         return {}
     return {("by the names of the teach pendant", ""): tuple(theirs[name] for name in wanted)}
+
+
+def _in_english(name: str) -> str:
+    """The English name of a pendant's joint; another name as it is."""
+    for word, others in _PENDANT_WORDS.items():
+        for other in others:
+            if re.fullmatch(rf"{other}\d?", name):
+                return name.replace(other, word)
+    return name
+
+
+def _by_letter(log_joints: Sequence[str], robot_joints: Sequence[str]) -> _Candidates:
+    """Joints that are called by the letters of Yaskawa's axes."""
+    by_letter = {name.lower(): name for name in log_joints}
+    for letters in _LETTERED_AXES:
+        if len(letters) == len(robot_joints) and set(letters) <= set(by_letter):
+            return {("by the letters of the axes", ""): tuple(by_letter[x] for x in letters)}
+    return {}
 
 
 def _by_number(log_joints: Sequence[str], robot_joints: Sequence[str]) -> _Candidates:

@@ -54,6 +54,8 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
         missing += [f"{name}.{k}" for k in range(1, max(entries) + 1) if k not in entries]
     is_complete = not missing and bool(numbers["v"])
     if header.others and not is_complete:
+        if not any(numbers.values()):
+            raise _no_known_column(header.others, path)
         raise _unknown_column(header.others[0], path)
     if missing:
         problem = f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}"
@@ -126,6 +128,12 @@ def _unknown_column(name: str, path: Path) -> InputError:
         remedy = f'did you mean "{similar[0]}"? Otherwise {remedy}'
     problem = f'unknown column "{name}", expected t, q1.., v1.., i1..'
     return InputError(path, "header", problem, remedy)
+
+
+def _no_known_column(names: Sequence[str], path: Path) -> InputError:
+    """The error of a table none of whose names is that of a signal."""
+    problem = f"names no joint positions in a way that is known: {_listed(names)}"
+    return InputError(path, "header", problem, f"call them q1.., v1.., i1.., {_DESCRIBE}")
 
 
 def _listed(names: Sequence[str]) -> str:

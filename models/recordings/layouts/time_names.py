@@ -5,14 +5,18 @@ from collections.abc import Sequence
 
 from wrenchsight.models.recordings.recording_format import SignalColumns, by_number
 
-TIME_WORDS = ("t", "__time", "time", "times", "timestamp", "timestamps", "%time", "rosbagtimestamp")
+TIME_WORDS = ("t", "__time", "time", "times", "timestamp", "timestamps", "%time", "rosbagtimestamp",
+              "ipoc")  # fmt: skip
 _UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "ns": "ns"}
-_NANOSECONDS = ("%time", "rosbagtimestamp")  # as tools of ROS 1 write them
+_UNITS_BY_WORD = {"%time": "ns", "rosbagtimestamp": "ns", "ipoc": "ms"}  # ROS 1; KUKA RSI
 _CLOCK_WORDS = frozenset(
     ("time", "timestamp", "stamp", "datetime", "date", "elapsed", "since", "start", "system", "ros",
-     "log", "host", "unix", "epoch", "controller", "robot", "header", "zeit", "zeitstempel", "utc")
+     "log", "host", "unix", "epoch", "controller", "robot", "header", "zeit", "zeitstempel", "utc",
+     "temps", "tempo", "tiempo")
 )  # fmt: skip
-_TIME_TOKENS = frozenset(("time", "timestamp", "stamp", "datetime", "zeit", "zeitstempel"))
+_TIME_TOKENS = frozenset(
+    ("time", "timestamp", "stamp", "datetime", "zeit", "zeitstempel", "temps", "tempo", "tiempo")
+)
 _WITH_UNIT = re.compile(r"(?:t|time|timestamp)[ _]?[\[(]?(s|sec|ms|us|ns)[\])]?")
 _SECOND_WORDS = (  # of whole seconds and nanoseconds
     ("sec", "nanosec"),
@@ -46,7 +50,7 @@ def _single(names: Sequence[str]) -> SignalColumns | None:
         if match:
             units[column] = _UNITS[match[1]]
         elif word in TIME_WORDS:
-            units[column] = "ns" if word in _NANOSECONDS else ""
+            units[column] = _UNITS_BY_WORD.get(word, "")
     if len(units) != 1:
         return None
     ((column, unit),) = units.items()

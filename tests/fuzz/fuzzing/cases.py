@@ -125,7 +125,7 @@ _PLAIN = {
     "simulate": ("--duration", "0.02", "--no-recording"),
     "identify": ("log.csv", "--robot", "robot"),
     "payload": ("log.csv", "--robot", "robot", "--model", "model.yaml"),
-    "place": ("--task", "place.yaml"),
+    "place": ("--task", "place.yaml", "--quick"),
     "redundancy": ("--task", "redundancy.yaml"),
     "excite": ("--robot", "nowhere"),
     "robot": ("show", "robot"),

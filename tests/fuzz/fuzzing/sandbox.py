@@ -16,8 +16,8 @@ from typing import Any
 
 from wrenchsight.analyses.output.compilation import ANNOUNCEMENT
 
-SECONDS = 20.0
-BYTES = 4 << 30
+SECONDS = 10.0
+BYTES = 2 << 30
 _PACKAGE = Path(__file__).parents[1]
 _ROOT = Path(__file__).parents[3]
 

@@ -205,6 +205,8 @@ def test_options_that_are_none_are_answered(sts: Robot) -> None:
         place(task, source, sts, PlacementRequest(solver="snop"))
     with pytest.raises(InputError, match='--objective: "sd" is not known'):
         place(task, source, sts, PlacementRequest("sd"))
+    with pytest.raises(InputError, match='--method: "bayes" is not known; did you mean "bayesian"'):
+        place(task, source, sts, PlacementRequest(method="bayes"))
     with pytest.raises(InputError, match="truncated states a smaller sd"):
         place(task, source, sts, PlacementRequest("force-sd", method="truncated"))
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.methods.place.placement_search import (
+    _LOOSE_OPTIONS,
     PlacementSearch,
     SearchEffort,
     SearchResult,
@@ -12,10 +13,18 @@ from wrenchsight.analyses.methods.place.placement_search import (
     coarse_stride,
     profile_gaps,
 )
-from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
+from wrenchsight.diagrams.placement.placement_program import (
+    SOLVERS,
+    PlacementProgram,
+    PlacementSolution,
+)
 from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
 from wrenchsight.models.planning.placement.placement_task import PlacementTask, load_task
-from wrenchsight.models.planning.placement.placements import Placement, between_points
+from wrenchsight.models.planning.placement.placements import (
+    Placement,
+    between_points,
+    quaternion_from,
+)
 from wrenchsight.models.robot.robot import Robot
 
 pytestmark = pytest.mark.long  # placements are searched for
@@ -23,6 +32,9 @@ pytestmark = pytest.mark.long  # placements are searched for
 SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=24, num_rounds=1, num_kinds=4, num_solves=2
 )
+
+
+_FEW_ITERATIONS = {"snopt": {"Major iterations limit": 2}, "ipopt": {"max_iter": 2}}
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +70,19 @@ def test_the_narrow_optimum_is_found_from_the_guess_and_from_any_seed(
     assert list(history) == sorted(history, reverse=True)
     # The last steps may give back what the smoothing of the measure costs.
     assert history[-1] == pytest.approx(result.best.cost, rel=1e-6)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_second_solve_has_options_that_its_solver_knows(
+    sts: Robot, task: PlacementTask, solver: str
+) -> None:
+    path = task.initial_path()
+    assert path is not None
+    q = np.tile(sts.home, (task.num_segments + 1, 1))  # off the path, as a start may be
+    start = Placement(q, path.n_W, path.p_WM, quaternion_from(path.R_WE))
+    options = _LOOSE_OPTIONS[solver] | _FEW_ITERATIONS[solver]
+    solution = search_of(sts, task).program.solve(start, solver, options)
+    assert np.isfinite(solution.cost)
 
 
 def test_a_search_repeats_itself(sts: Robot, task: PlacementTask) -> None:

@@ -40,6 +40,14 @@ def _joints(text: str, number: int = 1) -> list[str]:
         ("robot_time", "left_{n}_pos", "left_{n}_vel", "left_{n}_current", (1.0, 1.0, 1.0)),
         ("Zeit", "AxisAct_A{j}_Angle(deg)", "AxisAct_A{j}_Speed", "AxisAct_A{j}_Current",
          (180 / np.pi, 1.0, 1.0)),
+        # A joint's actual value without a quantity is its position, where nothing else is.
+        ("Zeit [s]", "Achse{j}_Ist", "Achse{j}_Istgeschwindigkeit", "Achse{j}_Motorstrom",
+         (1.0, 1.0, 1.0)),
+        ("IPOC", "AIPos.A{j}", "$VEL_AXIS_ACT[{j}]", "MACur.A{j}", (1.0, 1.0, 1.0)),
+        ("Zeitstempel", "Istposition [Grad] A{j}", "Istgeschw. [Grad/s] A{j}", "Iststrom [A] A{j}",
+         (180 / np.pi, 180 / np.pi, 1.0)),
+        ("tiempo", "eje {j} posición", "eje {j} velocidad", "eje {j} corriente", (1.0, 1.0, 1.0)),
+        ("time", "rax_{j}", "speed rax_{j}", "current rax_{j}", (1.0, 1.0, 1.0)),
         ("stamp", "actual_position_{j}", "actual_velocity_{j}", "actual_current_{j}",
          (1.0, 1.0, 1.0)),
     ],
@@ -50,7 +58,8 @@ def test_words_and_units_are_recognised(
     extra = ["robot mode", *_joints("target_" + q), *_joints("temperature_{j}")]
     header = [time, *_joints(q), *_joints(v), *_joints(i), *extra]
     signals = np.hstack([_Q * scale[0], _V * scale[1], _I * scale[2]])
-    columns = [_T, *signals.T, *np.full((len(extra), _ROWS), 7.0)]
+    t = 1e3 * _T if time == "IPOC" else _T  # KUKA's clock is in ms
+    columns = [t, *signals.T, *np.full((len(extra), _ROWS), 7.0)]
     log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
     for read, expected in ((log.q, _Q), (log.v, _V), (log.current, _I)):
         np.testing.assert_allclose(read, expected, atol=1e-12)  # rounding of the unit
@@ -71,7 +80,7 @@ def test_joints_are_put_in_the_robots_order_by_their_names(tmp_path: Path) -> No
     ("names", "words"),
     [
         # Two series of currents, and only the owner knows which one counts.
-        (["pos_{j}", "u_current_{j}", "w_current_{j}"], 'unknown column "pos_1"'),
+        (["pos_{j}", "u_current_{j}", "w_current_{j}"], "currents that are not one for each joint"),
         (["left_{n}_pos", "right_{n}_pos", "left_{n}_current"], "joint-prefix=left_"),
     ],
 )

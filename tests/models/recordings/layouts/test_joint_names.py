@@ -22,12 +22,17 @@ _LOG = Path("log.mcap")
         (_UR, [f"{name}_left" for name in _UR], 'apart from "_left"'),
         (_UR, ["Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3"], "teach pendant"),
         (_UR, ["base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"], "teach pendant"),
+        (_UR, ["Basis", "Schulter", "Ellbogen", "Handgelenk 1", "Handgelenk 2", "Handgelenk 3"],
+         "teach pendant"),
+        (_UR, ["base", "hombro", "codo", "muneca_1", "muneca_2", "muneca_3"], "teach pendant"),
+        (_UR, list("SLURBT"), "by the letters of the axes"),
+        (_PANDA, list("SLEURBT"), "by the letters of the axes"),
         (_UR, [f"J{j}" for j in range(1, 7)], "by their numbers"),
         (_UR, [f"axis_{j}" for j in range(6)], "by their numbers"),
         (_PANDA, [f"fr3_joint{j}" for j in range(1, 8)], "by their numbers"),
         (_PANDA, [f"joint{j}" for j in range(1, 8)], 'apart from the robot\'s "panda_"'),
     ],
-)
+)  # fmt: skip
 def test_names_are_matched_in_the_robots_order(robot: list[str], log: list[str], how: str) -> None:
     shuffled = sorted(["finger_joint", *log], key=lambda name: name[::-1])
     match = matched_joints(shuffled, robot, _LOG)
