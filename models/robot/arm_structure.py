@@ -168,25 +168,35 @@ class ArmStructure:
         Raises:
             InputError: several arms.
         """
-        link, length = base, 0
+        fork, ends = self._ends(base, 0)
+        if len(ends) > 1:
+            choices = " or ".join(f"--flange {end}" for end in ends)
+            remedy = f"name the link that carries the tool: {choices}"
+            raise InputError(self._path, fork, "carries several arms or legs", remedy)
+        return ends[0]
+
+    def _ends(self, link: str, length: int) -> tuple[str, list[str]]:
+        """The first link that carries several arms, '' without one, and the ends of all arms.
+
+        Args:
+            link: an arm's link, after `length` joints of it.
+        """
         while True:
             group = self._rigid(link)
             ways = self._ways(group)
             ways = [joint for joint in ways if not self._is_gripper(joint, group, length)]
             if not ways or self._are_fingers(group, length):
-                return self._tool_link(link)
+                return "", [self._tool_link(link)]
             reaches = [self._reach(joint) for joint in ways]
             longest = max(reaches)
             others = sorted(reaches)[:-1]
             if others and length >= _MIN_ARM > longest:
-                return self._tool_link(link)  # of a hand that nothing else reveals
-            if others and others[-1] >= _MIN_ARM:
-                ends = [j.child for j, n in zip(ways, reaches, strict=True) if n > 1]
-                problem = f"carries several arms or legs ({', '.join(ends)})"
-                remedy = "name the link that carries the tool with --flange"
-                raise InputError(self._path, link, problem, remedy)
-            link = ways[reaches.index(longest)].child
+                return "", [self._tool_link(link)]  # of a hand that nothing else reveals
             length += 1
+            if others and others[-1] >= _MIN_ARM:
+                arms = [j.child for j, n in zip(ways, reaches, strict=True) if n >= _MIN_ARM]
+                return link, [end for arm in arms for end in self._ends(arm, length)[1]]
+            link = ways[reaches.index(longest)].child
 
     def joints_between(self, base: str, flange: str) -> list[DescribedJoint]:
         """The moving joints from base to flange.

@@ -28,6 +28,8 @@ from wrenchsight.models.robot.urdf_elements import add_inertial, fixed_joint, se
 _MEMORY_LIMIT = 2 << 30  # bytes
 _MAX_DEPTH = 100  # of nested elements
 _SHAPES = ("visual", "collision")
+_NEGLIGIBLE_MASS = 1e-9  # kg, of a body without one
+_NEGLIGIBLE_INERTIA = 1e-12  # kg m^2
 _MAX_NUMBER = 1e6  # of a number of a pose, m or rad
 
 
@@ -90,17 +92,20 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     """
     has_shapes = root.find("worldbody//geom") is not None
     name = root.get("model") or path.stem
+    root.set("model", name)
+    _give_mass(root)
+    _find_files(root, path.parent)
     builder = DiagramBuilder()
     try:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        instance = _instance_of(Parser(plant), root, path)
+        instance = _instance_of(Parser(plant), root)
     except RuntimeError as error:
         if "mesh" not in str(error).lower():
             raise
         # A mesh is missing, or of a kind that Drake does not read: only shapes need it.
         _drop_meshes(root)
         plant, scene_graph = MultibodyPlant(0.0), None
-        instance = _instance_of(Parser(plant), root, None)
+        instance = _instance_of(Parser(plant), root)
     robot, frames = _urdf_of_plant(plant, instance, name)
     for link in robot.findall("link"):
         body_name = link.get("name", "")
@@ -115,12 +120,38 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     return robot
 
 
-def _instance_of(parser: Parser, root: ET.Element, path: Path | None) -> ModelInstanceIndex:
-    """The one model of a <mujoco>: of its file, or of `root` where that was changed."""
-    if path is not None and path.suffix == ".xml":
-        instances = parser.AddModels(str(path))
-    else:
-        instances = parser.AddModelsFromString(ET.tostring(root, encoding="unicode"), "xml")
+def _give_mass(root: ET.Element) -> None:
+    """Gives bodies without mass a negligible one, which Drake needs and MuJoCo does not.
+
+    A base that the world carries, or a frame that is fixed to a link, often has mass="0".
+    """
+    for inertial in root.iter("inertial"):
+        if _is_zero(inertial.get("mass", "1")):
+            inertial.attrib.pop("fullinertia", None)
+            inertial.set("mass", repr(_NEGLIGIBLE_MASS))
+            inertial.set("diaginertia", text_of([_NEGLIGIBLE_INERTIA] * 3))
+
+
+def _is_zero(text: str) -> bool:
+    try:
+        return float(text) == 0.0
+    except ValueError:
+        return False  # Drake says what is wrong with it
+
+
+def _find_files(root: ET.Element, folder: Path) -> None:
+    """Makes the paths of meshes absolute: what Drake reads as a text has no folder."""
+    for compiler in root.iter("compiler"):
+        place = compiler.attrib.pop("meshdir", compiler.get("assetdir"))
+        folder = folder if place is None else folder / place
+    for mesh in root.iter("mesh"):
+        if mesh.get("file"):
+            mesh.set("file", str(folder / mesh.get("file", "")))
+
+
+def _instance_of(parser: Parser, root: ET.Element) -> ModelInstanceIndex:
+    """The one model of a <mujoco>."""
+    instances = parser.AddModelsFromString(ET.tostring(root, encoding="unicode"), "xml")
     if len(instances) != 1:
         raise ValueError(f"holds {len(instances)} models, expected one; split the file")
     return instances[0]
@@ -228,7 +259,7 @@ def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: floa
 def _add_inertial(link: ET.Element, body: Any, X_LB: RigidTransform) -> None:
     inertia = body.default_spatial_inertia()
     mass, com = float(inertia.get_mass()), np.asarray(inertia.get_com())
-    if mass == 0.0:
+    if mass <= _NEGLIGIBLE_MASS:
         return
     about_origin = inertia.CalcRotationalInertia().CopyToFullMatrix3()
     about_com = about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com))

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
@@ -20,7 +20,13 @@ LARGEST_OUTPUT = 1 << 26  # bytes
 _LONGEST_PROBLEM = 400  # characters
 
 
-def run_limited(module: str, path: Path, arguments: Sequence[str], what: str, remedy: str) -> bytes:
+def run_limited(
+    module: str,
+    path: Path,
+    arguments: Sequence[str],
+    what: str,
+    remedy: str | Callable[[str], str],
+) -> bytes:
     """Returns what `python -m MODULE PATH ARGUMENTS` writes to its standard output.
 
     The module calls `limit_process` before anything else, and ends with what is wrong as the last
@@ -29,6 +35,7 @@ def run_limited(module: str, path: Path, arguments: Sequence[str], what: str, re
     Args:
         path: the file of unknown origin.
         what: what is done, for error lines: "xacro".
+        remedy: what to do, whatever the problem is; or what to do about the problem stated.
 
     Raises:
         InputError: the child failed, or reached a limit.
@@ -55,7 +62,8 @@ def run_limited(module: str, path: Path, arguments: Sequence[str], what: str, re
     problem = " ".join(next((line for line in reversed(lines) if line.strip()), "").split())
     if "MemoryError" in problem or "bad_alloc" in problem or not problem:
         problem = _ending_of(code)
-    raise InputError(path, "", f"{what}: {problem[:_LONGEST_PROBLEM]}", remedy)
+    words = remedy if isinstance(remedy, str) else remedy(problem)
+    raise InputError(path, "", f"{what}: {problem[:_LONGEST_PROBLEM]}", words)
 
 
 def limit_process(memory: int) -> None:

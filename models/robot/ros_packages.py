@@ -11,6 +11,9 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
+PACKAGE_NOT_FOUND = "is found neither in the workspace"
+"""Words of every message on a package that `find_package` does not find."""
+
 _MAX_FOLDERS = 5_000  # that one search goes through
 _MAX_DEPTH = 4  # of a package below the folder that is gone through: src/repository/group/package
 _MAX_PARENTS = 6  # of the file that are gone through

@@ -5,7 +5,7 @@ import types
 from pathlib import Path
 
 from wrenchsight.models.robot.limited_child import limit_process
-from wrenchsight.models.robot.ros_packages import find_package
+from wrenchsight.models.robot.ros_packages import PACKAGE_NOT_FOUND, find_package
 
 _MEMORY_LIMIT = 1 << 30  # bytes
 
@@ -17,9 +17,8 @@ def _give_packages(start: Path) -> None:
         folder = find_package(name, start)
         if folder is None:
             raise LookupError(
-                f'package "{name}" is found neither in the workspace around {start} nor on '
-                "ROS_PACKAGE_PATH or AMENT_PREFIX_PATH: put it beside the file's repository, or "
-                "set ROS_PACKAGE_PATH to the folder that holds it"
+                f'package "{name}" {PACKAGE_NOT_FOUND} around {start} nor on ROS_PACKAGE_PATH or '
+                "AMENT_PREFIX_PATH"
             )
         return str(folder)
 
@@ -28,6 +27,16 @@ def _give_packages(start: Path) -> None:
     packages.PackageNotFoundError = LookupError  # type: ignore[attr-defined]
     index.packages = packages  # type: ignore[attr-defined]
     sys.modules |= {"ament_index_python": index, "ament_index_python.packages": packages}
+
+
+def _cause(error: BaseException) -> BaseException:
+    """The package that is not found, which xacro wraps; else the error itself."""
+    inner: BaseException | None = error
+    while inner is not None:
+        if PACKAGE_NOT_FOUND in str(inner) and isinstance(inner, LookupError):
+            return inner
+        inner = getattr(inner, "exc", None) or inner.__cause__ or inner.__context__
+    return error
 
 
 def main(words: list[str]) -> int:
@@ -42,7 +51,8 @@ def main(words: list[str]) -> int:
         text = document.toxml(encoding="utf-8")
     # What xacro raises has no common class, and SystemExit is among it.
     except (Exception, SystemExit) as error:
-        print(" ".join(str(error).split()) or type(error).__name__, file=sys.stderr)
+        cause = _cause(error)
+        print(" ".join(str(cause).split()) or type(cause).__name__, file=sys.stderr)
         return 1
     sys.stdout.buffer.write(text)
     return 0

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.limited_child import run_limited
+from wrenchsight.models.robot.ros_packages import PACKAGE_NOT_FOUND
 
 _CHILD = "wrenchsight.models.robot.xacro_child"
 
@@ -37,5 +38,15 @@ def urdf_of_xacro(path: Path, arguments: Mapping[str, str]) -> bytes:
     if importlib.util.find_spec("xacro") is None:
         raise InputError(path, "", "is xacro, which is not installed", "pip install xacro")
     words = [f"{name}:={value}" for name, value in arguments.items()]
-    remedy = "give what it asks for (--xacro-arg NAME:=VALUE), or correct the file"
-    return run_limited(_CHILD, path, words, "xacro", remedy)
+    return run_limited(_CHILD, path, words, "xacro", _remedy)
+
+
+def _remedy(problem: str) -> str:
+    if PACKAGE_NOT_FOUND in problem:
+        return (
+            "put the package, with its package.xml and under this name, beside the file's "
+            "repository, or set ROS_PACKAGE_PATH to the folder that holds it"
+        )
+    if "argument" in problem:
+        return "give what it asks for (--xacro-arg NAME:=VALUE), or correct the file"
+    return "correct the file"

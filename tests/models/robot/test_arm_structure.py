@@ -98,7 +98,7 @@ def test_world_carries_an_arm_and_a_table():
     assert found(robot(*joints, frames=("world",)))[0] == "base"
     # Two arms: the flange says which.
     two = robot("w fixed world base", "v fixed world other", *line(6), *line(6, "other", "r"))
-    with pytest.raises(InputError, match=r"several arms.*--flange"):
+    with pytest.raises(InputError, match=r"several arms or legs; .*: --flange l6 or --flange r6$"):
         found(two)
     assert found(two, "r6")[:3] == ("other", "r6", 6)
 

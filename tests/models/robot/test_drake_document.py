@@ -204,3 +204,29 @@ def test_an_mjcf_without_its_meshes_keeps_its_inertias(tmp_path):
         assert all(ET.tostring(a) == ET.tostring(b) for a, b in pairs)
     shapes = [shape.tag for shape in root.iterfind("link/collision/geometry/*")]
     assert set(shapes) == {"geom"}  # which are lost, and said to be
+
+
+def test_an_mjcf_without_a_name_and_with_massless_bodies_is_read(tmp_path):
+    """MuJoCo asks neither for a name, nor for a mass of what a body carries without a joint."""
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes/plate.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
+    text = MJCF.replace(' model="arm"', "").replace("radian", 'radian" meshdir="meshes')
+    text = text.replace(
+        "<worldbody>", "<asset><mesh name='m' file='plate.obj'/></asset><worldbody>"
+    )
+    massless = "<inertial pos='0 0 0' mass='0' diaginertia='0 0 0'/>"
+    text = text.replace('<geom type="cylinder"', f'{massless}<geom type="cylinder"')
+    frame = f"<body name='frame' pos='0 0 1'>{massless}<geom type='mesh' mesh='m'/></body>"
+    text = text.replace("</body></body></body>", f"{frame}</body></body></body>")
+    (tmp_path / "bare.xml").write_text(MJCF, encoding="utf-8")
+    (tmp_path / "arm.xml").write_text(text, encoding="utf-8")
+    expected, _ = read_document(tmp_path / "bare.xml")
+    root, _ = read_document(tmp_path / "arm.xml")
+    assert root.get("name") == "arm"
+    for link in ("upper", "lower"):
+        inertias = [r.find(f"link[@name='{link}']/inertial") for r in (root, expected)]
+        assert ET.tostring(inertias[0]) == ET.tostring(inertias[1])
+    for link in ("base", "frame"):
+        assert root.find(f"link[@name='{link}']/inertial") is None
+    mesh = root.find("link[@name='frame']/collision/geometry/mesh")
+    assert mesh.get("filename") == (tmp_path / "meshes/plate.obj").as_uri()

@@ -57,10 +57,14 @@ def test_expressions_alone_make_a_xacro_of_a_file_of_that_name(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("find my_arm", "find your_arm", '"your_arm" is found neither.*ROS_PACKAGE_PATH'),
+        (
+            "find my_arm",
+            "find your_arm",
+            'xacro: package "your_arm" is found neither[^;]*; put the package.*holds it$',
+        ),
         (' default="0.3"', "", "missing attribute 'default'|[Uu]ndefined substitution argument"),
         ("xacro:segment", "xacro:part", "part"),
-        ("$(arg length)", "${1 / 0}", "division by zero"),
+        ("$(arg length)", "${1 / 0}", "division by zero.*; correct the file$"),
         ("links.xacro", "none.xacro", "none.xacro"),
     ],
 )
