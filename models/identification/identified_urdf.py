@@ -39,7 +39,7 @@ def identified_urdf(
             f"the inertia of the link behind {', '.join(bad)} is not physical: identify with "
             "--consistent"
         )
-    root = ET.fromstring(robot.urdf_text)
+    root = robot.urdf_element
     links = {link.get("name", ""): link for link in root.findall("link")}
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     for joint in joints.values():
@@ -71,7 +71,7 @@ def identified_urdf(
 
 def links_behind(robot: Robot) -> tuple[str, ...]:
     """Names of the links that the joints move, base to tool."""
-    root = ET.fromstring(robot.urdf_text)
+    root = robot.urdf_element
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     return tuple(_end(joints[name], "child") for name in robot.joint_names)
 

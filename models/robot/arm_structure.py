@@ -300,12 +300,14 @@ class ArmStructure:
             return reach < _MIN_ARM  # else a column that carries the arm
         if joint.name in self._followed and reach <= _MAX_FINGER:
             return True
-        if length < _MIN_ARM or reach > 1 or self._tool_frames(self._rigid(joint.child)):
+        if length < _MIN_ARM or reach > 1:
             return False
-        # The last joint of all: a jaw if the tool's frame is before it, or it is called one.
-        return bool(self._tool_frames(group)) or any(
-            word in joint.name.lower() for word in _JAW_WORDS
-        )
+        # The last joint of all: a jaw if the tool's frame is before it, or it is called one. With
+        # frames on both sides (the tool's, and the tip of its jaw), the names decide.
+        is_before = bool(self._tool_frames(group))
+        if self._tool_frames(self._rigid(joint.child)):
+            return is_before and (_is_jaw(joint.name) or _is_jaw(joint.child))
+        return is_before or _is_jaw(joint.name)
 
     def _are_fingers(self, group: Collection[str], length: int) -> bool:
         """Whether all that a rigid group carries are fingers: several short ones, no line."""
@@ -336,6 +338,10 @@ class ArmStructure:
                 if candidate == name or candidate.endswith(("_" + name, "-" + name)):
                     return candidate
         return next(iter(self._tool_frames(group)), link)
+
+
+def _is_jaw(name: str) -> bool:
+    return any(word in name.lower() for word in _JAW_WORDS)
 
 
 def _joint(element: ET.Element) -> DescribedJoint:

@@ -23,6 +23,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.limited_child import limit_process
+from wrenchsight.models.robot.urdf_document import parse_document
 from wrenchsight.models.robot.urdf_elements import add_inertial, fixed_joint, set_pose, text_of
 
 _MEMORY_LIMIT = 2 << 30  # bytes
@@ -38,10 +39,10 @@ def main(words: list[str]) -> int:
     limit_process(_MEMORY_LIMIT)
     path, tag = Path(words[0]).resolve(), words[1]
     try:
-        root = ET.parse(path).getroot()
+        root, _ = parse_document(path.read_bytes(), path)
         _check_depth(root)
         robot = urdf_of_sdf(root, path) if tag == "sdf" else urdf_of_mjcf(root, path)
-    except (RuntimeError, ValueError, ET.ParseError, MemoryError) as error:
+    except (RuntimeError, ValueError, MemoryError) as error:
         text = str(error).replace("<literal-string>.sdf", path.name) or type(error).__name__
         print(" ".join(text.replace(f"{path.parent}/", "").split()), file=sys.stderr)
         return 1

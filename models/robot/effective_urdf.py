@@ -15,6 +15,8 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.collision_meshes import CollisionMeshes
 from wrenchsight.models.robot.urdf_elements import set_pose
 
+_NAMESPACES = {"drake": "http://drake.mit.edu"}
+
 
 @dataclass(frozen=True)
 class JointLimits:
@@ -42,6 +44,7 @@ class EffectiveUrdf:
         standing: tuple[tuple[ET.Element, ET.Element], ...] = (),
         base_link: str = "",
     ) -> None:
+        _declare_prefixes(root)
         self._root = root
         self.meshes = meshes
         self.joints = joints  # moving ones, base to tool
@@ -88,12 +91,25 @@ class EffectiveUrdf:
             hulls: with the convex hulls of the collision meshes that Drake does not read, and with
                 the links that stand around the arm: for distances.
         """
-        root = self._root
+        root = self.element(name)
         if hulls:
-            root = copy.deepcopy(root)
             root.extend(copy.deepcopy(element) for pair in self._standing for element in pair)
             links = {link.get("name"): link for link in root.findall("link")}
             for link, element in self.meshes.hulls():
                 links[link].append(element)
-        root.set("name", name)
         return ET.tostring(root, encoding="unicode")
+
+    def element(self, name: str) -> ET.Element:
+        """A copy of the document's <robot>, with `name` as the robot's; prefixes stay in names."""
+        root = copy.deepcopy(self._root)
+        root.set("name", name)
+        return root
+
+
+def _declare_prefixes(root: ET.Element) -> None:
+    """Declares the prefixes of a <robot> that its file does not: Drake asks for none, XML does."""
+    for element in root.iter():
+        for name in (element.tag, *element.attrib):
+            prefix, colon, _ = name.partition(":")
+            if colon and prefix not in ("xml", "xmlns"):
+                root.attrib.setdefault(f"xmlns:{prefix}", _NAMESPACES.get(prefix, f"urn:{prefix}"))

@@ -6,6 +6,7 @@ as root, locked joints fixed, the tool and the frame E added, visuals that Drake
 dropped.
 """
 
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -117,6 +118,11 @@ class Robot(Arm):
     def urdf_text(self) -> str:
         """The effective URDF: all that Drake or another reader needs, in one text."""
         return self._urdf.text(self.name)
+
+    @property
+    def urdf_element(self) -> ET.Element:
+        """The <robot> of the effective URDF, to be changed: `drake:` and such stay in the names."""
+        return self._urdf.element(self.name)
 
     @cached_property
     def chain(self) -> SerialChain:

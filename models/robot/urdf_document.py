@@ -32,10 +32,10 @@ def read_document(
     """
     remedy = f"see {named_by}" if named_by is not None else "check the path"
     data = read_limited(path, LARGEST_DOCUMENT, "a URDF", remedy)
-    root, lines = _parsed(data, path)
+    root, lines = parse_document(data, path)
     if root.tag in DOCUMENT_KINDS:
         digest = hashlib.sha256(data).hexdigest()
-        root, lines = _parsed(urdf_of_model(path, root.tag, digest), path)[0], {}
+        root, lines = parse_document(urdf_of_model(path, root.tag, digest), path)[0], {}
     if root.tag != "robot":
         problem = f"<{root.tag}> is the root element, expected <robot> of a URDF, <sdf> or <mujoco>"
         raise InputError(path, f"line {lines[root]}", problem)
@@ -56,7 +56,7 @@ def is_xacro_file(path: Path) -> bool:
     Raises:
         InputError: it cannot be read, or is no XML.
     """
-    root, _ = _parsed(read_limited(path, LARGEST_DOCUMENT, "a URDF"), path)
+    root, _ = parse_document(read_limited(path, LARGEST_DOCUMENT, "a URDF"), path)
     return root.tag == "robot" and is_xacro(path, root)
 
 
@@ -68,7 +68,15 @@ def is_xacro(path: Path, root: ET.Element) -> bool:
     return path.suffix == ".xacro" and any("$" in value for value in values)
 
 
-def _parsed(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
+def parse_document(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
+    """Parses XML without namespaces: a prefix, declared or not, stays part of a name.
+
+    Returns:
+        The root, and the line of each element.
+
+    Raises:
+        InputError: no valid XML.
+    """
     lines: dict[ET.Element, int] = {}
     builder = ET.TreeBuilder()
     parser = xml.parsers.expat.ParserCreate()

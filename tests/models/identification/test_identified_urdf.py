@@ -1,5 +1,8 @@
 """The URDF of an identified robot, as Drake and pinocchio read it."""
 
+import re
+import xml.etree.ElementTree as ET
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -7,6 +10,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from wrenchsight.models.identification.identified_urdf import identified_urdf
+from wrenchsight.models.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +50,27 @@ def test_drake_reads_inertias_and_rotors(bundled_arm, changed):
         np.testing.assert_allclose(
             plant.CalcMassMatrix(context), chain.terms(q, 0.0 * q).M, rtol=1e-9, atol=1e-9
         )
+
+
+def test_prefixes_that_a_urdf_uses_without_declaring_them_stay(tmp_path):
+    """Drake asks for no declaration of `drake:`, other readers of XML do."""
+    source = Robot.load("ur5e").source.parent
+    for file in source.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    urdf = next(tmp_path.glob("*.urdf"))
+    text = urdf.read_text(encoding="utf-8")
+    declaration = re.search(r' xmlns:drake="[^"]*"', text)
+    text = text.replace(declaration[0], "") if declaration else text
+    text = text.replace("<limit ", '<limit drake:acceleration="2.5" other:key="1" ')
+    urdf.write_text(text, encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    chain = robot.chain
+    written = identified_urdf(robot, chain.inertial_parameters, chain.reflected_inertia)
+    for document in (robot.urdf_text, written):
+        root = ET.fromstring(document)
+        key = "{http://drake.mit.edu}acceleration"
+        assert [limit.get(key) for limit in root.iter("limit")] == 6 * ["2.5"]
+    assert written.count('drake:acceleration="2.5"') == 6
 
 
 def test_the_mass_matrix_is_positive_definite_everywhere(bundled_arm, changed):

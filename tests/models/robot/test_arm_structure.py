@@ -70,6 +70,12 @@ def found(structure, flange=None):
         (["t fixed l6 tool0", "m revolute l6 mover"], ("tool0",), "tool0", 6, ["m"]),
         # The last joint carries the tool's frame: whatever it is called, it is the arm's.
         (["gripper_roll revolute l6 g", "t fixed g tcp"], ("tcp",), "tcp", 7, []),
+        # Frames of the tool before a jaw and at its tip.
+        (["t fixed l6 gripper_tcp", "j revolute l6 gripper", "s fixed gripper gripper_tcp2"],
+         ("gripper_tcp", "gripper_tcp2"), "gripper_tcp", 6, ["j"]),
+        # A flange before the last joint of an arm that ends in a tool's frame.
+        (["t fixed l6 flange", "j7 revolute l6 l7", "s fixed l7 tool0"], ("flange", "tool0"),
+         "tool0", 7, []),
         # A propeller beside a pair of fingers on a bar.
         (["prop continuous l6 pl", "b fixed l6 bar", "lf prismatic bar a", "rf prismatic bar c lf"],
          (), "l6", 6, ["prop", "lf"]),
