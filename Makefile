@@ -24,7 +24,7 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
   GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
   ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
 
-.PHONY: demo study test test-long test-all test-generic lint fuzz kills arms bench docs readme readme-worlds release-check clean
+.PHONY: demo study test test-long test-all test-generic lint fuzz kills arms package-arms bench docs readme readme-worlds release-check clean
 .DELETE_ON_ERROR:
 
 demo: .venv/.ready
@@ -67,6 +67,11 @@ kills: .venv/.ready-test
 arms: .venv/.ready-test
 	@mkdir -p out/arms
 	PYTHONPATH=tests/arms:tests/meshes $(BIN)/python -m arm_table --work out/arms --page docs/arms.md
+
+# Arms of other packages, in PACKAGES as `package_arms` says, into a section of the same page.
+package-arms: .venv/.ready-test
+	@test -n "$(PACKAGES)" || { echo "name the folder of the unpacked packages: make package-arms PACKAGES=..."; exit 2; }
+	PYTHONPATH=tests/arms $(BIN)/python -m package_arms --packages $(PACKAGES)
 
 bench: .venv/.ready-test
 	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; PYTHONPATH=tests/sample_models $(BIN)/python $$file; done

