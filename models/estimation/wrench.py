@@ -48,13 +48,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.estimation.invalid import InvalidCodes
-from wrenchsight.models.estimation.wrench_kernels import (
-    BAYESIAN,
-    CONDITION,
-    FORCE_ONLY,
+from wrenchsight.models.estimation.wrench_kernels import CONDITION, reasons_log
+from wrenchsight.models.estimation.wrench_methods import (
     METHODS,
+    TorqueSamples,
     WrenchConstants,
-    reasons_log,
     reconstruct_log,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
@@ -209,12 +207,25 @@ class ValidityLimits(NamedTuple):
     @classmethod
     def of(cls, config: WrenchReconstructionConfig) -> "ValidityLimits":
         """The limits of a configuration."""
-        settings = _settings(config)
+        _check(config)
+        reading_prior = _reading_prior(config)
+        prior, max_force_sd = reading_prior, config.max_force_sd
+        max_stiction_force = config.max_stiction_force
+        if config.live_force_sd is not None and config.live_moment_sd is not None:
+            prior = _known(config.live_force_sd, config.live_moment_sd)
+            if max_force_sd is None:
+                max_force_sd = TRUSTED_SHARE * prior.force_sd
+            if max_stiction_force is None:
+                max_stiction_force = STICTION_SHARE * prior.force_sd
+        if max_force_sd is None:
+            max_force_sd = _known(config.prior_force_sd, None).force_sd
+            if config.method == "bayesian":  # prior and measurement weigh the same
+                max_force_sd /= np.sqrt(2.0)
         return cls(
-            settings.max_force_sd,
-            settings.max_stiction_force,
-            settings.valid_force_sd,
-            settings.valid_moment_sd,
+            max_force_sd,
+            UNKNOWN_SD if max_stiction_force is None else max_stiction_force,
+            prior.force_sd,
+            0.0 if config.method == "force_only" else prior.moment_sd,
         )
 
 
@@ -230,7 +241,8 @@ class WrenchReconstruction:
             `force_only`; None: the sample's sds alone are the weights.
 
     Attributes:
-        table: constants that the kernels read.
+        limits: of a valid reading.
+        constants: of `wrench_methods.reconstruct_log`.
 
     Raises:
         ValueError: an unknown method, a prior that is missing or negative, damping or truncation
@@ -251,20 +263,22 @@ class WrenchReconstruction:
         self.num_joints = n
         self.config = config
         self.torque_covariance = Sigma
-        usual = np.empty(0)
+        usual = None
         if usual_sd is not None:
             usual = np.broadcast_to(np.asarray(usual_sd, float), (n,)).copy()
             if not (np.isfinite(usual).all() and (usual > 0.0).all()):
                 raise ValueError("usual_sd: expected finite numbers above zero")
-        settings = np.array(_settings(config), float)
-        self.table = WrenchConstants(
-            np.ascontiguousarray(whitening_matrix(Sigma)), Sigma, settings, usual
+        self.limits = ValidityLimits.of(config)
+        self.constants = WrenchConstants(
+            method=config.method,
+            whitening=np.ascontiguousarray(whitening_matrix(Sigma)),
+            torque_covariance=Sigma,
+            prior_sd=_by_axis(_reading_prior(config)),
+            live_prior_sd=_by_axis(PriorSds(self.limits.force_sd, self.limits.moment_sd)),
+            damping=config.damping,
+            truncation=config.truncation,
+            usual_sd=usual,
         )
-
-    @property
-    def limits(self) -> ValidityLimits:
-        """The limits of a valid reading."""
-        return ValidityLimits.of(self.config)
 
     def reconstruct(
         self,
@@ -308,9 +322,11 @@ class WrenchReconstruction:
         tau, sd, stiction_sd = contiguous(
             tau_ext.reshape(rows, n), sd.reshape(rows, n), stiction_sd.reshape(rows, n)
         )
-        out = reconstruct_log(self.table, J_now_rows, J, tau, sd, stiction_sd)
+        samples = TorqueSamples(J, tau, sd, stiction_sd)
+        out = reconstruct_log(self.constants, J_now_rows, samples)
         invalid = np.empty(rows, np.int64)
-        reasons_log(self.table, out.quality, invalid)
+        limits = self.limits
+        reasons_log(limits.max_force_sd, limits.max_stiction_force, out.quality, invalid)
         return WrenchEstimate(
             out.wrench.reshape(*lead, 6),
             out.covariance.reshape(*lead, 6, 6),
@@ -355,34 +371,11 @@ def whitening_matrix(Sigma: Array) -> Array:
         ) from None
 
 
-class _Settings(NamedTuple):
-    """The settings of `wrench_kernels`, in the order of its entries.
-
-    Attributes:
-        method: index in METHODS.
-        force_sd, moment_sd: N and N m, prior of the reading.
-        damping, truncation: of the methods of these names.
-        max_force_sd: N, largest principal force sd of a valid reading.
-        valid_force_sd, valid_moment_sd: N and N m, prior with which that sd is computed.
-        max_stiction_force: N, largest force that stiction alone may imitate in a valid reading.
-    """
-
-    method: int
-    force_sd: float
-    moment_sd: float
-    damping: float
-    truncation: float
-    max_force_sd: float
-    valid_force_sd: float
-    valid_moment_sd: float
-    max_stiction_force: float
-
-
-def _settings(config: WrenchReconstructionConfig) -> _Settings:
-    """The settings of a configuration, checked; an unknown sd is UNKNOWN_SD.
+def _check(config: WrenchReconstructionConfig) -> None:
+    """Checks a configuration.
 
     Raises:
-        ValueError: as `WrenchReconstruction`.
+        ValueError: an unknown method, a number below zero or not finite, a prior that is missing.
     """
     if config.method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, not {config.method!r}")
@@ -401,34 +394,24 @@ def _settings(config: WrenchReconstructionConfig) -> _Settings:
     for name in ("damping", "truncation"):
         if not 0.0 <= getattr(config, name) < np.inf:
             raise ValueError(f"{name} must be zero or more, not {getattr(config, name)}")
-    force_sd, moment_sd = config.prior_force_sd, config.prior_moment_sd
-    method = METHODS.index(config.method)
-    if method == BAYESIAN and (force_sd is None or moment_sd is None):
+    if config.method == "bayesian" and None in (config.prior_force_sd, config.prior_moment_sd):
         raise ValueError("method bayesian needs prior_force_sd and prior_moment_sd")
-    known_force = UNKNOWN_SD if force_sd is None else min(force_sd, UNKNOWN_SD)
-    known_moment = UNKNOWN_SD if moment_sd is None else min(moment_sd, UNKNOWN_SD)
-    bound = config.max_force_sd
-    if bound is None:
-        bound = known_force / np.sqrt(2.0) if method == BAYESIAN else known_force
-    stiction_force = UNKNOWN_SD if config.max_stiction_force is None else config.max_stiction_force
-    if method == FORCE_ONLY:
-        known_force, known_moment = UNKNOWN_SD, 0.0
-    valid_force, valid_moment = known_force, known_moment
-    if config.live_force_sd is not None and config.live_moment_sd is not None:
-        valid_force = min(config.live_force_sd, UNKNOWN_SD)
-        valid_moment = 0.0 if method == FORCE_ONLY else min(config.live_moment_sd, UNKNOWN_SD)
-        if config.max_force_sd is None:
-            bound = TRUSTED_SHARE * valid_force
-        if config.max_stiction_force is None:
-            stiction_force = STICTION_SHARE * valid_force
-    return _Settings(
-        method=method,
-        force_sd=known_force,
-        moment_sd=known_moment,
-        damping=config.damping,
-        truncation=config.truncation,
-        max_force_sd=bound,
-        valid_force_sd=valid_force,
-        valid_moment_sd=valid_moment,
-        max_stiction_force=stiction_force,
+
+
+def _reading_prior(config: WrenchReconstructionConfig) -> PriorSds:
+    """The prior of a method's reading; see the module."""
+    if config.method == "force_only":
+        return PriorSds(UNKNOWN_SD, 0.0)
+    return _known(config.prior_force_sd, config.prior_moment_sd)
+
+
+def _known(force_sd: float | None, moment_sd: float | None) -> PriorSds:
+    """Sds of a prior; an unknown one is UNKNOWN_SD."""
+    return PriorSds(
+        *(UNKNOWN_SD if sd is None else min(sd, UNKNOWN_SD) for sd in (force_sd, moment_sd))
     )
+
+
+def _by_axis(prior: PriorSds) -> Array:
+    """(6,) sds of a prior, rotation first."""
+    return np.repeat([prior.moment_sd, prior.force_sd], 3).astype(float)

@@ -35,9 +35,8 @@ from wrenchsight.models.estimation.wrench_kernels import (
     FORCE_SD,
     HAS_FULL_RANK,
     STICTION_FORCE,
-    quality_limits,
-    reconstruct_log,
 )
+from wrenchsight.models.estimation.wrench_methods import TorqueSamples, reconstruct_log
 from wrenchsight.models.identification.torque_error_model import (
     TAU_J_ROW,
     ConstantTorqueError,
@@ -235,16 +234,16 @@ class WrenchReading:
         if self.error.read_load > 0.0:
             known = np.where(np.isnan(tau_ext), 0.0, tau_ext)
             sd = np.sqrt(sd**2 + (self.error.read_load * known) ** 2)
-        constants = self.reconstruction.table
-        J_now = J if conditions else J[:0]
+        torques = TorqueSamples(error.J_seen, tau_ext, sd, error.stiction)
         wrench, covariance, quality = reconstruct_log(
-            constants, J_now, error.J_seen, tau_ext, sd, error.stiction
+            self.reconstruction.constants, J if conditions else J[:0], torques
         )
         if samples.wrench is not None and samples.covariance is not None:
             wrench, covariance = samples.wrench, samples.covariance
         invalid = np.empty(len(tau_ext), np.int64)
         judge_rows(
-            constants.settings,
+            self.reconstruction.limits.max_force_sd,
+            self.reconstruction.limits.max_stiction_force,
             self.lag,
             self.explained.numbers,
             *self.faults,
@@ -285,7 +284,8 @@ def with_unseen_rests(
 
 @kernel
 def judge_rows(
-    settings: Array,
+    max_force_sd: float,
+    max_stiction_force: float,
     lag_constants: Array,
     explained_numbers: Array,
     fault_numbers: Array,
@@ -312,13 +312,13 @@ def judge_rows(
     """Says of N readings why they are not valid, and adds lag and scale to their covariances.
 
     Args:
-        settings: of WrenchConstants.
+        max_force_sd, max_stiction_force: N, of a valid reading.
         lag_constants: of `lag_settings`.
         explained_numbers: of ExplainedConstants.
         fault_numbers, poles, lines: FaultConstants.
         lag, unexplained_time, means, torques: ReadingState, changed.
         D: (N,) of `unexplained_log`.
-        quality: (N, NUM_QUALITY) of WrenchOut.
+        quality: (N, NUM_QUALITY) of `wrench_kernels`.
         tau_ext, sd: (N, n) N m.
         tau_J: (N, n) N m, of the sample before.
         q, v, is_fresh, is_corrected, fault: as ReadingSamples.
@@ -328,7 +328,6 @@ def judge_rows(
     """
     lateness = np.empty(6)
     constants, memory = FaultConstants(fault_numbers, poles, lines), FaultState(means, torques)
-    max_force_sd, max_stiction_force = quality_limits(settings)
     for k in range(tau_ext.shape[0]):
         # Of the first sample there is no torque before it, and no wrench has been low-passed.
         lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J[k].sum())

@@ -1,4 +1,8 @@
-"""Kernels for matrices of a few rows: Cholesky factors, one-sided Jacobi, eigenvalues."""
+"""Kernels for matrices of a few rows: Cholesky factors, and an eigenvalue.
+
+They serve kernels that go from sample to sample. numba's linear algebra takes four to five times as
+long in their place, and some eight seconds to compile (`tests/benchmarks/bench_small_matrices.py`).
+"""
 
 import math
 
@@ -6,11 +10,6 @@ import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
-
-# Two rows are orthogonal below this cosine: a few rounding errors of a dot product.
-ORTHOGONAL_COSINE = 1e-14
-# Five to six sweeps are usual, and convergence is quadratic: only NaN would go on for ever.
-MAX_SWEEPS = 40
 
 
 @kernel
@@ -101,107 +100,6 @@ def solve_factorised(L: Array, n: int, x: Array) -> None:
         for k in range(i + 1, n):
             total -= L[k, i] * x[k]
         x[i] = total / L[i, i]
-
-
-@kernel
-def invert_transposed(A: Array, L: Array, X: Array) -> bool:
-    """Inverse of the transpose of a 6x6 matrix, by elimination with pivots from each column.
-
-    Args:
-        A: (6, 6).
-        L: (6, 6+), overwritten.
-        X: (6, 6+), written.
-
-    Returns:
-        Whether no pivot was zero; if not, X is left half done.
-    """
-    for i in range(6):
-        for j in range(6):
-            L[i, j] = A[j, i]
-            X[i, j] = 1.0 if i == j else 0.0
-    for k in range(6):
-        pivot = k
-        for i in range(k + 1, 6):
-            if abs(L[i, k]) > abs(L[pivot, k]):
-                pivot = i
-        if not abs(L[pivot, k]) > 0.0:
-            return False
-        if pivot != k:
-            for j in range(6):
-                L[k, j], L[pivot, j] = L[pivot, j], L[k, j]
-                X[k, j], X[pivot, j] = X[pivot, j], X[k, j]
-        inverse = 1.0 / L[k, k]
-        for i in range(k + 1, 6):
-            share = L[i, k] * inverse
-            for j in range(k + 1, 6):
-                L[i, j] -= share * L[k, j]
-            for j in range(6):
-                X[i, j] -= share * X[k, j]
-    for k in range(5, -1, -1):
-        inverse = 1.0 / L[k, k]
-        for j in range(6):
-            X[k, j] *= inverse
-        for i in range(k):
-            share = L[i, k]
-            for j in range(6):
-                X[i, j] -= share * X[k, j]
-    return True
-
-
-@kernel
-def turn_rows(B: Array, p: int, q: int, length: int) -> tuple[float, float]:
-    """Makes two rows of B orthogonal to each other, by the smaller of two possible rotations.
-
-    Returns:
-        Cosine and sine of the rotation; a sine of 0.0 where the rows were orthogonal to rounding.
-    """
-    pp, qq, pq = 0.0, 0.0, 0.0
-    for k in range(length):
-        x, y = B[p, k], B[q, k]
-        pp += x * x
-        qq += y * y
-        pq += x * y
-    if not pq * pq > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (pp * qq):
-        return 1.0, 0.0
-    z = qq - pp
-    t = 2.0 * pq / (z + math.copysign(math.sqrt(z * z + 4.0 * pq * pq), z))
-    c = 1.0 / math.sqrt(1.0 + t * t)
-    s = c * t
-    rotate_rows(B, p, q, length, c, s)
-    return c, s
-
-
-@kernel
-def rotate_rows(B: Array, p: int, q: int, length: int, c: float, s: float) -> None:
-    """Rows p and q of B become c p - s q and s p + c q."""
-    for k in range(length):
-        x, y = B[p, k], B[q, k]
-        B[p, k] = c * x - s * y
-        B[q, k] = s * x + c * y
-
-
-@kernel
-def orthogonalise_rows(J: Array, B: Array, Q: Array) -> None:
-    """One-sided Jacobi: writes Q (6, 6), orthogonal, and B = Q J whose rows are orthogonal.
-
-    Their lengths are the singular values, each with a small relative error.
-    """
-    n = J.shape[1]
-    for i in range(6):
-        for j in range(n):
-            B[i, j] = J[i, j]
-        for j in range(6):
-            Q[i, j] = 1.0 if i == j else 0.0
-    for _ in range(MAX_SWEEPS):
-        turned = False
-        for p in range(5):
-            for q in range(p + 1, 6):
-                c, s = turn_rows(B, p, q, n)
-                if s != 0.0:
-                    turned = True
-                    rotate_rows(Q, p, q, 6, c, s)
-        if not turned:
-            break
 
 
 @kernel

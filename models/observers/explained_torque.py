@@ -7,12 +7,10 @@ covariance P. tau_ext then has the covariance Sigma + J^T P J, and
 
 is n on average. Sigma is that of the torque error model, plus an error in proportion to the reading
 (`scale`). Where sqrt(D) is above ONSET_SDS, model and prior do not explain the torque. The wrench
-at E
-is then unknown: a current has the wrong sign or size, the force acts far from E, or it is beyond
-the arm's rating. For a force alone, ONSET_SDS live sds are three times the rated payload's weight.
-Such a reading is not valid. Neither are those after it, until sqrt(D) has been below RELEASE_SDS
-for
-RELEASE_TIME: a wrong signal crosses its right value again and again.
+at E is then unknown: a current has the wrong sign or size, the force acts far from E, or it is
+beyond the arm's rating. For a force alone, ONSET_SDS live sds are three times the rated payload's
+weight. Such a reading is not valid. Neither are those after it, until sqrt(D) has been below
+RELEASE_SDS for RELEASE_TIME: a wrong signal crosses its right value again and again.
 
 The bounds were chosen on the UR10e's three fitted runs, where sqrt(D) of valid readings stays below
 RELEASE_SDS. Below these bounds, the error from a wrong current is no larger than a possible force.
@@ -102,7 +100,10 @@ def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd:
 def unexplained_rows(
     numbers: Array, correlation: Array, J: Array, tau_ext: Array, sd: Array, D: Array
 ) -> None:
-    """Writes D (N,); the arguments are those of `unexplained_log`."""
+    """Writes D (N,); the arguments are those of `unexplained_log`.
+
+    numpy on the log takes 5.5 times as long (`tests/benchmarks/bench_small_matrices.py`).
+    """
     n = tau_ext.shape[1]
     covariance = np.empty((n, n))
     error_sd, floor, whitened = np.empty(n), np.empty(n), np.empty(n)

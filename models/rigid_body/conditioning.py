@@ -6,8 +6,9 @@ errors are relative to each of them, so that condition numbers hold to 1e-9 as f
 of J determine them.
 
 One sample takes some eighty turns, each waiting for the last one's square roots. Many samples are
-therefore turned in groups, the same arithmetic side by side in vector registers (three times as
-fast, and the same bits).
+therefore turned in groups, the same arithmetic side by side in vector registers.
+LAPACK's singular values take 2.7 times as long from numpy, 5 times from numba
+(`tests/benchmarks/bench_small_matrices.py`).
 """
 
 import math
@@ -18,7 +19,12 @@ from numpy.typing import ArrayLike
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.row_blocks import in_row_blocks
-from wrenchsight.models.numerics.small_matrices import MAX_SWEEPS, ORTHOGONAL_COSINE, turn_rows
+
+# Two rows are orthogonal below this cosine: a few rounding errors of a dot product.
+ORTHOGONAL_COSINE = 1e-14
+
+# Five to six sweeps are usual, and convergence is quadratic: only NaN would go on for ever.
+MAX_SWEEPS = 40
 
 # A smallest singular value below this part of the largest, times the matrix's size, is rounding.
 _MACHINE_EPSILON = float(np.finfo(np.float64).eps)
@@ -28,30 +34,6 @@ _NUM_LANES = 16
 
 # Samples that are worth a thread: a millisecond.
 _BLOCK_SAMPLES = 128 * _NUM_LANES
-
-
-@kernel
-def _orthogonalise(J: Array, work: Array) -> tuple[int, int]:
-    """Writes rows (columns where n < 6) of J into `work`, made orthogonal; returns its shape."""
-    n = J.shape[1]
-    if n >= 6:
-        count, length = 6, n
-        for i in range(6):
-            for k in range(n):
-                work[i, k] = J[i, k]
-    else:
-        count, length = n, 6
-        for i in range(n):
-            for k in range(6):
-                work[i, k] = J[k, i]
-    for _ in range(MAX_SWEEPS):
-        has_turned = False
-        for i in range(count - 1):
-            for j in range(i + 1, count):
-                has_turned = turn_rows(work, i, j, length)[1] != 0.0 or has_turned
-        if not has_turned:
-            break
-    return count, length
 
 
 @kernel
@@ -71,55 +53,35 @@ def _ratio(squares: Array, size: float) -> float:
 
 
 @kernel
-def condition_number_of(J: Array, work: Array) -> float:
-    """Condition number of one Jacobian, for other kernels; see `condition_number`.
+def _sweep(rows: Array) -> bool:
+    """Turns each pair of rows of matrices (count, length, lanes) once; whether any pair turned.
 
-    Args:
-        J: (6, n).
-        work: overwritten, (6, max(n, 6)).
-    """
-    count, length = _orthogonalise(J, work)
-    for i in range(count):
-        total = 0.0
-        for k in range(length):
-            total += work[i, k] * work[i, k]
-        # No later row reads this one's start any more.
-        work[i, 0] = total
-    return _ratio(work[:count, 0], length)
-
-
-@kernel
-def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: Array) -> bool:
-    """One sweep of `_orthogonalise` over (count, length, lanes); whether any lane turned.
-
-    The others are (lanes,) scratch. Every inner loop runs over the lanes without a branch.
+    Every inner loop runs over the lanes without a branch.
     """
     count, length, lanes = rows.shape
+    ii, jj, ij = np.empty(lanes), np.empty(lanes), np.empty(lanes)  # products of the two rows
+    c, s = np.empty(lanes), np.empty(lanes)  # cosine and sine of the turn
     num_turned = 0.0
     for i in range(count - 1):
         for j in range(i + 1, count):
             for m in range(lanes):
-                a[m] = 0.0
-                b[m] = 0.0
-                g[m] = 0.0
+                ii[m], jj[m], ij[m] = 0.0, 0.0, 0.0
             for k in range(length):
                 for m in range(lanes):
                     x, y = rows[i, k, m], rows[j, k, m]
-                    a[m] += x * x
-                    b[m] += y * y
-                    g[m] += x * y
+                    ii[m] += x * x
+                    jj[m] += y * y
+                    ij[m] += x * y
             for m in range(lanes):
-                turn = g[m] * g[m] > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (a[m] * b[m])
-                z = b[m] - a[m]
-                root = math.sqrt(z * z + 4.0 * g[m] * g[m])
-                twice = 2.0 * g[m] if z >= 0.0 else -2.0 * g[m]
-                t = twice / (abs(z) + root) if turn else 0.0
-                c[m] = 1.0 / math.sqrt(1.0 + t * t)
-                s[m] = c[m] * t
-                # Not t itself: what is not finite in one lane must not end the others' turns.
-                g[m] = 1.0 if abs(t) > 0.0 else 0.0
-            for m in range(lanes):
-                num_turned += g[m]
+                is_skew = ij[m] * ij[m] > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (ii[m] * jj[m])
+                difference = jj[m] - ii[m]
+                root = math.sqrt(difference * difference + 4.0 * ij[m] * ij[m])
+                twice = 2.0 * ij[m] if difference >= 0.0 else -2.0 * ij[m]
+                tangent = twice / (abs(difference) + root) if is_skew else 0.0
+                c[m] = 1.0 / math.sqrt(1.0 + tangent * tangent)
+                s[m] = c[m] * tangent
+                # Not the tangent: what is not finite in one lane must not end the others' turns.
+                num_turned += 1.0 if abs(tangent) > 0.0 else 0.0
             for k in range(length):
                 for m in range(lanes):
                     x, y = rows[i, k, m], rows[j, k, m]
@@ -128,50 +90,31 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
     return num_turned > 0.0
 
 
-@kernel
-def _squared_singular_values(J: Array, squares: Array) -> None:
-    """Squares (N, min(6, n)), in no order, of N Jacobians: in groups, the rest one by one."""
-    n = J.shape[2]
+@kernel(nogil=True)
+def condition_numbers_of(J: Array, condition_numbers: Array) -> None:
+    """Writes condition numbers (N,) of Jacobians (N, 6, n), for other kernels' blocks of samples.
+
+    One is NaN where J is not finite.
+    """
+    N, _, n = J.shape
     count, length = min(6, n), max(6, n)
-    grouped = J.shape[0] - J.shape[0] % _NUM_LANES
-    if grouped > 0:
-        rows = np.empty((count, length, _NUM_LANES))
-        a, b, g = np.empty(_NUM_LANES), np.empty(_NUM_LANES), np.empty(_NUM_LANES)
-        c, s = np.empty(_NUM_LANES), np.empty(_NUM_LANES)
-    for first in range(0, grouped, _NUM_LANES):
-        for m in range(_NUM_LANES):
+    squares = np.empty(count)  # of the singular values, in no order
+    for first in range(0, N, _NUM_LANES):
+        lanes = min(_NUM_LANES, N - first)
+        rows = np.empty((count, length, lanes))
+        for m in range(lanes):
             for i in range(count):
                 for k in range(length):
                     rows[i, k, m] = J[first + m, i, k] if n >= 6 else J[first + m, k, i]
         for _ in range(MAX_SWEEPS):
-            if not _turn_side_by_side(rows, a, b, g, c, s):
+            if not _sweep(rows):
                 break
-        for i in range(count):
-            for m in range(_NUM_LANES):
-                a[m] = 0.0
-            for k in range(length):
-                for m in range(_NUM_LANES):
-                    a[m] += rows[i, k, m] * rows[i, k, m]
-            for m in range(_NUM_LANES):
-                squares[first + m, i] = a[m]
-    if grouped < J.shape[0]:
-        work = np.empty((6, length))
-        for m in range(grouped, J.shape[0]):
-            _orthogonalise(J[m], work)
+        for m in range(lanes):
             for i in range(count):
-                total = 0.0
+                squares[i] = 0.0
                 for k in range(length):
-                    total += work[i, k] * work[i, k]
-                squares[m, i] = total
-
-
-@kernel(nogil=True)
-def condition_numbers_of(J: Array, condition_numbers: Array) -> None:
-    """Condition numbers (N,) of Jacobians (N, 6, n), for other kernels' blocks of samples."""
-    squares = np.empty((J.shape[0], min(6, J.shape[2])))
-    _squared_singular_values(J, squares)
-    for m in range(J.shape[0]):
-        condition_numbers[m] = _ratio(squares[m], max(6, J.shape[2]))
+                    squares[i] += rows[i, k, m] * rows[i, k, m]
+            condition_numbers[first + m] = _ratio(squares, length)
 
 
 def condition_number(J: ArrayLike) -> Array:

@@ -12,7 +12,7 @@ from wrenchsight.diagrams.estimator import make_estimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.invalid import UNSEEN_REST
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction

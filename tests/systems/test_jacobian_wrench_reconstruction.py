@@ -11,7 +11,7 @@ from sample_models import torque_error
 
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
-from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.estimation.wrench_reading import WrenchReading
 from wrenchsight.systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem

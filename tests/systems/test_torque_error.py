@@ -10,7 +10,7 @@ from sample_models import knowing_model
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.systems.torque_error import TorqueErrorSystem

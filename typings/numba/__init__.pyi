@@ -17,5 +17,6 @@ def njit(
     parallel: bool = ...,
     inline: str = ...,
     forceinline: bool = ...,
+    no_cfunc_wrapper: bool = ...,
 ) -> Callable[[_Kernel], _Kernel]: ...
 def __getattr__(name: str) -> Any: ...

@@ -41,7 +41,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_methods import METHODS
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

@@ -16,7 +16,7 @@ from wrenchsight.models.detection.contact_detector import (
 from wrenchsight.models.estimation.contact_filter import ContactConfig, ContactFrame
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import live_prior, wrench_prior
-from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.estimation.wrench_table import TABLES
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig

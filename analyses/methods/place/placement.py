@@ -29,7 +29,7 @@ from wrenchsight.diagrams.placement.coming_and_going import distance_of_ends, se
 from wrenchsight.diagrams.placement.placement_cell import PlacementCell
 from wrenchsight.diagrams.placement.placement_program import SOLVERS, PlacementProgram
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
-from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel

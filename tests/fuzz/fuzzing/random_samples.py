@@ -22,7 +22,7 @@ from sample_models import torque_error
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
 from wrenchsight.models.robot.robot import Robot

@@ -19,9 +19,7 @@ from wrenchsight.models.estimation.wrench import (
     live_prior,
     reconstruct_wrench,
 )
-from wrenchsight.models.estimation.wrench_kernels import (
-    METHODS,
-)
+from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.conditioning import condition_number
 
@@ -246,33 +244,6 @@ def test_the_stated_sd_grows_towards_the_singular_configuration(method: str) -> 
     # And the flag changes exactly once.
     assert estimate.valid[0]
     assert np.sum(np.diff(estimate.valid.astype(int)) != 0) == 1
-
-
-def test_elimination_and_singular_values_read_alike() -> None:
-    """Whichever a Jacobian is given to, the inverse's reading is the same but for rounding.
-
-    A threshold of truncation that takes nothing away is the inverse by singular values.
-    """
-    blind = np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8])
-    J = singular_jacobian() + np.geomspace(1.0, 1e-7, 60)[:, None, None] * np.outer(
-        blind, [1.0, -0.5, 0.3, 0.8, 0.1, -0.7]
-    )
-    tau = 5.0 * np.random.default_rng(6).normal(size=(60, 6))
-    sd, stiction = np.full((60, 6), 1.5), np.full((60, 6), 0.2)
-    read = [
-        WrenchReconstruction(reading_config, noise_covariance()).reconstruct(J, tau, sd, stiction)
-        for reading_config in (
-            config("inverse"),
-            WrenchReconstructionConfig("truncated", 30.0, 2.0, truncation=0.0),
-        )
-    ]
-    error = 1e-14 * read[0].condition_number  # a few rounding errors times what magnifies them
-    for name in ("wrench", "covariance"):
-        plain, singular = (getattr(reading, name).reshape(60, -1) for reading in read)
-        size = np.abs(singular).max(axis=1)
-        assert np.all(np.abs(plain - singular).max(axis=1) <= error * size)
-    np.testing.assert_array_equal(read[0].valid, read[1].valid)
-    assert 0 < read[0].valid.sum() < 60
 
 
 def test_a_jacobian_of_zeros() -> None:

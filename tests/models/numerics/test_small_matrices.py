@@ -7,9 +7,7 @@ from wrenchsight.models.numerics.small_matrices import (
     factorise,
     factorise_in_place,
     factorise_with_floor,
-    invert_transposed,
     largest_eigenvalue_3x3,
-    orthogonalise_rows,
     solve_factorised,
 )
 
@@ -36,33 +34,12 @@ def test_a_pivot_that_is_too_small_is_reported() -> None:
     assert not factorise_in_place(np.full((2, 2), np.nan), 2, 0.0)
 
 
-def test_the_inverse_of_the_transpose() -> None:
-    A, L, X = np.random.default_rng(4).normal(size=(6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    A[0, 0] = 0.0  # the first pivot is another row's
-    assert invert_transposed(A, L, X)
-    np.testing.assert_allclose(X, np.linalg.inv(A.T), rtol=1e-11, atol=1e-12)
-    A[:, 2] = 0.0
-    assert not invert_transposed(A, L, X)
-
-
 def test_the_factor_and_its_inverse() -> None:
     A = definite(6, 8)
     L, R = A.copy(), np.zeros((6, 6))
     factorise(L, R)
     np.testing.assert_allclose(np.tril(L), np.linalg.cholesky(A), atol=1e-12)
     np.testing.assert_allclose(R @ np.tril(L), np.eye(6), atol=1e-12)
-
-
-@pytest.mark.parametrize("n", [6, 7])
-def test_turned_rows_are_orthogonal_and_as_long_as_the_singular_values(n: int) -> None:
-    J = np.random.default_rng(n).normal(size=(6, n))
-    B, Q = np.empty((6, n)), np.empty((6, 6))
-    orthogonalise_rows(J, B, Q)
-    np.testing.assert_allclose(Q @ Q.T, np.eye(6), atol=1e-13)
-    np.testing.assert_allclose(Q @ J, B, atol=1e-13)
-    lengths = np.sort(np.linalg.norm(B, axis=1))[::-1]
-    np.testing.assert_allclose(lengths, np.linalg.svd(J, compute_uv=False), rtol=1e-12)
-    np.testing.assert_allclose(B @ B.T, np.diag(np.diag(B @ B.T)), atol=1e-12)
 
 
 def test_largest_eigenvalue_of_3x3() -> None:

@@ -15,7 +15,7 @@ from wrenchsight.models.estimation.estimator import (
     WrenchEstimatorConfig,
 )
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.sample_check import (

@@ -1,0 +1,258 @@
+"""The reading of a log by each method: the posterior compiled, the others by singular values.
+
+A pseudo-inverse is F = H tau_ext. With J = U diag(s) V^T it is H = U diag(g) V^T, where g is
+
+    inverse      1 / s
+    damped       s / (s^2 + damping^2)
+    truncated    1 / s, or 0 where s is at most a share `truncation` of the largest
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wrenchsight.models.estimation.wrench_kernels import (
+    CONDITION,
+    FORCE_SD,
+    HAS_FULL_RANK,
+    MAX_NUMBER,
+    NUM_QUALITY,
+    STICTION_FORCE,
+    posterior_rows,
+)
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.row_blocks import in_row_blocks
+from wrenchsight.models.rigid_body.conditioning import condition_numbers_of
+
+METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
+
+_BLOCK_SAMPLES = 1024  # that are worth a thread: some 5 ms
+_EPSILON = 2.2e-16  # a smaller singular value, times the matrix's size, is rounding
+_MIN_SINGULAR_VALUE = 1e-15  # m or rad
+
+
+class WrenchConstants(NamedTuple):
+    """The constants of `WrenchReconstruction`.
+
+    Attributes:
+        method: of METHODS.
+        whitening: (n, n) W, lower triangular, with W Sigma W^T = 1.
+        torque_covariance: (n, n) Sigma, in units of the samples' sds.
+        prior_sd: (6,) N m and N, of the reading.
+        live_prior_sd: (6,) N m and N, prior with which the force sd of `valid` is computed.
+        damping, truncation: of the methods of these names.
+        usual_sd: (n,) N m, which balances the weights of `force_only`; None: it does not.
+    """
+
+    method: str
+    whitening: Array
+    torque_covariance: Array
+    prior_sd: Array
+    live_prior_sd: Array
+    damping: float
+    truncation: float
+    usual_sd: Array | None
+
+
+class TorqueSamples(NamedTuple):
+    """External torques with their uncertainty.
+
+    Attributes:
+        J: (N, 6, n) as tau_ext saw it.
+        tau_ext: (N, n) N m.
+        sd: (N, n) N m, positive, of its errors.
+        stiction: (N, n) N m, the part of them that is stiction.
+    """
+
+    J: Array
+    tau_ext: Array
+    sd: Array
+    stiction: Array
+
+
+class WrenchLog(NamedTuple):
+    """The readings of N samples.
+
+    Attributes:
+        wrench: (N, 6) N m and N, rotation first.
+        covariance: (N, 6, 6).
+        quality: (N, NUM_QUALITY) of `wrench_kernels`.
+    """
+
+    wrench: Array
+    covariance: Array
+    quality: Array
+
+
+def reconstruct_log(constants: WrenchConstants, J_now: Array, samples: TorqueSamples) -> WrenchLog:
+    """The readings of N samples, by threads.
+
+    Args:
+        constants: of `WrenchReconstruction`.
+        J_now: (N, 6, n) of the samples, for the condition numbers, which are NaN where it has no
+            rows.
+        samples: N of them.
+    """
+    N = len(samples.J)
+    log = WrenchLog(np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, NUM_QUALITY)))
+    condition = np.full(N, np.nan)
+    is_posterior = constants.method == "bayesian" or (
+        constants.method == "force_only" and constants.usual_sd is None
+    )
+
+    def read(rows: slice) -> None:
+        if len(J_now):
+            condition_numbers_of(J_now[rows], condition[rows])
+        part = TorqueSamples._make(signal[rows] for signal in samples)
+        out = WrenchLog._make(signal[rows] for signal in log)
+        if is_posterior:
+            posterior_rows(
+                constants.whitening, constants.prior_sd, constants.live_prior_sd, *part, *out
+            )
+        else:
+            _read_by_singular_values(constants, part, out)
+
+    in_row_blocks(read, N, _BLOCK_SAMPLES)
+    if len(J_now):
+        condition[np.isnan(condition)] = np.inf
+    log.quality[:, CONDITION] = condition
+    return log
+
+
+class _Inversion(NamedTuple):
+    """A reading by a gain, before it is known to be a number.
+
+    Attributes:
+        wrench: (N, 6).
+        covariance: (N, 6, 6).
+        force_covariance: (N, 3, 3) of the plain inverse, or with the live prior: that of `valid`.
+        force_gain: (N, 3, n) from tau_ext, of the same.
+        has_full_rank: (N,) whether J has it, or the method does not need it.
+    """
+
+    wrench: Array
+    covariance: Array
+    force_covariance: Array
+    force_gain: Array
+    has_full_rank: Flags
+
+
+def _read_by_singular_values(
+    constants: WrenchConstants, samples: TorqueSamples, out: WrenchLog
+) -> None:
+    """Writes the readings of N samples by a pseudo-inverse, or by balanced weights."""
+    quality = out.quality
+    out.wrench[:], out.covariance[:] = 0.0, np.diag(constants.prior_sd**2)
+    quality[:] = np.nan, np.nan, 0.0, 1.0
+    total = samples.J.sum(axis=(1, 2)) + samples.tau_ext.sum(axis=1) + samples.sd.sum(axis=1)
+    finite = np.flatnonzero(np.isfinite(total))
+    samples = TorqueSamples._make(signal[finite] for signal in samples)
+    invert = _balanced if constants.method == "force_only" else _pseudo_inverse
+    with np.errstate(over="ignore", invalid="ignore"):
+        reading = invert(constants, samples)
+        variances = np.diagonal(reading.covariance, axis1=1, axis2=2)
+        sizes = np.abs(reading.wrench).sum(axis=1) + variances.sum(axis=1)
+        from_stiction = reading.force_gain * samples.stiction[:, np.newaxis]
+    quality[finite, FORCE_SD], quality[finite, HAS_FULL_RANK] = np.inf, reading.has_full_rank
+    small = np.flatnonzero(sizes < MAX_NUMBER)
+    rows = finite[small]
+    out.wrench[rows], out.covariance[rows] = reading.wrench[small], reading.covariance[small]
+    quality[rows, FORCE_SD] = _largest_sd(reading.force_covariance[small])
+    quality[rows, STICTION_FORCE] = np.sqrt(3.0) * _largest_sd(_squared(from_stiction[small]))
+
+
+def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
+    """Readings by H = U diag(g) V^T; `valid` rests on those of the plain inverse."""
+    J, tau_ext, sd, _ = samples
+    U, s, VT = np.linalg.svd(J)
+    largest = s[:, :1]
+    floor = np.maximum(max(J.shape[1:]) * _EPSILON * largest, _MIN_SINGULAR_VALUE)
+    is_seen = s > floor
+    plain_g = np.divide(1.0, s, out=np.zeros_like(s), where=is_seen)
+    if constants.method == "damped":
+        size = s**2 + constants.damping**2
+        g = np.divide(s, size, out=np.zeros_like(s), where=size > 0.0)
+    elif constants.method == "truncated":
+        g = np.where(s > constants.truncation * largest, plain_g, 0.0)
+    else:
+        g = plain_g
+    count = s.shape[1]
+
+    def gain(g: Array) -> Array:
+        return np.asarray((U[:, :, :count] * g[:, np.newaxis]) @ VT[:, :count])
+
+    # Along a direction that the arm does not feel the wrench is unknown.
+    noise = np.max(np.diagonal(constants.torque_covariance) * sd**2, axis=1)
+    is_unseen = np.ones((len(J), 6), np.bool_)
+    is_unseen[:, :count] = ~is_seen
+    unseen_sd = is_unseen * np.sqrt(noise)[:, np.newaxis] / floor
+    unseen = _squared(U * unseen_sd[:, np.newaxis])
+
+    H, plain_H = gain(g), gain(plain_g)
+    plain = _propagated(constants, plain_H, sd) + unseen
+    return _Inversion(
+        wrench=_times(H, tau_ext),
+        covariance=plain if constants.method == "inverse" else _propagated(constants, H, sd),
+        force_covariance=plain[:, 3:, 3:],
+        force_gain=plain_H[:, 3:],
+        has_full_rank=is_seen.all(axis=1) if count == 6 else np.zeros(len(J), np.bool_),
+    )
+
+
+def _balanced(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
+    """Readings of a point force, weighted by the geometric means of sds and usual sds.
+
+    With these weights w, A = J_force diag(1 / w) W^T = U diag(s) V^T, and p the sd of the force's
+    prior, the gain of the posterior and the share of the force that it does not show are
+
+        H = U diag(p^2 s / (1 + p^2 s^2)) V^T W diag(1 / w)
+        1 - H J_force^T = U diag(1 / (1 + p^2 s^2)) U^T
+
+    The covariance is that of the sample's errors through H, plus that of the prior's share. It is
+    not the inverse of the information in these weights.
+    """
+    J, tau_ext, sd, _ = samples
+    weight = np.sqrt(sd * np.asarray(constants.usual_sd))
+    A = (J[:, 3:] / weight[:, np.newaxis]) @ constants.whitening.T
+    U, s, VT = np.linalg.svd(A)
+    count = s.shape[1]
+
+    def reading(force_sd: float) -> tuple[Array, Array]:
+        """The gain (N, 3, n), and the covariance (N, 3, 3), with a prior of this sd."""
+        g = force_sd**2 * s / (1.0 + (force_sd * s) ** 2)
+        H = (U[:, :, :count] * g[:, np.newaxis]) @ VT[:, :count] @ constants.whitening
+        H /= weight[:, np.newaxis]
+        unseen_sd = np.full((len(J), 3), force_sd)
+        unseen_sd[:, :count] /= 1.0 + (force_sd * s) ** 2
+        return H, _propagated(constants, H, sd) + _squared(U * unseen_sd[:, np.newaxis])
+
+    force_gain, force_covariance = reading(constants.live_prior_sd[3])
+    H, covariance = reading(constants.prior_sd[3])
+    wrench, full_covariance = np.zeros((len(J), 6)), np.zeros((len(J), 6, 6))
+    wrench[:, 3:], full_covariance[:, 3:, 3:] = _times(H, tau_ext), covariance
+    return _Inversion(
+        wrench, full_covariance, force_covariance, force_gain, np.ones(len(J), np.bool_)
+    )
+
+
+def _propagated(constants: WrenchConstants, H: Array, sd: Array) -> Array:
+    """H diag(sd) Sigma diag(sd) H^T (N, ., .) of gains H (N, ., n): the errors' covariance."""
+    scaled = H * sd[:, np.newaxis]
+    covariance = scaled @ constants.torque_covariance @ np.swapaxes(scaled, 1, 2)
+    return 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+
+
+def _squared(matrices: Array) -> Array:
+    """X X^T of matrices X (N, i, j)."""
+    squares = matrices @ np.swapaxes(matrices, 1, 2)
+    return 0.5 * (squares + np.swapaxes(squares, 1, 2))
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """(N, i), the products of matrices (N, i, j) with vectors (N, j)."""
+    return np.asarray((matrices @ vectors[..., np.newaxis])[..., 0])
+
+
+def _largest_sd(covariance: Array) -> Array:
+    """(N,), roots of the largest eigenvalues of covariances (N, 3, 3)."""
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0)))
