@@ -216,7 +216,7 @@ def row_of(arm: PackageArm) -> dict[str, Any]:
     free, pushed, push = map(_json, ("free", "pushed", "push"))
     return row | {
         "joints": len(push["tracking_rmse_rad"]),
-        "condition": free["condition_number"],
+        "condition": _json("model")["base_parameters"]["condition_number"],
         "free_contacts": free["contact"]["count"],
         "valid_pct": pushed["valid_pct"],
         "inside_pct": inside(Path("pushed/wrench.csv"), Path("push/log.csv")),

@@ -214,15 +214,20 @@ class EstimateSummary:
         for code in self._num_faults:
             self._num_faults[code] += int(((fault & code) != 0).sum())
 
-    def warnings(self) -> list[str]:
-        """Reasons to doubt the result, one sentence each."""
+    def warnings(self, judges_range: bool = True) -> list[str]:
+        """Reasons to doubt the result, one sentence each.
+
+        Args:
+            judges_range: False of a log that the model was fitted on: it exceeds the range of its
+                own low-passed signals by noise and edges alone.
+        """
         warnings = []
         for code, fault in _FAULTS.items():
             if self._num_faults[code]:
                 share = 100 * self._num_faults[code] / self.count
                 warnings.append(f"{share:.3g} % of the samples are not used: {fault}")
         extrapolated = self._num_extrapolated / self.count
-        if extrapolated > _OUTSIDE_WARNING:
+        if judges_range and extrapolated > _OUTSIDE_WARNING:
             worst = {
                 quantity: self._joint_names[int(np.argmax(self._num_outside[name]))]
                 for name, quantity in (("v", "speed"), ("tau", "torque"))

@@ -12,6 +12,7 @@ from wrenchsight.analyses.methods.estimate.contact_places import (
 from wrenchsight.analyses.methods.estimate.engines import LogPart
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateSettings
 from wrenchsight.analyses.methods.estimate.estimate_summary import EstimateSummary
+from wrenchsight.analyses.methods.estimate.model_checks import is_fitted_on
 from wrenchsight.analyses.methods.estimate.uniform_log import fault_of
 from wrenchsight.analyses.methods.reference_sensor.comparison import (
     SensorComparison,
@@ -209,7 +210,9 @@ class LogReadings:
         Args:
             model_with_drift: the model whose band is stated.
         """
-        sentences, config = self.summary.warnings(), self._settings.estimate
+        config = self._settings.estimate
+        is_own_log = is_fitted_on(self._model, self._settings.log)
+        sentences = self.summary.warnings(judges_range=not is_own_log)
         # At a contact of known axis `valid` rests on the contact's own sd.
         rests_on_model = self._settings.model is not None and not config.contact.axis
         if self.summary.mostly_uncertain and rests_on_model:

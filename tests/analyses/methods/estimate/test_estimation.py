@@ -27,13 +27,14 @@ from wrenchsight.analyses.methods.estimate.estimate_config import (
 from wrenchsight.analyses.methods.estimate.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.estimate.estimation import EstimateResult, estimate_log
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.estimation.wrench_bag import read_wrench_bag
 from wrenchsight.models.estimation.wrench_table import COLUMNS, columns_of
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
+from wrenchsight.models.identification.identified_model import IdentifiedModel, LogSource, Validity
 from wrenchsight.models.recordings import resampling, text_table
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
@@ -320,7 +321,7 @@ def test_a_bridged_dropout_is_not_valid(estimated, recording):
 # --- warnings ----------------------------------------------------------------------------------
 
 
-def test_samples_beyond_the_models_ranges_are_reported(estimated, sts, recording, tmp_path):
+def test_samples_beyond_the_models_ranges_are_reported(estimated, sts, recording, log, tmp_path):
     path = tmp_path / "narrow.yaml"
     q = recording.q
     q_max = q.max(axis=0)
@@ -345,6 +346,13 @@ def test_samples_beyond_the_models_ranges_are_reported(estimated, sts, recording
     (text,) = [line for line in result.warnings if "faster or more loaded" in line]
     assert "10.0 % of the samples" in text
     assert "(mostly speed of joint_2)" in text
+    # A log that the model was fitted on exceeds its own low-passed signals: no reason to doubt it.
+    own = [LogSource(name=log.name, sha256=file_checksum(log))]
+    fitted = replace(IdentifiedModel.nominal(sts), validity=validity)
+    replace(fitted, provenance=replace(fitted.provenance, logs=own)).save(path)
+    result = estimated(model=path, out="own")
+    assert not any("faster or more loaded" in line for line in result.warnings)
+    assert result.metrics()["outside_model"]["v_pct"][1] == pytest.approx(10.0, abs=0.2)
 
 
 def test_without_a_model_no_reading_is_valid(estimated):
