@@ -15,12 +15,12 @@ path) and the rotation of E, both as quaternions (Lu et al., eqs. 23-27).
                 MinimumDistanceLowerBoundConstraint  distances, at every point
 
 Three right angles state one rotation with a gradient of full rank; an angle that must be zero has
-none there. Each constraint has its name, by which an infeasible task is explained.
+none there. A cone of the tool, of the path or of the rotation that is narrower than a degree is
+therefore solved as its axis, which two right angles state.
 """
 
 import math
-import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -74,6 +74,7 @@ _IPOPT_OPTIONS = {
 }
 X, Y, Z = np.eye(3)
 RIGHT_ANGLE = 0.5 * math.pi
+_NARROW_CONE = math.radians(1.0)  # below it the cosine is too flat to bound an angle by
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,6 @@ class PlacementSolution:
         converged: whether the solver reports an optimum.
         status: as the solver states it.
         evaluations: evaluations of cost and gradient.
-        infeasible: what the solver says of constraints that do not hold, one of each of their rows.
     """
 
     placement: Placement
@@ -94,13 +94,6 @@ class PlacementSolution:
     converged: bool
     status: str
     evaluations: int
-    infeasible: tuple[str, ...] = ()
-
-    @property
-    def infeasible_names(self) -> tuple[str, ...]:
-        """Names of the constraints that do not hold, once each, without their points."""
-        names = (re.sub(r"( at point \d+)?\[\d+\]:.*", "", row) for row in self.infeasible)
-        return tuple(dict.fromkeys(names))
 
 
 class PlacementProgram:
@@ -162,6 +155,9 @@ class PlacementProgram:
         low, high = bounds.w_range()
         angle = program.AddBoundingBoxConstraint(low, high, self._held[:1])
         angle.evaluator().set_description("angle_lower_deg, angle_upper_deg")
+        if bounds.angle_lower == 0.0 and bounds.angle_upper < _NARROW_CONE:
+            none = program.AddBoundingBoxConstraint(0.0, 0.0, self._held[1:4])
+            none.evaluator().set_description("angle_lower_deg, angle_upper_deg")
         program.AddBoundingBoxConstraint(0.0, 0.0, self._held[4:])
         for pose in (self._path, self._held):
             unit = UnitQuaternionConstraint()
@@ -232,14 +228,28 @@ class PlacementProgram:
             self._add_angle(context, variables, "path_in_surface", outward)
         if bounds.tool_direction is not None:
             cone = _Angle(world, bounds.tool_direction, parts.held, Z, 0.0, bounds.tool_tilt)
-            self._add_angle(context, variables, "tool_direction, tool_tilt_deg", cone)
+            self._add_cone(context, variables, "tool_direction, tool_tilt_deg", cone)
         if bounds.path_direction is not None:
             name = "path_direction, path_angle_lower_deg, path_angle_upper_deg"
             along = _Angle(
                 world, bounds.path_direction, parts.path, X,
                 bounds.path_angle_lower, bounds.path_angle_upper,
             )  # fmt: skip
-            self._add_angle(context, variables, name, along)
+            self._add_cone(context, variables, name, along)
+
+    def _add_cone(self, context: Any, variables: NDArray[Any], name: str, cone: "_Angle") -> None:
+        """An angle in a range; where that is narrow about 0 or pi, the vectors' being parallel."""
+        for axis, lower, upper in (
+            (cone.a_A, cone.lower, cone.upper),
+            (-cone.a_A, math.pi - cone.upper, math.pi - cone.lower),
+        ):
+            if lower == 0.0 and upper < _NARROW_CONE:
+                for across in _perpendicular_to(axis):
+                    right = replace(cone, a_A=across, lower=RIGHT_ANGLE, upper=RIGHT_ANGLE)
+                    self._add_angle(context, variables, name, right)
+                cone = replace(cone, a_A=axis, lower=0.0, upper=RIGHT_ANGLE)
+                break
+        self._add_angle(context, variables, name, cone)
 
     def cost(self, q: Array) -> float:
         """The measure's mean over postures q (k + 1, n)."""
@@ -309,7 +319,6 @@ class PlacementProgram:
             converged=bool(result.is_success()),
             status=f"{solver} {code}",
             evaluations=self._evaluations,
-            infeasible=tuple(result.GetInfeasibleConstraintNames(self.program)),
         )
 
     def _pack(self, placement: Placement) -> Array:
@@ -347,3 +356,10 @@ class _Angle:
     b_B: Array
     lower: float = RIGHT_ANGLE
     upper: float = RIGHT_ANGLE
+
+
+def _perpendicular_to(axis: Array) -> tuple[Array, Array]:
+    """Two unit vectors (3,), perpendicular to a unit vector and to each other."""
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first = first / np.linalg.norm(first)
+    return first, np.cross(axis, first)

@@ -3,12 +3,13 @@
 The ends of the search's first stage break as little of the constraints as the solver could bring
 about. The best of them says which constraints do not hold, and by how much. Then each of the task's
 own constraints is taken away alone, and the program is solved again from the best ends: those
-without which all others can be kept are the ones to loosen.
+without which all others can be kept are the ones to loosen. Halving tells by how little.
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,16 @@ import numpy as np
 from wrenchsight.analyses.methods.place.placement_search import SearchResult, coarse_stride
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.placement.placement_task import PlacementTask
-from wrenchsight.models.planning.placement.placements import PlacementBounds, pose_errors
+from wrenchsight.models.planning.placement.placements import (
+    Placement,
+    PlacementBounds,
+    pose_errors,
+)
 
 _CONSTRAINT_TOLERANCE = 1e-4  # m and rad, of a constraint at the end of a solve
 _TRIED_ENDS = 2  # of the search, from which the program without a constraint is solved
+_HALVINGS = 4  # of the range in which the least loosening lies
 _WIDE_STEP = math.pi / 3.0  # rad, the task's default
 _MAX_NAMED_CONSTRAINTS = 3  # constraints in the sentence
 _SOLVER_OPTIONS = {
@@ -59,24 +64,19 @@ def infeasible(
             "between them: its best branches end, or leave the joint limits, on the way",
             "shorten the path, raise num_segments, or choose another --seed",
         )
-    loosened = [key for key, other in _without(task, program) if _is_kept(other, search)]
+    loosened = list(_least_loosened(task, program, search))
     if loosened:
-        remedy = f"all else can be kept {' or '.join(map(_taken_away, loosened))}: loosen that"
+        remedy = f"all else can be kept {' or '.join(text for _, text in loosened)}"
     else:
         remedy = "no constraint is to blame alone: shorten the path, or loosen several"
     return InputError(
         source,
-        loosened[0] if loosened else "path_length",
+        loosened[0][0] if loosened else "path_length",
         f"{name} has no placement that keeps all constraints (searched from {search.num_starts} "
         "starts); the best that was reached misses "
-        f"{'; '.join(shortfalls[:_MAX_NAMED_CONSTRAINTS])} "
-        f"(not kept: {', '.join(best.infeasible_names[:_MAX_NAMED_CONSTRAINTS])})",
+        f"{'; '.join(shortfalls[:_MAX_NAMED_CONSTRAINTS])}",
         remedy,
     )
-
-
-def _taken_away(key: str) -> str:
-    return "with half the path_length" if key == "path_length" else f"without {key}"
 
 
 def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
@@ -116,37 +116,141 @@ def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
     return [text for _, text in sorted(found, reverse=True)]
 
 
-def _without(
-    task: PlacementTask, program: PlacementProgram
-) -> Iterator[tuple[str, PlacementProgram]]:
-    """Coarse programs that each lack one of the task's constraints, with the keys of that one."""
-    bounds = program.bounds
-    changes: list[tuple[str, PlacementBounds]] = []
+@dataclass(frozen=True)
+class _Loosening:
+    """One of the task's constraints, loosened while all others stay.
+
+    Attributes:
+        key: its keys in the task's file.
+        program: the coarse program with the constraint loosened by an amount, rad or m.
+        largest: the amount to begin with.
+        violation: its key in `PlacementBounds.violations`; empty for what these do not hold.
+        unit: of the amount, as the message states it; empty for a constraint without a number.
+    """
+
+    key: str
+    program: Callable[[float], PlacementProgram]
+    largest: float = math.inf
+    violation: str = ""
+    unit: str = ""
+
+    def text(self, amount: float) -> str:
+        """What to do, after "all else can be kept"."""
+        if self.unit == "":
+            return f"without {self.key}"
+        number = math.degrees(amount) if self.unit == "degrees" else 1e3 * amount
+        digit = 10.0 ** (math.floor(math.log10(number)) - 1)  # the second one
+        return f"with {self.key} loosened by {digit * math.ceil(number / digit):g} {self.unit}"
+
+
+def _least_loosened(
+    task: PlacementTask, program: PlacementProgram, search: SearchResult
+) -> Iterator[tuple[str, str]]:
+    """Keys of the constraints that are to blame alone, each with how little it must be loosened."""
+    for loosening in _loosenings(task, program):
+        end = _kept_end(loosening, [end.placement for end in search.nearest[:_TRIED_ENDS]])
+        if end is None:
+            continue
+        enough, too_little = loosening.largest, 0.0
+        for _ in range(_HALVINGS if loosening.unit else 0):
+            if loosening.violation:
+                bounds = _coarse_bounds(program, program.bounds)
+                enough = min(enough, bounds.violations(end)[loosening.violation])
+            middle = 0.5 * (too_little + enough)
+            closer = _kept_end(loosening, [end], middle)
+            if closer is None:
+                too_little = middle
+            else:
+                enough, end = middle, closer
+        yield loosening.key, loosening.text(enough)
+
+
+def _kept_end(
+    loosening: _Loosening, starts: list[Placement], amount: float | None = None
+) -> Placement | None:
+    """What keeps all constraints, one of them loosened, from the first start that leads there."""
+    program = loosening.program(loosening.largest if amount is None else amount)
+    for start in starts:
+        if np.isfinite(start.q).all():
+            end = program.solve(start, options=_SOLVER_OPTIONS).placement
+            if program.violation(end) < _CONSTRAINT_TOLERANCE:
+                return end
+    return None
+
+
+def _loosenings(task: PlacementTask, program: PlacementProgram) -> Iterator[_Loosening]:
+    """Each constraint that the task states, and that can be loosened."""
+    bounds, robot = program.bounds, program.robot
+
+    def of_bounds(
+        key: str, violation: str, unit: str, change: Callable[[float], PlacementBounds]
+    ) -> _Loosening:
+        def loosened(amount: float) -> PlacementProgram:
+            return _coarse(program, change(amount), program.path_length, with_cell=True)
+
+        return _Loosening(key, loosened, math.inf, violation, unit)
+
     if task.limit_margin_deg > 0.0:
-        lower, upper = program.robot.position_lower, program.robot.position_upper
-        changes.append(("limit_margin_deg", replace(bounds, q_lower=lower, q_upper=upper)))
-    if bounds.tool_direction is not None:
-        changes.append(("tool_direction, tool_tilt_deg", replace(bounds, tool_direction=None)))
-    if bounds.angle_upper < math.pi:
-        changes.append(("angle_upper_deg", replace(bounds, angle_upper=math.pi)))
-    if bounds.angle_lower > 0.0:
-        changes.append(("angle_lower_deg", replace(bounds, angle_lower=0.0)))
-    if bounds.path_direction is not None:
-        keys = "path_direction, path_angle_lower_deg, path_angle_upper_deg"
-        changes.append((keys, replace(bounds, path_direction=None)))
+        yield of_bounds(
+            "limit_margin_deg", "joint limits", "degrees",
+            lambda amount: replace(
+                bounds,
+                q_lower=np.maximum(robot.position_lower, bounds.q_lower - amount),
+                q_upper=np.minimum(robot.position_upper, bounds.q_upper + amount),
+            ),
+        )  # fmt: skip
+    for key, name, end in (
+        ("tool_direction, tool_tilt_deg", "tool_tilt", math.pi),
+        ("angle_upper_deg", "angle_upper", math.pi),
+        ("angle_lower_deg", "angle_lower", 0.0),
+        ("path_angle_upper_deg", "path_angle_upper", math.pi),
+        ("path_angle_lower_deg", "path_angle_lower", 0.0),
+        ("max_joint_step_deg", "max_joint_step", _WIDE_STEP),
+    ):
+        if key in _stated(task):
+            yield of_bounds(key, key, "degrees", partial(_moved, bounds, name, end))
     if bounds.in_surface and (task.clearance is None or task.clearance.workpiece is None):
-        changes.append(("path_in_surface", replace(bounds, in_surface=False)))
-    if bounds.max_joint_step < _WIDE_STEP:
-        changes.append(("max_joint_step_deg", replace(bounds, max_joint_step=_WIDE_STEP)))
-    anywhere = np.full(3, np.inf)
-    box = replace(bounds, p_lower=-anywhere, p_upper=anywhere)
-    changes.append(("midpoint_lower, midpoint_upper", box))
-    for key, changed in changes:
-        yield key, _coarse(program, changed, program.path_length, with_cell=True)
+        key = "path_in_surface"
+        yield of_bounds(key, "", "", lambda amount: replace(bounds, in_surface=False))
+    key = "midpoint_lower, midpoint_upper"
+    yield of_bounds(
+        key, key, "mm",
+        lambda amount: replace(
+            bounds, p_lower=bounds.p_lower - amount, p_upper=bounds.p_upper + amount
+        ),
+    )  # fmt: skip
     if program.cell is not None:
-        key = "clearance" if task.clearance is not None else "overlap of the arm"
-        yield key, _coarse(program, bounds, program.path_length, with_cell=False)
-    yield "path_length", _coarse(program, bounds, 0.5 * program.path_length, with_cell=True)
+        yield _Loosening(
+            "clearance" if task.clearance is not None else "overlap of the arm",
+            lambda amount: _coarse(program, bounds, program.path_length, with_cell=False),
+        )
+    yield _Loosening(
+        "path_length",
+        lambda amount: _coarse(program, bounds, program.path_length - amount, with_cell=True),
+        0.5 * program.path_length,
+        unit="mm",
+    )
+
+
+def _stated(task: PlacementTask) -> set[str]:
+    """Keys of the angles by which a task bounds anything."""
+    stated = {
+        "tool_direction, tool_tilt_deg": task.tool_direction is not None,
+        "angle_upper_deg": task.angle_upper_deg < 180.0,
+        "angle_lower_deg": task.angle_lower_deg > 0.0,
+        "path_angle_upper_deg": task.path_angle_upper_deg < 180.0,
+        "path_angle_lower_deg": task.path_angle_lower_deg > 0.0,
+        "max_joint_step_deg": math.radians(task.max_joint_step_deg) < _WIDE_STEP,
+    }
+    return {key for key, is_stated in stated.items() if is_stated}
+
+
+def _moved(bounds: PlacementBounds, name: str, end: float, amount: float) -> PlacementBounds:
+    """Bounds of which one is moved by an amount towards an end."""
+    value = getattr(bounds, name)
+    return replace(
+        bounds, **{name: value + math.copysign(min(amount, abs(end - value)), end - value)}
+    )
 
 
 def _coarse(
@@ -162,18 +266,3 @@ def _coarse(
 def _coarse_bounds(program: PlacementProgram, bounds: PlacementBounds) -> PlacementBounds:
     stride = coarse_stride(program.num_segments)
     return replace(bounds, max_joint_step=stride * bounds.max_joint_step)
-
-
-def _is_kept(program: PlacementProgram, search: SearchResult) -> bool:
-    """Whether a program can be kept from one of the search's best ends."""
-    for end in search.nearest[:_TRIED_ENDS]:
-        if not _is_finite(end.placement.q):
-            continue
-        solution = program.solve(end.placement, options=_SOLVER_OPTIONS)
-        if program.violation(solution.placement) < _CONSTRAINT_TOLERANCE:
-            return True
-    return False
-
-
-def _is_finite(q: Array) -> bool:
-    return bool(np.isfinite(q).all())

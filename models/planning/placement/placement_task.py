@@ -94,7 +94,7 @@ class PlacementTask:
     tool_direction: list[float] | None = None
     """in W, where E's z axis should point"""
     tool_tilt_deg: float = 0.0
-    """how far it may lean from there"""
+    """how far it may lean from there (0: not at all)"""
     path_direction: list[float] | None = None
     """in W, from which the path's angle is measured"""
     path_angle_lower_deg: float = 0.0
@@ -276,10 +276,8 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
         expect(task.tool_direction, 3, "tool_direction")
         if not np.linalg.norm(task.tool_direction) > 1e-9:
             raise InputError(source, "tool_direction", f"{task.tool_direction} has no direction")
-        if not 0.0 < task.tool_tilt_deg <= 180.0:
-            raise InputError(
-                source, "tool_tilt_deg", f"{task.tool_tilt_deg:g}, expected above 0, up to 180"
-            )
+        if not 0.0 <= task.tool_tilt_deg <= 180.0:
+            raise InputError(source, "tool_tilt_deg", f"{task.tool_tilt_deg:g}, expected 0 to 180")
     _check_path_angle(task, source, expect)
     _check_directions(task, source)
     if task.initial is not None:
@@ -301,11 +299,11 @@ def _check_path_angle(
     task: PlacementTask, source: Path, expect: Callable[[list[float], int, str], None]
 ) -> None:
     low, high = task.path_angle_lower_deg, task.path_angle_upper_deg
-    if not (0.0 <= low <= high <= 180.0 and high > 0.0 and low < 180.0):
+    if not 0.0 <= low <= high <= 180.0:
         raise InputError(
             source,
             "path_angle_lower_deg, path_angle_upper_deg",
-            f"from {low:g} to {high:g}, expected a range within 0 to 180, and more than its end",
+            f"from {low:g} to {high:g}, expected a range within 0 to 180",
         )
     if task.path_direction is None:
         if (low, high) != (0.0, 180.0):

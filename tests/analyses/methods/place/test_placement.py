@@ -292,4 +292,3 @@ def test_an_infeasible_task_names_what_is_in_the_way(
         place(task, "task", Robot.load("ur5e"))
     assert key in str(error.value)
     assert shortfall in str(error.value)
-    assert "not kept: " in str(error.value)

@@ -74,7 +74,10 @@ BAD_FILES = {
     ),
     "negative margin": ({"limit_margin_deg": -1.0}, "limit_margin_deg: -1, expected >= 0"),
     "no direction": ({"tool_direction": [0.0, 0.0, 0.0]}, "has no direction"),
-    "no cone": ({"tool_direction": [0.0, 0.0, 1.0]}, "tool_tilt_deg: 0, expected above 0"),
+    "no cone": (
+        {"tool_direction": [0.0, 0.0, 1.0], "tool_tilt_deg": -1.0},
+        "tool_tilt_deg: -1, expected 0 to 180",
+    ),
     "no rotation": (
         {"initial": GUESS | {"rotation": [[1.0, 0.0, 0.0]] * 3}},
         "initial: path: R_WE: is no rotation matrix",
@@ -109,9 +112,9 @@ BAD_FILES = {
         {"path_angle_upper_deg": 45.0},
         "path_direction: is missing; from what is the path at 0 to 45 degrees?",
     ),
-    "angle of the path with one value": (
-        {"path_direction": [0, 0, 1], "path_angle_upper_deg": 0.0},
-        "from 0 to 0, expected a range within 0 to 180",
+    "crossed angles of the path": (
+        {"path_direction": [0, 0, 1], "path_angle_lower_deg": 9.0, "path_angle_upper_deg": 0.0},
+        "from 9 to 0, expected a range within 0 to 180",
     ),
     "workpiece without surface": (
         {"clearance": {"workpiece": {"size": [1.0, 0.2, 0.02]}}},
@@ -167,6 +170,8 @@ def test_an_impossible_task_is_refused_before_any_search(
 KEPT = {
     "the least rotation of the cone": {"angle_upper_deg": 171.0},
     "half a turn of any cone": {"angle_lower_deg": 179.0},
+    "exactly in the direction": {"tool_tilt_deg": 0.0},
+    "exactly along a direction": {"path_direction": [0.0, 1.0, 0.0], "path_angle_upper_deg": 0.0},
     "across the direction": {
         "path_in_surface": True,
         "path_direction": [0.0, 0.0, 1.0],
