@@ -111,14 +111,17 @@ def make_estimator(
 
     A block of yours takes the place of a stage: `stages={"friction": MyFriction()}`. Its input
     ports are connected by their names (q, v, current, terms, tau_J, tau_f, tau_ext, tau_ext_valid,
-    pole, sliding, torque_error, fault; others stay open). It must have the stage's outputs:
+    pole, sliding, torque_error, fault, and for `detection` the outputs of `reconstruction`; others
+    stay open). It must have the stage's outputs:
 
+        samples         q, v, current (n,), fault (1,); from inputs of those names
         terms           terms (abstract)
         motor           tau_J (n,)
         friction        tau_f (n,)
         observer        tau_ext (n,), valid (1,); it should feed through neither tau_J nor current
         torque_error    torque_error (ERROR_ROWS n,)
         reconstruction  wrench (6,), covariance (36,), condition_number, valid, invalid (1,)
+        detection       contact (1,); the other signals of detection, if it has them
 
     A friction of yours without a port `sliding` leaves the stiction band that of the model's law.
     An observer of yours without a port `pole` (n,) 1/s is taken for one without lag.
@@ -149,12 +152,14 @@ def make_estimator(
 
 
 _STAGE_OUTPUTS = {
+    "samples": ("q", "v", "current", "fault"),
     "terms": ("terms",),
     "motor": ("tau_J",),
     "friction": ("tau_f",),
     "observer": ("tau_ext", "valid"),
     "torque_error": ("torque_error",),
     "reconstruction": ("wrench", "covariance", "condition_number", "valid", "invalid"),
+    "detection": ("contact",),
 }
 """What a block that takes the place of a stage must put out."""
 
@@ -163,10 +168,13 @@ def _check_stages(name: str, stages: Mapping[str, LeafSystem]) -> None:
     for stage, block in stages.items():
         if stage not in _STAGE_OUTPUTS:
             raise ValueError(f"{name}: no stage {stage!r}; there are {', '.join(_STAGE_OUTPUTS)}")
+        kind = type(block).__name__
         for port in _STAGE_OUTPUTS[stage]:
             if not block.HasOutputPort(port):
-                kind = type(block).__name__
                 raise ValueError(f"{name}: stage {stage!r} needs an output {port!r}: {kind}")
+        for port in ("q", "v", "current") if stage == "samples" else ():
+            if not block.HasInputPort(port):
+                raise ValueError(f"{name}: stage {stage!r} needs an input {port!r}: {kind}")
 
 
 def _staged(
@@ -198,7 +206,7 @@ def _staged(
     wrench_signals = ("wrench", "covariance", "condition_number", "valid", "invalid")
     wrench_ports = _signals(builder, "reading", reconstruction, wrench_signals)
     blocks: list[LeafSystem] = [terms, motor, observer]
-    sources = _checked_inputs(builder, estimator) | {
+    sources = _checked_inputs(builder, estimator, stages.get("samples")) | {
         "terms": terms.GetOutputPort("terms"),
         "tau_J": motor.GetOutputPort("tau_J"),
         "tau_f": friction.GetOutputPort("tau_f"),
@@ -212,7 +220,8 @@ def _staged(
     wrench_sources = dict(sources)
     uses_sd = isinstance(observer, ExternalTorqueObserver) and observer.uses_sd
     has_error = estimator.learnt or corrected or "torque_error" in stages
-    if has_error or uses_sd or detection is not None:  # else no block reads it
+    has_detection = detection is not None or "detection" in stages
+    if has_error or uses_sd or has_detection:  # else no block reads it
         error = add("torque_error", TorqueErrorSystem(estimator.error, period))
         sources["torque_error"] = error.GetOutputPort("torque_error")
         blocks.append(error)
@@ -244,7 +253,14 @@ def _staged(
         builder.ExportOutput(port, signal)
     builder.ExportOutput(_terms_as_read(builder, estimator), "terms")
     builder.ExportOutput(sources["fault"], "fault")
-    if detection is not None:
+    if "detection" in stages:
+        detector = add("detection", stages["detection"])
+        readings = dict(zip(wrench_signals, wrench_ports, strict=True))
+        _connect(builder, [detector], sources | readings)
+        for signal in DETECTION:
+            if detector.HasOutputPort(signal):
+                builder.ExportOutput(detector.GetOutputPort(signal), signal)
+    elif detection is not None:
         _detect(builder, ContactDetector.of(estimator, detection), sources)
     diagram = builder.Build()
     diagram.set_name(name)
@@ -319,13 +335,17 @@ def _observer_system(observer: Observer) -> ExternalTorqueObserver:
     return ExternalTorqueObserver(observer)
 
 
-def _checked_inputs(builder: DiagramBuilder, estimator: WrenchEstimator) -> dict[str, OutputPort]:
+def _checked_inputs(
+    builder: DiagramBuilder, estimator: WrenchEstimator, replacement: LeafSystem | None
+) -> dict[str, OutputPort]:
     """Exports the inputs q, v and current; returns their checked values, and `fault`."""
     n = estimator.num_joints
     check = SampleCheckSystem(estimator.check, n, estimator.observer.time_step)
-    builder.AddNamedSystem("samples", check)
+    block = builder.AddNamedSystem("samples", check if replacement is None else replacement)
     for signal in ("q", "v", "current"):
-        builder.ExportInput(check.GetInputPort(signal), signal)
+        builder.ExportInput(block.GetInputPort(signal), signal)
+    if replacement is not None:
+        return {signal: block.GetOutputPort(signal) for signal in _STAGE_OUTPUTS["samples"]}
     motion = builder.AddNamedSystem("motion", Demultiplexer(check.motion_sizes))
     builder.Connect(check.GetOutputPort("motion"), motion.get_input_port())
     fault, q, v = (motion.get_output_port(k) for k in range(3))
@@ -405,8 +425,10 @@ def add_estimator_to_ports(
 
     Raises:
         InputError, ValueError: as `make_estimator`.
-        ValueError: a port is not a vector with one entry per joint.
+        ValueError: a port is not a vector with one entry per joint; `builder` has a system `name`.
     """
+    if builder.HasSubsystemNamed(name):
+        raise ValueError(f'{name}: the builder has a system of that name; pass another, name="..."')
     sources = {"q": q, "v": v, "current": current}
     for signal, port in sources.items():
         if port is None:

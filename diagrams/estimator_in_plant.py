@@ -77,8 +77,8 @@ def add_estimator(
 
     Raises:
         InputError: as `ArmInPlant`; the model belongs to another arm.
-        ValueError: as `make_estimator`; the plant is not in `builder`; the period is no multiple of
-            the plant's time step.
+        ValueError: as `add_estimator_to_ports`; the plant is not in `builder`; the period is no
+            multiple of the plant's time step.
     """
     if plant not in builder.GetSystems():
         raise ValueError(

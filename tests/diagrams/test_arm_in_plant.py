@@ -20,7 +20,7 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 from sample_models import torque_error
 
 from wrenchsight.diagrams.arm_in_plant import ArmInPlant
-from wrenchsight.diagrams.estimator import make_estimator
+from wrenchsight.diagrams.estimator import add_estimator_to_ports, make_estimator
 from wrenchsight.diagrams.estimator_in_plant import add_estimator
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
@@ -214,12 +214,75 @@ def test_a_friction_of_ones_own_takes_the_place_of_the_stage(sts, learnt):
     np.testing.assert_allclose(port.Eval(inner), 2.0 * 3.0 * v)
 
 
+class TurnedZero(LeafSystem):
+    """A sample check of one's own: the first joint's zero is turned; nothing is left out."""
+
+    def __init__(self, zero):
+        LeafSystem.__init__(self)
+        n = len(zero)
+        ports = {name: self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")}
+        for name, port in ports.items():
+            self.DeclareVectorOutputPort(
+                name,
+                n,
+                lambda context, output, name=name, port=port: output.SetFromVector(
+                    port.Eval(context) + (zero if name == "q" else 0.0)
+                ),
+                {port.ticket()},
+            )
+        self.DeclareVectorOutputPort(
+            "fault", 1, lambda context, output: output.SetFromVector([0.0]), {ports["q"].ticket()}
+        )
+
+
+class AboveTenNewton(LeafSystem):
+    """A contact detector of one's own, of the wrench's force."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self._wrench = self.DeclareVectorInputPort("wrench", 6)
+        self.DeclareVectorOutputPort("contact", 1, self._calc, {self._wrench.ticket()})
+
+    def _calc(self, context, output: BasicVector):
+        output.SetFromVector([float(np.linalg.norm(self._wrench.Eval(context)[3:]) > 10.0)])
+
+
+def test_the_first_and_the_last_stage_may_be_ones_own(sts):
+    zero = np.array([0.0, 0.3, -0.2, 0.0, 0.1, 0.0])
+    stages = {"samples": TurnedZero(zero), "detection": AboveTenNewton()}
+    estimator = make_estimator(sts, IdentifiedModel.nominal(sts), EXACT, stages=stages)
+    for force, is_contact in (([0.0, 0.0, 5.0], 0.0), ([0.0, 20.0, 0.0], 1.0)):
+        tau = (
+            sts.chain.gravity_torque(sts.home)
+            - sts.chain.jacobian(sts.home).T @ (np.r_[np.zeros(3), force])
+        )
+        simulator = Simulator(estimator)
+        context = simulator.get_mutable_context()
+        for name, value in (("q", sts.home - zero), ("v", np.zeros(6))):
+            estimator.GetInputPort(name).FixValue(context, value)
+        estimator.GetInputPort("current").FixValue(context, sts.motor_current(tau))
+        simulator.AdvanceTo(1.0)
+        # e^-20 of the force is still to come.
+        wrench = estimator.GetOutputPort("wrench").Eval(context)
+        np.testing.assert_allclose(wrench[3:], force, atol=1e-4)
+        assert estimator.GetOutputPort("contact").Eval(context) == is_contact
+
+
+def test_an_estimator_of_a_name_that_is_taken_is_refused(sts):
+    builder = DiagramBuilder()
+    add_estimator_to_ports(builder, sts, IdentifiedModel.nominal(sts))
+    with pytest.raises(ValueError, match="has a system of that name"):
+        add_estimator_to_ports(builder, sts, IdentifiedModel.nominal(sts))
+
+
 def test_stages_that_there_are_not_are_named(sts):
     model = IdentifiedModel.nominal(sts)
-    with pytest.raises(ValueError, match="no stage 'frction'; there are terms, motor, friction"):
+    with pytest.raises(ValueError, match="no stage 'frction'; there are samples, terms, motor"):
         make_estimator(sts, model, stages={"frction": DoubledFriction(np.ones(6))})
     with pytest.raises(ValueError, match="stage 'observer' needs an output 'tau_ext'"):
         make_estimator(sts, model, stages={"observer": DoubledFriction(np.ones(6))})
+    with pytest.raises(ValueError, match="stage 'samples' needs an output 'q'"):
+        make_estimator(sts, model, stages={"samples": DoubledFriction(np.ones(6))})
     with pytest.raises(ValueError, match="no stages to replace"):
         make_estimator(sts, model, fused=True, stages={"friction": DoubledFriction(np.ones(6))})
 
