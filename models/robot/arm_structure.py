@@ -18,6 +18,7 @@ from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.mimic_joints import leader_of
 from wrenchsight.models.robot.rounded_angles import exact_angle
 
@@ -28,6 +29,8 @@ _HAND_WORDS = ("gripper", "hand")
 _JAW_WORDS = ("gripper", "finger", "jaw", "claw", "thumb", "knuckle")
 _MIN_ARM = 4  # joints; a shorter line from the base is a neck, a finger or a lift
 _MIN_FINGERS = 3  # of a hand at the end of an arm; a torso carries as many, after fewer joints
+_VEHICLE_JOINTS = 3  # of a vehicle on a floor
+_ACROSS = 0.1  # cosine, below which two axes are across each other
 _MAX_FINGER = 2  # joints one after another; a finger's phalanges
 
 
@@ -112,6 +115,12 @@ class ArmStructure:
             for link in root.findall("link")
             if not any(link.find(part) is not None for part in parts)
         }
+        shapes = ("visual", "collision")
+        self._shapeless = {
+            link.get("name", "")
+            for link in root.findall("link")
+            if not any(link.find(part) is not None for part in shapes)
+        }
         self._links = {joint.parent for joint in self.joints} | set(self._by_child)
         self._reach_of = self._reaches()
 
@@ -126,7 +135,7 @@ class ArmStructure:
             raise InputError(self._path, link, "is no link of it", links)
 
     def base(self, flange: str | None) -> str:
-        """The link that the arm stands on: the root, or what `world` carries of the arm.
+        """The link that the arm stands on: the root, or what `world` or a vehicle carries of it.
 
         Args:
             flange: flange of the arm; None: not known yet.
@@ -140,13 +149,47 @@ class ArmStructure:
             problem = f"links without a parent: {listed}, expected one"
             raise InputError(self._path, "", problem, "name the --base")
         (root,) = roots
-        if root != "world":
-            return root
-        # Beside the arm, a table or a fence may stand on it: they carry no moving joint.
-        carrying = [joint for joint in self._below[root] if self._carries(joint, flange)]
-        if len(carrying) == 1 and not carrying[0].moves:
-            return carrying[0].child
-        return root
+        if root == "world":
+            # Beside the arm, a table or a fence may stand on it: they carry no moving joint.
+            carrying = [joint for joint in self._below[root] if self._carries(joint, flange)]
+            if len(carrying) == 1 and not carrying[0].moves:
+                root = carrying[0].child
+        return self._beyond_vehicle(root, flange)
+
+    def _beyond_vehicle(self, root: str, flange: str | None) -> str:
+        """The link that the joints of a vehicle move; the root itself where there are none.
+
+        A vehicle's way over the floor is written as joints of links without a shape: x, y and a
+        turn, or a turn and a way forward. No motor has their torque.
+        """
+        link = root
+        joints: list[DescribedJoint] = []
+        while len(joints) < _VEHICLE_JOINTS and self._shapeless.issuperset(self._rigid(link)):
+            ways = [
+                joint for joint in self._ways(self._rigid(link)) if self._carries(joint, flange)
+            ]
+            if len(ways) != 1:
+                return root
+            joints += ways
+            link = ways[0].child
+        is_arm = self._reach_of[link] >= _MIN_ARM
+        is_drawn = not self._shapeless.issuperset(self._links_below(link))
+        return link if is_arm and is_drawn and self._is_planar(root, joints) else root
+
+    def _is_planar(self, root: str, joints: Sequence[DescribedJoint]) -> bool:
+        """Whether joints are one turn, and slides across its axis."""
+        X = RigidTransform()
+        axes: dict[bool, list[Array]] = {True: [], False: []}  # by whether it is a slide's
+        for joint in joints:
+            for fixed in self._way(root, joint.parent):
+                X = X @ fixed.X_PJ
+            X, root = X @ joint.X_PJ, joint.child
+            axis = X.rotation() @ np.array(joint.axis)
+            axes[joint.kind == "prismatic"].append(axis / max(float(np.linalg.norm(axis)), 1e-9))
+        slides, turns = axes[True], axes[False]
+        if not slides or len(turns) != 1:
+            return False
+        return all(abs(float(slide @ turns[0])) < _ACROSS for slide in slides)
 
     def _carries(self, joint: DescribedJoint, flange: str | None) -> bool:
         """Whether the flange hangs on a joint; without a flange, whether anything beyond moves."""
@@ -219,6 +262,15 @@ class ArmStructure:
     def is_beyond(self, joint: DescribedJoint, arm: Sequence[DescribedJoint]) -> bool:
         """Whether the arm's end carries a joint."""
         return joint.parent in self._links_below(arm[-1].child)
+
+    def joints_below(self, base: str) -> list[DescribedJoint]:
+        """The moving joints between the root and the base."""
+        joints = []
+        while base in self._by_child:
+            joint = self._by_child[base]
+            joints += [joint] if joint.moves else []
+            base = joint.parent
+        return joints
 
     def sides(self, base: str, arm: Sequence[DescribedJoint]) -> tuple[set[str], set[str]]:
         """Links that the arm moves, and links that other joints move, which are held still."""

@@ -114,6 +114,11 @@ ARMS = (
     PackageArm(
         "puma560", "rtb_data", f"{_RTB}/unimation_puma560_description/urdf/puma560_robot.urdf"
     ),
+    PackageArm(
+        "ur10 on a vehicle",
+        "pyroboplan",
+        "pyroboplan/models/ur_description/urdf/ur10_on_base.urdf",
+    ),
     PackageArm("irb140", "rtb_data", f"{_RTB}/abb_irb140_description/urdf/irb140.urdf"),
     PackageArm("al5d", "rtb_data", f"{_RTB}/lynxmotion_al5d_description/urdf/al5d_robot.urdf"),
     PackageArm("xarm6", "pybullet", "pybullet_data/xarm/xarm6_robot.urdf"),

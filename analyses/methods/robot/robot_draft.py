@@ -149,7 +149,10 @@ def _draft(
             partial.write_text(text, encoding="utf-8")
     robot = Robot.load(out)
     notes = [*doubts, *mounting_note, *_effort_note(arm, assumed)]
-    notes += [*_rest_notes(structure, arm, locked), in_the_way(robot, *structure.sides(base, arm))]
+    notes += [
+        *_rest_notes(structure, arm, locked, base),
+        in_the_way(robot, *structure.sides(base, arm)),
+    ]
     return DraftedRobot(robot, marked_keys(text), tuple(note for note in notes if note))
 
 
@@ -192,14 +195,20 @@ def _effort_note(arm: list[DescribedJoint], assumed: Assumed) -> tuple[str, ...]
 
 
 def _rest_notes(
-    structure: ArmStructure, arm: list[DescribedJoint], locked: list[DescribedJoint]
+    structure: ArmStructure,
+    arm: list[DescribedJoint],
+    locked: list[DescribedJoint],
+    base: str,
 ) -> list[str]:
     """A sentence for each joint that is held still."""
     notes = []
+    below_base = structure.joints_below(base)
     for joint in locked:
         note = f"{joint.name} is held still at {joint.middle:g} {joint.unit} (locked_joints)"
         if structure.is_beyond(joint, arm):
             note += f"; if it is the arm's: --flange {joint.child}"
+        elif joint in below_base:
+            note += f"; if it is the arm's: --base {joint.parent}"
         notes.append(note)
     return notes
 

@@ -12,7 +12,7 @@ from wrenchsight.models.robot.arm_structure import ArmStructure
 BODY = "<inertial><mass value='1'/></inertial>"
 
 
-def robot(*joints, frames=(), origins=None):
+def robot(*joints, frames=(), origins=None, body=BODY):
     """A structure of joints "name kind parent child [leader]"; `frames` have no body."""
     parts, links = [], []
     for words in map(str.split, joints):
@@ -24,7 +24,7 @@ def robot(*joints, frames=(), origins=None):
             f"<joint name='{name}' type='{kind}'><parent link='{parent}'/><child link='{child}'/>"
             f"{origin}<limit lower='-1' upper='1' velocity='1' effort='1'/>{follows}</joint>"
         )
-    bodies = [f"<link name='{x}'>{'' if x in frames else BODY}</link>" for x in links]
+    bodies = [f"<link name='{x}'>{'' if x in frames else body}</link>" for x in links]
     root = ET.fromstring(f"<robot name='r'>{''.join(bodies + parts)}</robot>")
     return ArmStructure(root, Path("r.urdf"))
 
@@ -113,6 +113,33 @@ def test_world_carries_an_arm_and_a_conveyor_that_moves():
     structure = robot("w fixed world base", "c prismatic world belt", *line(6), frames=("world",))
     flange = structure.flange(structure.base(None))
     assert (structure.base(flange), flange) == ("base", "l6")
+
+
+PLANE = ["x prismatic world tx", "y prismatic tx ty", "turn continuous ty base"]
+ACROSS = {"y": "<axis xyz='0 1 0'/>", "turn": "<axis xyz='0 0 1'/>"}
+UP = ACROSS | {"y": "<axis xyz='0 0 1'/>"}
+
+
+@pytest.mark.parametrize(
+    ("joints", "frames", "origins", "base", "count", "rest"),
+    [
+        # x, y and a turn on links without mass.
+        (PLANE, ("world", "tx", "ty"), ACROSS, "base", 6, ["x", "y", "turn"]),
+        # A turn and a way forward; the lift beyond is the arm's.
+        (["turn continuous root a", "x prismatic a car", "lift prismatic car base"],
+         ("root", "a"), ACROSS, "car", 7, ["turn", "x"]),
+        # A column that turns and rises is the arm's, and so is a rail of a link with a shape.
+        (PLANE, ("world", "tx", "ty"), UP, "world", 9, []),
+        (["x prismatic world base"], ("world",), {}, "world", 7, []),
+    ],
+)  # fmt: skip
+def test_a_vehicle_that_carries_the_arm_is_held_still(joints, frames, origins, base, count, rest):
+    shape = "<collision><geometry><sphere radius='.1'/></geometry></collision>"
+    structure = robot(*joints, *line(6), frames=frames, origins=origins, body=BODY + shape)
+    found_base, _, found_count, found_rest = found(structure)
+    assert (found_base, found_count, found_rest) == (base, count, rest)
+    # Where nothing is drawn, nothing tells a vehicle.
+    assert found(robot(*joints, *line(6), frames=frames, origins=origins))[0] in ("world", "root")
 
 
 def test_the_mounting_is_that_of_the_joints_at_rest():
