@@ -23,6 +23,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.limited_child import limit_process
+from wrenchsight.models.robot.rounded_angles import rounded_rpy
 from wrenchsight.models.robot.urdf_document import parse_document
 from wrenchsight.models.robot.urdf_elements import add_inertial, fixed_joint, set_pose, text_of
 
@@ -242,6 +243,9 @@ def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: floa
         kind, axis = "prismatic", joint.translation_axis()
     element = fixed_joint(joint.name(), joint.parent_body().name(), joint.child_body().name(), X)
     robot.append(element)
+    if (rpy := rounded_rpy(X.rotation())) is not None:
+        for origin in element.findall("origin"):
+            origin.set("rpy", rpy)
     if axis is not None:
         ET.SubElement(element, "axis", xyz=text_of(axis))
         lower, upper = joint.position_lower_limits()[0], joint.position_upper_limits()[0]

@@ -230,3 +230,14 @@ def test_an_mjcf_without_a_name_and_with_massless_bodies_is_read(tmp_path):
         assert root.find(f"link[@name='{link}']/inertial") is None
     mesh = root.find("link[@name='frame']/collision/geometry/mesh")
     assert mesh.get("filename") == (tmp_path / "meshes/plate.obj").as_uri()
+
+
+def test_rounded_quaternions_of_an_mjcf_are_right_angles(tmp_path):
+    text = MJCF.replace('pos="0 0 .3" euler=".1 0 .2"', 'pos="0 0 .3" quat="0.707105 0.707108 0 0"')
+    (tmp_path / "arm.xml").write_text(text, encoding="utf-8")
+    config = CONFIG.replace("arm.sdf", "arm.xml").replace("0.0}\n", "0.0, effort_limit: 50.0}\n")
+    (tmp_path / "robot.yaml").write_text(config, encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    expected = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
+    np.testing.assert_allclose(robot.chain.R_PJ[0], expected, atol=1e-15)
+    assert any("taken as exact: shoulder" in notice for notice in robot.notices)

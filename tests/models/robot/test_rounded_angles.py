@@ -2,9 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RollPitchYaw, RotationMatrix
 
-from wrenchsight.models.robot.rounded_angles import exact_angle
+from wrenchsight.models.robot.rounded_angles import exact_angle, rounded_rpy
 
 
 @pytest.mark.parametrize(
@@ -37,3 +40,38 @@ def test_other_angles_stay(text):
 def test_text_that_is_no_number_is_an_error():
     with pytest.raises(ValueError, match="could not convert"):
         exact_angle("half")
+
+
+@pytest.mark.parametrize(
+    ("wxyz", "rpy"),
+    [
+        ([0.707105, 0.707108, 0.0, 0.0], [math.pi / 2, 0.0, 0.0]),
+        ([-3.67321e-06, 1.0, 0.0, 0.0], [math.pi, 0.0, 0.0]),
+        # Half a turn about a diagonal: pitch is a right angle, where roll and yaw are not unique.
+        ([0.5, 0.500003, 0.5, 0.499997], None),
+        ([0.92388, 0.0, 0.0, 0.38268], [0.0, 0.0, math.pi / 4]),
+        ([0.965926, 0.0, 0.258819, 0.0], [0.0, math.pi / 6, 0.0]),
+    ],
+)
+def test_a_rotation_by_rounded_components_is_the_exact_one(wxyz, rpy):
+    R = RotationMatrix(Quaternion(np.array(wxyz) / np.linalg.norm(wxyz)))
+    read = RollPitchYaw([exact_angle(word) for word in rounded_rpy(R).split()]).ToRotationMatrix()
+    if rpy is None:
+        expected = RotationMatrix(np.round(R.matrix()))
+    else:
+        expected = RollPitchYaw(rpy).ToRotationMatrix()
+    np.testing.assert_allclose(read.matrix(), expected.matrix(), atol=1e-15)
+    assert np.abs(R.matrix() - expected.matrix()).max() > 1e-7  # the file's own is another
+
+
+@pytest.mark.parametrize(
+    "rpy",
+    [
+        [math.pi / 2, 0.0, math.pi / 6],  # exact
+        [0.3, -0.2, 0.1],
+        [math.pi / 2 + 1e-4, 0.0, 0.0],  # a calibrated joint
+        [math.pi / 2, 0.01, 0.0],
+    ],
+)
+def test_other_rotations_stay(rpy):
+    assert rounded_rpy(RollPitchYaw(rpy).ToRotationMatrix()) is None
