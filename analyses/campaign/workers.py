@@ -15,7 +15,7 @@ from typing import Final
 
 from wrenchsight.analyses.campaign.world_run import WorldOutcome, WorldTask, run_world
 from wrenchsight.analyses.output.side_by_side import Died, run_side_by_side
-from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError, install_of
 
 _CONNECT_TIMEOUT: Final = 10  # s in which a scheduler answers
 _ADDRESS: Final = re.compile(
@@ -54,8 +54,8 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
         from distributed.client import FutureCancelledError
         from distributed.scheduler import KilledWorker
     except ImportError:
-        problem, remedy = "needs the package distributed", "pip install 'wrenchsight[cluster]'"
-        raise InputError("--cluster", "", problem, remedy) from None
+        problem = "needs the package distributed"
+        raise InputError("--cluster", "", problem, install_of("cluster")) from None
     for library in ("distributed", "tornado", "asyncio"):
         logging.getLogger(library).setLevel(logging.CRITICAL + 1)  # one line reports a failure
     try:

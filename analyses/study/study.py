@@ -37,7 +37,7 @@ from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.report import write_report
 from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.analyses.study.stored_result import read_result, write_result
-from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError, install_of
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.robot.truth_config import TRUTHS
 
@@ -355,8 +355,7 @@ def _run_experiment(task: _Task) -> _End:
         return _End("skipped", reason, tuple(missing))
     lacking = experiment.missing_modules()
     if lacking:
-        remedy = "python -m pip install 'wrenchsight[study]'"
-        return _End("skipped", f"needs {', '.join(lacking)}; {remedy}")
+        return _End("skipped", f"needs {', '.join(lacking)}; {install_of('study')}")
 
     def tell(fraction: float, action: str) -> None:
         with suppress(OSError, InputError), whole_file(task.progress) as partial:

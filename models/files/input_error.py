@@ -1,5 +1,7 @@
 """The exception for errors in a user's input."""
 
+import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,7 +42,17 @@ def needing_extra(extra: str, source: str) -> Iterator[None]:
         yield
     except ImportError as error:
         problem = f"needs a package that is not installed ({error.name})"
-        raise InputError(source, "", problem, f"pip install 'wrenchsight[{extra}]'") from None
+        raise InputError(source, "", problem, install_of(extra)) from None
+
+
+def install_of(extra: str) -> str:
+    """The command that installs an extra of this package, with the Python that runs now."""
+    python, found = Path(sys.executable), shutil.which("python")
+    if found is not None and Path(found) == python:
+        return f"python -m pip install 'wrenchsight[{extra}]'"
+    if python.is_relative_to(Path.cwd()):
+        python = python.relative_to(Path.cwd())
+    return f"{python} -m pip install 'wrenchsight[{extra}]'"
 
 
 LONGEST_LINE: Final = 1000  # characters, of an error line

@@ -9,7 +9,7 @@ import pytest
 from wrenchsight.analyses.study import registry
 from wrenchsight.analyses.study.registry import REGISTRY, ExperimentRegistry, read_entry
 from wrenchsight.analyses.study.study import run_study
-from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError, install_of
 
 _MODULE = """
 from wrenchsight.analyses.study.experiment import ComparisonRow, Experiment, ExperimentResult
@@ -56,7 +56,7 @@ def test_without_a_module_that_it_needs_it_is_skipped(toy, tmp_path):
     with REGISTRY.registered(toy):
         (outcome,) = run_study(["toy"], tmp_path / "out", tmp_path).outcomes
     assert outcome.state == "skipped"
-    assert outcome.reason == "needs no_such_module; python -m pip install 'wrenchsight[study]'"
+    assert outcome.reason == f"needs no_such_module; {install_of('study')}"
 
 
 def test_recordings_that_are_no_literals_are_read_from_the_module(tmp_path, monkeypatch):
