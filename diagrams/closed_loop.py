@@ -1,6 +1,7 @@
 """The closed loop: robot cell, controller and estimator."""
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -49,6 +50,7 @@ from wrenchsight.systems.machining.tool_vibration_tracker import ToolVibrationTr
 from wrenchsight.systems.path_reference import PathReference
 from wrenchsight.systems.pose_reference import PoseReference
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
+from wrenchsight.systems.sampled_block import stepping_with_plant
 
 _READING_SIGNALS = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid")
 _PASS_SIGNALS = ("reference", "force_setpoint", "phase", "fault", "progress", "feed_time")
@@ -231,25 +233,26 @@ def make_closed_loop(
     if estimator is None and (has_impedance or meshcat is not None):
         raise ValueError("closed loop: impedance control and drawings need the estimator")
     planned = _planned_motion(scenario, robot, motion)
-    builder = DiagramBuilder()
-    cell = make_robot_cell(scenario, robot, planned.q_0, meshcat, planned.clear_links)
-    builder.AddSystem(cell.diagram)
-    parts = _LoopParts(
-        builder=builder,
-        scenario=scenario,
-        robot=robot,
-        model=model,
-        estimator=estimator,
-        cell=cell,
-    )
-    control = _add_control(parts, planned)
-    _connect_drives(builder, robot, control.tau_command, cell)
-    signals = _logged_signals(control, cell, log)
-    signal_log = _add_log(builder, signals, log.period or scenario.time_step)
-    if meshcat is not None:
-        _add_force_arrows(parts, control, meshcat)
-    diagram = builder.Build()
-    diagram.set_name("closed_loop")
+    with _update_phase(scenario):
+        builder = DiagramBuilder()
+        cell = make_robot_cell(scenario, robot, planned.q_0, meshcat, planned.clear_links)
+        builder.AddSystem(cell.diagram)
+        parts = _LoopParts(
+            builder=builder,
+            scenario=scenario,
+            robot=robot,
+            model=model,
+            estimator=estimator,
+            cell=cell,
+        )
+        control = _add_control(parts, planned)
+        _connect_drives(builder, robot, control.tau_command, cell)
+        signals = _logged_signals(control, cell, log)
+        signal_log = _add_log(builder, signals, log.period or scenario.time_step)
+        if meshcat is not None:
+            _add_force_arrows(parts, control, meshcat)
+        diagram = builder.Build()
+        diagram.set_name("closed_loop")
     return ClosedLoop(
         diagram=diagram,
         cell=cell,
@@ -259,6 +262,12 @@ def make_closed_loop(
         log=signal_log.sink,
         signals=signal_log.columns,
     )
+
+
+def _update_phase(scenario: Scenario) -> AbstractContextManager[None]:
+    """In which the blocks of a loop update: with the plant's step, where its outputs allow it."""
+    samples_outputs = scenario.plant_config.use_sampled_output_ports
+    return nullcontext() if samples_outputs else stepping_with_plant()
 
 
 def _planned_motion(

@@ -1,7 +1,9 @@
 """Blocks that take one sample of their inputs at each tick."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ from pydrake.systems.framework import (
     Context,
     DependencyTicket,
     DiscreteStateIndex,
+    DiscreteValues,
     LeafSystem,
     State,
 )
@@ -17,6 +20,25 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.states import StateLayout
 
 _LAST_TICK, _NEXT_TICK = 0, 1  # entries of the ticks: when the last one was, when the next one is
+
+_STEPS_WITH_PLANT = ContextVar("steps with plant", default=False)
+
+
+@contextmanager
+def stepping_with_plant() -> Iterator[None]:
+    """Blocks made within update together with a plant that does not sample its output ports.
+
+    Such a plant steps in a discrete update, and so do these blocks: all updates of a time see one
+    Context, and what was computed for one of them, a solved contact above all, serves the others.
+    The numbers are those of other blocks. An unrestricted update before the plant's step makes
+    Drake compute it twice at each tick. Not for a plant that samples its output ports (Drake's
+    default): these blocks would see the state after its step.
+    """
+    token = _STEPS_WITH_PLANT.set(True)
+    try:
+        yield
+    finally:
+        _STEPS_WITH_PLANT.reset(token)
 
 
 def tick_number(t: float, time_step: float) -> int:
@@ -32,7 +54,8 @@ class SampledBlock(LeafSystem):
     performs unrestricted updates first, all of them on the Context as it is before any update of
     that time. So the block sees the state before the plant's step, whether the plant is continuous,
     discrete with sampled output ports (Drake's default), or discrete without. A discrete update
-    would see the state *after* the step of a plant that samples its ports.
+    would see the state *after* the step of a plant that samples its ports. Where all is ours and
+    the plant does not, `stepping_with_plant` makes blocks that update in its own phase.
 
     **What it puts out.** Drake evaluates an output whenever a port is read, also between two ticks
     and, within one time, after the update. There the sample has been taken already and must not be
@@ -76,8 +99,11 @@ class SampledBlock(LeafSystem):
             self.discrete_state_ticket(DiscreteStateIndex(index)) for index in indices
         }
         self.state_tickets.add(self.time_ticket())
-        self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._take)
-        self.DeclareForcedUnrestrictedUpdateEvent(self._take)
+        if _STEPS_WITH_PLANT.get():
+            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._take)
+        else:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._take_before_all)
+        self.DeclareForcedUnrestrictedUpdateEvent(self._take_before_all)
 
     @abstractmethod
     def take_sample(self, context: Context, memory: Any) -> Sequence[Array]:
@@ -116,8 +142,10 @@ class SampledBlock(LeafSystem):
             return held
         return None
 
-    def _take(self, context: Context, state: State) -> None:
-        discrete = state.get_mutable_discrete_state()
+    def _take_before_all(self, context: Context, state: State) -> None:
+        self._take(context, state.get_mutable_discrete_state())
+
+    def _take(self, context: Context, discrete: DiscreteValues) -> None:
         memory = discrete.get_mutable_value(self._memory_index)
         outputs = self.take_sample(context, self._memory_layout.state_of(memory))
         for index, value in zip(self._held_index.values(), outputs, strict=True):

@@ -1,5 +1,6 @@
 """Every stage beside a plant that samples its outputs, one that does not, and a continuous one."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -27,9 +28,15 @@ from wrenchsight.systems.joint_tracking_controller import (
     JointTrackingController,
 )
 from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor
+from wrenchsight.systems.sampled_block import stepping_with_plant
 
 T, N, TICKS = 1e-3, 6, 400
-PLANTS = {"sampled": (T, True), "unsampled": (T, False), "continuous": (0.0, False)}
+PLANTS = {
+    "sampled": (T, True, nullcontext),
+    "unsampled": (T, False, nullcontext),
+    "continuous": (0.0, False, nullcontext),
+    "unsampled, blocks in its phase": (T, False, stepping_with_plant),
+}
 NO_FRICTION = SemiParametricFriction(CoulombViscous(*np.zeros((3, N))))
 # Impossible samples apart, the estimator works on rounded digits of the plant: sums of some tens of
 # terms of some hundred N m.
@@ -60,7 +67,7 @@ def closed_loop(robot, kind, model, fused, control):
     Returns:
         dict of what was logged at every tick, (TICKS, size) by signal.
     """
-    time_step, is_sampled = PLANTS[kind]
+    time_step, is_sampled, update_phase = PLANTS[kind]
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem("plant", MultibodyPlant(time_step))
     if time_step > 0.0:
@@ -69,6 +76,12 @@ def closed_loop(robot, kind, model, fused, control):
     plant.Finalize()
     state = builder.AddSystem(Demultiplexer([N, N]))
     builder.Connect(plant.get_state_output_port(arm.model_instance), state.get_input_port())
+    with update_phase():
+        return run_around(builder, robot, plant, arm, state, model, fused, control)
+
+
+def run_around(builder, robot, plant, arm, state, model, fused, control):
+    """Adds all but the plant, whose `arm` is at home and then some, and runs it."""
     sensor = builder.AddSystem(
         MotorCurrentSensor(N, T, bandwidth=200.0, noise_sd=0.01, resolution=1e-3, seed=5)
     )
@@ -152,12 +165,13 @@ def assert_same(logged, expected):
 @pytest.mark.parametrize("fused", [False, True], ids=["stages", "fused"])
 @pytest.mark.parametrize("model", MODELS)
 def test_a_plant_that_samples_its_outputs_gives_the_same_digits(sts, model, fused, control):
-    sampled, unsampled = (
+    sampled, unsampled, in_phase = (
         closed_loop(sts, kind, MODELS[model](sts), fused, control)
-        for kind in ("sampled", "unsampled")
+        for kind in ("sampled", "unsampled", "unsampled, blocks in its phase")
     )
     assert np.ptp(sampled["q"], axis=0).min() > 1e-3  # every joint moves
     assert_same(sampled, unsampled)
+    assert_same(in_phase, unsampled)
 
 
 @pytest.mark.parametrize("kind", PLANTS)
