@@ -251,7 +251,8 @@ def _staged(
         builder.ExportOutput(sources[signal], signal)
     for signal, port in zip(wrench_signals, wrench_ports, strict=True):
         builder.ExportOutput(port, signal)
-    builder.ExportOutput(_terms_as_read(builder, estimator), "terms")
+    known_terms = None if "terms" in stages else sources["terms"]
+    builder.ExportOutput(_terms_as_read(builder, estimator, known_terms), "terms")
     builder.ExportOutput(sources["fault"], "fault")
     if "detection" in stages:
         detector = add("detection", stages["detection"])
@@ -267,11 +268,20 @@ def _staged(
     return diagram
 
 
-def _terms_as_read(builder: DiagramBuilder, estimator: WrenchEstimator) -> OutputPort:
+def _terms_as_read(
+    builder: DiagramBuilder, estimator: WrenchEstimator, known_terms: OutputPort | None
+) -> OutputPort:
     """The terms of q and v as they come, for a controller: an impossible sample that the estimator
     leaves out must not leave the arm without its weight.
+
+    Args:
+        known_terms: of the samples that the estimator takes; None: there are none of its chain.
     """
-    block = builder.AddNamedSystem("terms_as_read", RigidBodyTermsSystem(estimator.chain))
+    block = builder.AddNamedSystem(
+        "terms_as_read", RigidBodyTermsSystem(estimator.chain, known_terms is not None)
+    )
+    if known_terms is not None:
+        builder.Connect(known_terms, block.GetInputPort("known"))
     for signal in ("q", "v"):
         builder.ConnectInput(signal, block.GetInputPort(signal))
     return block.GetOutputPort("terms")

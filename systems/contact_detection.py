@@ -105,9 +105,8 @@ class ContactDetection(SampledBlock):
         error = TorqueError.of_flat(torque_error, self._detector.num_joints)
         is_fresh = self._tau_ext_valid.Eval(context) == 1.0
         detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()
-        error_rows = [part[np.newaxis] for part in error]
         sample = ArmSamples(
-            TorqueError(*error_rows),
+            error,
             _plausible(self._v.Eval(context))[np.newaxis],
             _plausible(transmitted[0])[np.newaxis],
             _plausible(terms.momentum)[np.newaxis],

@@ -129,9 +129,9 @@ class ExternalTorqueObserver(SampledBlock):
             tau_J=tau_J,
             tau_f=self._tau_f.Eval(context)[None],
             J=terms["J"],
-            sd=error.sd[None],
-            stiction=error.stiction[None],
-            drift=error.drift[None],
+            sd=error.sd,
+            stiction=error.stiction,
+            drift=error.drift,
         )
 
     def _calc_observed(self, context: Context) -> _Tick:

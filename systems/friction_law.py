@@ -114,7 +114,7 @@ class FrictionLawSystem(SampledBlock):
         rest = None
         if self._torque_error is not None:
             error = TorqueError.of_flat(self._torque_error.Eval(context), v.shape[1])
-            rest = error.rows[REST_ROW][None]
+            rest = error.rows[:, REST_ROW]
         return np.asarray(law.run(memory, q, v, tau_J, rest)[0])
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:

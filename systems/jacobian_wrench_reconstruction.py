@@ -191,12 +191,11 @@ class JacobianWrenchReconstruction(SampledBlock):
             is_usable &= all_below(part.ravel(), _LARGEST_INPUT)
         if self._torque_error.HasValue(context):
             flat = self._torque_error.Eval(context)
-            stated = TorqueError.of_flat(flat, self._n)
+            error = TorqueError.of_flat(flat, self._n)
             # The last sample's position and motor torque are NaN before the first one.
-            known_rows = stated.rows[UNKNOWN_SHARE_ROW:TAU_J_ROW]
-            for part in (flat[: flat.size - stated.rows.size], known_rows.ravel()):
+            known_rows = error.rows[:, UNKNOWN_SHARE_ROW:TAU_J_ROW]
+            for part in (flat[: flat.size - error.rows.size], known_rows.ravel()):
                 is_usable &= all_below(part, _LARGEST_INPUT)
-            error = TorqueError(*(part[None] for part in stated))
         else:
             error = error._replace(J_seen=J)
         wrench, covariance = None, None

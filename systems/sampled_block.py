@@ -10,7 +10,6 @@ import numpy as np
 from pydrake.systems.framework import (
     Context,
     DependencyTicket,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
     State,
@@ -94,11 +93,8 @@ class SampledBlock(LeafSystem):
             name: int(self.DeclareDiscreteState(size)) for name, size in held.items()
         }
         self._ticks_index = int(self.DeclareDiscreteState(np.full(2, np.nan)))
-        indices = (self._memory_index, *self._held_index.values(), self._ticks_index)
-        self.state_tickets = {
-            self.discrete_state_ticket(DiscreteStateIndex(index)) for index in indices
-        }
-        self.state_tickets.add(self.time_ticket())
+        # All groups at once: one edge an output in Drake's graph of dependencies.
+        self.state_tickets = {self.xd_ticket(), self.time_ticket()}
         if _STEPS_WITH_PLANT.get():
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._take)
         else:

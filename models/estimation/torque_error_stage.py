@@ -60,9 +60,10 @@ class TorqueError(NamedTuple):
 
     @classmethod
     def of_flat(cls, flat: Array, n: int) -> "TorqueError":
-        """The parts of one sample in (ERROR_ROWS n,) memory, as of a port; views of it."""
-        rows = flat.reshape(ERROR_ROWS, n)
-        return cls(rows[0], rows[1], rows[2], rows[3:_ERROR_STATE], rows[_ERROR_STATE:])
+        """The one sample, N = 1, of (ERROR_ROWS n,) memory, as of a port; views of it."""
+        rows = flat.reshape(1, ERROR_ROWS, n)
+        sd, stiction, drift = rows[:, 0], rows[:, 1], rows[:, 2]
+        return cls(sd, stiction, drift, rows[:, 3:_ERROR_STATE], rows[:, _ERROR_STATE:])
 
     @property
     def flat(self) -> Array:

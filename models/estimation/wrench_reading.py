@@ -232,8 +232,8 @@ class WrenchReading:
         J, tau_ext = samples.J, samples.tau_ext
         sd = error.sd
         if self.error.read_load > 0.0:
-            known = np.where(np.isnan(tau_ext), 0.0, tau_ext)
-            sd = np.sqrt(sd**2 + (self.error.read_load * known) ** 2)
+            sd = np.empty_like(error.sd)
+            load_sd_rows(self.error.read_load, error.sd, tau_ext, sd)
         torques = TorqueSamples(error.J_seen, tau_ext, sd, error.stiction)
         wrench, covariance, quality = reconstruct_log(
             self.reconstruction.constants, J if conditions else J[:0], torques
@@ -280,6 +280,21 @@ def with_unseen_rests(
     if not is_unseen.any():
         return reading
     return reading._replace(invalid=marked(reading.invalid, UNSEEN_REST, is_unseen))
+
+
+@kernel(nogil=True)
+def load_sd_rows(read_load: float, sd: Array, tau_ext: Array, with_load: Array) -> None:
+    """Adds to sds what grows with the torque that is read.
+
+    Args:
+        read_load: N m per N m.
+        sd, tau_ext: (N, n) N m; a torque that is NaN adds nothing.
+        with_load: (N, n) N m, written.
+    """
+    for k in range(sd.shape[0]):
+        for i in range(sd.shape[1]):
+            load_sd = 0.0 if np.isnan(tau_ext[k, i]) else read_load * tau_ext[k, i]
+            with_load[k, i] = np.sqrt(sd[k, i] * sd[k, i] + load_sd * load_sd)
 
 
 @kernel

@@ -1,6 +1,7 @@
 """RigidBodyTermsSystem."""
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 
@@ -73,3 +74,15 @@ def test_a_broken_state_gives_terms_that_are_not_finite(sts):
     terms = evaluate(system, system.CreateDefaultContext(), broken, V)
     assert not np.isfinite(terms.momentum).any()
     assert not np.isfinite(terms.J).all()
+
+
+def test_terms_that_are_known_are_not_computed_again(sts):
+    system = RigidBodyTermsSystem(sts.chain, reads_known=True)
+    context, known = system.CreateDefaultContext(), sts.chain.terms(Q, V)
+    system.GetInputPort("known").FixValue(context, AbstractValue.Make(known))
+    given = system.GetInputPort("known").Eval(context)
+    assert evaluate(system, context, Q, V) is given
+    for q, v in ((Q + 1e-15, V), (Q, V + 1e-15)):
+        terms = evaluate(system, context, q, v)
+        assert terms is not given
+        np.testing.assert_array_equal(terms.record, sts.chain.terms(q, v).record)
