@@ -1,19 +1,22 @@
-"""Friction refresh beside contact: today's coefficients from a log that is mostly touched.
+"""Friction refresh beside contact: today's coefficients from a log in which something touches.
 
 Where a drift of friction is larger than a detector's thresholds, the detector takes it for a
-contact without end, and no stretch counts as contact-free. A force at the tool explains any drift
-of the arm's first joints; yet forces come and go, and drift stays. So the log is cut into segments
-of SEGMENT_TIME s, each touched or free, and friction's coefficients x and the segments are found
-together:
+contact, or a contact for none. A force at the tool explains any drift of the arm's first joints;
+yet forces come and go, and drift stays. So the log is cut into segments of SEGMENT_TIME s, each in
+one of these states, and friction's coefficients x and the states are found together:
 
-    free       residual = A x + e,              covariance C
-    touched    residual = A x - J^T F + e,      covariance C + J^T P J
+    free          residual = A x + e,              covariance C
+    touched at E  residual = A x - J^T F + e,      covariance C + J^T P J
+    elsewhere     residual = A x + tau + e,        covariance C + diag(J^T P J)
 
-with e of `models.calibration.residual_noise`, and F a wrench at E of the live prior's covariance P
-that wanders within FORCE_TIME. Each step fits x by least squares, in which a segment counts with
-the inverse covariance of both, by its probability of being free; then each segment's probability
-follows from both likelihoods, with the uncertainty of x in them. It begins with all segments
-touched: what no wrench at E explains (a moment beyond its prior), and what lasts over the forces.
+with e of `models.calibration.residual_noise`. F is a wrench at E that wanders within FORCE_TIME, of
+the live prior's covariance P, or of FORCE_SHARES of its sds: a force of some newtons would
+otherwise be rather free than so small. tau is of that size, but of each joint by itself: a contact
+on another link, or a drive that does not do what its current says.
+
+States are sampled (Gibbs), one segment after the other, x integrated out: both are normal given the
+states. Mean and covariance of x are those over the samples, and hence hold which segments are free,
+too. The chain begins with all segments touched.
 
 Only a sliding joint speaks of its Coulomb and viscous friction (`ResidualRows.drift`): one at rest
 holds any torque of its stiction band. A tool that slides for the whole log leaves no segment free,
@@ -23,6 +26,7 @@ and then x hardly leaves its prior.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift, FrictionRefresh
@@ -30,13 +34,14 @@ from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array, Flags
 
-SEGMENT_TIME = 1.0  # s
+SEGMENT_TIME = 0.5  # s
 FORCE_TIME = 1.0  # s
-MAX_STEPS = 12
-PROBABILITY_TOLERANCE = 1e-3  # change of a probability, below which the steps end
-PRIOR_FREE_PROBABILITY = 0.5  # probability of a segment before the log
+FORCE_SHARES = (1.0, 0.25)  # of the live prior's sds
+FREE_PROBABILITY, ELSEWHERE_PROBABILITY = 0.5, 0.02  # of a segment before the log
 SURELY_FREE = 0.9  # of a segment, from which its rows count as contact-free
-LARGEST_LOG_ODDS = 30.0
+FIRST_SWEEPS, SWEEPS = 10, 20  # over all segments: before samples count, and that count
+_FREE = 0
+_NUM_STATES = 2 + len(FORCE_SHARES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,44 +57,19 @@ class RefreshBesideContact:
     is_free: Flags
 
 
-class _Segment:
-    """Rows of one segment, joint after joint: residual, columns and both covariances.
+@dataclass(frozen=True, eq=False)
+class _Segments:
+    """What S segments say of the k coefficients x, for each of their K states.
 
-    Args:
-        rows: rows of the segment.
-        J: (k, 6, n) at E.
-        wrench_variance: (6,) of P.
+    Attributes:
+        information: (S, K, k, k) A^T C^-1 A.
+        projection: (S, K, k) A^T C^-1 residual.
+        constant: (S, K) log of prior and likelihood at x = 0, up to a constant.
     """
 
-    def __init__(self, rows: ResidualRows, J: Array, wrench_variance: Array) -> None:
-        k, n = rows.residual.shape
-        self.residual = rows.residual.T.ravel()
-        self.columns = np.zeros((k * n, 3 * n))
-        self.free = np.zeros((k * n, k * n))
-        drift = rows.drift
-        for j in range(n):
-            part = slice(j * k, (j + 1) * k)
-            self.columns[part, 3 * j : 3 * j + 3] = drift[:, j]
-            self.free[part, part] = rows.covariance(j)
-        lasting = np.exp(-np.abs(rows.t[:, None] - rows.t) / FORCE_TIME)
-        levers = J.transpose(1, 2, 0).reshape(6, n * k)
-        shared = np.einsum("ai,a,aj->ij", levers, wrench_variance, levers)
-        self.touched = self.free + shared * np.tile(lasting, (n, n))
-        self._factors = [cho_factor(C, lower=True) for C in (self.free, self.touched)]
-        self.information = [self.columns.T @ cho_solve(f, self.columns) for f in self._factors]
-        self.projection = [self.columns.T @ cho_solve(f, self.residual) for f in self._factors]
-
-    def log_odds(self, values: Array, covariance: Array) -> float:
-        """Logarithm of the odds of free against touched, for x of these values."""
-        rest = self.residual - self.columns @ values
-        spread = self.columns @ covariance @ self.columns.T
-        costs = []
-        for C in (self.free, self.touched):
-            factor = cho_factor(C + spread, lower=True)
-            log_determinant = 2.0 * np.log(np.diag(factor[0])).sum()
-            costs.append(0.5 * (log_determinant + rest @ cho_solve(factor, rest)))
-        odds = costs[1] - costs[0] + np.log(PRIOR_FREE_PROBABILITY / (1.0 - PRIOR_FREE_PROBABILITY))
-        return float(np.clip(odds, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS))
+    information: Array
+    projection: Array
+    constant: Array
 
 
 def refresh_beside_contact(
@@ -101,6 +81,8 @@ def refresh_beside_contact(
 ) -> RefreshBesideContact:
     """Estimates the coefficients of today from rows in which something may touch the arm.
 
+    The samples' seed is fixed: the same rows give the same coefficients.
+
     Args:
         rows: the known model's residual.
         J: (m, 6, n) rows [angular; linear] at E.
@@ -109,29 +91,19 @@ def refresh_beside_contact(
         drift: the prior.
     """
     force_sd, moment_sd = wrench_sd
-    variance = np.repeat([moment_sd**2, force_sd**2], 3)
+    wrench_variance = np.repeat([moment_sd**2, force_sd**2], 3)
     numbers = np.floor((rows.t - rows.t[0]) / SEGMENT_TIME).astype(int)
     parts = [numbers == number for number in np.unique(numbers)]
-    segments = [_Segment(rows[part], J[part], variance) for part in parts]
-    prior = (drift or FrictionDrift()).deviation(rows, law)
-    free = np.zeros(len(segments))
-    for _ in range(MAX_STEPS):
-        information, projection = np.diag(1.0 / np.maximum(prior.ravel(), 1e-12) ** 2), 0.0
-        for segment, share in zip(segments, free, strict=True):
-            for weight, which in ((share, 0), (1.0 - share, 1)):
-                information = information + weight * segment.information[which]
-                projection = projection + weight * segment.projection[which]
-        covariance = np.asarray(np.linalg.inv(information), float)
-        values = np.asarray(covariance @ projection, float)
-        odds = np.array([segment.log_odds(values, covariance) for segment in segments])
-        before, free = free, 1.0 / (1.0 + np.exp(-odds))
-        if np.abs(free - before).max() < PROBABILITY_TOLERANCE:
-            break
+    said = [_segment(rows[part], J[part], wrench_variance) for part in parts]
+    segments = _Segments(*(np.array(column) for column in zip(*said, strict=True)))
     n = rows.num_joints
+    prior = (drift or FrictionDrift()).deviation(rows, law)
+    mean, covariance, free = _sampled(segments, prior.ravel())
+    blocks = covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
     refresh = FrictionRefresh(
         model_law=law,
-        change=values.reshape(n, 3),
-        standard_deviation=np.sqrt(np.diag(covariance)).reshape(n, 3),
+        change=mean.reshape(n, 3),
+        covariance=blocks,
         prior_deviation=prior,
         scale=np.ones(n),
     )
@@ -139,3 +111,81 @@ def refresh_beside_contact(
     for part, share in zip(parts, free, strict=True):
         is_free |= part & (share > SURELY_FREE)
     return RefreshBesideContact(refresh, is_free)
+
+
+def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> tuple[Array, Array, Array]:
+    """Information (K, k, k), projection (K, k) and constant (K,) of one segment's states.
+
+    Args:
+        rows: m rows of the segment; the vectors below go joint after joint.
+        J: (m, 6, n) at E.
+        wrench_variance: (6,) of P.
+    """
+    m, n = rows.residual.shape
+    residual = rows.residual.T.ravel()
+    columns, noise = np.zeros((m * n, 3 * n)), np.zeros((m * n, m * n))
+    drift = rows.drift
+    for j in range(n):
+        part = slice(j * m, (j + 1) * m)
+        columns[part, 3 * j : 3 * j + 3] = drift[:, j]
+        noise[part, part] = rows.covariance(j)
+    lasting = np.tile(np.exp(-np.abs(rows.t[:, None] - rows.t) / FORCE_TIME), (n, n))
+    levers = J.transpose(1, 2, 0).reshape(6, n * m)
+    shared = np.einsum("ai,a,aj->ij", levers, wrench_variance, levers) * lasting
+    alone = shared * np.kron(np.eye(n), np.ones((m, m)))
+    covariances = [noise, *(noise + share**2 * shared for share in FORCE_SHARES), noise + alone]
+    touched = 1.0 - FREE_PROBABILITY - ELSEWHERE_PROBABILITY
+    probabilities = [
+        FREE_PROBABILITY,
+        *(touched / len(FORCE_SHARES) for _ in FORCE_SHARES),
+        ELSEWHERE_PROBABILITY,
+    ]
+    k = columns.shape[1]
+    information, projection = np.empty((_NUM_STATES, k, k)), np.empty((_NUM_STATES, k))
+    constant = np.log(probabilities)
+    for state, covariance in enumerate(covariances):
+        factor = cho_factor(covariance, lower=True)
+        weighted = cho_solve(factor, residual)
+        information[state] = columns.T @ cho_solve(factor, columns)
+        projection[state] = columns.T @ weighted
+        constant[state] -= np.log(np.diag(factor[0])).sum() + 0.5 * residual @ weighted
+    return information, projection, constant
+
+
+def _sampled(segments: _Segments, prior_sd: Array) -> tuple[Array, Array, Array]:
+    """Mean (k,) and covariance (k, k) of x, and the share (S,) of samples that are free."""
+    rng = np.random.default_rng(0)
+    num_segments, num_states = segments.constant.shape
+    every = np.arange(num_segments)
+    states = np.ones(num_segments, dtype=np.intp)  # touched
+    prior = np.diag(1.0 / np.maximum(prior_sd, 1e-12) ** 2)
+    means, covariances, free = [], [], np.zeros(num_segments)
+    for sweep in range(FIRST_SWEEPS + SWEEPS):
+        information = prior + segments.information[every, states].sum(axis=0)
+        projection = segments.projection[every, states].sum(axis=0)
+        for s in rng.permutation(num_segments):
+            information -= segments.information[s, states[s]]
+            projection -= segments.projection[s, states[s]]
+            odds = segments.constant[s] + _log_evidence(
+                information + segments.information[s], projection + segments.projection[s]
+            )
+            probability = np.exp(odds - odds.max())
+            states[s] = rng.choice(num_states, p=probability / probability.sum())
+            information += segments.information[s, states[s]]
+            projection += segments.projection[s, states[s]]
+        if sweep >= FIRST_SWEEPS:
+            covariances.append(np.linalg.inv(information))
+            means.append(covariances[-1] @ projection)
+            free += states == _FREE
+    mean = np.mean(means, axis=0)
+    spread = np.array(means) - mean
+    covariance = np.mean(covariances, axis=0) + spread.T @ spread / len(means)
+    return mean, covariance, free / SWEEPS
+
+
+def _log_evidence(information: Array, projection: Array) -> NDArray[np.float64]:
+    """(K,) log of the integral over x, up to a constant, of (K, k, k) and (K, k)."""
+    factors = np.linalg.cholesky(information)
+    y = np.linalg.solve(factors, projection[:, :, None])[:, :, 0]
+    log_determinants = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+    return np.asarray(0.5 * (y * y).sum(axis=1) - log_determinants)

@@ -6,8 +6,9 @@ done joint by joint, with errors that are correlated over time
 (`models.calibration.friction_refresh`). A joint's friction contradicts the model if all of this
 holds:
 
-- its Coulomb or viscous coefficient differs by MIN_STANDARD_ERRORS standard errors (an offset alone
-  is also what a load looks like);
+- its Coulomb and viscous coefficients together differ by MIN_STANDARD_ERRORS standard errors (an
+  offset alone is also what a load looks like). Which of the two it is need not be known: a joint
+  that turns at one speed shows their sum;
 - the differences amount to more torque than the model leaves unexplained in any case;
 - they explain the reading: the remainder is not far above the model's residual. A load or a contact
   that happens to follow a joint's direction leaves more.
@@ -28,7 +29,7 @@ from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.sliding_friction import TERMS, UNITS
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
-# standard errors; 12 coefficients of six joints: a false alarm in 1300 logs
+# standard errors; of six joints: a false alarm in 2600 logs
 MIN_STANDARD_ERRORS = 4.0
 # standard errors and share of the stated torque, beside such a joint
 NEIGHBOUR_STANDARD_ERRORS, NEIGHBOUR_TORQUE_SHARE = 3.0, 0.5
@@ -44,7 +45,8 @@ class FrictionDisagreement:
         joint: its index.
         term: "coulomb" or "viscous", the one that differs by more standard errors.
         change: change of that coefficient, log less model; N m or N m s/rad.
-        standard_errors: that the change amounts to.
+        change_sd: its standard error.
+        standard_errors: that both changes together amount to.
         torque: root mean square of what both changes add where the joint moves, N m.
         stated: N m, what the model leaves unexplained.
     """
@@ -52,23 +54,23 @@ class FrictionDisagreement:
     joint: int
     term: str
     change: float
+    change_sd: float
     standard_errors: float
     torque: float
     stated: float
 
     def exceeds(self, standard_errors: float, share: float) -> bool:
         """Whether the change is so clear, and adds more than this share of the stated torque."""
-        return abs(self.standard_errors) > standard_errors and self.torque > share * self.stated
+        return self.standard_errors > standard_errors and self.torque > share * self.stated
 
     def sentence(self, joint_names: Sequence[str]) -> str:
         """The joint, its change with the error, and what to do, for the user."""
         unit = UNITS[TERMS.index(self.term)]
-        sd = abs(self.change / self.standard_errors)
         return (
             f"friction of {joint_names[self.joint]} is not the model's: {self.term} "
-            f"{self.change:+.2g} +- {sd:.1g} {unit}, {self.torque:.2g} N m (rms) beside "
-            f"{self.stated:.2g} N m of the model's error; refresh it with `wrenchsight identify "
-            "--refresh`"
+            f"{self.change:+.2g} +- {self.change_sd:.1g} {unit}, {self.torque:.2g} N m (rms) "
+            f"beside {self.stated:.2g} N m of the model's error; refresh it with `wrenchsight "
+            "identify --refresh`"
         )
 
 
@@ -97,7 +99,8 @@ def friction_disagreements(
                 joint=j,
                 term=TERMS[worst],
                 change=float(refresh.change[j, worst]),
-                standard_errors=float(refresh.standard_errors[j, worst]),
+                change_sd=float(refresh.standard_deviation[j, worst]),
+                standard_errors=float(refresh.sliding_errors[j]),
                 torque=float(added[j]),
                 stated=float(rows.sd[j]),
             )

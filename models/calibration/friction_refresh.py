@@ -11,11 +11,14 @@ coefficients, and its standard errors show this.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import erfcinv
 
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
+
+LEAST_LOG_TAIL = -700.0  # logarithm of the least probability that is a number; 37 standard errors
 
 
 @dataclass(frozen=True)
@@ -60,14 +63,14 @@ class FrictionRefresh:
     Attributes:
         model_law: the law of the model.
         change: in N m, N m s/rad, N m.
-        standard_deviation: standard deviation of the change.
+        covariance: (n, 3, 3) of the change of each joint.
         prior_deviation: sd of the change before the log.
         scale: (n,) scatter of the residual relative to what the model states.
     """
 
     model_law: CoulombViscous
     change: Array
-    standard_deviation: Array
+    covariance: Array
     prior_deviation: Array
     scale: Array
 
@@ -79,9 +82,27 @@ class FrictionRefresh:
         return CoulombViscous(law.coulomb + coulomb, law.viscous + viscous, law.offset + offset)
 
     @property
+    def standard_deviation(self) -> Array:
+        """(n, 3) of the change."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
+    @property
     def standard_errors(self) -> Array:
         """(n, 3) how many standard errors each coefficient has moved by."""
         return np.asarray(self.change / self.standard_deviation)
+
+    @property
+    def sliding_errors(self) -> Array:
+        """(n,) standard errors that a joint's Coulomb and viscous change amount to together.
+
+        One coefficient with as many would be as improbable by chance as this pair. A log often
+        shows that a joint has more friction, yet not which of the two is larger.
+        """
+        pair, block = self.change[:, :2], self.covariance[:, :2, :2]
+        chi_square = np.einsum("ja,ja->j", pair, np.linalg.solve(block, pair[:, :, None])[:, :, 0])
+        # Of two numbers chi^2 exceeds c with exp(-c / 2), of one |z| with erfc(z / sqrt(2)).
+        log_tail = np.maximum(-0.5 * chi_square, LEAST_LOG_TAIL)
+        return np.asarray(np.sqrt(2.0) * erfcinv(np.exp(log_tail)))
 
     @property
     def determined_share(self) -> Array:
@@ -103,9 +124,9 @@ def refresh_friction(
     """
     columns = rows.drift
     prior = (drift or FrictionDrift()).deviation(rows, law)
-    change, deviation = np.empty_like(prior), np.empty_like(prior)
+    change, covariance = np.empty_like(prior), np.empty((rows.num_joints, 3, 3))
     scale = np.empty(rows.num_joints)
     for j in range(rows.num_joints):
         fit = fit_with_prior([rows.whitened(j, columns[:, j])], prior[j], np.zeros(prior.shape[1]))
-        change[j], deviation[j], scale[j] = fit.values, fit.standard_deviation, fit.scale[0]
-    return FrictionRefresh(law, change, deviation, prior, scale)
+        change[j], covariance[j], scale[j] = fit.values, fit.covariance, fit.scale[0]
+    return FrictionRefresh(law, change, covariance, prior, scale)

@@ -197,7 +197,7 @@ def _model_with_drift(
 ) -> tuple[Array | None, IdentifiedModel]:
     """The drift (n,) that the log shows, or None, and the model with it in its torque error.
 
-    Of a log that is touched most of the time the model has today's friction, and the drift is its
+    Of a log in which something touches the model has today's friction, and the drift is its
     sd: a drift that is told from a force is known in its sign, too.
     """
     error = model.torque_error

@@ -3,7 +3,8 @@
 The observer's reading there is the model's error. About ten rows a second of it are gathered, each
 with the torque that friction's coefficients add through the observer's pole. They are judged by
 `wrenchsight.models.calibration.friction_disagreement`, and by
-`wrenchsight.models.calibration.load_or_drift` for a load.
+`wrenchsight.models.calibration.load_or_drift` for a load. Where something touches, friction and
+contact are found together (`wrenchsight.models.calibration.friction_beside_contact`).
 """
 
 from dataclasses import replace
@@ -42,9 +43,10 @@ CONTACT_MARGIN = 0.5  # s before and after a contact that are not contact-free
 MIN_FREE_TIME = 4.0  # s of free motion that suffice for a refresh
 # share of the model's unexplained torque, below which a joint's drift is not listed
 MIN_LISTED_SHARE = 0.5
-# share of contact beyond which the flag itself is doubtful: all rows are judged, with
+# share of contact beyond which the flag itself is doubtful: a load is judged by all rows
 MAX_CONTACT_SHARE = 0.5
-# a wrench at E among the explanations
+# share of rows that are free beside contact, from which on the flags were drift: nothing touches
+UNTOUCHED_SHARE = 0.9
 _ROW_COLUMNS = ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
 
 
@@ -55,7 +57,7 @@ class _JudgedRows(NamedTuple):
         num_gathered: rows.
         load: None where none is looked for, or rows are too few.
         rows: without the torque of the load; None where there is none.
-        refresh: today's friction of a log that is touched most of the time; None: that of `rows`.
+        refresh: today's friction of a log in which something touches; None: that of `rows`.
     """
 
     num_gathered: int
@@ -176,9 +178,9 @@ class FrictionMonitor:
         return friction_disagreements(rows, self._model.friction.coulomb_viscous, refresh)
 
     def refreshed(self) -> FrictionRefresh | None:
-        """Today's friction of a log that is touched most of the time.
+        """Today's friction of a log in which something touches.
 
-        None where it does not contradict the model, and where most of the log is contact-free.
+        None where it does not contradict the model, and where nothing touches in the log.
         """
         refresh = self._judge().refresh
         return refresh if refresh is not None and self.disagreements() else None
@@ -233,17 +235,24 @@ class FrictionMonitor:
 
     def _judge_rows(self) -> _JudgedRows:
         judged = self._judge_load()
-        if judged.rows is None or self._mostly_free() or len(judged.rows.t) != self._count:
+        if judged.rows is None:
             return judged
-        # The flags are doubtful: a wrench at E is among the explanations.
+        is_free = np.concatenate(self._is_free)
+        has_load = judged.load is not None and judged.load.is_shown
+        rows = judged.rows if has_load else self._rows_of(np.ones_like(is_free))
+        if is_free.all() or rows is None or len(rows.t) != self._count:
+            return judged
+        # Drift makes the flags doubtful: a wrench at E is among the explanations.
         payload = LIVE_PAYLOAD if self._robot is None else self._robot.payload
         beside_contact = refresh_beside_contact(
-            judged.rows,
+            rows,
             np.concatenate(self._J),
             self._model.friction.coulomb_viscous,
             live_prior(payload),
         )
-        free_rows = judged.rows[beside_contact.is_free]
+        free_rows = rows[beside_contact.is_free]
+        if beside_contact.is_free.mean() > UNTOUCHED_SHARE:
+            return judged._replace(rows=free_rows)
         return judged._replace(rows=free_rows, refresh=beside_contact.refresh)
 
     def _judge_load(self) -> _JudgedRows:

@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm
 
 from wrenchsight.models.calibration.friction_disagreement import friction_disagreements
+from wrenchsight.models.calibration.friction_refresh import FrictionRefresh, refresh_friction
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
@@ -50,6 +52,32 @@ def test_more_viscous_friction_is_named():
     assert "shoulder" in line
     assert "viscous +" in line
     assert "identify --refresh" in line
+
+
+def test_a_joint_of_one_speed_shows_that_its_friction_is_larger_and_not_which() -> None:
+    """At +-.4 rad/s Coulomb and viscous friction are one torque: 1 N m and 2.5 N m s/rad more."""
+    log = rows(np.zeros((2, 3)))
+    v = 0.4 * np.sign(log.v)
+    sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
+    drift = np.sign(v) + 2.5 * v
+    residual = log.residual + drift * [1.0, 0.0]
+    log = replace(log, v=v, sliding=sliding, viscous=LAW.viscous * v, residual=residual)
+    refresh = refresh_friction(log, LAW)
+    assert np.abs(refresh.standard_errors[0, :2]).max() < 4.0
+    (disagreement,) = friction_disagreements(log, LAW)
+    assert disagreement.joint == 0
+    # Both add 2 N m; noise and prior are worth a fifth of it.
+    np.testing.assert_allclose(disagreement.torque, 2.0, rtol=0.2)
+
+
+def test_errors_of_a_pair_are_those_of_one_number_that_is_as_improbable() -> None:
+    """Independent: of two standard normal numbers, |z| beyond r has probability exp(-r^2 / 2)."""
+    covariance = np.tile(np.diag([1.0, 4.0, 1.0]), (3, 1, 1))
+    change = np.array([[0.0, 0.0, 9.0], [3.0, 8.0, 0.0], [50.0, 0.0, 0.0]])
+    refresh = FrictionRefresh(LAW, change, covariance, np.ones((3, 3)), np.ones(3))
+    expected = norm.isf(0.5 * np.exp(-0.5 * 25.0))  # (3 / 1)^2 + (8 / 2)^2
+    np.testing.assert_allclose(refresh.sliding_errors[:2], [0.0, expected], rtol=1e-9, atol=1e-9)
+    assert refresh.sliding_errors[2] > 30.0  # beyond the least probability that is a number
 
 
 def test_rest_in_stiction_hides_no_change():

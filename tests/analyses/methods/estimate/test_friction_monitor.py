@@ -165,6 +165,21 @@ def test_a_contact_is_left_out_and_the_part_without_it_is_offered(sts, model):
         assert "--part 10.5,39.9 " in command or "--part 10.6,39.9 " in command
 
 
+def test_drift_is_found_where_the_flags_of_contact_are_wrong(sts, model):
+    """A third of the log is flagged, and it is not the third in which a force acts."""
+    t, q, v, noise = signals(sts)
+    J = np.asarray(model.chain(sts).jacobian(q))
+    is_touched = (t % 3.0) >= 2.0
+    force = np.where(is_touched[:, None], [15.0, -20.0, 10.0], 0.0)
+    tau_ext = drifted(v, noise, 2, 6.0) + np.einsum("kan,ka->kn", J[:, 3:], force)
+    free = (t % 3.0) >= 1.0
+    monitor = monitored(model, sts, t, q, v, tau_ext, free)
+    (disagreement,) = monitor.disagreements()
+    assert (disagreement.joint, disagreement.term) == (2, "viscous")
+    assert abs(disagreement.change - 6.0) < 3.5 * disagreement.change_sd
+    assert monitor.refreshed() is not None
+
+
 def test_a_model_without_logs_is_not_judged(sts, model):
     t, q, v, noise = signals(sts)
     assumed = replace(model, provenance=Provenance())
