@@ -6,6 +6,9 @@ import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 
+_FLATNESS = 1e-4  # of the sum of the moments, least second moment of mass of a corrected body
+_NEAR = 0.1  # of the largest moment, that a correction changes at most
+
 
 def inertia_matrix(values: Sequence[float] | Array) -> Array:
     """(3, 3) of ixx, iyy, izz, ixy, ixz, iyz."""
@@ -29,3 +32,22 @@ def unphysical(inertia: Array) -> str:
     if moments[0] + moments[1] < moments[2] * (1 - 1e-6):
         return f"principal moments {listed} break the triangle inequality"
     return ""
+
+
+def nearest_physical(inertia: Array) -> Array | None:
+    """The possible inertia (3, 3) that a rounded or mistyped one lies near; None if there is none.
+
+    A body's moments are sums of second moments of its mass along the principal axes, none of which
+    is below 0. The one that is, is set to a ten-thousandth of all: a flat body.
+
+    Args:
+        inertia: (3, 3) kg m^2 about the centre of mass.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    if not moments[0] > 0.0:
+        return None
+    spread = np.maximum(0.5 * moments.sum() - moments, _FLATNESS * moments.sum())
+    changed = spread.sum() - spread
+    if np.abs(changed - moments).max() > _NEAR * moments[2]:
+        return None
+    return np.asarray((axes * changed) @ axes.T)

@@ -20,7 +20,12 @@ from wrenchsight.models.robot.collision_meshes import CollisionMeshes
 from wrenchsight.models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from wrenchsight.models.robot.mimic_joints import followed_positions, leader_of
 from wrenchsight.models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
-from wrenchsight.models.robot.rotational_inertia import inertia_matrix, unphysical
+from wrenchsight.models.robot.rotational_inertia import (
+    inertia_matrix,
+    inertia_values,
+    nearest_physical,
+    unphysical,
+)
 from wrenchsight.models.robot.rounded_angles import exact_angle
 from wrenchsight.models.robot.urdf_document import read_document
 from wrenchsight.models.robot.urdf_elements import (
@@ -416,7 +421,7 @@ class _Reader:
         if mass == 0 and np.any(about_com != 0):
             self._fail(link, f'link "{name}" has a rotational inertia but no mass')
         if mass > 0 and np.any(about_com != 0):
-            self._check_physical(link, f'link "{name}"', about_com)
+            self._check_physical(link, f'link "{name}"', about_com, self._nearest(link, about_com))
 
     def _check_composite(self, body: str) -> None:
         """Checks a moving link with what is fixed to it."""
@@ -456,14 +461,27 @@ class _Reader:
         if problem:
             raise InputError(self.config_source, "tool.inertia", f"not physical: {problem}")
 
-    def _check_physical(self, link: ET.Element, description: str, inertia: Array) -> None:
+    def _nearest(self, link: ET.Element, about_com: Array) -> str:
+        """A sentence with the possible values nearest to a link's, as its file states them."""
+        inertial = link.find("inertial")
+        nearest = nearest_physical(about_com)
+        if inertial is None or nearest is None:
+            return ""
+        R = self._origin(inertial).rotation().matrix()
+        values = zip(INERTIA, inertia_values(R.T @ nearest @ R), strict=True)
+        attributes = " ".join(f'{key}="{value:.6g}"' for key, value in values)
+        return f"; the nearest possible ones are <inertia {attributes}/>"
+
+    def _check_physical(
+        self, link: ET.Element, description: str, inertia: Array, nearest: str = ""
+    ) -> None:
         problem = unphysical(inertia)
         if problem:
             inertial = link.find("inertial")
             self._fail(
                 inertial if inertial is not None else link,
                 f"{description} has no physical inertia: {problem}",
-                "expected values about the centre of mass in kg m^2",
+                f"expected values about the centre of mass in kg m^2{nearest}",
             )
 
     def _inertia(self, link: ET.Element) -> tuple[float, Array, Array]:

@@ -287,11 +287,12 @@ def section(rows: list[dict[str, Any]], versions: dict[str, str]) -> str:
                  row["free_contacts"], f"{row['valid_pct']:.0f}", share,
                  f"{row['causal_inside_pct']:.0f}"]  # fmt: skip
         lines.append("| " + " | ".join(map(str, cells)) + " |")
-    lines += ["", "| refused | package | at | why |", "|---|---|---|---|"]
-    for row in rows:
-        if row["refused"]:
-            why = row["refused"].replace("|", "/").replace("<", "&lt;")
-            lines.append(f"| {row['arm']} | {row['package']} | `{row['command']}` | {why} |")
+    refused = [row for row in rows if row["refused"]]
+    if refused:
+        lines += ["", "| refused | package | at | why |", "|---|---|---|---|"]
+    for row in refused:
+        why = row["refused"].replace("|", "/").replace("<", "&lt;")
+        lines.append(f"| {row['arm']} | {row['package']} | `{row['command']}` | {why} |")
     return "\n".join(lines) + "\n"
 
 
@@ -318,25 +319,23 @@ def main() -> int:
     parser.add_argument("--packages", type=Path, required=True)
     parser.add_argument("--work", type=Path, default=Path("out/package-arms"))
     parser.add_argument("--page", type=Path, default=Path("docs/arms.md"))
-    parser.add_argument("--only", nargs="*", default=[], help="arms of these names; no page")
-    parser.add_argument("--as-it-is", action="store_true", help="run nothing more")
+    parser.add_argument("--only", nargs="*", default=[], help="arms of these names; else all")
     options = parser.parse_args()
     packages, work, page = (p.resolve() for p in (options.packages, options.work, options.page))
     rows, versions = [], {}
     for arm in ARMS:
         folder = work / "".join(c if c.isalnum() else "_" for c in arm.name)
-        if not (packages / arm.package).is_dir() or (options.only and arm.name not in options.only):
-            continue
-        if options.as_it_is and not folder.is_dir():
-            continue
-        if options.as_it_is:
-            os.chdir(folder)
-        rows.append(row_of(arm) if options.as_it_is else run_arm(arm, packages, folder))
-        versions[arm.package] = _version(packages / arm.package)
-        print(rows[-1], flush=True)
-    if not options.only:
-        text = with_section(page.read_text(encoding="utf-8"), section(rows, versions))
-        page.write_text(text, encoding="utf-8")
+        kept = folder / "row.json"
+        is_there = (packages / arm.package).is_dir()
+        if is_there and (not options.only or arm.name in options.only):
+            row = run_arm(arm, packages, folder)
+            kept.write_text(json.dumps(row, indent=1), encoding="utf-8")
+            print(row, flush=True)
+        if is_there and kept.is_file():
+            rows.append(json.loads(kept.read_text(encoding="utf-8")))
+            versions[arm.package] = _version(packages / arm.package)
+    text = with_section(page.read_text(encoding="utf-8"), section(rows, versions))
+    page.write_text(text, encoding="utf-8")
     return int(any("Error: " in row["refused"] for row in rows))
 
 

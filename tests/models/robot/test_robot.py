@@ -686,10 +686,11 @@ def test_a_moving_body_without_mass(tmp_path: Path) -> None:
 def test_a_file_that_is_no_urdf(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.urdf: no such file; see .*robot\.yaml"):
         load_small(tmp_path, urdf_name="absent.urdf")
-    with pytest.raises(InputError, match="MJCF: "):
-        load_small(tmp_path, "<mujoco/>")
-    with pytest.raises(InputError, match="holds no <link>"):
-        load_small(tmp_path, "<robot/>")
+    with pytest.raises(InputError, match="MJCF: its elements are nested more than"):
+        load_small(tmp_path, f"<mujoco>{200 * '<body>'}{200 * '</body>'}</mujoco>")
+    for empty in ("<robot/>", "<mujoco/>"):
+        with pytest.raises(InputError, match="holds no <link>"):
+            load_small(tmp_path, empty)
 
 
 @pytest.mark.parametrize(

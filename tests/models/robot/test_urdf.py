@@ -1,5 +1,6 @@
 """What stands around an arm, and what hangs on it without an inertia of its own."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -106,6 +107,26 @@ def test_the_moving_link_itself_needs_one(tmp_path: Path) -> None:
     robot = Robot.load(tmp_path / "robot.yaml")
     with pytest.raises(InputError, match=r"l1.*correct the link's <inertial>"):
         robot.require_inertias("simulate")
+
+
+def test_a_rounded_inertia_is_mended_by_what_the_message_states(tmp_path: Path) -> None:
+    _machine(tmp_path)
+    path = tmp_path / "machine.urdf"
+    stated = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    rounded = '<inertia ixx="0.011" iyy="0.003" izz="0.0079" ixy="0.0005" ixz="0" iyz="0"/>'
+    turned = path.read_text().replace('<origin xyz="0 0 -.2"/>', '<origin rpy=".3 0 1"/>', 1)
+    path.write_text(turned.replace(stated, rounded, 1))
+    with pytest.raises(InputError, match="the nearest possible ones are") as error:
+        Robot.load(tmp_path / "robot.yaml").require_inertias("simulate")
+    match = re.search(r"<inertia [^>]*/>", str(error.value))
+    assert match is not None
+    path.write_text(path.read_text().replace(rounded, match[0]))
+    Robot.load(tmp_path / "robot.yaml").require_inertias("simulate")
+    # Values of the file's own axes: no digit changes by more than the correction.
+    old, new = (
+        np.array([float(x) for x in re.findall(r'"([^"]*)"', text)]) for text in (rounded, match[0])
+    )
+    assert np.abs(new - old).max() < 2e-4
 
 
 def test_the_world_need_not_be_declared(tmp_path: Path) -> None:
