@@ -50,12 +50,14 @@ weeks and motions, and on its three runs, each read by a model of the others. Wi
 contacts come as often as stated (10 to 360 an hour).
 
 **Contact** begins where `change` or `mean` exceeds its level, each set for half of the stated rate.
-It lasts until `sample` and `mean` have been below RELEASE_SHARE of their levels, or below what
-noise often reaches, for RELEASE_TIME. So that the mean does not outlast a contact, it does not
-count where the present sample has less than MIN_MEAN_SHARE of it. After a contact it restarts from
-the next sample and begins no contact for MEAN_PAUSE. A torque whose mean over LOCAL_TIME vanishes
-is no contact but an error larger than any previous one: after that time g follows it, as slowly as
-usual.
+The noise of a velocity reads as K_0 M(q) times it, and M of a stretched arm is larger than in the
+fitted motion. So `change` counts where two successive samples exceed its level, as a push does that
+the observer's lag holds, or a single one exceeds SINGLE_SAMPLE_RATIO times it. Contact lasts until
+`sample` and `mean` have been below RELEASE_SHARE of their levels, or below what noise often
+reaches, for RELEASE_TIME. So that the mean does not outlast a contact, it does not count where the
+present sample has less than MIN_MEAN_SHARE of it. After a contact it restarts from the next sample
+and begins no contact for MEAN_PAUSE. A torque whose mean over LOCAL_TIME vanishes is no contact but
+an error larger than any previous one: after that time g follows it, as slowly as usual.
 
 **Misfit** is the part that no force at E, with a moment within its prior, explains,
 
@@ -103,6 +105,7 @@ RELEASE_SHARE, MAX_RELEASE_SHARE = 0.5, 0.8
 MIN_MEAN_SHARE = 0.3
 RELEASE_TIME = 0.1  # s
 MEAN_PAUSE = 0.5  # s
+SINGLE_SAMPLE_RATIO = 1.5  # times the level, from which on a single sample begins a contact
 ONE_SIDED_SHARE = 0.15  # share of a reading's mean square, beyond which its mean is not chance
 _STICTION_PART = NUM_FEATURES - 1  # among the parts of a variance
 MAX_UNTOUCHED_RMS = 2.0  # root mean square over MEAN_TIME
@@ -114,7 +117,8 @@ _MOMENTUM, _PREVIOUS_MOMENTUM, _TORQUE, _BASE, _JUMP2, _LOCAL2 = range(6)
 _SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(6, 13)
 NUM_UNKNOWN = _JUMP2  # rows before it are not known before the first sample
 _SINGLE_ROW = _START + 1  # first of the rows that hold single numbers
-_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, _NOT_BEFORE, NUM_SINGLE = range(9)
+_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN = range(7)
+_NOT_BEFORE, _LAST_QUICK, NUM_SINGLE = range(7, 10)
 
 # Rows of `joints`; JUMP_POLE: the observer's pole, per tick.
 JUMP_POLE, USUAL_JUMP, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(6)
@@ -477,6 +481,8 @@ def _decide(detector: _Detector, lengths: _Lengths, whitened: Whitened) -> None:
     quick = lengths.sample / settings[SAMPLE_LEVEL]
     if not in_contact and settings[CHANGE_LEVEL] < np.inf:
         quick = lengths.change / settings[CHANGE_LEVEL] if single[_SEEN] > MEAN_TIME else 0.0
+    last, single[_LAST_QUICK] = single[_LAST_QUICK], quick
+    quick = max(min(quick, last), quick / SINGLE_SAMPLE_RATIO)
     single[_RATIO] = max(quick, mean / settings[MEAN_LEVEL])
     if single[_RATIO] > 1.0:
         if not in_contact:

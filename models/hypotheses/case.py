@@ -173,6 +173,14 @@ class Case:
         rows = replace(self.rows, effort=effort)
         return replace(self.base, rows=rows, measured=self.joint_torque(effort))
 
+    def jacobian(self, rows: LogRows) -> Array:
+        """(T, 6, n) of E in axes of W, rotation first."""
+        return np.asarray(self._chain.jacobian(rows.q))
+
+    def orientation(self, rows: LogRows) -> Array:
+        """(T, 3, 3) of E in W."""
+        return np.asarray(self._chain.pose(rows.q)[0])
+
     def gravity(self, rows: LogRows) -> Array:
         """(T, n) N m, torque that holds the arm."""
         return np.asarray(self._chain.gravity_torque(rows.q))

@@ -33,7 +33,7 @@ POOR_ERROR_RATIO = 3.0  # times the model's error
 PRESSED_FORCE_RATIO = 4.0  # times the live prior's force
 ODD_SHARE = 0.15  # of the effort limit
 KINDS = ("free", "poor", "touched", "pressed", "odd")
-_KIND_PRIOR = np.array([20.0, 2.0, 1.0, 1.0, 0.5])  # counts of a Dirichlet prior
+KIND_PRIOR = np.array([20.0, 2.0, 1.0, 1.0, 0.5])  # counts of a Dirichlet prior
 _NUM_ITERATIONS, _NUM_QUICK_ITERATIONS = 6, 3
 _BLOCK_NUMBERS = 2500  # numbers of A in one product
 _LARGEST_RESIDUAL = 1e8  # N m; squares stay finite
@@ -129,25 +129,30 @@ class RowKinds:
     def _iterated(
         self, residual: Array, A: Array, theta: Array, share: Array | None, iterations: int
     ) -> Fit:
-        prior_share = _KIND_PRIOR / _KIND_PRIOR.sum()
+        prior_share = KIND_PRIOR / KIND_PRIOR.sum()
         total = float(self.weight.sum())
         share = prior_share if share is None else (total * share + prior_share) / (total + 1.0)
         left = residual - A @ theta
-        kind, log_rows = self._kinds(left, share)
+        kind, log_rows = self.of_rows(left, share)
         for _ in range(iterations):
             share = (kind @ self.weight + prior_share) / (total + 1.0)
             precision = ((kind * self.weight)[:, :, None, None] * self.precision).sum(axis=0)
             theta, hessian = self._solved(A, residual, precision)
             left = residual - A @ theta
-            kind, log_rows = self._kinds(left, share)
+            kind, log_rows = self.of_rows(left, share)
         covariance = np.linalg.inv(hessian)
         _, log_det = np.linalg.slogdet(hessian)
         log_evidence = float(self.weight @ log_rows - 0.5 * theta @ theta - 0.5 * log_det)
         kind_share = kind @ self.weight / total
         return Fit(log_evidence, theta, np.sqrt(np.diag(covariance)), kind_share, left)
 
-    def _kinds(self, residual: Array, share: Array) -> tuple[Array, Array]:
-        """Probability (5, N) of each row's kind, and the logarithm (N,) of the row's density."""
+    def of_rows(self, residual: Array, share: Array) -> tuple[Array, Array]:
+        """Probability (5, N) of each row's kind, and the logarithm (N,) of the row's density.
+
+        Args:
+            residual: (N, n) N m.
+            share: (5,) of the kinds, all above zero.
+        """
         whitened = np.matmul(self.precision, residual[:, :, None])[..., 0]
         squares = (whitened * residual).sum(axis=2)
         log_kinds = np.log(share)[:, None] + self.log_scale - 0.5 * squares

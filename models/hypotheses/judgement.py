@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.hypotheses import lasting_force
 from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.evidence import KINDS
 from wrenchsight.models.hypotheses.explanation import Explanation, odds_text
@@ -72,13 +73,13 @@ class Judgement:
             return (
                 f"the {self.word}s of {100.0 * unexplained:.0f} % of the log fit neither the model "
                 "nor a force at the tool of a plausible size, and none of these explains them: "
-                f"{', '.join(HYPOTHESES)}; check that the log is of this robot and the model of "
+                f"{_all_else()}; check that the log is of this robot and the model of "
                 "this arm, tool and mounting"
             )
         if shares["touched"] > LASTING_SHARE:
             return (
                 f"a force at the tool explains the {self.word}s of nearly the whole log; all else "
-                f"that was tried explains them less ({', '.join(HYPOTHESES)})"
+                f"that was tried explains them less ({_all_else()})"
             )
         return ""
 
@@ -113,6 +114,11 @@ class Judgement:
             "log10_odds": {name: value / math.log(10.0) for name, value in self.log_odds.items()},
             "share_pct": {kind: 100.0 * share for kind, share in self.kind_share.items()},
         }
+
+
+def _all_else() -> str:
+    """What was tried beside a force at the tool."""
+    return ", ".join(name for name in HYPOTHESES if name != lasting_force.NAME)
 
 
 def judge_log(
@@ -171,12 +177,13 @@ def refuse_faulty(
 def stands_beside_contact(fault: Explanation, base_share: Array, explained: float) -> bool:
     """Whether a fault is more than another word for a force at the tool that lasts.
 
-    The evidence charges each row for a force of its own. A force that lasts for seconds is one
-    force, and so is charged too often: a number that is fitted (a tilt, a zero, a gain) or an order
-    that is chosen may then take its place. So a fault with something to fit counts where the log as
-    it is has torques that no plausible force explains, or hardly a row without contact, or where
-    the fault leaves no contact and makes most rows, or many more, free of error. One without
-    anything to fit counts as well where the log as it is explains little.
+    The evidence charges each row for a force of its own, and `lasting_force` one that is constant
+    once. A force that lasts and changes is still charged too often: a number that is fitted (a
+    tilt, a zero, a gain) or an order that is chosen may then take its place. So a fault with
+    something to fit counts where the log as it is has torques that no plausible force explains, or
+    hardly a row without contact, or where the fault leaves no contact and makes most rows, or many
+    more, free of error. One without anything to fit counts as well where the log as it is explains
+    little.
 
     Args:
         fault: with `kind_share` of the log as the fault has it.

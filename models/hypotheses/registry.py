@@ -12,6 +12,7 @@ from wrenchsight.models.hypotheses import (
     gravity_missing,
     joint_signs,
     joint_zero,
+    lasting_force,
     position_order,
     time_shift,
     unsigned_effort,
@@ -34,5 +35,6 @@ HYPOTHESES: dict[str, Callable[[Case], Explanation | None]] = {
         time_shift,
         unsigned_effort,
         friction_drift,
+        lasting_force,
     )
 }

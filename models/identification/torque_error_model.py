@@ -5,7 +5,7 @@ The error of a reversing joint lasts until its slip has reversed. A joint at res
 within its stiction band, whatever the environment does. Per joint
 
     sd^2 = constant^2 + (speed v)^2 + (load L)^2 + (acceleration a)^2    fitted to held-out motion
-         + unknown^2 + reversal^2 turning^2                              stiction
+         + unknown^2 + min(reversal turning, 2 largest level)^2          stiction
          + (drift tau_v)^2 + (beyond_speed e_v)^2 + (beyond_load e_L)^2  stated assumptions
          + s(q)^2 beyond the largest fitted      gravity (`models.identification.gravity_spread`)
 
@@ -14,10 +14,12 @@ within its stiction band, whatever the environment does. Per joint
     unknown = LP(level sqrt(max(w, r) / 3 + m r (1 - r)))    uniform over the band, for a share w
     turning = LP(level (1 - z^2) (1 - max(w, r)))   between two directions
 
-L is the torque that the gear transmitted at the tick before, and a = K_0 (v - LP v). tau_v is the
-law's viscous torque. e_v and e_L are speed and load beyond the fitted range. LP is the observer's
-low-pass K_0 / (s + K_0): a short error fades from the reading as slowly as a force does. The state
-of the slip follows displacement, not speed:
+A law with the wrong direction errs by 2 level, and its low-pass by no more: a motion that hardly
+reverses fits a `reversal` of 10 and beyond, which a slow reversal would turn into a band that no
+friction fills. L is the torque that the gear transmitted at the tick before, and a = K_0 (v - LP
+v). tau_v is the law's viscous torque. e_v and e_L are speed and load beyond the fitted range. LP is
+the observer's low-pass K_0 / (s + K_0): a short error fades from the reading as slowly as a force
+does. The state of the slip follows displacement, not speed:
 
     p_a <- clip(p_a, p - play, p + play)            moves by dp_a
     w   <- (1 - (1 - w) (1 - g + g exp(-2 dt / rest_time))) exp(-|dp_a| / reach)
@@ -513,7 +515,9 @@ def torque_sd_rows(
             viscous = row[VISCOUS] * speed + bounded_cubic(
                 speed, row[_CUBIC], row[_SPEED_LIMIT], row[_BEYOND]
             )
-            held = state[_UNKNOWN, i] ** 2 + row[_REVERSAL2] * state[_TURNING, i] ** 2
+            largest = 2.0 * (breakaway(table, state, i) + max(-row[_S], 0.0))
+            turned = min(row[_REVERSAL2] * state[_TURNING, i] ** 2, largest * largest)
+            held = state[_UNKNOWN, i] ** 2 + turned
             total = row[_CONSTANT2] + row[_SPEED2] * speed**2 + row[_LOAD2] * load**2
             total += row[_ACCELERATION2] * gain**2 + held + row[_DRIFT2] * viscous**2 + sd[k, i]
             if fast > row[_FITTED_SPEED]:

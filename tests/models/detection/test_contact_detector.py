@@ -24,6 +24,7 @@ from wrenchsight.models.detection.contact_statistic import (
     RELEASE_TIME,
     SAMPLE_LENGTH,
     SAMPLE_RELEASE,
+    SINGLE_SAMPLE_RATIO,
     ArmSamples,
 )
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -122,11 +123,12 @@ def test_false_alarms_of_gaussian_noise_are_as_many_as_stated(sts, model):
     tau_ext = noise(learnt_model, 720_000, np.random.default_rng(2))  # two hours
     for rate in (60.0, 10.0, 1.0):
         _, detection = judged(detector_of(learnt_model, sts, rate), learnt_model, sts, tau_ext)
-        # A Gaussian tail is lighter than the exponential one that is the least to be assumed, so
-        # that two hours have fewer than stated, by more the further the level is out.
+        # A Gaussian tail is lighter than the exponential one that is the least to be assumed, and a
+        # change that exceeds its level for one sample is no contact: two hours have fewer than
+        # stated, by more the further the level is out.
         assert begins(detection.contact) <= 2.0 * rate
         if rate == 60.0:
-            assert begins(detection.contact) >= 2.0 * rate / 6.0
+            assert begins(detection.contact) >= 2.0 * rate / 20.0
 
 
 def test_without_learnt_tails_the_rate_is_kept_for_gaussian_noise(sts, model):
@@ -211,6 +213,26 @@ def test_the_mean_is_given_more_on_other_days(sts, model):
         OTHER_DAYS * learnt_model.contact_noise.mean.level_at(1.0)
     )
     assert detector.levels[3] ** 2 == pytest.approx(learnt_model.contact_noise.change.level_at(1.0))
+
+
+@pytest.mark.parametrize(
+    ("size", "samples", "delay"), [(1.3, 1, None), (1.3, 2, 1), (1.3, 20, 1), (1.7, 1, 0)]
+)
+def test_a_single_sample_beyond_the_level_is_no_contact(sts, model, size, samples, delay):
+    """Nothing but a change of joint 3 that lasts, in units of the level; a sample of 1.7 is one."""
+    learnt_model = learnt(model, sts, 60_000, 1)
+    detector = detector_of(learnt_model, sts)
+    read = np.zeros((200, N))
+    _, free = judged(detector, learnt_model, sts, read)
+    read[100, 2] = 1.0
+    _, unit = judged(detector, learnt_model, sts, read)
+    # A single sample of 1 N m counts by its share of SINGLE_SAMPLE_RATIO times the level.
+    level = 1.0 / (SINGLE_SAMPLE_RATIO * unit.statistic[100])
+    read[100 : 100 + samples, 2] = size * level
+    _, detection = judged(detector, learnt_model, sts, read)
+    touched = np.flatnonzero(detection.contact)
+    assert not free.contact.any()
+    assert (touched[0] - 100 if touched.size else None) == delay
 
 
 def test_what_no_force_at_e_explains_is_told_soon(sts, model):

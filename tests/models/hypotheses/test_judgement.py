@@ -4,6 +4,7 @@ The oracle is pinocchio's torque of the bundled UR10e, with friction of the test
 which a log can be wrong is done to that log; what the judgement then says is followed literally.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.hypotheses import judgement
 from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.explanation import Explanation
@@ -20,7 +22,11 @@ from wrenchsight.models.hypotheses.judgement import (
     judge_log,
     stands_beside_contact,
 )
-from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.identified_model import (
+    IdentifiedModel,
+    LogSource,
+    Provenance,
+)
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
@@ -214,6 +220,26 @@ def test_a_current_without_sign_is_named(ur10e: Robot) -> None:
 def test_a_force_at_the_tool_is_no_fault(ur10e: Robot, force: tuple[float, float, float]) -> None:
     judgement = judged(motion(ur10e, force=np.array(force)), ur10e)
     assert judgement.fault is None, judgement.sentence()
+
+
+def test_a_lasting_force_stands_for_itself(ur10e: Robot) -> None:
+    """A force for half of the log, beside a small model error: the evidence alone prefers it to a
+    tilt, a zero or a gain, which have fewer numbers than a force for each row."""
+    force = np.array([20.0, -12.0, 18.0])
+    log, pushed = motion(ur10e), motion(ur10e, force=force)
+    touches = (log.t > 6.0) & (log.t < 18.0)
+    current = np.where(touches[:, None], pushed.current, log.current)
+    model = replace(
+        IdentifiedModel.nominal(ur10e),
+        friction=SemiParametricFriction(CoulombViscous(COULOMB, np.zeros(6), np.zeros(6))),
+        residual_covariance=0.5**2 * np.eye(6),
+        provenance=Provenance(logs=[LogSource("identification.csv")]),
+    )
+    judgement = judge_log([replace(log, current=current)], ur10e, model)
+    assert judgement is not None
+    others = {key: odds for key, odds in judgement.log_odds.items() if key != "force that lasts"}
+    assert judgement.log_odds["force that lasts"] > math.log(1e6)
+    assert max(others.values()) < 0.0, others
 
 
 def test_a_log_that_nothing_explains_is_said_as_that(ur10e: Robot) -> None:

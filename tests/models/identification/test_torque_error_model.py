@@ -71,13 +71,18 @@ def motion(samples: int = 600) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.round(q, 4)[:samples], v[:samples], load[:samples]
 
 
-def test_the_formula_written_out() -> None:
-    error_model, friction, (q, v, load) = model(), law(), motion()
+@pytest.mark.parametrize("reversal", [np.array([0.6, 0.4]), np.array([100.0, 100.0])])
+def test_the_formula_written_out(reversal: np.ndarray) -> None:
+    """A fitted `reversal` of 100 counts as far as friction may err: from one direction to the
+    other.
+    """
+    error_model, friction, (q, v, load) = model(reversal=reversal), law(), motion()
     computed, stiction = torque_sds(error_model, friction, q, v, load, STEP)
     pole = np.exp(-20.0 * STEP)
     p, w, r, z = q[0].copy(), np.ones(N), np.ones(N), np.ones(N)
     followed = q[0].copy()
     unknown = turning = slow = last_load = np.zeros(N)
+    is_bounded = np.zeros(N, bool)
     for k in range(len(q)):
         at = np.clip(p + v[k] * STEP, q[k] - 5e-5, q[k] + 5e-5) if k else q[0]
         moved, p = (at - p) / error_model.reach, at
@@ -95,7 +100,11 @@ def test_the_formula_written_out() -> None:
         unknown = a * unknown + (1.0 - a) * level * np.sqrt(share / 3.0)
         turning = a * turning + (1.0 - a) * level * (1.0 - z**2) * (1.0 - share)
         slow = a * slow + (1.0 - a) * v[k]
-        held = unknown**2 + (error_model.reversal * turning) ** 2
+        largest = friction.coulomb + np.maximum(friction.stribeck, 0.0)
+        largest = largest + friction.load * np.abs(last_load)
+        turned = np.minimum(error_model.reversal * turning, 2.0 * largest)
+        is_bounded |= turned == 2.0 * largest
+        held = unknown**2 + turned**2
         viscous = VISCOUS * v[k] + friction.cubic * v[k] ** 3
         fast = np.abs(v[k]) - friction.speed_limit
         tangent = np.maximum(3.0 * friction.cubic * friction.speed_limit**2, -VISCOUS)
@@ -123,6 +132,7 @@ def test_the_formula_written_out() -> None:
         np.testing.assert_allclose(computed[k], np.sqrt(variance), rtol=1e-10)
         np.testing.assert_allclose(stiction[k], np.sqrt(held), rtol=1e-10, atol=1e-14)
         last_load = load[k]
+    assert (is_bounded == (reversal > 1.0)).all()
     assert (np.abs(v) > error_model.fitted_speed).any()
     assert (np.abs(load) > error_model.fitted_load).any()
 

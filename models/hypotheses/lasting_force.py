@@ -1,0 +1,108 @@
+"""Hypothesis: forces at the tool that last, each for seconds. No fault of the log: they are read.
+
+The evidence charges each row in contact for a force of its own. A push that lasts for seconds is
+one force: here each stretch of contact has one wrench, constant in the axes of W or of E, beside
+the rows' own kinds. So a tilt, a zero or a gain competes with what is as simple.
+
+A stretch begins as rows that the model without corrections does not leave free. Then wrench and
+stretch take turns: the stretch is the interval over which the wrench raises the likelihood most.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.evidence import KIND_PRIOR, Fit
+from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.numerics.arrays import Array, Flags
+
+NAME = "force that lasts"
+MAX_FREE_PROBABILITY = 0.5  # of a row of a stretch
+MIN_DURATION = 1.0  # s, of a force
+MAX_GAP = 0.5  # s, within one force
+MAX_FORCES = 4
+_NUM_PASSES = 2
+_NUM_FORMS = 2  # axes
+_SHARE = KIND_PRIOR / KIND_PRIOR.sum()
+
+
+def explain(case: Case) -> Explanation | None:
+    """The log with one wrench for each of the longest stretches; None: there is none."""
+    at = case.at
+    kind, _ = case.base.kinds.of_rows(case.base.measured[at] - case.base.expected[at], _SHARE)
+    begun = _longest_stretches(case.rows.t[at], kind[0] < MAX_FREE_PROBABILITY)
+    if not begun:
+        return None
+    J = case.jacobian(case.rows)
+    R_EW = case.orientation(case.rows).transpose(0, 2, 1)
+    J_in_E = np.concatenate([R_EW @ J[:, :3], R_EW @ J[:, 3:]], axis=1)
+    found = [_fitted(case, in_axes.transpose(0, 2, 1), begun) for in_axes in (J, J_in_E)]
+    view, fit = max(found, key=lambda pair: pair[1].log_evidence)
+    return Explanation(
+        name=NAME,
+        log_evidence=fit.log_evidence - math.log(_NUM_FORMS),
+        explained=case.explained(view, fit),
+        kind_share=fit.kind_share,
+        cause="a force at the tool that lasts",
+        remedy="nothing is to be mended",
+        is_fault=False,
+    )
+
+
+def _fitted(
+    case: Case, columns: Array, stretches: Sequence[tuple[float, float]]
+) -> tuple[View, Fit]:
+    """The view and the fit of constant wrenches, from a first guess of their stretches.
+
+    Args:
+        columns: (T, n, 6) torque of each component of a wrench.
+        stretches: begin and end of each, s.
+    """
+    t, at = case.rows.t, case.at
+    best: tuple[View, Fit] | None = None
+    for _ in range(_NUM_PASSES + 1):
+        masks = [(t >= begin) & (t <= end) for begin, end in stretches]
+        prior_sd = np.tile(case.base.kinds.wrench_sd, len(masks))
+        blocks = [columns * is_within[:, None, None] for is_within in masks]
+        view = case.base.with_columns(np.concatenate(blocks, axis=2), prior_sd)
+        fit = case.fit(view)
+        if best is not None and fit.log_evidence <= best[1].log_evidence:
+            break
+        best = view, fit
+        stretches = [
+            _best_interval(case, fit, columns[at] @ fit.theta[6 * k : 6 * k + 6], is_within[at])
+            for k, is_within in enumerate(masks)
+        ]
+    assert best is not None
+    return best
+
+
+def _best_interval(case: Case, fit: Fit, torque: Array, is_within: Flags) -> tuple[float, float]:
+    """Begin and end in s of the interval over which a wrench raises the likelihood most.
+
+    Args:
+        fit: with the wrench where `is_within`, (N,).
+        torque: (N, n) N m, of the wrench at all rows.
+    """
+    kinds, share = case.base.kinds, np.maximum(fit.kind_share, _SHARE / len(_SHARE))
+    without = fit.residual + torque * is_within[:, None]
+    gain = kinds.of_rows(without - torque, share)[1] - kinds.of_rows(without, share)[1]
+    total = np.concatenate([[0.0], np.cumsum(kinds.weight * gain)])
+    lowest = np.minimum.accumulate(total)
+    end = int(np.argmax(total - lowest))
+    begin = int(np.argmin(total[: end + 1]))
+    t = case.rows.t[case.at]
+    return float(t[min(begin, len(t) - 1)]), float(t[max(end - 1, 0)])
+
+
+def _longest_stretches(t: Array, is_touched: Flags) -> list[tuple[float, float]]:
+    """Begin and end in s of the longest stretches of rows (N,) that are touched."""
+    times = t[is_touched]
+    if not len(times):
+        return []
+    spans = np.split(times, np.flatnonzero(np.diff(times) > MAX_GAP) + 1)
+    stretches = [(float(span[0]), float(span[-1])) for span in spans]
+    stretches = [span for span in stretches if span[1] - span[0] >= MIN_DURATION]
+    return sorted(stretches, key=lambda span: span[0] - span[1])[:MAX_FORCES]
