@@ -13,12 +13,14 @@ the arm, so that every reading beyond its band is wrong. For each kind, over all
     its band
     largest_n           by how much it is outside, at most
     valid_pct           of the readings
+    invalid             shares of those that are not valid, by reason; a log that is refused has
+                        none
 """
 
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +36,8 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
+from wrenchsight.models.estimation.invalid import WRONG_LOG, InvalidCodes
+from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.hypotheses.judgement import judge_log
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -72,9 +76,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 def _kind_metrics(
     logs: list[Recording], robot: Robot, model: IdentifiedModel, out: Path
-) -> dict[str, float | None]:
+) -> dict[str, Any]:
     """The figures of one kind of damage over all logs."""
     named, after, longest, largest, valid = [], [], [], [], []
+    reasons: list[InvalidCodes] = []
     for log in logs:
         lengths = [length for length in LOG_TIMES if length < log.duration]
         parts = [log[log.t - log.t[0] <= length] for length in lengths]
@@ -86,17 +91,20 @@ def _kind_metrics(
             longest.append(0.0)
             largest.append(0.0)
             valid.append(0.0)
+            reasons.append(np.full(log.num_samples, WRONG_LOG))
             continue
-        wrong_time, excess, share = _wrongness(log, robot, model, out)
-        longest.append(wrong_time)
-        largest.append(excess)
-        valid.append(100.0 * share)
+        wrongness = _wrongness(log, robot, model, out)
+        longest.append(wrongness.time)
+        largest.append(wrongness.excess)
+        valid.append(100.0 * wrongness.valid_share)
+        reasons.append(wrongness.invalid)
     return {
         "named": float(np.mean(named)),
         "recognised_after_s": max(after) if after else None,
         "valid_and_wrong_s": max(longest),
         "largest_n": max(largest),
         "valid_pct": float(np.mean(valid)),
+        "invalid": invalid_pct(np.concatenate(reasons)),
     }
 
 
@@ -105,10 +113,24 @@ def _is_named(log: Recording, robot: Robot, model: IdentifiedModel) -> bool:
     return judgement is not None and judgement.fault is not None
 
 
-def _wrongness(
-    log: Recording, robot: Robot, model: IdentifiedModel, out: Path
-) -> tuple[float, float, float]:
-    """Longest time in s and largest excess in N of what is valid and wrong; share that is valid."""
+class _Wrongness(NamedTuple):
+    """What is valid and wrong in a reading of a log without contact.
+
+    Attributes:
+        time: s, the longest in which a valid reading is more than MAX_FORCE_ERROR outside its band.
+        excess: N, by how much a valid reading is outside at most.
+        valid_share: of the readings.
+        invalid: (N,) reasons of the readings.
+    """
+
+    time: float
+    excess: float
+    valid_share: float
+    invalid: InvalidCodes
+
+
+def _wrongness(log: Recording, robot: Robot, model: IdentifiedModel, out: Path) -> _Wrongness:
+    """Reads a log with the defaults; nothing is wrong in one that is refused."""
     with TemporaryDirectory(dir=out) as folder:
         path, model_path = Path(folder) / "log.csv", Path(folder) / "model.yaml"
         write_recording(replace(log, extra={}, row=None), path)
@@ -116,15 +138,19 @@ def _wrongness(
         try:
             result = estimate_log(path, robot.name, model_path, Path(folder) / "out")
         except InputError:
-            return 0.0, 0.0, 0.0  # refused: nothing is read
+            return _Wrongness(0.0, 0.0, 0.0, np.zeros(0, np.int64))
         table = np.genfromtxt(result.table, delimiter=",", names=True)
     excess = np.max([np.abs(table[f"f{x}"]) - SIGMA_95 * table[f"sd_f{x}"] for x in "xyz"], axis=0)
     is_valid = table["valid"] > 0.0
     is_wrong = is_valid & (excess > MAX_FORCE_ERROR)
     edges = np.flatnonzero(np.diff(np.r_[False, is_wrong, False].astype(int)))
     lengths = (edges[1::2] - edges[::2]) * float(np.median(np.diff(table["t"])))
-    largest = float(excess[is_valid].max(initial=0.0))
-    return float(lengths.max(initial=0.0)), max(0.0, largest), float(is_valid.mean())
+    return _Wrongness(
+        time=float(lengths.max(initial=0.0)),
+        excess=max(0.0, float(excess[is_valid].max(initial=0.0))),
+        valid_share=float(is_valid.mean()),
+        invalid=table["invalid"].astype(np.int64),
+    )
 
 
 EXPERIMENT = Experiment(

@@ -55,6 +55,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
+from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.signals.bands import SIGMA_95
@@ -82,6 +83,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             | {"target_less_motor": {"rmse_nm": _by_hand(log, state)}}
             for state in ("moving", "rest")
         }
+        metrics[log.name]["invalid"] = {v: _invalid(r) for v, r in log_readings.items()}
     context.progress(0.6, "parts of the errors")
     variants = logs[0].variants
     if "urdf" in variants:
@@ -143,6 +145,16 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
         "moment_rmse_nm": [axis.get("rmse_n") for axis in figures[3:]],
         "inside_95_pct": [axis.get("inside_95_pct") for axis in figures],
         "averages": int(where.sum()),
+    }
+
+
+def _invalid(reading: Lara8Reading) -> dict[str, dict[str, float]]:
+    """Percent of the readings that are not valid, by reason: while a joint moves, and at rest."""
+    settled = np.arange(len(reading.log.moving)) >= settled_from(reading.log.recording)
+    moving = reading.log.moving.any(axis=1)
+    return {
+        state: invalid_pct(reading.batch.invalid[rows])
+        for state, rows in (("moving", moving & settled), ("rest", ~moving & settled))
     }
 
 

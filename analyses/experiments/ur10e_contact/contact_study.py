@@ -7,10 +7,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+import numpy as np
+
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
     PreparedRun,
     air_refits,
     command_reading,
+    interval_reasons,
     judge_interval,
     of_controller,
     plain_law,
@@ -40,6 +43,8 @@ from wrenchsight.analyses.methods.reference_sensor.judged_force import (
     ForceReading,
     pooled_judgement,
 )
+from wrenchsight.models.estimation.invalid import InvalidCodes
+from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 
 METHODS: Final = (
@@ -173,6 +178,19 @@ def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
             node = node.setdefault(key, {})
         node[path[-1]] = pooled_judgement(judgements)
     return metrics
+
+
+def invalid_by_kind(runs: Sequence[ReadRun], method: str = "command") -> dict[str, Any]:
+    """Percent of a method's averages of 0.1 s that are not valid, by reason, at rest and sliding.
+
+    Returns:
+        By kind, "rest" and "slide".
+    """
+    codes: dict[str, list[InvalidCodes]] = {"rest": [], "slide": []}
+    for read, interval in product(runs, JUDGED):
+        kind = "slide" if interval == "slide" else "rest"
+        codes[kind].append(interval_reasons(read.prepared, read.readings[method], interval))
+    return {kind: invalid_pct(np.concatenate(parts)) for kind, parts in codes.items()}
 
 
 def _paths() -> list[tuple[str, ...]]:

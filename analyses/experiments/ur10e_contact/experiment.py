@@ -33,6 +33,7 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_study import (
     SETTLED_ON,
     ReadRun,
     contact_metrics,
+    invalid_by_kind,
     read_runs,
 )
 from wrenchsight.analyses.output.axes import limit_y
@@ -87,6 +88,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics = contact_metrics(reads)
     metrics["friction"] = {controller: refit.metrics() for controller, refit in air.items()}
     metrics["runs"] = _run_metrics(reads)
+    metrics["invalid"] = invalid_by_kind(reads)
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,

@@ -71,6 +71,11 @@ from wrenchsight.analyses.methods.identify.torque_error_learning import (
     rests_of,
 )
 from wrenchsight.analyses.methods.identify.torque_fit import SIMILARITY, TorqueFit, pooled_rmse
+from wrenchsight.analyses.methods.identify.zero_check import (
+    ZeroOffsets,
+    zero_offsets,
+    zero_warnings,
+)
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
@@ -121,6 +126,7 @@ class IdentificationResult:
             by a fit without them, of each candidate.
         solution: all parameters, before they became a model.
         robot: whose model it is.
+        zeros: offsets of the joints' zeros that the logs ask for.
         notices: what reading the logs involved, one sentence each.
     """
 
@@ -136,6 +142,7 @@ class IdentificationResult:
     extrapolated: dict[str, tuple[Array, ...]]
     solution: LawSolution
     robot: Robot
+    zeros: ZeroOffsets
     notices: tuple[str, ...] = ()
 
     def metrics(self) -> dict[str, Any]:
@@ -176,6 +183,7 @@ class IdentificationResult:
             },
             "parameters": _parameter_metrics(self),
             "inconsistent_links": unphysical_links(model.inertial_parameters, model.joint_names),
+            "joint_zeros": self.zeros.metrics(),
             "residual_sd_nm": np.sqrt(np.diag(model.residual_covariance)),
         }
 
@@ -309,19 +317,26 @@ def _identify(
         if contact_noise:
             noise = fit_contact_noise(readings, model, choice.chain)
             model = replace(model, contact_noise=noise)
+    weighted = replace(problem, weights=choice.weights, groups=None)
+    zeros = zero_offsets(weighted, choice.solution, choice.chain)
     result = IdentificationResult(
         model=model,
         base=choice.solution.base,
         fit=choice.fit,
         cross_validation=choice.cross_validation,
         validation=tuple(log.predict(choice.chain, choice.friction) for log in logs.validation),
-        warnings=(*test.notes, *_all_warnings(recordings, validation, problem, choice, model)),
+        warnings=(
+            *test.notes,
+            *_all_warnings(recordings, validation, problem, choice, model),
+            *zero_warnings(zeros, robot.joint_names),
+        ),
         config=config,
         law=choice.law,
         held_out={c.law: c.cross_validated_rmse for c in candidates},
         extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
         solution=choice.solution,
         robot=robot,
+        zeros=zeros,
     )
     progress(1.0, "done")
     return result

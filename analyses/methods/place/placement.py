@@ -68,9 +68,13 @@ EFFORT_QUICK_WITH_CLEARANCE = SearchEffort(
 EFFORT_NUMERIC = SearchEffort(
     num_samples=6000, num_poses=8, num_starts=16, num_rounds=1, num_kinds=4, num_turns=4
 )
+EFFORT_QUICK_NUMERIC = SearchEffort(
+    num_samples=2000, num_poses=4, num_starts=8, num_rounds=0, num_solves=1, num_feasibility=16
+)
 EFFORT_NUMERIC_WITH_CLEARANCE = replace(
     EFFORT_NUMERIC, num_starts=16, num_rounds=0, num_solves=2, num_feasibility=16
 )
+QUICK_SWARM = SwarmConfig(num_particles=30, num_iterations=40)
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ class PlacementRequest:
             one.
         method: how wrenches are reconstructed, for force-sd.
         effort: size of the search; None for what suits task and arm.
-        quick: a smaller search, where no effort is stated.
+        quick: a smaller search, where no effort or swarm is stated.
         may_overlap: whether the arm may overlap itself and the floor where the task asks for no
             clearance: kinematics alone, as in the article.
         swarm: settings of pso-ga; None for the article's.
@@ -223,7 +227,8 @@ def _search(
 ) -> SearchResult:
     """Searches with the solver that is requested; all but pso-ga also start from a guess."""
     if request.solver == "pso-ga":
-        return place_by_swarm(robot, program, request.seed, request.swarm, progress)
+        swarm = request.swarm or (QUICK_SWARM if request.quick else SwarmConfig())
+        return place_by_swarm(robot, program, request.seed, swarm, progress)
     guess = task.initial_path()
     start = None if guess is None else (guess.n_W, guess.p_WM, guess.R_WE)
     effort = request.effort or _effort(robot, program.cell is not None, request.quick)
@@ -287,6 +292,8 @@ def measure_of(
 
 
 def _effort(robot: Robot, has_clearance: bool, quick: bool) -> SearchEffort:
+    if not is_closed_form(robot) and quick:
+        return EFFORT_QUICK_NUMERIC
     if not is_closed_form(robot):
         return EFFORT_NUMERIC_WITH_CLEARANCE if has_clearance else EFFORT_NUMERIC
     if has_clearance:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.models.estimation.invalid import InvalidCodes
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.signals.bands import SIGMA_95
 
@@ -23,11 +24,13 @@ class ForceReading:
         force: (M,) N; NaN where there is no reading.
         sd: (M,) N, or None for a method that states none.
         valid: (M,), or None for a method that does not state it.
+        invalid: (M,) reasons why an average is not valid, or None for a method without them.
     """
 
     force: Array
     sd: Array | None = None
     valid: Flags | None = None
+    invalid: InvalidCodes | None = None
 
     def __getitem__(self, rows: NDArray[np.int64] | slice | Flags) -> "ForceReading":
         """The reading at some of its averages."""
@@ -35,6 +38,7 @@ class ForceReading:
             self.force[rows],
             None if self.sd is None else self.sd[rows],
             None if self.valid is None else self.valid[rows],
+            None if self.invalid is None else self.invalid[rows],
         )
 
 

@@ -39,6 +39,7 @@ from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.estimation.contact_filter import ContactConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.invalid import InvalidCodes
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -192,6 +193,13 @@ def judge_interval(
     return ForceJudgement.of(averaged(reading, windows), truth)
 
 
+def interval_reasons(prepared: PreparedRun, reading: ForceReading, interval: str) -> InvalidCodes:
+    """(M,) reasons of a reading's averages over an interval; (0,) if the run lacks it."""
+    windows = prepared.windows(interval)
+    reasons = averaged(reading, windows).invalid if len(windows) else None
+    return np.zeros(0, np.int64) if reasons is None else reasons
+
+
 def block_mean(signal: Array) -> Array:
     """Means over successive blocks of the first axis; an incomplete last block is left out."""
     N = len(signal) // BLOCK_SAMPLES
@@ -204,14 +212,17 @@ def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     """A reading of blocks, averaged over windows (M, W) of W blocks each.
 
     The sd of an average is the mean of its blocks' sds, since their errors are correlated for
-    longer than an average. It is valid where all of its blocks are.
+    longer than an average. It is valid where all of its blocks are, and has the reasons of all.
     """
     force = reading.force[windows].mean(axis=1)
     sd = None if reading.sd is None else reading.sd[windows].mean(axis=1)
     valid: Flags | None = None
     if reading.valid is not None:
         valid = np.asarray(reading.valid[windows].all(axis=1))
-    return ForceReading(force, sd, valid)
+    invalid: InvalidCodes | None = None
+    if reading.invalid is not None:
+        invalid = np.bitwise_or.reduce(reading.invalid[windows], axis=1)
+    return ForceReading(force, sd, valid, invalid)
 
 
 def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Array) -> ForceReading:
@@ -294,7 +305,11 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
     z = prepared.R_WE[:, :, 2]  # along the tool, pressing positive
     sd = np.sqrt(np.einsum("ki,kij,kj->k", z, covariance, z))
     valid = block_mean((column["valid"] == 1.0).astype(float)) == 1.0
-    return ForceReading(block_mean(-np.einsum("ki,ki->k", z, force)), block_mean(sd), valid)
+    codes = column["invalid"].astype(np.int64)
+    blocks = codes[: len(valid) * BLOCK_SAMPLES].reshape(len(valid), BLOCK_SAMPLES)
+    reasons = np.bitwise_or.reduce(blocks, axis=1)
+    along = block_mean(-np.einsum("ki,ki->k", z, force))
+    return ForceReading(along, block_mean(sd), valid, reasons)
 
 
 def command_reading(run: PreparedRun, file: Path, model: IdentifiedModel) -> ForceReading:

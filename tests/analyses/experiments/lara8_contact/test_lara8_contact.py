@@ -40,6 +40,14 @@ def test_the_joint_without_load_reads_none(ran) -> None:
     assert moving["torque_inside_95_pct"][0] > 80.0
 
 
+def test_what_is_not_valid_is_told_by_reason(ran) -> None:
+    """The joints never rested in logs of a model: hardly a reading is valid, and it says why."""
+    for variant in VARIANTS:
+        reasons = ran.metrics["joint3_sweep"]["invalid"][variant]["moving"]
+        assert reasons["hidden_by_stiction_pct"] > 90.0
+        assert sum(reasons.values()) <= 100.0 + 1e-9
+
+
 def test_without_the_makers_description_the_controllers_masses_are_read(tmp_path) -> None:
     """Masses fitted to the controller's torque read as the maker's do beside that torque."""
     result = EXPERIMENT.run(ExperimentContext(tmp_path, BUNDLED, draws=False))

@@ -72,6 +72,15 @@ def test_the_band_holds_block_by_block_where_the_force_changes(metrics) -> None:
     assert metrics["summary"]["command"]["contact"]["inside_95_valid_pct"] > 95.0
 
 
+def test_what_is_not_valid_is_told_by_reason(metrics) -> None:
+    """Pooled over all averages, so that their sum lies between what the runs have."""
+    for kind, intervals in (("slide", ["slide"]), ("rest", set(JUDGED) - {"slide"})):
+        parts = [run[i] for run in metrics["runs"].values() for i in intervals if i in run]
+        invalid = [100.0 - part["share_valid_pct"] for part in parts]
+        total = sum(metrics["invalid"][kind].values())
+        assert min(invalid) - 1e-9 <= total <= max(invalid) + 1e-9
+
+
 def test_only_methods_with_a_band_are_held_to_it(metrics) -> None:
     for interval in JUDGED:
         kind = metrics["straight_ur"]["v25"][interval]

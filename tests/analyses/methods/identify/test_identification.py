@@ -389,6 +389,28 @@ def test_right_torque_constants_are_not(result):
     assert not any("gravity" in w or "payload" in w for w in result.warnings)
 
 
+@pytest.mark.parametrize(("joint", "off"), [(1, 0.1), (3, -0.15)])
+def test_a_zero_that_is_off_is_found_with_its_standard_error(sts, truth, joint, off):
+    logs = [recording(sts, truth, seed, noise=0.02) for seed in (1, 2)]
+    moved = [replace(log, q=log.q + off * np.eye(6)[joint]) for log in logs]
+    result = identify(moved, sts, config=IdentificationConfig(cross_validate=False))
+    offset, sd = result.zeros.offset[joint], result.zeros.sd[joint]
+    # One linear step from a fit whose masses have taken up a part: a tenth of the offset is left.
+    assert abs(offset + off) < 4.0 * sd + 0.1 * abs(off)
+    assert sd < 0.02
+    (warning,) = [text for text in result.warnings if "zero of" in text]
+    assert f"set q_offset: {offset:.3f} at {sts.joint_names[joint]}" in warning
+
+
+def test_right_zeros_are_not(result, sts):
+    assert not any("zero of" in warning for warning in result.warnings)
+    shows = np.isfinite(result.zeros.sd)
+    assert (np.abs(result.zeros.offset) < 4.0 * result.zeros.sd)[shows].all()
+    # The first axis is vertical: no torque depends on its zero.
+    assert not shows[0]
+    assert result.metrics()["joint_zeros"]["q_offset"][0] is None
+
+
 def test_spikes_in_the_current_hardly_move_the_model(sts, noisy):
     """Twenty samples of 50 A in each joint of a log: a drive's log has them."""
     rng = np.random.default_rng(6)

@@ -10,8 +10,11 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading im
     BLOCK_SAMPLES,
     WINDOW_BLOCKS,
     PreparedRun,
+    averaged,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import CONTACT
+from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceReading
+from wrenchsight.models.estimation.invalid import SETTLING, UNCERTAIN_FORCE
 
 _STEP = 0.002  # s
 
@@ -29,3 +32,13 @@ def test_a_contact_is_judged_block_by_block_and_its_parts_over_tenths_of_a_secon
     expected = np.arange(first, first + 50).reshape(-1, size)
     np.testing.assert_array_equal(windows, expected)
     assert PreparedRun.windows(prepared, "hold1").shape == (0, WINDOW_BLOCKS)
+
+
+def test_an_average_has_the_reasons_of_all_its_blocks() -> None:
+    reasons = np.array([0, SETTLING, UNCERTAIN_FORCE, 0])
+    reading = ForceReading(np.arange(4.0), np.ones(4), reasons == 0, reasons)
+    average = averaged(reading, np.array([[0, 1], [1, 2], [0, 3]]))
+    assert average.invalid is not None and average.valid is not None
+    expected = [SETTLING, SETTLING | UNCERTAIN_FORCE, 0]
+    np.testing.assert_array_equal(average.invalid, expected)
+    np.testing.assert_array_equal(average.valid, average.invalid == 0)

@@ -1,0 +1,128 @@
+"""Zeros of joints that are off in the logs of an identification.
+
+A zero that is off turns gravity against all links beyond the joint, and masses take most of that
+up: on recordings of a UR10e 90 to 94 % of the torque by which a zero of the shoulder lift or of the
+elbow shows is torque of other masses. What is left shows in long logs that excite all joints. There
+each joint's offset is one more parameter of the least squares, linear for small offsets.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, LawSolution
+from wrenchsight.models.identification.torque_regression import INERTIAL_NAMES
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+
+MIN_OFFSET = 0.03  # rad; on seven contact-free logs of a UR10e up to 0.06 +- 0.02 is found
+SURE_SDS = 6.0  # standard errors, which do not cover errors of the model's structure
+ALIKE_SHARE = 0.5  # of the best offset's drop in squares, from which another joint's is named, too
+RANK_TOLERANCE = 1e-7  # as wrenchsight.models.identification.base_parameters
+MAX_SD = 1.0  # rad or m; beyond, masses and friction take up all of an offset's torque
+_DIFFERENCE_STEP = 1e-3  # rad or m, of the derivative
+_INERTIAL = len(INERTIAL_NAMES)
+
+
+class ZeroOffsets(NamedTuple):
+    """What to add to the logged positions, one joint at a time.
+
+    Attributes:
+        offset: (n,) rad (m).
+        sd: (n,) rad (m), standard errors; infinite where masses take up all of an offset's torque.
+    """
+
+    offset: Array
+    sd: Array
+
+    def metrics(self) -> dict[str, list[float | None]]:
+        """As metrics.json lists them; None where an offset does not show."""
+        shows = np.isfinite(self.sd)
+        return {
+            key: [float(x) if known else None for x, known in zip(values, shows, strict=True)]
+            for key, values in (("q_offset", self.offset), ("sd", self.sd))
+        }
+
+
+def zero_offsets(problem: FrictionFit, solution: LawSolution, chain: SerialChain) -> ZeroOffsets:
+    """The offset of each joint that the logs of a fit ask for, with all other parameters free.
+
+    Args:
+        problem: problem of the logs; where motors move several joints, no offset shows.
+        solution: parameters of its fit.
+        chain: the arm with the fitted inertias.
+    """
+    n = problem.robot.num_joints
+    if problem.robot.is_coupled:
+        return ZeroOffsets(np.zeros(n), np.full(n, np.inf))
+    sd = np.maximum(solution.estimate.residual_sd, 1e-12)
+    friction_by_log = problem.columns(solution.structure, problem.loads(solution))
+    counts = [1 + len(terms) for terms in solution.structure.terms]  # rotor and friction
+    rows: list[Array] = []
+    for k, (log, regression) in enumerate(zip(problem.runs, problem.regressions, strict=True)):
+        slope = _slope(chain, log.q, log.v, log.vdot)
+        columns = log.match(slope.reshape(len(slope), n * n))[regression.rows].reshape(-1, n, n)
+        friction = [
+            np.hstack([of_joint, columns[:, j]]) for j, of_joint in enumerate(friction_by_log[k])
+        ]
+        weights = None if problem.weights is None else problem.weights[k]
+        starts = _INERTIAL * n + np.concatenate([[0], np.cumsum(np.add(counts, n))])
+        own = np.concatenate(
+            [
+                np.arange(_INERTIAL * n),
+                *(s + np.arange(c) for s, c in zip(starts, counts, strict=False)),
+            ]
+        )
+        for j, R in enumerate(regression.factors(friction, weights=weights).R):
+            offsets = starts[j] + counts[j] + np.arange(n)
+            rows.append(R[:, [*own, *offsets, -1]] / sd[j])
+    stacked = np.vstack(rows)
+    W, D, y = stacked[:, : -n - 1], stacked[:, -n - 1 : -1], stacked[:, -1]
+    lengths = np.maximum(np.linalg.norm(W, axis=0), 1e-12)
+    U, s, _ = np.linalg.svd(W / lengths, full_matrices=False)
+    U = U[:, s > RANK_TOLERANCE * s[0]]
+    left, residual = D - U @ (U.T @ D), y - U @ (U.T @ y)
+    size = np.maximum(np.linalg.norm(left, axis=0), 1e-12)
+    sd_of_offset = np.sqrt(problem.oversampling) / size
+    shows = sd_of_offset < MAX_SD
+    return ZeroOffsets(
+        offset=np.where(shows, left.T @ residual / size**2, 0.0),
+        sd=np.where(shows, sd_of_offset, np.inf),
+    )
+
+
+def zero_warnings(zeros: ZeroOffsets, names: Sequence[str]) -> list[str]:
+    """A sentence on the joint whose zero is off, with its offset; empty where none surely is.
+
+    Args:
+        names: of the joints.
+    """
+    offset, sd = zeros
+    gain = (offset / sd) ** 2
+    best = int(np.argmax(gain))
+    if gain[best] < SURE_SDS**2 or abs(offset[best]) < MIN_OFFSET:
+        return []
+
+    def words(j: int) -> str:
+        return f"{names[j]} off by {-offset[j]:.3f} +- {sd[j]:.1g} rad"
+
+    others = [j for j in np.flatnonzero(gain > ALIKE_SHARE * gain[best]) if j != best]
+    alike = f" (nearly as well with that of {', or of '.join(map(words, others))})"
+    return [
+        f"the logs fit better with the zero of {words(best)}{alike if others else ''}: check the "
+        f"zeros and whether the base is level; then set q_offset: {offset[best]:.3f} at "
+        f"{names[best]} in robot.yaml (drives), which is added to its logged positions, and "
+        "identify again"
+    ]
+
+
+def _slope(chain: SerialChain, q: Array, v: Array, vdot: Array) -> Array:
+    """(T, n, n) torque of each joint per rad (m) of each joint's offset."""
+    steps = _DIFFERENCE_STEP * np.eye(q.shape[1])
+    ahead_less_behind = [
+        np.asarray(chain.inverse_dynamics(q + step, v, vdot))
+        - np.asarray(chain.inverse_dynamics(q - step, v, vdot))
+        for step in steps
+    ]
+    return np.stack(ahead_less_behind, axis=2) / (2.0 * _DIFFERENCE_STEP)
