@@ -107,7 +107,8 @@ def zero_warnings(zeros: ZeroOffsets, names: Sequence[str]) -> list[str]:
     def words(j: int) -> str:
         return f"{names[j]} off by {-offset[j]:.3f} +- {sd[j]:.1g} rad"
 
-    others = [j for j in np.flatnonzero(gain > ALIKE_SHARE * gain[best]) if j != best]
+    alike_joints = np.flatnonzero(gain > ALIKE_SHARE * gain[best]).tolist()
+    others = [j for j in alike_joints if j != best]
     alike = f" (nearly as well with that of {', or of '.join(map(words, others))})"
     return [
         f"the logs fit better with the zero of {words(best)}{alike if others else ''}: check the "
