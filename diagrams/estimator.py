@@ -1,6 +1,7 @@
 """The wrench estimator as a Diagram, to be dropped into any other."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -177,85 +178,82 @@ def _check_stages(name: str, stages: Mapping[str, LeafSystem]) -> None:
                 raise ValueError(f"{name}: stage {stage!r} needs an input {port!r}: {kind}")
 
 
+class _Stages(NamedTuple):
+    """The blocks of the estimator's stages, each ours or one in its place.
+
+    Attributes:
+        terms, motor, friction, observer, reconstruction: see `make_estimator`.
+        torque_error: None where no block reads it.
+    """
+
+    terms: LeafSystem
+    motor: LeafSystem
+    friction: LeafSystem
+    observer: LeafSystem
+    reconstruction: LeafSystem
+    torque_error: LeafSystem | None
+
+
 def _staged(
     estimator: WrenchEstimator,
     name: str,
     detection: ContactDetectionConfig | None,
-    stages: dict[str, LeafSystem],
+    own_stages: dict[str, LeafSystem],
     corrected: bool,
 ) -> Diagram:
-    """The estimator as a block a stage."""
-    _check_stages(name, stages)
+    """The estimator as a block a stage; the arguments are those of `make_estimator`."""
+    _check_stages(name, own_stages)
     builder = DiagramBuilder()
-    period = estimator.observer.time_step
-
-    def add(stage: str, block: LeafSystem) -> LeafSystem:
-        return builder.AddNamedSystem(stage, stages.get(stage, block))
-
-    terms = add("terms", RigidBodyTermsSystem(estimator.chain))
-    motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
     at_planned_speed = corrected and estimator.friction.is_of_speed_alone
-    knows_rest = estimator.learnt and not at_planned_speed
-    friction = add("friction", _friction_system(estimator.friction, period, knows_rest))
-    observer = add("observer", _observer_system(estimator.observer))
-    reconstruction = add(
-        "reconstruction",
-        JacobianWrenchReconstruction(estimator.reading, period if estimator.learnt else 0.0),
+    has_error = estimator.learnt or corrected or "torque_error" in own_stages
+    has_detection = detection is not None or "detection" in own_stages
+    stages = _add_stages(
+        builder,
+        estimator,
+        own_stages,
+        knows_rest=estimator.learnt and not at_planned_speed,
+        has_error=has_error or has_detection,
     )
-    tau_ext, tau_ext_valid = _signals(builder, "observed", observer, ("tau_ext", "valid"))
-    wrench_signals = ("wrench", "covariance", "condition_number", "valid", "invalid")
-    wrench_ports = _signals(builder, "reading", reconstruction, wrench_signals)
-    blocks: list[LeafSystem] = [terms, motor, observer]
-    sources = _checked_inputs(builder, estimator, stages.get("samples")) | {
-        "terms": terms.GetOutputPort("terms"),
-        "tau_J": motor.GetOutputPort("tau_J"),
-        "tau_f": friction.GetOutputPort("tau_f"),
-        "sliding": _sliding_port(builder, friction, estimator.friction),
-        "pole": _pole_port(builder, observer, estimator.num_joints),
-        "tau_ext": tau_ext,
-        "tau_ext_valid": tau_ext_valid,
-    }
-    if estimator.observer.reads_wrench and "observer" not in stages:
-        sources["observed"] = observer.GetOutputPort("wrench")
-    wrench_sources = dict(sources)
-    uses_sd = isinstance(observer, ExternalTorqueObserver) and observer.uses_sd
-    has_error = estimator.learnt or corrected or "torque_error" in stages
-    has_detection = detection is not None or "detection" in stages
-    if has_error or uses_sd or has_detection:  # else no block reads it
-        error = add("torque_error", TorqueErrorSystem(estimator.error, period))
-        sources["torque_error"] = error.GetOutputPort("torque_error")
-        blocks.append(error)
-        if corrected and error.HasInputPort("added_sd"):
-            builder.ExportInput(error.GetInputPort("added_sd"), "correction_sd")
+    sources = _sources(builder, estimator, stages, own_stages.get("samples"))
+    if estimator.observer.reads_wrench and "observer" not in own_stages:
+        sources["observed"] = stages.observer.GetOutputPort("wrench")
+    _connect(builder, [stages.terms, stages.motor, stages.observer], sources)
+    if stages.torque_error is not None:
+        _connect(builder, [stages.torque_error], sources)
+        if corrected and stages.torque_error.HasInputPort("added_sd"):
+            builder.ExportInput(stages.torque_error.GetInputPort("added_sd"), "correction_sd")
         builder.ExportOutput(sources["torque_error"], "torque_error")
-    _connect(builder, blocks, sources)
     if at_planned_speed:
-        builder.ExportInput(friction.GetInputPort("v"), "v_planned")
-        _connect(builder, [friction], {name: sources[name] for name in sources if name != "v"})
+        builder.ExportInput(stages.friction.GetInputPort("v"), "v_planned")
+        without_v = {signal: sources[signal] for signal in sources if signal != "v"}
+        _connect(builder, [stages.friction], without_v)
     else:
-        _connect(builder, [friction], sources)
+        _connect(builder, [stages.friction], sources)
+
+    # The reading takes the observer's valid beside the correction's: it names the reason.
+    reading_sources = dict(sources)
     if corrected:
-        correction = builder.AddNamedSystem("correction", TorqueCorrection(estimator.num_joints))
-        for signal in ("tau_correction", "correction_valid"):
-            builder.ExportInput(correction.GetInputPort(signal), signal)
-        _connect(builder, [correction], sources)
-        wrench_sources["corrected"] = correction.GetOutputPort("corrected")
-        wrench_sources["tau_ext"] = correction.GetOutputPort("tau_ext")
-        sources |= {name: correction.GetOutputPort(name) for name in ("tau_ext", "tau_ext_valid")}
-    if has_error:
-        wrench_sources["torque_error"] = sources["torque_error"]
-    else:  # of one covariance, and without a lag
-        del wrench_sources["pole"]
-    _connect(builder, [reconstruction], wrench_sources)
+        correction = _add_correction(builder, estimator.num_joints, sources)
+        reading_sources["corrected"] = correction.GetOutputPort("corrected")
+        reading_sources["tau_ext"] = correction.GetOutputPort("tau_ext")
+        for signal in ("tau_ext", "tau_ext_valid"):
+            sources[signal] = correction.GetOutputPort(signal)
+    if not has_error:  # one covariance, and no lag
+        reading_sources.pop("torque_error", None)
+        del reading_sources["pole"]
+    _connect(builder, [stages.reconstruction], reading_sources)
+
     for signal in ("tau_ext", "tau_f", "tau_ext_valid"):
         builder.ExportOutput(sources[signal], signal)
+    wrench_signals = _STAGE_OUTPUTS["reconstruction"]
+    wrench_ports = _signals(builder, "reading", stages.reconstruction, wrench_signals)
     for signal, port in zip(wrench_signals, wrench_ports, strict=True):
         builder.ExportOutput(port, signal)
-    known_terms = None if "terms" in stages else sources["terms"]
+    known_terms = None if "terms" in own_stages else sources["terms"]
     builder.ExportOutput(_terms_as_read(builder, estimator, known_terms), "terms")
     builder.ExportOutput(sources["fault"], "fault")
-    if "detection" in stages:
-        detector = add("detection", stages["detection"])
+    if "detection" in own_stages:
+        detector = builder.AddNamedSystem("detection", own_stages["detection"])
         readings = dict(zip(wrench_signals, wrench_ports, strict=True))
         _connect(builder, [detector], sources | readings)
         for signal in DETECTION:
@@ -266,6 +264,78 @@ def _staged(
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
+
+
+def _add_stages(
+    builder: DiagramBuilder,
+    estimator: WrenchEstimator,
+    own_stages: Mapping[str, LeafSystem],
+    *,
+    knows_rest: bool,
+    has_error: bool,
+) -> _Stages:
+    """Adds the blocks of the stages by their names, unconnected.
+
+    Args:
+        own_stages: blocks that take the place of ours, by the name of the stage.
+        knows_rest: whether the friction is told which joints rest.
+        has_error: whether a block besides the observer reads the torque error.
+    """
+    period = estimator.observer.time_step
+
+    def add(stage: str, block: LeafSystem) -> LeafSystem:
+        return builder.AddNamedSystem(stage, own_stages.get(stage, block))
+
+    terms = add("terms", RigidBodyTermsSystem(estimator.chain))
+    motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
+    friction = add("friction", _friction_system(estimator.friction, period, knows_rest))
+    observer = add("observer", _observer_system(estimator.observer))
+    reading_period = period if estimator.learnt else 0.0
+    reconstruction = add(
+        "reconstruction", JacobianWrenchReconstruction(estimator.reading, reading_period)
+    )
+    torque_error = None
+    if has_error or (isinstance(observer, ExternalTorqueObserver) and observer.uses_sd):
+        torque_error = add("torque_error", TorqueErrorSystem(estimator.error, period))
+    return _Stages(terms, motor, friction, observer, reconstruction, torque_error)
+
+
+def _sources(
+    builder: DiagramBuilder,
+    estimator: WrenchEstimator,
+    stages: _Stages,
+    own_samples: LeafSystem | None,
+) -> dict[str, OutputPort]:
+    """The port that each signal comes from, by the name of the inputs that take it.
+
+    Args:
+        own_samples: block in the place of the check of samples.
+    """
+    observer_signals = _STAGE_OUTPUTS["observer"]
+    tau_ext, tau_ext_valid = _signals(builder, "observed", stages.observer, observer_signals)
+    sources = _checked_inputs(builder, estimator, own_samples) | {
+        "terms": stages.terms.GetOutputPort("terms"),
+        "tau_J": stages.motor.GetOutputPort("tau_J"),
+        "tau_f": stages.friction.GetOutputPort("tau_f"),
+        "sliding": _sliding_port(builder, stages.friction, estimator.friction),
+        "pole": _pole_port(builder, stages.observer, estimator.num_joints),
+        "tau_ext": tau_ext,
+        "tau_ext_valid": tau_ext_valid,
+    }
+    if stages.torque_error is not None:
+        sources["torque_error"] = stages.torque_error.GetOutputPort("torque_error")
+    return sources
+
+
+def _add_correction(
+    builder: DiagramBuilder, num_joints: int, sources: Mapping[str, OutputPort]
+) -> LeafSystem:
+    """Adds the correction of an air pass, connects it and exports its inputs."""
+    correction = builder.AddNamedSystem("correction", TorqueCorrection(num_joints))
+    for signal in ("tau_correction", "correction_valid"):
+        builder.ExportInput(correction.GetInputPort(signal), signal)
+    _connect(builder, [correction], sources)
+    return correction
 
 
 def _terms_as_read(
@@ -374,28 +444,44 @@ def _detect(
         builder.ExportOutput(parts.get_output_port(k), signal)
 
 
+_FUSED_OUTPUTS = (
+    "tau_ext",
+    "wrench",
+    "covariance",
+    "condition_number",
+    "valid",
+    "invalid",
+    "terms",
+    "fault",
+    "tau_f",
+    "tau_ext_valid",
+)
+
+
 def _fused(
     estimator: WrenchEstimator,
     name: str,
     detection: ContactDetectionConfig | None,
     corrected: bool,
 ) -> Diagram:
-    """The estimator as one block."""
+    """The estimator as one block; the arguments are those of `make_estimator`.
+
+    q, v, current --> block -- reading --> demultiplexer --> tau_ext, wrench, ... -+
+                        +---- terms, pole, sliding, tau_J ---------------------> detection
+    """
     builder = DiagramBuilder()
     block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator, corrected))
     for k in range(block.num_input_ports()):
         port = block.get_input_port(k)
         builder.ExportInput(port, port.get_name())
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    sizes = block.reading_sizes
-    reading = builder.AddNamedSystem("reading", Demultiplexer(list(sizes.values())))
+    signal_sizes = block.reading_sizes
+    reading = builder.AddNamedSystem("reading", Demultiplexer(list(signal_sizes.values())))
     builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
-    sources = {part: reading.get_output_port(k) for k, part in enumerate(sizes)}
-    sources |= {name: block.GetOutputPort(name) for name in ("terms", "pole", "sliding")}
-    for signal in (
-        *("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid"),
-        *("terms", "fault", "tau_f", "tau_ext_valid"),
-    ):
+    sources = {signal: reading.get_output_port(k) for k, signal in enumerate(signal_sizes)}
+    for signal in ("terms", "pole", "sliding"):
+        sources[signal] = block.GetOutputPort(signal)
+    for signal in _FUSED_OUTPUTS:
         builder.ExportOutput(sources[signal], signal)
     if estimator.learnt or corrected:
         builder.ExportOutput(sources["torque_error"], "torque_error")

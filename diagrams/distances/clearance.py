@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import Box
+from pydrake.geometry import Box, GeometryId, SignedDistancePair
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
@@ -32,6 +32,7 @@ _MAX_PROTRUSION = 3e-3  # m, by which a shape may stand out beyond the part that
 _SAME_DISTANCE = 1e-6  # m; distances of curved shapes are exact to that
 _BOX_CORNERS = tuple(itertools.product((-1.0, 1.0), repeat=3))  # of a box
 _LARGEST_SCALE = 10.0  # of a pair that must keep little, so that its gradient stays smooth
+_MIN_GRADIENT_SHARE = 1e-6  # of a pair in the gradient
 
 
 @dataclass(frozen=True)
@@ -281,33 +282,49 @@ class Clearance:
         -1/k ln sum exp(-k slack_i), k = MINIMUM_SHARPNESS, over all pairs and one that is always at
         INFLUENCE_DISTANCE. A pair that must keep less than the margin, as the parts of a wrist,
         counts in its own measure, margin / required: what a caller keeps in reserve then fits it
-        too.
+        too. The gradient is the mean of the pairs' gradients, weighted with exp(-k slack_i).
         """
-        plant, context = self.shapes.plant, self.shapes.context
         pairs = [
             p for p in self.shapes.pairs(q, INFLUENCE_DISTANCE) if np.isfinite(self._requirement(p))
         ]
+        # The last entry is that of the pair that is always at INFLUENCE_DISTANCE.
         required = np.array([self._requirement(pair) for pair in pairs] + [self.margin])
-        scale = np.clip(self.margin / np.maximum(required, 1e-9), 1.0, _LARGEST_SCALE)
         distance = np.array([pair.distance for pair in pairs] + [INFLUENCE_DISTANCE + self.margin])
+        scale = np.clip(self.margin / np.maximum(required, 1e-9), 1.0, _LARGEST_SCALE)
         slack = scale * (distance - required)
-        lowest = float(slack.min())
-        share = np.exp(-MINIMUM_SHARPNESS * (slack - lowest))
-        total = float(share.sum())
-        share *= scale
-        gradient = np.zeros(plant.num_velocities())
-        world = plant.world_frame()
-        for pair, part in zip(pairs, share / total, strict=False):
-            if part < 1e-6:
-                continue
-            for sign, shape, point in ((1.0, pair.id_A, pair.p_ACa), (-1.0, pair.id_B, pair.p_BCb)):
-                frame = self.shapes.body[shape].body_frame()
-                X_FG = self.shapes.inspector.GetPoseInFrame(shape)
-                J = plant.CalcJacobianTranslationalVelocity(
-                    context, JacobianWrtVariable.kQDot, frame, X_FG @ point, world, world
-                )
-                gradient += part * sign * (pair.nhat_BA_W @ J)
+        lowest = float(slack.min())  # taken out of the sum, which would underflow
+        weight = np.exp(-MINIMUM_SHARPNESS * (slack - lowest))
+        total = float(weight.sum())
+        weight *= scale
+        gradient = np.zeros(self.shapes.plant.num_velocities())
+        for pair, share in zip(pairs, weight / total, strict=False):
+            if share >= _MIN_GRADIENT_SHARE:
+                gradient += share * self._distance_gradient(pair)
         return lowest - float(np.log(total)) / MINIMUM_SHARPNESS, gradient[self.shapes.order]
+
+    def _distance_gradient(self, pair: SignedDistancePair) -> Array:
+        """(n_v,) gradient of a pair's distance by the plant's positions, at the context's posture.
+
+        The distance grows as the nearest points Ca and Cb move apart along the normal.
+        """
+        plant, world = self.shapes.plant, self.shapes.plant.world_frame()
+
+        def jacobian(shape: GeometryId, p_GC: Array) -> Array:
+            """(3, n_v) of a point of a shape, in axes of W."""
+            X_FG = self.shapes.inspector.GetPoseInFrame(shape)
+            return np.asarray(
+                plant.CalcJacobianTranslationalVelocity(
+                    self.shapes.context,
+                    JacobianWrtVariable.kQDot,
+                    self.shapes.body[shape].body_frame(),
+                    X_FG @ p_GC,
+                    world,
+                    world,
+                )
+            )
+
+        J_Ca, J_Cb = jacobian(pair.id_A, pair.p_ACa), jacobian(pair.id_B, pair.p_BCb)
+        return np.asarray(pair.nhat_BA_W @ J_Ca - pair.nhat_BA_W @ J_Cb)
 
     def certify(
         self,

@@ -20,6 +20,21 @@ FORCE_ARROWS: dict[str, ArrowStyle] = {
     "force estimated": ArrowStyle((0.0, 0.447, 0.698), 0.55, 0.009, 0.021),
 }
 
+_SIDE_ANGLE = 1.0  # rad about the vertical, from the tool's direction to the camera's
+_CAMERA_RISE = 0.35  # of the camera, over its horizontal distance
+_FRONT_DISTANCE, _CHOSEN_DISTANCE = 1.1, 1.3  # of the camera, over the size of arm and path
+
+
+def _quiet_meshcat() -> Meshcat:
+    """Starts Meshcat without its greeting, which names a web address that is of no use here."""
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)
+    try:
+        return Meshcat(MeshcatParams(show_stats_plot=False))
+    finally:
+        log.setLevel(level)
+
 
 def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None = None) -> Meshcat:
     """Starts Meshcat without a browser, on a white ground, looking at arm and tool from the side.
@@ -30,30 +45,25 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
         view_direction: (3,) from the tool to the camera, in W; by default from ahead of the tool
             and to one side, a little above.
     """
-    # Its greeting names a web address that is of no use here.
-    log = logging.getLogger("drake")
-    level = log.level
-    log.setLevel(logging.WARNING)
-    try:
-        meshcat = Meshcat(MeshcatParams(show_stats_plot=False))
-    finally:
-        log.setLevel(level)
+    meshcat = _quiet_meshcat()
     meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
     meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
     for object_path in ("/Axes", "/Grid"):
         meshcat.SetProperty(object_path, "visible", False)
+    # The camera looks at a point between base and tool, from as far as the arm reaches and more.
     path = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
-    tool = 0.5 * (path.min(axis=0) + path.max(axis=0))
+    tool = 0.5 * (path.min(axis=0) + path.max(axis=0))  # middle of the path
     _, home = robot.chain.pose(robot.home)
     size = max(0.5, float(np.linalg.norm(home)), float(np.linalg.norm(path, axis=1).max()))
     target = np.array([0.45 * tool[0], 0.45 * tool[1], 0.5 * size])
     if view_direction is None:
-        azimuth = np.arctan2(tool[1], tool[0]) - 1.0
-        direction = np.array([np.cos(azimuth), np.sin(azimuth), 0.35])
+        azimuth = np.arctan2(tool[1], tool[0]) - _SIDE_ANGLE
+        direction = np.array([np.cos(azimuth), np.sin(azimuth), _CAMERA_RISE])
+        distance = _FRONT_DISTANCE * size
     else:
         direction = np.array(view_direction, dtype=np.float64) / np.linalg.norm(view_direction)
-    distance = 1.1 if view_direction is None else 1.3
-    meshcat.SetCameraPose(target + distance * size * direction, target)
+        distance = _CHOSEN_DISTANCE * size
+    meshcat.SetCameraPose(target + distance * direction, target)
     return meshcat
 
 

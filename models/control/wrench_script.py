@@ -171,29 +171,13 @@ class WrenchScript:
         self, segments: Sequence[WrenchSegment], seed: int = 0, source: str = "wrench"
     ) -> None:
         self.segments = tuple(segments)
-        rows: list[list[float]] = []
+        rows: list[tuple[float, ...]] = []
         tones: list[Array] = []
         for i, segment in enumerate(segments):
             _check(segment, i, source)
-            shape, phase, push_length, push_period = 0.0, 0.0, 0.0, 1.0
-            if isinstance(segment, WrenchStep):
-                kind = _STEP_SHAPE
-            elif isinstance(segment, WrenchRamp):
-                kind, shape = _RAMP_SHAPE, segment.rise
-            elif isinstance(segment, WrenchSine):
-                kind, shape, phase = _SINE_SHAPE, segment.frequency, segment.phase
-            else:
-                kind, shape, phase = _PUSH_SHAPE, segment.fade, float(len(tones))
-                push_length = segment.each if segment.each > 0.0 else segment.duration
-                push_period = push_length + segment.pause
-                random = np.random.default_rng([seed, segment.seed, i])
-                tone = np.empty((6, _NUM_TONES, 2))
-                tone[..., 0] = 2 * np.pi * segment.bandwidth * random.random((6, _NUM_TONES))
-                tone[..., 1] = 2 * np.pi * random.random((6, _NUM_TONES))
-                tones.append(tone)
-            end = segment.start + segment.duration
-            wrench = (*segment.moment, *segment.force)
-            rows.append([kind, segment.start, end, shape, phase, *wrench, push_length, push_period])
+            rows.append(_table_row(segment, first_tone=len(tones)))
+            if isinstance(segment, HandPush):
+                tones.append(_random_tones(segment, np.random.default_rng([seed, segment.seed, i])))
         self.table = np.array(rows, dtype=np.float64).reshape(-1, 13)
         self.tones = np.array(tones, dtype=np.float64).reshape(-1, 6, _NUM_TONES, 2)
 
@@ -202,6 +186,37 @@ class WrenchScript:
         wrench = np.empty(6)
         sample_script(self.table, self.tones, t, wrench)
         return wrench
+
+
+def _table_row(segment: WrenchSegment, first_tone: int) -> tuple[float, ...]:
+    """The (13,) numbers of a segment, of `sample_script`.
+
+    Args:
+        first_tone: index of its tones, of a HandPush.
+    """
+    rise_or_rate, phase_or_tone, push_length, push_period = 0.0, 0.0, 0.0, 1.0
+    if isinstance(segment, WrenchStep):
+        kind = _STEP_SHAPE
+    elif isinstance(segment, WrenchRamp):
+        kind, rise_or_rate = _RAMP_SHAPE, segment.rise
+    elif isinstance(segment, WrenchSine):
+        kind, rise_or_rate, phase_or_tone = _SINE_SHAPE, segment.frequency, segment.phase
+    else:
+        kind, rise_or_rate, phase_or_tone = _PUSH_SHAPE, segment.fade, float(first_tone)
+        push_length = segment.each if segment.each > 0.0 else segment.duration
+        push_period = push_length + segment.pause
+    end = segment.start + segment.duration
+    wrench = (*segment.moment, *segment.force)
+    times = (segment.start, end, rise_or_rate, phase_or_tone)
+    return (kind, *times, *wrench, push_length, push_period)
+
+
+def _random_tones(push: HandPush, random: np.random.Generator) -> Array:
+    """(6, tones, 2) angular frequencies, rad/s, up to the push's bandwidth, and phases, rad."""
+    tones = np.empty((6, _NUM_TONES, 2))
+    tones[..., 0] = 2 * np.pi * push.bandwidth * random.random((6, _NUM_TONES))
+    tones[..., 1] = 2 * np.pi * random.random((6, _NUM_TONES))
+    return tones
 
 
 def _check(segment: WrenchSegment, index: int, source: str) -> None:

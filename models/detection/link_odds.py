@@ -121,11 +121,18 @@ def place_evidence(
 ) -> Array:
     """Log likelihoods (n + 1,) of link 1 to n and of E for one contact, up to a common constant.
 
+    A place is made of points, each with a weight, and the force has one of FORCE_SIZES:
+
+        log p(place) = log sum over points and sizes of weight / sizes * exp(mean over samples of
+                       log N(tau; 0, D R D + size^2 B^T B))
+
+    B are the torques of unit forces at the point. Links before the last loaded joint have -inf.
+
     Args:
         J: (K, 6, n) of K samples of it.
         tau_ext: (K, n) N m, of the contact alone: less the torque estimated without it.
         sd: (K, n) N m of its error.
-        correlation: (n, n) of the errors of the joints; None: they are independent.
+        correlation: (n, n) R of the errors of the joints; None: they are independent.
         loaded: sds, beyond which the mean of a joint's torque is no error.
 
     Raises:
@@ -142,27 +149,30 @@ def place_evidence(
     D = np.sqrt(sd**2 + (GAIN_ERROR_SHARE * tau) ** 2 + (CROSS_ERROR_SHARE * largest) ** 2)
     loaded_joints = np.flatnonzero(np.abs(np.mean(tau / D, axis=0)) > loaded)
     first_link = int(loaded_joints[-1]) if len(loaded_joints) else 0
-    places: list[list[Array]] = [[] for _ in range(n + 1)]
-    weights = [np.empty(0)] * n
+    E = n  # the place after the links
+    by_sample: list[list[Array]] = [[] for _ in range(n + 1)]  # by place: (points, sizes) each
+    weights = [np.empty(0)] * n + [np.full(len(FORCE_LEVERS), 1.0 / len(FORCE_LEVERS))]
     for J_k, tau_k, D_k in zip(J, tau, D, strict=True):
-        white = np.linalg.inv(np.linalg.cholesky(D_k[:, None] * R * D_k))
-        y = white @ tau_k
+        whitening = np.linalg.inv(np.linalg.cholesky(D_k[:, None] * R * D_k))
+        white_tau = whitening @ tau_k
         surfaces = _surfaces(J_k)
-        for k in range(first_link, n):
-            B = _on_link(J_k, k, surfaces[k]) @ white.T
-            places[k].append(_log_likelihood(B, y, inwards=True))
-            weights[k] = surfaces[k].weight  # the posture changes little during a contact
-        B = (
-            np.stack([np.concatenate([J_k[3:], lever * J_k[:3]]) for lever in FORCE_LEVERS])
-            @ white.T
-        )
-        places[n].append(_log_likelihood(B, y, inwards=False))
-    weights.append(np.full(len(FORCE_LEVERS), 1.0 / len(FORCE_LEVERS)))
+        for link in range(first_link, n):
+            B = _on_link(J_k, link, surfaces[link]) @ whitening.T
+            by_sample[link].append(_log_likelihood(B, white_tau, inwards=True))
+            weights[link] = surfaces[link].weight  # posture changes little during a contact
+        B = _at_E(J_k) @ whitening.T
+        by_sample[E].append(_log_likelihood(B, white_tau, inwards=False))
     evidence = np.full(n + 1, -np.inf)
-    for k in range(first_link, n + 1):
-        mean = np.mean(places[k], axis=0)  # (points, sizes)
-        evidence[k] = logsumexp(mean, b=weights[k][:, None] / len(FORCE_SIZES))
+    for place in range(first_link, n + 1):
+        by_point_and_size = np.mean(by_sample[place], axis=0)
+        share = weights[place][:, None] / len(FORCE_SIZES)
+        evidence[place] = logsumexp(by_point_and_size, b=share)
     return evidence
+
+
+def _at_E(J: Array) -> Array:
+    """B (levers, 6, n) at E: of unit forces, and of moments of such forces by FORCE_LEVERS."""
+    return np.stack([np.concatenate([J[3:], lever * J[:3]]) for lever in FORCE_LEVERS])
 
 
 class _Surface(NamedTuple):
@@ -224,8 +234,11 @@ class AxisFeet(NamedTuple):
 def axis_feet(J: Array) -> AxisFeet:
     """The feet of axis 1 to n: its points nearest to the previous and to the next axis.
 
-    The last foot of the last axis is its point nearest to E. J does not determine where a prismatic
-    joint lies: it takes the previous point, or E.
+    The feet of two neighbours are where their common perpendicular meets them (as in Denavit and
+    Hartenberg's parameters). Where there is none, of parallel axes or a prismatic joint, the axis
+    has one foot only: the point nearest to the foot before, or to E for the first. The last foot of
+    the last axis is its point nearest to E. J does not determine where a prismatic joint lies: its
+    foot is the one before, or E.
 
     Args:
         J: (6, n), rows [angular; linear], at E in axes of W.
@@ -241,25 +254,30 @@ def axis_feet(J: Array) -> AxisFeet:
             return point
         return np.asarray(axis_point[k] + axis[k] * float(axis[k] @ (point - axis_point[k])))
 
-    nearest = [
+    # Entry k: where the common perpendicular of axes k and k + 1 meets them; None: there is none.
+    perpendiculars = [
         None if slides[k] or slides[k + 1] else _nearest(axis[k : k + 2], axis_point[k : k + 2])
         for k in range(n - 1)
     ]
+    E = np.zeros(3)
     first_foot, last_foot = np.zeros((n, 3)), np.zeros((n, 3))
     for k in range(n):
-        nearest_before = nearest[k - 1] if k else None
-        nearest_after = nearest[k] if k < n - 1 else None
-        if nearest_before is not None:
-            first_foot[k] = nearest_before.on_second
-        elif k:
+        to_previous = perpendiculars[k - 1] if k > 0 else None
+        to_next = perpendiculars[k] if k < n - 1 else None
+        if to_previous is not None:
+            first_foot[k] = to_previous.on_second
+        elif k > 0:
             first_foot[k] = on_axis(k, last_foot[k - 1])
+        elif to_next is not None:
+            first_foot[k] = to_next.on_first
         else:
-            at_E = on_axis(k, np.zeros(3))
-            first_foot[k] = at_E if nearest_after is None else nearest_after.on_first
+            first_foot[k] = on_axis(k, E)
         if k == n - 1:
-            last_foot[k] = on_axis(k, np.zeros(3))
+            last_foot[k] = on_axis(k, E)
+        elif to_next is not None:
+            last_foot[k] = to_next.on_first
         else:
-            last_foot[k] = first_foot[k] if nearest_after is None else nearest_after.on_first
+            last_foot[k] = first_foot[k]
     return AxisFeet(first_foot, last_foot)
 
 

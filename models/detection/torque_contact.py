@@ -61,6 +61,7 @@ SD_PER_MEDIAN = 1.4826  # sd over median of |x|, of a Gaussian
 MAX_SAMPLES = 1 << 18  # from which the error is learnt
 _MIN_SD = 1e-4  # N m, where a log shows no error
 _MIN_MEDIAN_SAMPLES = 20  # samples, of which a median is taken
+_MIN_STEPS = 3  # contacts, of whose steps of the baseline a median is taken
 _SETTLING_TIME = 0.15  # s after a contact, from when a sample counts as free
 # Entries of `_State.numbers`; _TIME is NaN before the first sample, _ABOVE where s is not above
 # CONTACT_LEVEL.
@@ -180,38 +181,46 @@ def first_baseline(t: Array, tau_ext: Array) -> Array:
 def learn_reported_torque_sd(t: Array, tau_ext: Array, J: Array) -> ReportedTorqueSd:
     """Finds the error of a log's torque from its stretches without contact.
 
+    Which stretches these are depends on the error in turn. So the detector runs over the log with
+    the error of its calmest windows first, and NUM_ROUNDS times with that of the stretches in which
+    it has found no contact. At rest the error is the noise there, plus what the baseline changes
+    over a contact, which a detector cannot tell from a lasting one.
+
     Args:
         t: (N,) s.
         tau_ext: (N, n) N m.
         J: (N, 6, n).
     """
     is_finite = np.isfinite(tau_ext).all(axis=1) & np.isfinite(J).all(axis=(1, 2)) & np.isfinite(t)
-    t, tau, J = (
-        t[is_finite][:MAX_SAMPLES],
-        tau_ext[is_finite][:MAX_SAMPLES],
-        J[is_finite][:MAX_SAMPLES],
-    )
-    n = tau_ext.shape[1]
+    rows = np.flatnonzero(is_finite)[:MAX_SAMPLES]
+    t, tau, J = t[rows], tau_ext[rows], J[rows]
+    n = tau.shape[1]
+    least_sd, endless_sd = np.full(n, _MIN_SD), np.full(n, np.inf)
     if len(t) < _MIN_MEDIAN_SAMPLES:
-        least = np.full(n, _MIN_SD)
-        return ReportedTorqueSd(least, least)
+        return ReportedTorqueSd(least_sd, least_sd)
     start = first_baseline(t, tau)
-    least = np.full(n, _MIN_SD)
-    plain = TorqueContactDetector(ReportedTorqueSd(np.full(n, np.inf), np.full(n, np.inf)), start)
-    first_pass = plain.run(t, tau, J)
-    moving_sd = _floored(_spread((tau - first_pass.baseline)[first_pass.moving], least))
-    calm = np.maximum(_windows_sd(t, tau, ~first_pass.moving), least)
-    sd = _floored(START_SD_RATIO * calm)
+
+    def run(rest_sd: Array, moving_sd: Array) -> TorqueContact:
+        return TorqueContactDetector(ReportedTorqueSd(rest_sd, moving_sd), start).run(t, tau, J)
+
+    without_contacts = run(endless_sd, endless_sd)
+    is_moving = without_contacts.moving
+    moving_torque = (tau - without_contacts.baseline)[is_moving]
+    moving_sd = _floored(_spread(moving_torque, least_sd))
+    calm_sd = np.maximum(_windows_sd(t, tau, ~is_moving), least_sd)
+    rest_sd = _floored(START_SD_RATIO * calm_sd)
     for _ in range(NUM_ROUNDS):
-        contacts = TorqueContactDetector(ReportedTorqueSd(sd, moving_sd), start).run(t, tau, J)
+        contacts = run(rest_sd, moving_sd)
         free_torque = (tau - contacts.baseline)[_is_settled(t, contacts)]
-        noise = np.maximum(_spread(free_torque, calm), calm)
+        noise_sd = np.maximum(_spread(free_torque, calm_sd), calm_sd)
         steps = _baseline_steps(t, contacts)
-        step = noise if len(steps) < 3 else SD_PER_MEDIAN * np.median(np.abs(steps), axis=0)
-        sd = _floored(np.hypot(noise, step))
-    if not first_pass.moving.any():
-        moving_sd = sd
-    return ReportedTorqueSd(sd, np.maximum(moving_sd, sd))
+        step_sd = noise_sd
+        if len(steps) >= _MIN_STEPS:
+            step_sd = SD_PER_MEDIAN * np.median(np.abs(steps), axis=0)
+        rest_sd = _floored(np.hypot(noise_sd, step_sd))
+    if not is_moving.any():
+        moving_sd = rest_sd
+    return ReportedTorqueSd(rest_sd, np.maximum(moving_sd, rest_sd))
 
 
 class _Edges(NamedTuple):

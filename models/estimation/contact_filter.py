@@ -307,29 +307,42 @@ class ContactFilter:
             self._P[_ALONG, _ALONG] += self._force_sd**2
 
     def _predict(self, block: Block) -> None:
-        """Moves the state on by one block: decay and process noise of each component."""
+        """Moves the state on by one block.
+
+        Each component is a first-order process with a decay d and a stationary variance v, but for
+        the force along the axis, a random walk:
+
+            x <- d x,    P <- d d^T P + diag((1 - d^2) v)
+
+        The wrench before becomes the newest of the past ones, which stay as they are.
+        """
         config, T = self._config, self._period
-        is_standing = block.tool_speed < config.standing_speed
-        across_time = config.standing_across_time if is_standing else config.across_time
         decay, variance = np.ones(len(self._x)), np.zeros(len(self._x))
+        # Force across and moments. A tool that stands is held by friction.
+        if block.tool_speed < config.standing_speed:
+            across_time = config.standing_across_time
+            friction_sd = config.held_across * max(float(self._x[_ALONG]), 0.0)
+            across_sd = float(np.hypot(config.standing_across_sd, friction_sd))
+        else:
+            across_time, across_sd = config.across_time, config.across_sd
         decay[1:WRENCH_SIZE] = np.exp(-T / across_time)
-        friction_sd = config.held_across * max(float(self._x[_ALONG]), 0.0)
-        standing_sd = np.hypot(config.standing_across_sd, friction_sd)
-        variance[_ACROSS] = (standing_sd if is_standing else config.across_sd) ** 2
+        variance[_ACROSS] = across_sd**2
         variance[_MOMENTS] = config.moment_sd**2
-        errors = block.sd**2
-        previous_errors = errors if self._variance is None else self._variance
-        fall = np.sqrt(np.minimum(1.0, errors / np.maximum(previous_errors, 1e-12)))
-        decay[self._errors] = np.exp(-T / config.error_time) * fall
-        variance[self._errors] = errors
+        # Errors of the torque. One whose sd falls shrinks with it; the first ones are drawn anew.
+        error_variance = block.sd**2
         if self._variance is None:
             decay[self._errors] = 0.0
-        self._variance = errors
+        else:
+            shrunk = error_variance / np.maximum(self._variance, 1e-12)
+            shrinking = np.sqrt(np.minimum(1.0, shrunk))
+            decay[self._errors] = np.exp(-T / config.error_time) * shrinking
+        variance[self._errors] = error_variance
+        self._variance = error_variance
+        noise = (1.0 - decay**2) * variance
+        noise[_ALONG] = config.force_rate**2 * T
         order = self._order
         self._x = self._x[order] * decay
         self._P = self._P[np.ix_(order, order)] * (decay[:, None] * decay)
-        noise = (1.0 - decay**2) * variance
-        noise[_ALONG] = config.force_rate**2 * T
         self._P[np.diag_indices_from(self._P)] += noise
 
     def _update(self, block: Block) -> bool:

@@ -58,11 +58,11 @@ def posterior_rows(
     """
     n = J.shape[2]
     A, y, Ay, AAT = np.empty((6, n)), np.empty(n), np.empty(6), np.empty((6, 6))
-    R, live_covariance, gain = np.zeros((6, 6)), np.empty((6, 6)), np.empty((3, n))
+    R, by_live_prior, gain = np.zeros((6, 6)), np.empty((6, 6)), np.empty((3, n))
     force_covariance, stiction_covariance = np.empty((3, 3)), np.empty((3, 3))
-    is_live_prior = True
+    is_same_prior = True
     for i in range(6):
-        is_live_prior = is_live_prior and prior_sd[i] == live_prior_sd[i]
+        is_same_prior = is_same_prior and prior_sd[i] == live_prior_sd[i]
     for k in range(J.shape[0]):
         quality[k, FORCE_SD], quality[k, STICTION_FORCE] = np.nan, 0.0
         quality[k, HAS_FULL_RANK] = 1.0
@@ -74,16 +74,18 @@ def posterior_rows(
         _factorise_information(AAT, prior_sd, R)
         _write_mean(R, prior_sd, Ay, wrench[k])
         _write_covariance(R, prior_sd, covariance[k])
-        if is_live_prior:
-            live_covariance[:] = covariance[k]
-        else:
+        live_covariance = covariance[k]
+        if not is_same_prior:
+            live_covariance = by_live_prior
             _factorise_information(AAT, live_prior_sd, R)
             _write_covariance(R, live_prior_sd, live_covariance)
         if not _are_small(wrench[k], covariance[k]):
             _write_prior(prior_sd, wrench[k], covariance[k])
             quality[k, FORCE_SD] = np.inf
             continue
-        force_covariance[:] = live_covariance[3:, 3:]
+        for i in range(3):
+            for j in range(3):
+                force_covariance[i, j] = live_covariance[3 + i, 3 + j]
         force_variance = largest_eigenvalue_3x3(force_covariance)
         quality[k, FORCE_SD] = np.sqrt(max(force_variance, 0.0))
         if not _are_zero(stiction[k]):
@@ -125,8 +127,10 @@ def _are_zero(values: Array) -> bool:
 @kernel
 def _write_prior(prior_sd: Array, wrench: Array, covariance: Array) -> None:
     """Writes the prior in place of a reading: zero, with the prior's covariance."""
-    wrench[:], covariance[:] = 0.0, 0.0
     for i in range(6):
+        wrench[i] = 0.0
+        for j in range(6):
+            covariance[i, j] = 0.0
         covariance[i, i] = prior_sd[i] * prior_sd[i]
 
 

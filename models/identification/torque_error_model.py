@@ -306,41 +306,45 @@ class TorqueErrorModel:
         n = self.num_joints
         K_0 = np.broadcast_to(np.asarray(K_0, float), (n,))
         step = self.resolution if resolution is None else np.asarray(resolution, float)
-        table = np.zeros((n, _COLUMNS))
         sliding = friction if isinstance(friction, SlidingLaw) else SlidingLaw.of(friction)
+        table = np.zeros((n, _COLUMNS))
+        # Friction.
         table[:, :SLIDING_COLUMNS] = np.transpose(sliding[:SLIDING_COLUMNS])
         table[:, _S] = held_stribeck(table[:, _C], table[:, _S])
-        viscous = np.abs(sliding.viscous)
-        smooth = K_0 / (1.0 + K_0 * self.correlation_time)
-        smooth /= self.K_0 / (1.0 + self.K_0 * self.correlation_time)
         table[:, VISCOUS], table[:, OFFSET] = sliding.viscous, sliding.offset
+        # Sampling and observer.
         table[:, _HALF_STEP] = 0.5 * np.broadcast_to(step, (n,))
         table[:, _PERIOD] = time_step
         table[:, _POLE] = np.exp(-K_0 * time_step)
         table[:, _GAIN] = K_0
-        table[:, _DECAY] = np.exp(-2.0 * time_step / self.rest_time)
-        table[:, _INVERSE_REACH] = 1.0 / self.reach
-        table[:, _CONSTANT2] = smooth * self.constant**2
-        table[:, _SPEED2] = smooth * self.speed**2
-        table[:, _LOAD2] = smooth * self.load**2
-        table[:, _ACCELERATION2] = smooth * self.acceleration**2
+        # Variances of the error's smooth part, from the K_0 of the fit to this one.
+        passed = K_0 / (1.0 + K_0 * self.correlation_time)
+        passed_in_fit = self.K_0 / (1.0 + self.K_0 * self.correlation_time)
+        by_K_0 = passed / passed_in_fit
+        table[:, _CONSTANT2] = by_K_0 * self.constant**2
+        table[:, _SPEED2] = by_K_0 * self.speed**2
+        table[:, _LOAD2] = by_K_0 * self.load**2
+        table[:, _ACCELERATION2] = by_K_0 * self.acceleration**2
+        # Variances of reversals, of a drift, and beyond what the logs cover.
         table[:, _REVERSAL2] = self.reversal**2
         table[:, _DRIFT2] = self.drifts**2
-        is_fitted = self.fitted_speed > 0.0
-        table[:, _FITTED_SPEED] = np.where(is_fitted, self.fitted_speed, np.inf)
-        table[:, _BEYOND_SPEED2] = (self.beyond_speed * viscous) ** 2
-        is_fitted = self.fitted_load > 0.0
-        table[:, _FITTED_LOAD] = np.where(is_fitted, self.fitted_load, np.inf)
+        has_speed, has_load = self.fitted_speed > 0.0, self.fitted_load > 0.0
+        table[:, _FITTED_SPEED] = np.where(has_speed, self.fitted_speed, np.inf)
+        table[:, _BEYOND_SPEED2] = (self.beyond_speed * np.abs(sliding.viscous)) ** 2
+        table[:, _FITTED_LOAD] = np.where(has_load, self.fitted_load, np.inf)
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
+        # Rests: how fast a joint's friction becomes unknown, and how soon it is known to rest.
+        table[:, _DECAY] = np.exp(-2.0 * time_step / self.rest_time)
+        table[:, _INVERSE_REACH] = 1.0 / self.reach
         table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
         table[:, _PLAY] = np.maximum(2.0 * table[:, _HALF_STEP], MIN_PLAY)
+        table[:, _INVERSE_CREEP] = 1.0 / (CREEP_SPEED * time_step)
         table[:, _HELD], table[:, _UNSEEN] = self.held, self.rests == 0.0
         is_elastic = sliding.remembers > 0.0
-        times = np.where(is_elastic, RELAXATION_TIME, RECOGNITION_TIME)
         table[:, _SUDDEN] = ~is_elastic
-        table[:, _INVERSE_CREEP] = 1.0 / (CREEP_SPEED * time_step)
-        recognised = -np.expm1(-time_step / times)
-        table[:, _RECOGNISED] = 0.0 if self.law_holds_at_rest else recognised
+        recognition_time = np.where(is_elastic, RELAXATION_TIME, RECOGNITION_TIME)
+        recognised_share = -np.expm1(-time_step / recognition_time)  # of what is left, a period
+        table[:, _RECOGNISED] = 0.0 if self.law_holds_at_rest else recognised_share
         return table if chain is None else np.hstack([table, self.spread_table(chain)])
 
     def initial_state(self) -> Array:

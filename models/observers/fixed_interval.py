@@ -369,62 +369,109 @@ def response_log(
             not in `response`.
         response: (K, 6, C n) with K at most N, written: dF.
     """
-    P_log, period, kinds = log.P, log.period, log.kinds
-    N, _, n = period.shape
-    M, columns = P_log.shape[1], error.shape[1]
-    t = split_table(model.table, n)
-    rounding, T, num_ready = t.joints[ROUND], t.numbers[PERIOD], response.shape[0]
+    N, num_ready, n = len(log.kinds), len(response), log.period.shape[2]
+    errors = np.empty((N, n + 6, error.shape[1]))
+    _forward_response(model, log, torque, error, num_ready, errors)
+    _backward_response(model, log, errors, response)
+
+
+@kernel
+def _forward_response(
+    model: IntervalModel,
+    log: FilterLog,
+    torque: Array,
+    error: Array,
+    num_ready: int,
+    errors: Array,
+) -> None:
+    """Writes what the torques change in the filter's predictions: dz, with the log's gains.
+
+        dz <- dz - K dp                 a sample is measured; dp is dz's momentum
+        dz <- A dz - T torque           a period goes by
+
+    Args:
+        model, log, torque: of `response_log`.
+        error: (M, C n) dz before the first sample; changed to that before sample `num_ready`.
+        num_ready: at most N.
+        errors: (N, n + 6, C n), written: momentum and F of dz before each sample.
+    """
+    N, _, n = log.period.shape
+    M, num_cases = error.shape
+    table = split_table(model.table, n)
+    T, rounding = table.numbers[PERIOD], table.joints[ROUND]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
-    errors = np.empty((N, n + 6, columns))
-    error_k, lam = error.copy(), np.zeros((M, columns))
+    dz = error.copy()
     for k in range(N):
         if k == num_ready:
-            error[:] = error_k
-        errors[k] = error_k[: n + 6]
-        if kinds[k, _MEASURED]:
-            _gain(P_log[k], rounding, L, K)
+            error[:] = dz
+        errors[k] = dz[: n + 6]
+        if log.kinds[k, _MEASURED]:
+            _gain(log.P[k], rounding, L, K)
             for a in range(M):
                 for i in range(n):
-                    for c in range(columns):
-                        error_k[a, c] -= K[a, i] * errors[k, i, c]
+                    for case in range(num_cases):
+                        dz[a, case] -= K[a, i] * errors[k, i, case]
         else:
-            error_k[:n] = 0.0
-        if not kinds[k, _KNOWN]:
-            continue
-        for i in range(n):
-            error_k[n + 6 + i] *= period[k, _DECAY, i]
-        _step_matrix(t, model.drift_decay, model.J[k], period[k], A)
-        _add_rows(A, n, error_k)
-        for c in range(columns):
-            error_k[c % n, c] -= T * torque[k, c // n, c % n]
-        for a in range(n, M):
-            error_k[a] *= A[a, a]
+            dz[:n] = 0.0
+        if log.kinds[k, _KNOWN]:
+            for i in range(n):
+                dz[n + 6 + i] *= log.period[k, _DECAY, i]
+            _step_matrix(table, model.drift_decay, model.J[k], log.period[k], A)
+            _add_rows(A, n, dz)
+            for case in range(num_cases):
+                joint = case % n
+                dz[joint, case] -= T * torque[k, case // n, joint]
+            for a in range(n, M):
+                dz[a] *= A[a, a]
     if num_ready == N:
-        error[:] = error_k
-    innovation = np.empty(n)
+        error[:] = dz
+
+
+@kernel
+def _backward_response(
+    model: IntervalModel, log: FilterLog, errors: Array, response: Array
+) -> None:
+    """Writes dF after smoothing, from the changes of the predictions.
+
+    The adjoint's part of the first n states is that of the momentum:
+
+        lambda <- A^T lambda                                    a period goes by
+        lambda <- lambda + H^T (S^-1 dp - K^T lambda)           a sample is measured
+        dF = dz_F - P_F lambda                                  P_F: rows of F
+
+    Args:
+        model, log: of `response_log`.
+        errors: (N, n + 6, C n) of `_forward_response`.
+        response: (K, 6, C n) with K at most N, written.
+    """
+    N, _, n = log.period.shape
+    M, num_cases = log.P.shape[1], errors.shape[2]
+    table = split_table(model.table, n)
+    L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
+    lam, by_sample = np.zeros((M, num_cases)), np.empty(n)
     for k in range(N - 1, -1, -1):
-        if kinds[k, _KNOWN]:
-            _step_matrix(t, model.drift_decay, model.J[k], period[k], A)
+        if log.kinds[k, _KNOWN]:
+            _step_matrix(table, model.drift_decay, model.J[k], log.period[k], A)
             _transposed(A, n, lam)
             for i in range(n):
-                lam[n + 6 + i] *= period[k, _DECAY, i]
-        if kinds[k, _MEASURED]:
-            _gain(P_log[k], rounding, L, K)
-            for c in range(columns):
-                innovation[:] = errors[k, :n, c]
-                solve_factorised(L, n, innovation)
+                lam[n + 6 + i] *= log.period[k, _DECAY, i]
+        if log.kinds[k, _MEASURED]:
+            _gain(log.P[k], table.joints[ROUND], L, K)
+            for case in range(num_cases):
+                by_sample[:] = errors[k, :n, case]
+                solve_factorised(L, n, by_sample)
                 for i in range(n):
                     for a in range(M):
-                        innovation[i] -= K[a, i] * lam[a, c]
-                lam[:n, c] += innovation
+                        by_sample[i] -= K[a, i] * lam[a, case]
+                lam[:n, case] += by_sample
         else:
             lam[:n] = 0.0
-        if k < num_ready:
+        if k < len(response):
             for a in range(6):
                 response[k, a] = errors[k, n + a]
                 for b in range(M):
-                    for c in range(columns):
-                        response[k, a, c] -= P_log[k, n + a, b] * lam[b, c]
+                    for case in range(num_cases):
+                        response[k, a, case] -= log.P[k, n + a, b] * lam[b, case]
 
 
 @kernel

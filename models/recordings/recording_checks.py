@@ -29,6 +29,7 @@ _JUMP_MARGIN = 0.1  # rad or m beyond what twice the velocity limit allows
 _WINDOW_S = 0.1  # over which the integral of v is compared with the change of q
 _LEAST_MOTION = 2e-3  # rad or m in a window: noise of an encoder at rest stays below
 _LEAST_WINDOWS = 10
+_STANDING_SHARE = 1e-8  # of the other's square: position or velocity stands still
 _LEAST_WINDOWS_FAR_OFF = 3  # where q or v of one joint stands still, or of all joints is far off
 _FAR_OFF = 5.0  # times
 _FEW_WINDOWS_MOTION = 1e-2  # rad or m a window, on average, from which fewer windows suffice
@@ -169,16 +170,21 @@ class RecordingChecks:
         self._motion.add(v_change, q_change, is_moving & is_gapless[:, None])
 
     def _judge_motion(self, chunk: Recording) -> None:
-        """Refuses velocities that are not the derivative of the positions, once enough is read."""
+        """Refuses velocities that are not the derivative of the positions, once enough is read.
+
+        A joint is judged by correlation and ratio of dq/dt and v over _LEAST_WINDOWS windows. Fewer
+        do where both are far from each other: on all joints, as with a wrong unit, or where one of
+        them stands still. Before, only a long motion that v does not explain at all is wrong.
+        """
         cosine, ratio = self._motion.cosine(), self._motion.ratio()
         xx, yy, count = self._motion.xx, self._motion.yy, self._motion.count
         smaller, larger = np.minimum(xx, yy), np.maximum(xx, yy)
         may_judge = count >= _LEAST_WINDOWS_FAR_OFF
-        far_off = may_judge & (smaller * _FAR_OFF**2 < larger)
-        if not (far_off.sum() > 1 and (far_off == may_judge).all()):
-            stands_still = smaller < 1e-8 * larger
-            far_off = may_judge & stands_still
-        is_enough = count >= np.where(far_off, _LEAST_WINDOWS_FAR_OFF, _LEAST_WINDOWS)
+        is_far_off = may_judge & (smaller * _FAR_OFF**2 < larger)
+        is_wrong_unit = is_far_off.sum() > 1 and bool((is_far_off == may_judge).all())
+        if not is_wrong_unit:
+            is_far_off = may_judge & (smaller < _STANDING_SHARE * larger)
+        is_enough = count >= np.where(is_far_off, _LEAST_WINDOWS_FAR_OFF, _LEAST_WINDOWS)
         low, high = _VELOCITY_RATIO
         follows = (cosine >= _LEAST_CORRELATION) & (low <= ratio) & (ratio <= high)
         moves_far = may_judge & (larger > count * _FEW_WINDOWS_MOTION**2)
@@ -187,10 +193,10 @@ class RecordingChecks:
         if not len(wrong):
             return
         j = int(wrong[0])
-        if xx[j] < 1e-8 * yy[j]:
+        if xx[j] < _STANDING_SHARE * yy[j]:
             problem = "v stands still while q moves"
             remedy = "log the velocity, or give its column"
-        elif yy[j] < 1e-8 * xx[j]:
+        elif yy[j] < _STANDING_SHARE * xx[j]:
             problem = "q stands still while v moves"
             remedy = "log the position, or give its column"
         elif is_enough[j] and abs(cosine[j]) < _LEAST_CORRELATION:

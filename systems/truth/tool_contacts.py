@@ -3,8 +3,8 @@
 from collections.abc import Collection
 
 import numpy as np
-from pydrake.geometry import GeometryId
-from pydrake.multibody.plant import ContactResults
+from pydrake.geometry import ContactSurface, GeometryId
+from pydrake.multibody.plant import ContactResults, PointPairContactInfo
 from pydrake.multibody.tree import BodyIndex
 
 from wrenchsight.models.numerics.arrays import Array
@@ -39,30 +39,40 @@ class ToolContacts:
             (count or more, 9) force and moment about C on the tool, N and N m, and C, m, in W; and
             count.
         """
+        num_points, num_patches = (
+            results.num_point_pair_contacts(),
+            results.num_hydroelastic_contacts(),
+        )
+        if num_points + num_patches > len(self._contacts):
+            self._contacts = np.zeros((2 * (num_points + num_patches), 9))
         contacts, count = self._contacts, 0
-        points, patches = results.num_point_pair_contacts(), results.num_hydroelastic_contacts()
-        if points + patches > len(contacts):
-            contacts = self._contacts = np.zeros((2 * (points + patches), 9))
-        for i in range(points):
+        for i in range(num_points):
             point = results.point_pair_contact_info(i)
-            row = contacts[count]
-            if int(point.bodyB_index()) == self._tool_body:
-                row[:3] = point.contact_force()
-            elif int(point.bodyA_index()) == self._tool_body:
-                row[:3] = -point.contact_force()
-            else:
-                continue
-            row[3:6], row[6:] = 0.0, point.contact_point()
-            count += 1
-        for i in range(patches):
+            sign = self._sign_of_point(point)
+            if sign != 0.0:
+                contacts[count, :3] = sign * point.contact_force()
+                contacts[count, 3:6] = 0.0
+                contacts[count, 6:] = point.contact_point()
+                count += 1
+        for i in range(num_patches):
             patch = results.hydroelastic_contact_info(i)
             surface = patch.contact_surface()
-            wrench = patch.F_Ac_W().get_coeffs()  # on the body of geometry M, at the centroid
-            if surface.id_N() in self._tool_geometries:
-                wrench = -wrench
-            elif surface.id_M() not in self._tool_geometries:
-                continue
-            row = contacts[count]
-            row[:3], row[3:6], row[6:] = wrench[3:], wrench[:3], surface.centroid()
-            count += 1
+            sign = self._sign_of_patch(surface)
+            if sign != 0.0:
+                wrench = sign * patch.F_Ac_W().get_coeffs()  # rotation first, at the centroid
+                contacts[count, :3], contacts[count, 3:6] = wrench[3:], wrench[:3]
+                contacts[count, 6:] = surface.centroid()
+                count += 1
         return contacts, count
+
+    def _sign_of_point(self, point: PointPairContactInfo) -> float:
+        """1 where the force, which acts on body B, is the tool's; -1 where it is of body A; 0."""
+        if int(point.bodyB_index()) == self._tool_body:
+            return 1.0
+        return -1.0 if int(point.bodyA_index()) == self._tool_body else 0.0
+
+    def _sign_of_patch(self, surface: ContactSurface) -> float:
+        """1 where the force, which acts on geometry M, is the tool's; -1 where of geometry N; 0."""
+        if surface.id_N() in self._tool_geometries:
+            return -1.0
+        return 1.0 if surface.id_M() in self._tool_geometries else 0.0

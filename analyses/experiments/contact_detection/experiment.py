@@ -94,6 +94,7 @@ PUSH_FORCES = (5.0, 10.0, 20.0, 30.0, 60.0)  # N
 PUSH_TIMES = (0.1, 0.5, 2.0)  # s
 SIMULATED_FORCES = (10.0, 30.0)  # N
 SIMULATED_DURATION = 0.5  # s
+PUSH_STARTS = (2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0)  # s
 SIMULATED_STEP = 1e-3  # s
 NO_CONTACTS = {"contacts": 0, "missed": 0, "delay_median_s": None, "delay_max_s": None}
 JUDGED = "push_30n_500ms_at_e"
@@ -305,6 +306,32 @@ def _labelled(
     }
 
 
+def _pushed_at_E(robot: Robot, force: float) -> Recording:
+    """A log of the simulated arm, pushed at E along its second excitation.
+
+    Args:
+        force: N, of each push, for SIMULATED_DURATION in a random direction.
+    """
+    rng = np.random.default_rng(17)
+    directions = rng.normal(size=(len(PUSH_STARTS), 3))
+    forces = [(force * d / np.linalg.norm(d)).tolist() for d in directions]
+    trajectory = stored_excitation(robot, 2).joint_trajectory(2)
+    scenario = Scenario(
+        robot=robot.name,
+        duration=trajectory.duration,
+        seed=23,
+        controller=TRACKING_CONFIG,
+        wrench=[
+            WrenchStep(start, SIMULATED_DURATION, push)
+            for start, push in zip(PUSH_STARTS, forces, strict=True)
+        ],
+    )
+    t, signals = run_free(scenario, robot, IdentifiedModel.nominal(robot), trajectory)
+    return Recording(
+        t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="pushed"
+    )
+
+
 def _simulated() -> dict[str, Any]:
     """The simulated arm is pushed at E along its second excitation, and once left alone."""
     robot = Robot.load(ROBOT)
@@ -317,34 +344,13 @@ def _simulated() -> dict[str, Any]:
         "simulated_free": {**NO_CONTACTS, **false_alarm_metrics(len(alarms), free.hours)}
     }
     for size in SIMULATED_FORCES:
-        rng = np.random.default_rng(17)
-        starts = np.arange(2.0, 18.0, 2.0)
-        directions = rng.normal(size=(len(starts), 3))
-        forces = [
-            (size * direction / np.linalg.norm(direction)).tolist() for direction in directions
-        ]
-        trajectory = stored_excitation(robot, 2).joint_trajectory(2)
-        scenario = Scenario(
-            robot=robot.name,
-            duration=trajectory.duration,
-            seed=23,
-            controller=TRACKING_CONFIG,
-            wrench=[
-                WrenchStep(float(start), SIMULATED_DURATION, force)
-                for start, force in zip(starts, forces, strict=True)
-            ],
-        )
-        t, signals = run_free(scenario, robot, IdentifiedModel.nominal(robot), trajectory)
-        recording = Recording(
-            t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="pushed"
-        )
-        log = TrialLog(recording, robot, model, SIMULATED_STEP)
+        log = TrialLog(_pushed_at_E(robot, size), robot, model, SIMULATED_STEP)
         detection = log.detect(log.detector(FALSE_ALARM_RATE))
         tally = Tally()
-        size_of = round(SIMULATED_DURATION / SIMULATED_STEP)
-        for start in starts:
+        num_samples = round(SIMULATED_DURATION / SIMULATED_STEP)  # of a push
+        for start in PUSH_STARTS:
             begin = round(start / SIMULATED_STEP)
-            tally.add(detection, begin, begin + size_of, SIMULATED_STEP, None)
+            tally.add(detection, begin, begin + num_samples, SIMULATED_STEP, None)
         outcome[f"simulated_{size:g}n_{1e3 * SIMULATED_DURATION:g}ms"] = tally.metrics()
     return outcome
 

@@ -272,13 +272,15 @@ def _log_metrics(
 ) -> dict[str, Any]:
     """The error and the stated band of a log, by method and regime of motion.
 
+    The log is read at the point at which the load acts, so that the truth is a force alone.
+
     Args:
-        mass: kg, that hangs on the arm; 0 for a log without contact.
+        mass: kg, that hangs on the arm; 0 for a log without contact, whose true force is zero.
         begin: first sample, on the uniform grid, that is judged.
     """
     uniform = resampled(recording, TIME_STEP)
-    judged = ~uniform.dropout
-    judged[:begin] = judged[-END_MARGIN_SAMPLES:] = False
+    is_judged = ~uniform.dropout
+    is_judged[:begin] = is_judged[-END_MARGIN_SAMPLES:] = False
     metrics: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
         config = _config(recording, method)
@@ -286,20 +288,27 @@ def _log_metrics(
         if not estimator.learnt:
             raise ValueError("the model has no torque error")
         observation = estimator.observe(uniform.q, uniform.v, uniform.current)
-        J, truth = observation.J, np.zeros((len(observation.J), 3))
+        J_at_point, true_force = observation.J, np.zeros((len(observation.J), 3))
         if mass > 0.0:
-            Sigma_tau = reader.model.residual_covariance
-            point, truth = force_of_load(robot, uniform, J, observation.tau_ext, Sigma_tau, mass)
-            J = jacobian_at(J, robot.chain.pose(uniform.q)[0], point)
-        reading = _read(_PointLog(uniform, observation, J), robot, reader, config)
-        error = reading.wrench[:, 3:] - truth
+            point, true_force = force_of_load(
+                robot,
+                uniform,
+                observation.J,
+                observation.tau_ext,
+                reader.model.residual_covariance,
+                mass,
+            )
+            R_WE, _ = robot.chain.pose(uniform.q)
+            J_at_point = jacobian_at(observation.J, R_WE, point)
+        reading = _read(_PointLog(uniform, observation, J_at_point), robot, reader, config)
+        error = reading.wrench[:, 3:] - true_force
         sd = np.sqrt(np.diagonal(reading.covariance, axis1=1, axis2=2))[:, 3:]
-        parts = {}
-        for name, in_regime in regimes(uniform.v).items():
-            rows = in_regime & judged
+        by_regime = {}
+        for regime, is_in_regime in regimes(uniform.v).items():
+            rows = is_in_regime & is_judged
             if rows.sum() >= MIN_REGIME_SAMPLES:
-                parts[name] = _counted(error[rows], sd[rows], reading.invalid[rows])
-        metrics |= parts if method == "force_only" else {method: parts}
+                by_regime[regime] = _counted(error[rows], sd[rows], reading.invalid[rows])
+        metrics |= by_regime if method == "force_only" else {method: by_regime}
     return metrics
 
 

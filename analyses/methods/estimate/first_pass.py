@@ -245,58 +245,86 @@ def _monitor_friction(
     return monitor
 
 
+class _PriorSamples(NamedTuple):
+    """Samples of a log, evenly spread, in units of the sds of their torque errors.
+
+    Attributes:
+        q: (M, n) rad.
+        J, J_seen: (M, 6, n) of the sample, and as tau_ext saw it; columns over the sds.
+        tau_ext: (M, n), over the sds.
+        torque_covariance: (n, n) of the errors in these units.
+        duration: s, of the whole log.
+    """
+
+    q: Array
+    J: Array
+    J_seen: Array
+    tau_ext: Array
+    torque_covariance: Array
+    duration: float
+
+
 def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
-    """The prior that explains best some thousand samples of a log (`evidence_prior`)."""
-    J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
-    J_seen, q = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
-    duration = 0.0
-    estimator: WrenchEstimator | None = None
-    model, config = log_pass.model, log_pass.config.estimator
-    for chunk in log_pass.chunks():
-        if estimator is None:
-            estimator_config = completed(
-                _with_torque_observer(config), chunk, log_pass.resolution, None
-            )
-            estimator = WrenchEstimator(log_pass.robot, model, estimator_config)
-            state = estimator.initial_state()
-        batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
-        is_measured = ~chunk.dropout & (batch.fault == 0)
-        sd = np.ones_like(batch.tau_ext) if model.torque_error is None else batch.torque_sd
-        duration += len(chunk.t) * estimator_config.observer.time_step
-        J.add((batch.J / sd[:, None, :])[is_measured])
-        J_seen.add((batch.J_seen / sd[:, None, :])[is_measured])
-        q.add(chunk.q[is_measured])
-        tau_ext.add((batch.tau_ext / sd)[is_measured])
-    if not len(q.values()):
-        live = live_prior(log_pass.robot.payload)
+    """The prior that explains best some thousand samples of a log (`evidence_prior`).
+
+    It is raised to FLOOR_SHARE of the live prior at least. The moment's sd is that of a lever where
+    the log shows one (`find_lever`).
+    """
+    samples, live = _prior_samples(log_pass), live_prior(log_pass.robot.payload)
+    if not len(samples.q):
         return EvidencePrior(live, "live: every sample is impossible", ())
-    noise = model.residual_covariance
-    if model.torque_error is not None:
-        noise = model.torque_error.correlation
-    force_sd, moment_sd = evidence_prior(J.values(), tau_ext.values(), noise)
-    stated = config.reconstruction
-    live_force, live_moment = live_prior(log_pass.robot.payload)
-    warnings: tuple[str, ...] = ()
-    if force_sd < FLOOR_SHARE * live_force and stated.prior_force_sd is None:
-        warnings = (
+    stated = log_pass.config.estimator.reconstruction
+    noise, warnings = samples.torque_covariance, []
+    force_sd, moment_sd = evidence_prior(samples.J, samples.tau_ext, noise)
+    least_force_sd, least_moment_sd = FLOOR_SHARE * live.force_sd, FLOOR_SHARE * live.moment_sd
+    if force_sd < least_force_sd and stated.prior_force_sd is None:
+        warnings.append(
             f"prior that explains the log best: force sd {force_sd:.3g} N; raised to "
-            f"{FLOOR_SHARE * live_force:.3g} N for short contacts; state another with --prior",
+            f"{least_force_sd:.3g} N for short contacts; state another with --prior"
         )
-    force_sd = max(force_sd, FLOOR_SHARE * live_force)
-    moment_sd = max(moment_sd, FLOOR_SHARE * live_moment)
-    if stated.prior_moment_sd is None and config.reconstruction.method != "force_only":
-        R_WE, _ = log_pass.robot.chain.pose(q.values())
-        samples = _finite(J_seen.values(), R_WE, tau_ext.values())
-        lever = find_lever(*samples, noise, duration)
+    force_sd, moment_sd = max(force_sd, least_force_sd), max(moment_sd, least_moment_sd)
+    if stated.prior_moment_sd is None and stated.method != "force_only":
+        R_WE, _ = log_pass.robot.chain.pose(samples.q)
+        known = _finite(samples.J_seen, R_WE, samples.tau_ext)
+        lever = find_lever(*known, noise, samples.duration)
         if lever is not None and lever.moment_sd > _LEVER_RATIO * moment_sd:
             moment_sd = lever.moment_sd
-            warnings += (lever.sentence(),)
+            warnings.append(lever.sentence())
     rule = "evidence of the log"
     if stated.prior_force_sd is not None:
         rule += ", force given"
     elif stated.prior_moment_sd is not None:
         rule += ", moment given"
-    return EvidencePrior((float(force_sd), float(moment_sd)), rule, warnings)
+    return EvidencePrior((float(force_sd), float(moment_sd)), rule, tuple(warnings))
+
+
+def _prior_samples(log_pass: _PassOverLog) -> _PriorSamples:
+    """Takes the samples of a log that were measured and are possible, with tau_ext."""
+    q, J = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
+    J_seen, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
+    duration = 0.0
+    estimator: WrenchEstimator | None = None
+    model, config = log_pass.model, _with_torque_observer(log_pass.config.estimator)
+    has_sds = model.torque_error is not None
+    for chunk in log_pass.chunks():
+        if estimator is None:
+            completed_config = completed(config, chunk, log_pass.resolution, None)
+            estimator = WrenchEstimator(log_pass.robot, model, completed_config)
+            state = estimator.initial_state()
+        batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
+        duration += len(chunk.t) * estimator.observer.time_step
+        is_measured = ~chunk.dropout & (batch.fault == 0)
+        sd = batch.torque_sd if has_sds else np.ones_like(batch.tau_ext)
+        q.add(chunk.q[is_measured])
+        J.add((batch.J / sd[:, None, :])[is_measured])
+        J_seen.add((batch.J_seen / sd[:, None, :])[is_measured])
+        tau_ext.add((batch.tau_ext / sd)[is_measured])
+    covariance = model.residual_covariance
+    if model.torque_error is not None:
+        covariance = model.torque_error.correlation
+    return _PriorSamples(
+        q.values(), J.values(), J_seen.values(), tau_ext.values(), covariance, duration
+    )
 
 
 def _finite(J: Array, R_WE: Array, tau_ext: Array) -> tuple[Array, Array, Array]:

@@ -199,28 +199,14 @@ class StartChecks:
     def _judge_gains(self, samples: list[Sample]) -> None:
         """Reports torques per ampere of rested joints that differ from the controller's."""
         stride = max(1, len(samples) // RESTS_SAMPLES)
+        # A rest may have begun in the samples of the check before.
         previous, self._previous = self._previous, samples[::stride]
-        with_targets = [
-            sample
-            for sample in (*previous, *self._previous)
-            if not sample.is_torque
-            and all(
-                name in sample.more and sample.more[name].shape == sample.effort.shape
-                for name in _TARGETS
-            )
-        ]
+        with_targets = [sample for sample in (*previous, *self._previous) if _has_targets(sample)]
         if not with_targets:
             if self._agrees:  # this source states no targets
                 self._open_gains = set()
             return
-        t = np.array([sample.t for sample in with_targets])
-        q = np.array([sample.q for sample in with_targets])
-        v = np.array([sample.v for sample in with_targets])
-        current = np.array([sample.more["target_current"] for sample in with_targets])
-        torque = np.array([sample.more["target_moment"] for sample in with_targets])
-        rows = np.isfinite(q + v + current + torque).all(axis=1)
-        rows[1:] &= t[1:] > np.maximum.accumulate(t)[:-1]
-        targets = TargetSamples(t[rows], q[rows], v[rows], current[rows], torque[rows])
+        targets = _targets_of(with_targets)
         gravity_torque = self._chain.gravity_torque(targets.q)
         limits = self._robot.effort_limit
         for j in sorted(self._open_gains):
@@ -239,6 +225,25 @@ class StartChecks:
                 f"({100.0 * difference / stated:.0f} % off); correct torque_per_ampere in "
                 "robot.yaml, or find it with `wrenchsight identify --scale`, and identify again"
             )
+
+
+def _has_targets(sample: Sample) -> bool:
+    """Whether a sample holds the controller's target current and torque, joint by joint."""
+    return not sample.is_torque and all(
+        name in sample.more and sample.more[name].shape == sample.effort.shape for name in _TARGETS
+    )
+
+
+def _targets_of(samples: list[Sample]) -> TargetSamples:
+    """The finite samples in the order of time; one that comes late is left out."""
+    t = np.array([sample.t for sample in samples])
+    q = np.array([sample.q for sample in samples])
+    v = np.array([sample.v for sample in samples])
+    current = np.array([sample.more["target_current"] for sample in samples])
+    torque = np.array([sample.more["target_moment"] for sample in samples])
+    is_used = np.isfinite(q + v + current + torque).all(axis=1)
+    is_used[1:] &= t[1:] > np.maximum.accumulate(t)[:-1]
+    return TargetSamples(t[is_used], q[is_used], v[is_used], current[is_used], torque[is_used])
 
 
 def _remedy(judgement: Judgement) -> str:

@@ -202,10 +202,12 @@ class ExcitationProgram:
         # Harmonic k enters as k times its amplitude, so that all move the velocity alike.
         self._scale = np.concatenate([[1.0], 1.0 / np.arange(1, H + 1), 1.0 / np.arange(1, H + 1)])
         t = np.arange(num_samples) * period / num_samples
+        # Position, velocity and acceleration (num_samples, 1 + 2 H) by the scaled coefficients.
         self._basis = [b * self._scale for b in fourier_basis(t, settings.base_frequency, H)]
+        # Clearance is checked at few samples, torque at every other one; motion at all of them.
         self._coarse = slice(0, None, max(1, num_samples // settings.num_postures))
-        self._share = between_samples(H, num_samples)
         self._torque_rows = slice(0, None, 2)
+        self._share = between_samples(H, num_samples)
         self.program = MathematicalProgram()
         self._x = self.program.NewContinuousVariables(chain.num_joints, 1 + 2 * H, "x")
         self._add_constraints()
