@@ -456,6 +456,11 @@ def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
 
 
 def _read_law(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
+    """The friction law of a model's file: of the velocity alone, or with presliding.
+
+    Raises:
+        InputError: a number is missing or out of range.
+    """
     coulomb, viscous, offset, v_crit = (
         _numbers(path, f"friction.{key}", getattr(block, key), (n,))
         for key in ("coulomb", "viscous", "offset", "v_crit")
@@ -465,41 +470,53 @@ def _read_law(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
         raise InputError(path, "friction.handover", f"expected {allowed}, found '{block.handover}'")
     if (v_crit < 0.0).any():
         raise InputError(path, "friction.v_crit", "expected zero or more, found a negative number")
-    networks = None
-    if block.networks is not None:
-        width = len(block.networks.W1[0]) if block.networks.W1 else 0
-        shapes = {"W1": (n, width), "b1": (n, width), "W2": (n, width), "b2": (n,), "v_scale": (n,)}
-        weights = {
-            key: _numbers(path, f"friction.networks.{key}", getattr(block.networks, key), shape)
-            for key, shape in shapes.items()
-        }
-        if not (weights["v_scale"] > 0.0).all():
-            raise InputError(path, "friction.networks.v_scale", "expected positive numbers")
-        networks = FrictionNetworks(**weights)
+    networks = None if block.networks is None else _read_networks(path, block.networks, n)
     handover = cast("Handover", block.handover)
     if block.presliding is None:
         sliding = CoulombViscous(coulomb, viscous, offset)
         return SemiParametricFriction(sliding, networks, v_crit, handover)
-    slip: dict[str, Any] = {
-        key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n,))
-        for key in _SLIP_FIELDS
-    }
-    elements: dict[str, Any] = {
-        key: _numbers(path, f"friction.presliding.{key}", getattr(block.presliding, key), (n, -1))
-        for key in _ELEMENT_FIELDS
-    }
-    limit = block.presliding.speed_limit
-    if limit is not None:
-        slip["speed_limit"] = _numbers(path, "friction.presliding.speed_limit", limit, (n,))
+    # The slip elements hold Coulomb's part.
     velocity_law = SemiParametricFriction(
         CoulombViscous(np.zeros(n), viscous, offset), networks, v_crit, handover
     )
+    return _read_presliding(path, block.presliding, velocity_law, coulomb)
+
+
+def _read_networks(path: Path, block: _NetworksBlock, n: int) -> FrictionNetworks:
+    """The networks of n joints."""
+    width = len(block.W1[0]) if block.W1 else 0
+    shapes = {"W1": (n, width), "b1": (n, width), "W2": (n, width), "b2": (n,), "v_scale": (n,)}
+    weights = {
+        key: _numbers(path, f"friction.networks.{key}", getattr(block, key), shape)
+        for key, shape in shapes.items()
+    }
+    if not (weights["v_scale"] > 0.0).all():
+        raise InputError(path, "friction.networks.v_scale", "expected positive numbers")
+    return FrictionNetworks(**weights)
+
+
+def _read_presliding(
+    path: Path, block: _PreslidingBlock, velocity_law: SemiParametricFriction, coulomb: Array
+) -> PreslidingFriction:
+    """The law with slip elements, beside a law of the velocity without Coulomb's part.
+
+    Args:
+        coulomb: (n,) N m.
+    """
+    place, n = "friction.presliding", len(coulomb)
+    slip: dict[str, Any] = {
+        key: _numbers(path, f"{place}.{key}", getattr(block, key), (n,)) for key in _SLIP_FIELDS
+    }
+    elements: dict[str, Any] = {
+        key: _numbers(path, f"{place}.{key}", getattr(block, key), (n, -1))
+        for key in _ELEMENT_FIELDS
+    }
+    if block.speed_limit is not None:
+        slip["speed_limit"] = _numbers(path, f"{place}.speed_limit", block.speed_limit, (n,))
     try:
         return PreslidingFriction(velocity_law, coulomb, **slip, **elements)
     except ValueError as error:
-        raise InputError(
-            path, "friction.presliding", str(error).removeprefix("friction: ")
-        ) from None
+        raise InputError(path, place, str(error).removeprefix("friction: ")) from None
 
 
 def _with_terms(path: Path, block: _FrictionBlock, law: FrictionLaw) -> FrictionLaw:

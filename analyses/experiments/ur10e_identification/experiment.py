@@ -11,7 +11,7 @@ shape (`analyses.methods.identify.friction_fit`) has no constant; `lowest_error`
 the lowest error would give.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
@@ -33,56 +33,100 @@ from wrenchsight.analyses.study.experiment import (
 from wrenchsight.models.robot.robot import Robot
 
 
+class _Fits(NamedTuple):
+    """The fits of the experiment.
+
+    Attributes:
+        default: with the default configuration.
+        unfiltered: without the filter on the regressor.
+        by_law: by friction law, the default's among them.
+        consistent: physically consistent, with the default law.
+        best_law: the law with the lowest held-out error.
+        best_consistent: physically consistent, with that law.
+        lowest_error: of the presliding shape with the lowest held-out error.
+    """
+
+    default: IdentificationResult
+    unfiltered: IdentificationResult
+    by_law: dict[str, IdentificationResult]
+    consistent: IdentificationResult
+    best_law: str
+    best_consistent: IdentificationResult
+    lowest_error: IdentificationResult
+
+    @property
+    def best(self) -> IdentificationResult:
+        """The fit with the best law."""
+        return self.by_law[self.best_law]
+
+
 def run(context: ExperimentContext) -> ExperimentResult:
     """Fits, validates, and refits without the filter on the regressor for comparison."""
     robot = Robot.load("ur10e")
-    result = identify_ur10e(context.data, robot, progress=context.part(0.0, 0.2))
-    context.progress(0.2, "the same with an unfiltered regressor")
-    plain = identify_ur10e(context.data, robot, IdentificationConfig(filter_regressor=False))
-    metrics = result.metrics() | {"unfiltered_regressor": _short_metrics(plain)}
-    results = {IdentificationConfig().friction: result}
-    for k, law in enumerate(other for other in LAWS if other not in results):
-        context.progress(0.35 + 0.06 * k, f"friction law {law}")
-        results[law] = identify_ur10e(context.data, robot, IdentificationConfig(friction=law))
-    metrics |= {law: _law_metrics(fitted) for law, fitted in results.items()}
-    context.progress(0.75, "the physically consistent fit")
-    consistent = identify_ur10e(context.data, robot, IdentificationConfig(consistent=True))
-    context.out.joinpath("robot.urdf").write_text(consistent.urdf(), encoding="utf-8")
-    metrics["consistent"] = _consistency_metrics(consistent, result)
-    best = best_law({law: fitted.held_out[law] for law, fitted in results.items()})
-    metrics["best"] = {"law": best, **_law_metrics(results[best])}
-    consistent = identify_ur10e(
-        context.data, robot, IdentificationConfig(friction=best, consistent=True)
-    )
-    metrics["best"]["consistent"] = _consistency_metrics(consistent, results[best])
-    context.progress(0.85, "the shape of the lowest held-out error")
-    lowest = IdentificationConfig(
-        friction="presliding", selection="lowest-error", cross_validate=False
-    )
-    metrics["lowest_error"] = _short_metrics(
-        identify_ur10e(context.data, robot, lowest), "relative_pct"
-    )
+    fits = _fits(context, robot)
     context.progress(0.9, "figures")
-    figures = [_drawing(fit, robot.joint_names) for fit in result.validation]
-    figures += [_drawing(fit, robot.joint_names, best) for fit in results[best].validation]
-    caption = "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
-    rows = {
-        f"{fit.name} [%]": {
-            law: 100.0 * fitted.validation[k].relative for law, fitted in results.items()
-        }
-        for k, fit in enumerate(result.validation)
-    }
-    names = [joint.removesuffix("_joint") for joint in robot.joint_names]
-    figures.append(("friction_laws", bar_rows(rows, names), caption))
-    result.model.save(context.out / "model.yaml")
-    results[best].model.save(context.out / "model_best.yaml")
+    fits.default.model.save(context.out / "model.yaml")
+    fits.best.model.save(context.out / "model_best.yaml")
+    context.out.joinpath("robot.urdf").write_text(fits.consistent.urdf(), encoding="utf-8")
     return ExperimentResult(
-        metrics=metrics,
-        figures=figures,
+        metrics=_metrics(fits),
+        figures=_figures(fits, robot.joint_names),
         comparison=_comparison(),
-        notes=[*NOTES, *result.warnings],
-        configuration={"fit": result.config},
+        notes=[*NOTES, *fits.default.warnings],
+        configuration={"fit": fits.default.config},
     )
+
+
+def _fits(context: ExperimentContext, robot: Robot) -> _Fits:
+    """Fits the recordings in all ways."""
+
+    def fit(config: IdentificationConfig) -> IdentificationResult:
+        return identify_ur10e(context.data, robot, config)
+
+    default = identify_ur10e(context.data, robot, progress=context.part(0.0, 0.2))
+    context.progress(0.2, "the same with an unfiltered regressor")
+    unfiltered = fit(IdentificationConfig(filter_regressor=False))
+    by_law = {IdentificationConfig().friction: default}
+    for k, law in enumerate(other for other in LAWS if other not in by_law):
+        context.progress(0.35 + 0.06 * k, f"friction law {law}")
+        by_law[law] = fit(IdentificationConfig(friction=law))
+    context.progress(0.75, "the physically consistent fit")
+    consistent = fit(IdentificationConfig(consistent=True))
+    best = best_law({law: fitted.held_out[law] for law, fitted in by_law.items()})
+    best_consistent = fit(IdentificationConfig(friction=best, consistent=True))
+    context.progress(0.85, "the shape of the lowest held-out error")
+    lowest_error = fit(
+        IdentificationConfig(friction="presliding", selection="lowest-error", cross_validate=False)
+    )
+    return _Fits(default, unfiltered, by_law, consistent, best, best_consistent, lowest_error)
+
+
+def _metrics(fits: _Fits) -> dict[str, Any]:
+    best: dict[str, Any] = {"law": fits.best_law, **_law_metrics(fits.best)}
+    best["consistent"] = _consistency_metrics(fits.best_consistent, fits.best)
+    return {
+        **fits.default.metrics(),
+        "unfiltered_regressor": _short_metrics(fits.unfiltered),
+        **{law: _law_metrics(fitted) for law, fitted in fits.by_law.items()},
+        "consistent": _consistency_metrics(fits.consistent, fits.default),
+        "best": best,
+        "lowest_error": _short_metrics(fits.lowest_error, "relative_pct"),
+    }
+
+
+def _figures(fits: _Fits, joint_names: tuple[str, ...]) -> list[Drawing]:
+    """Measured and modelled torques of the held-out runs, and the laws beside each other."""
+    figures: list[Drawing] = [_drawing(fit, joint_names) for fit in fits.default.validation]
+    figures += [_drawing(fit, joint_names, fits.best_law) for fit in fits.best.validation]
+    unexplained_pct = {
+        f"{fit.name} [%]": {
+            law: 100.0 * fitted.validation[k].relative for law, fitted in fits.by_law.items()
+        }
+        for k, fit in enumerate(fits.default.validation)
+    }
+    caption = "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
+    names = [joint.removesuffix("_joint") for joint in joint_names]
+    return [*figures, ("friction_laws", bar_rows(unexplained_pct, names), caption)]
 
 
 def _short_metrics(result: IdentificationResult, *other_keys: str) -> dict[str, Any]:
