@@ -87,14 +87,22 @@ class ArmShapes:
         Args:
             pose: (7,) quaternion and position of the first body that floats, where there is one.
         """
+        query = self._query(q, pose)
+        return list(query.ComputeSignedDistancePairwiseClosestPoints(influence))
+
+    def distance(self, q: ArrayLike, first: Any, second: Any) -> float:
+        """m, of two shapes, the arm at q (n,); also of two that stand still."""
+        query = self._query(q)
+        return float(query.ComputeSignedDistancePairClosestPoints(first, second).distance)
+
+    def _query(self, q: ArrayLike, pose: ArrayLike = ()) -> Any:
         positions = self.plant.GetDefaultPositions()
         if len(np.asarray(pose)):
             start = self._floating_start
             positions[start : start + 7] = pose
         positions[self.order] = np.asarray(q, np.float64)
         self.plant.SetPositions(self.context, positions)
-        query = self.plant.get_geometry_query_input_port().Eval(self.context)
-        return list(query.ComputeSignedDistancePairwiseClosestPoints(influence))
+        return self.plant.get_geometry_query_input_port().Eval(self.context)
 
 
 def _without(pair: tuple[Any, Any]) -> Any:

@@ -29,6 +29,7 @@ _FLOOR_SIZE = (10.0, 10.0, 1.0)  # m, of the floor
 # distances are exact to some micrometres.
 DISTANCE_ROUNDING = 1e-3
 _MAX_PROTRUSION = 3e-3  # m, by which a shape may stand out beyond the part that it covers
+_MAX_SUNK_BASE = 0.01  # m, by which the shape of a base may reach into the table it stands on
 _SAME_DISTANCE = 1e-6  # m; distances of curved shapes are exact to that
 _BOX_CORNERS = tuple(itertools.product((-1.0, 1.0), repeat=3))  # of a box
 _LARGEST_SCALE = 10.0  # of a pair that must keep little, so that its gradient stays smooth
@@ -140,6 +141,19 @@ class Clearance:
         """Shapes of these names that are none of the arm's."""
         others = self.shapes.body.keys() - self._own
         return {shape for shape in others if self.shapes.name(shape) in names}
+
+    def base_in_obstacles(self, robot: Robot) -> dict[tuple[str, str], float]:
+        """Obstacles that the standing base reaches into: names of link and obstacle; depth, m."""
+        depths: dict[tuple[str, str], float] = {}
+        still = [shape for shape in self.shapes.body if self._level(shape) == 0]
+        for shape, obstacle in itertools.product(still, still):
+            if shape not in self._own or obstacle not in self._obstacle_shapes:
+                continue
+            depth = -self.shapes.distance(robot.home, shape, obstacle)
+            key = (self.shapes.name(shape), self.shapes.name(obstacle))
+            if depth > _MAX_SUNK_BASE:
+                depths[key] = max(depth, depths.get(key, 0.0))
+        return depths
 
     def _names(self, pair: tuple[Any, Any]) -> str:
         return " and ".join(self.shapes.name(shape) for shape in pair)

@@ -85,6 +85,16 @@ def test_pairs_that_are_near_by_construction_are_named() -> None:
     assert PlacementCell(panda, ClearanceConfig(0.001)).notices == ()
 
 
+def test_a_base_that_stands_in_a_table_is_named() -> None:
+    """The UR5e's base is flat at z = 0: it reaches as deep into a table as that stands higher."""
+    arm = Robot.load("ur5e")
+    for top, notices in ((0.0, 0), (0.04, 1)):
+        table = ObstacleConfig("table", [1.6, 1.6, 0.1], PoseConfig([0.2, 0.0, top - 0.05]))
+        found = PlacementCell(arm, ClearanceConfig(0.01, [table])).notices
+        assert len(found) == notices
+    assert found[0].startswith("base_link, which stands still, reaches 40 mm into table")
+
+
 def test_gradients_of_the_distances_are_those_of_finite_differences(sts: Robot) -> None:
     """A table and a board are near; the path's body and the arm move."""
     placed = placement_at(sts, Q_DOWN)
