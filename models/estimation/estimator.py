@@ -114,7 +114,7 @@ class EstimatorState(NamedTuple):
     check: Array
     error: Array
     friction: Array
-    observer: Array
+    observer: Any
     reading: ReadingState
 
 
@@ -637,4 +637,7 @@ class WrenchEstimator:
 
 def _shapes_of(state: EstimatorState) -> tuple[tuple[int, ...], ...]:
     """The shapes of the parts of a state that differ between estimators."""
-    return state.check.shape, state.error.shape, state.friction.shape, np.shape(state.observer)
+    observer = state.observer
+    parts = observer if isinstance(observer, tuple) else (observer,)
+    shapes = (np.shape(part) for part in parts)
+    return state.check.shape, state.error.shape, state.friction.shape, *shapes

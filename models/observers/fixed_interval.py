@@ -33,7 +33,6 @@ from wrenchsight.models.observers.kalman_kernels import (
     fade,
     renew,
     sample_momentum,
-    split_table,
 )
 from wrenchsight.models.observers.observer import CTV, GRAVITY, TAU_F, TAU_J
 
@@ -50,12 +49,12 @@ class IntervalModel(NamedTuple):
     """The constants of both passes, and the Jacobians of N samples.
 
     Attributes:
-        table: KalmanObserver.table.
+        table: of the Kalman observer.
         drift_decay: share of the slow part of the torque error that outlasts a period.
         J: (N, 6, n), rotation first, axes of W.
     """
 
-    table: Array
+    table: KalmanTable
     drift_decay: float
     J: Array
 
@@ -143,7 +142,7 @@ def forward_log(
     drift_decay = model.drift_decay
     N, _, n = signals.shape
     M = 3 * n + 6
-    t = split_table(model.table, n)
+    t = model.table
     sixes, rounding, T = t.sixes, t.joints[ROUND], t.numbers[PERIOD]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     arrived, white = np.empty(n), np.empty(n)
@@ -276,7 +275,7 @@ def backward_log(
     period, kinds = log.period, log.kinds
     N, _, n = period.shape
     M = 3 * n + 6
-    t = split_table(model.table, n)
+    t = model.table
     rounding = t.joints[ROUND]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     adjoint = _Adjoint(np.zeros(M), np.zeros((M, M)))
@@ -397,7 +396,7 @@ def _forward_response(
     """
     N, _, n = log.period.shape
     M, num_cases = error.shape
-    table = split_table(model.table, n)
+    table = model.table
     T, rounding = table.numbers[PERIOD], table.joints[ROUND]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     dz = error.copy()
@@ -446,7 +445,7 @@ def _backward_response(
     """
     N, _, n = log.period.shape
     M, num_cases = log.P.shape[1], errors.shape[2]
-    table = split_table(model.table, n)
+    table = model.table
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     lam, by_sample = np.zeros((M, num_cases)), np.empty(n)
     for k in range(N - 1, -1, -1):

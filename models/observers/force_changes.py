@@ -47,7 +47,7 @@ from wrenchsight.models.observers.fixed_interval import (
     forward_log,
     response_log,
 )
-from wrenchsight.models.observers.kalman_kernels import JUMP_F, PERIOD, START_F, split_table
+from wrenchsight.models.observers.kalman_kernels import JUMP_F, PERIOD, START_F, KalmanTable
 from wrenchsight.models.observers.kalman_observer import CHANGE_ODDS, CHANGE_TIMES
 from wrenchsight.models.observers.observer import V
 
@@ -106,7 +106,7 @@ class IntervalSmoother:
     """Estimates the wrench of a log by smoothing, stretch by stretch.
 
     Args:
-        table: KalmanObserver.table.
+        table: of the Kalman observer.
         num_joints: n.
         drift_decay: share of the slow part of the torque error that outlasts a period.
         proportional: error of each joint in proportion to the torque that is read; None: none.
@@ -114,15 +114,14 @@ class IntervalSmoother:
 
     def __init__(
         self,
-        table: Array,
+        table: KalmanTable,
         num_joints: int,
         drift_decay: float,
         proportional: ProportionalError | None = None,
     ) -> None:
         n = num_joints
         M = 3 * n + 6
-        constants = split_table(table, n)
-        numbers, sixes = constants.numbers, constants.sixes
+        numbers, sixes = table.numbers, table.sixes
         z, P = np.zeros(M), np.zeros((M, M))
         P[range(n, M), range(n, M)] = np.concatenate([sixes[START_F], np.ones(2 * n)])
         self._table, self._drift_decay = table, drift_decay

@@ -1,6 +1,6 @@
 """Kernels of the Kalman observer: output, measurement, prediction over a period, torque error.
 
-The equations are those of `models.observers.kalman_observer`, whose table and state these are.
+The equations are those of `models.observers.kalman_observer`, whose constants and state these are.
 """
 
 from typing import NamedTuple
@@ -27,7 +27,7 @@ from wrenchsight.models.observers.observer import (
 )
 from wrenchsight.models.observers.period_torque import arrived_momentum
 
-# Table: numbers, 6-vectors, n-vectors and an (n, n), all flat.
+# Entries of KalmanTable.numbers, and rows of its `sixes` and `joints`.
 PERIOD, BEFORE, SETTLED, GROSS, CHANGED, DECAY_SUM = range(6)
 NUM_SUMS = 3  # of the innovations, each over a time of its own
 NUM_NUMBERS = DECAY_SUM + NUM_SUMS
@@ -91,74 +91,46 @@ class ErrorParts(NamedTuple):
 
 
 @kernel
-def split_state(flat: Array, n: int) -> KalmanState:
-    """The parts of a flat state."""
-    N = 2 * n + 6
-    a, b = N, N + N * n
-    c = b + N * N
-    d = c + N * n
-    e = d + 2
-    f = e + n
-    return KalmanState(
-        flat[:a],
-        flat[a:b].reshape(N, n),
-        flat[b:c].reshape(N, N),
-        flat[c:d].reshape(N, n),
-        flat[d:e],
-        flat[e:f],
-        flat[f : f + NUM_SUMS * n].reshape(NUM_SUMS, n),
-    )
+def sample_momentum(numbers: Array, signals: Array, i: int) -> float:
+    """The measured momentum y of joint i.
 
-
-@kernel
-def split_table(table: Array, n: int) -> KalmanTable:
-    """The parts of a flat table."""
-    a = NUM_NUMBERS + 6 * SIXES
-    b = a + n * JOINTS
-    c = b + n * n
-    return KalmanTable(
-        table[:NUM_NUMBERS],
-        table[NUM_NUMBERS:a].reshape(SIXES, 6),
-        table[a:b].reshape(JOINTS, n),
-        table[b:c].reshape(n, n),
-    )
-
-
-@kernel
-def sample_momentum(table: Array, signals: Array, i: int) -> float:
-    """The measured momentum y of joint i."""
+    Args:
+        numbers: of KalmanTable.
+        signals: (NUM_SIGNALS, n) of a sample.
+    """
     model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
     y: float = arrived_momentum(
-        0.5 * table[PERIOD], table[BEFORE], signals[MOMENTUM, i], model, signals[TAU_J, i]
+        0.5 * numbers[PERIOD], numbers[BEFORE], signals[MOMENTUM, i], model, signals[TAU_J, i]
     )
     return y
 
 
 @kernel
-def _is_measured(table: Array, status: Array, signals: Array) -> bool:
+def _is_measured(numbers: Array, status: Array, signals: Array) -> bool:
+    """Whether the filter runs and the sample's momentum is finite."""
     is_measured: bool = status[0] == _RUNNING_STATUS
     for i in range(signals.shape[1]):
-        is_measured = is_measured and np.isfinite(sample_momentum(table, signals, i))
+        is_measured = is_measured and np.isfinite(sample_momentum(numbers, signals, i))
     return is_measured
 
 
 @kernel
-def _read_force(table: Array, s: KalmanState, signals: Array, wrench: Array) -> bool:
+def _read_force(numbers: Array, s: KalmanState, signals: Array, wrench: Array) -> bool:
     """Writes F right after a sample; returns whether the sample was measured."""
     n = signals.shape[1]
-    is_measured = _is_measured(table, s.status, signals)
+    is_measured = _is_measured(numbers, s.status, signals)
     for a in range(6):
         wrench[a] = s.x[n + a]
         if is_measured:
             for i in range(n):
-                wrench[a] += s.gain[n + a, i] * (sample_momentum(table, signals, i) - s.x[i])
+                wrench[a] += s.gain[n + a, i] * (sample_momentum(numbers, signals, i) - s.x[i])
     return is_measured
 
 
 @kernel
 def observe_wrench(
-    table: Array,
-    state: Array,
+    table: KalmanTable,
+    state: KalmanState,
     signals: Array,
     J: Array,
     is_fresh: Flags,
@@ -168,7 +140,8 @@ def observe_wrench(
     """Takes N samples of KalmanObserver.
 
     Args:
-        table, state: of KalmanObserver; the state is changed.
+        table: constants.
+        state: changed.
         signals: (N, NUM_SIGNALS, n); tau_ext is written.
         J: (N, 6, n).
         is_fresh, wrench, covariance: (N,), (N, 6) and (N, 6, 6), written.
@@ -180,28 +153,27 @@ def observe_wrench(
 
 
 @kernel
-def _torque_after(table: Array, state: Array, signals: Array, J: Array) -> bool:
+def _torque_after(table: KalmanTable, state: KalmanState, signals: Array, J: Array) -> bool:
     """Writes tau_ext = J^T F right after a sample; returns whether it is fresh."""
     n = signals.shape[1]
-    wrench, s = np.empty(6), split_state(state.reshape(-1), n)
-    is_measured = _read_force(table, s, signals, wrench)
+    wrench = np.empty(6)
+    is_measured = _read_force(table.numbers, state, signals, wrench)
     for i in range(n):
         total = 0.0
         for a in range(6):
             total += J[a, i] * wrench[a]
         signals[TAU_EXT, i] = total if np.isfinite(total) else 0.0
-    return bool(is_measured and s.status[1] >= table[SETTLED])
+    return bool(is_measured and state.status[1] >= table.numbers[SETTLED])
 
 
 @kernel
 def _wrench_after(
-    table: Array, state: Array, signals: Array, wrench: Array, covariance: Array
+    table: KalmanTable, state: KalmanState, signals: Array, wrench: Array, covariance: Array
 ) -> None:
     """Writes F (6,) and its covariance (6, 6) right after a sample."""
     n = signals.shape[1]
-    s, rounding = split_state(state.reshape(-1), n), split_table(table, n).joints[ROUND]
-    gain, P, C = s.gain, s.P, s.C
-    is_measured = _read_force(table, s, signals, wrench)
+    gain, P, C, rounding = state.gain, state.P, state.C, table.joints[ROUND]
+    is_measured = _read_force(table.numbers, state, signals, wrench)
     slow = np.empty((6, n))
     for a in range(6):
         for m in range(n):
@@ -226,24 +198,23 @@ def _wrench_after(
 
 
 @kernel
-def _take_sample(table: Array, state: Array, signals: Array, J: Array) -> None:
-    """Updates `state` with a sample, in place.
+def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> None:
+    """Updates the state `s` with a sample, in place.
 
     A sample that is not finite is not measured; the one after it starts the momentum again.
     """
     n = signals.shape[1]
-    t, s = split_table(table, n), split_state(state.reshape(-1), n)
     numbers, sixes, rounding = t.numbers, t.sixes, t.joints[ROUND]
     x, P, C, status = s.x, s.P, s.C, s.status
     arrived = np.empty(n)
     is_known = True  # what the coming period begins with
     for i in range(n):
-        arrived[i] = sample_momentum(table, signals, i)
+        arrived[i] = sample_momentum(numbers, signals, i)
         predicted = arrived[i] + signals[TAU_J, i] + signals[CTV, i] - signals[TAU_F, i]
         is_known = is_known and np.isfinite(predicted)
         for a in range(6):
             is_known = is_known and np.isfinite(J[a, i])
-    if _is_measured(table, status, signals):
+    if _is_measured(numbers, status, signals):
         whitened = _whitened_innovation(s, rounding, arrived)
         _measure(s, rounding, arrived)
         status[1] += 1.0

@@ -87,8 +87,9 @@ from wrenchsight.models.observers.kalman_kernels import (
     SMOOTH,
     START_F,
     WHITE,
+    KalmanState,
+    KalmanTable,
     observe_wrench,
-    split_state,
 )
 from wrenchsight.models.observers.observer import (
     TAU_EXT,
@@ -153,7 +154,7 @@ class KalmanObserver:
         self.reads_present_torque = config.torque_samples != "held"
         self._knowledge = knowledge
         self.table = self._table(knowledge)
-        self.settling_time = float(self.table[SETTLED]) * T
+        self.settling_time = float(self.table.numbers[SETTLED]) * T
 
     def informed(self, knowledge: ModelKnowledge) -> Self:
         """Returns the observer with the knowledge of a model and of a reading's configuration."""
@@ -169,18 +170,23 @@ class KalmanObserver:
         config = replace(self.config, bandwidth_hz=float(values["bandwidth_hz"][0]))
         return type(self)(config, self.num_joints, self._knowledge)
 
-    def initial_state(self) -> Array:
-        """Returns the state before the first sample; its layout is `split_state`'s."""
+    def initial_state(self) -> KalmanState:
+        """Returns the state before the first sample."""
         n = self.num_joints
         N = 2 * n + 6
-        size = N + 2 * N * n + N * N + 2 + (1 + NUM_SUMS) * n
-        state = np.zeros((-(-size // n), n))
-        start = self.table[NUM_NUMBERS : NUM_NUMBERS + 6 * SIXES].reshape(SIXES, 6)[START_F]
-        P = split_state(state.reshape(-1), n).P
-        P[range(n, N), range(n, N)] = np.concatenate([start, np.ones(n)])
-        return state
+        P = np.zeros((N, N))
+        P[range(n, N), range(n, N)] = np.concatenate([self.table.sixes[START_F], np.ones(n)])
+        return KalmanState(
+            x=np.zeros(N),
+            gain=np.zeros((N, n)),
+            P=P,
+            C=np.zeros((N, n)),
+            status=np.zeros(2),
+            previous_smooth=np.zeros(n),
+            sums=np.zeros((NUM_SUMS, n)),
+        )
 
-    def observe(self, state: Array, samples: ObserverSamples) -> Observed:
+    def observe(self, state: KalmanState, samples: ObserverSamples) -> Observed:
         """Updates `state` with N samples; see `observer.Observer`."""
         N, signals = len(samples.v), signals_of(samples)
         is_fresh = np.empty(N, np.bool_)
@@ -188,7 +194,8 @@ class KalmanObserver:
         observe_wrench(self.table, state, signals, samples.J, is_fresh, wrench, covariance)
         return Observed(signals[:, TAU_EXT].copy(), is_fresh, wrench, covariance)
 
-    def _table(self, knowledge: ModelKnowledge | None) -> Array:
+    def _table(self, knowledge: ModelKnowledge | None) -> KalmanTable:
+        """The constants of the filter, from what is known of the arm."""
         n, T = self.num_joints, self.time_step
         numbers, sixes = np.zeros(NUM_NUMBERS), np.zeros((SIXES, 6))
         joints, mixing = np.zeros((JOINTS, n)), np.eye(n)
@@ -218,7 +225,7 @@ class KalmanObserver:
             joints[LASTING] = np.sqrt(error.lasting)
             sd = error.constant
         joints[ROUND] = (_ROUNDING_SHARE * T * np.asarray(sd)) ** 2
-        return np.concatenate([part.ravel() for part in (numbers, sixes, joints, mixing)])
+        return KalmanTable(numbers, sixes, joints, np.ascontiguousarray(mixing, float))
 
 
 def changing_wrench(

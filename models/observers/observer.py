@@ -137,10 +137,10 @@ class Observer(Protocol):
     def with_parameters(self, values: dict[str, Array]) -> Self:
         """Returns the observer with other parameters; errors as the constructor's."""
 
-    def initial_state(self) -> Array:
-        """Returns the state before the first sample, in any shape."""
+    def initial_state(self) -> Any:
+        """Returns the state before the first sample: an array, or a NamedTuple of arrays."""
 
-    def observe(self, state: Array, samples: ObserverSamples) -> Observed:
+    def observe(self, state: Any, samples: ObserverSamples) -> Observed:
         """Takes N successive samples.
 
         Args:
