@@ -144,18 +144,16 @@ class ImpedanceController(SampledBlock):
         config: ImpedanceConfig,
     ) -> None:
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
-        n = self._effort_limit.shape[0]
-        period = time_step if config.force is not None else 0.0
-        self.output_sizes = {"tau_command": n, "pose_error": 6, "valid": 1, "integral": 1}
-        held = {"all": sum(self.output_sizes.values())}
-        SampledBlock.__init__(self, period, np.zeros(1), held)
-        self._n = n
-        self._time_step = time_step
+        self._n, self._time_step = len(self._effort_limit), time_step
         self._in_E = _in_E(config.axes, "axes")
+        self._has_force = config.force is not None
         if not config.null_space_damping >= 0.0:
             raise InputError("impedance", "null_space_damping", "expected 0 or more")
-        self._at_rest = np.zeros(3 * n)
-        self._has_force = config.force is not None
+        self.output_sizes = {"tau_command": self._n, "pose_error": 6, "valid": 1, "integral": 1}
+        held = {"all": sum(self.output_sizes.values())}
+        # Without the integral of force control there is nothing to remember: no period.
+        SampledBlock.__init__(self, time_step if self._has_force else 0.0, np.zeros(1), held)
+        self._at_rest = np.zeros(3 * self._n)
         force = _force_gains(config.force or ForceControlConfig())
         stiffness = _matrix(config.stiffness, "stiffness")
         damping = _matrix(config.damping, "damping")
@@ -167,10 +165,21 @@ class ImpedanceController(SampledBlock):
             time_step=time_step,
             friction_velocity=config.friction_velocity,
         )
-        gains = [force.proportional, force.integral, force.integral_limit]
+        self._declare_parameters(stiffness, damping, force)
+        self._declare_ports()
+
+    def _declare_parameters(self, stiffness: Array, damping: Array, force: ForceGains) -> None:
+        """Declares the numeric parameters, and the law that follows from them."""
+        gains = np.array([force.proportional, force.integral, force.integral_limit])
         self._stiffness = self.DeclareNumericParameter(BasicVector(stiffness.ravel()))
         self._damping = self.DeclareNumericParameter(BasicVector(damping.ravel()))
-        self._force_gains = self.DeclareNumericParameter(BasicVector(np.array(gains)))
+        self._force_gains = self.DeclareNumericParameter(BasicVector(gains))
+        # It changes only with the parameters, not at every tick.
+        self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
+
+    def _declare_ports(self) -> None:
+        """Declares the ports; all outputs depend on all inputs, parameters and the state."""
+        n = self._n
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose_reference = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)
@@ -178,19 +187,11 @@ class ImpedanceController(SampledBlock):
         self._force_setpoint = self.DeclareVectorInputPort("force_setpoint", 1)
         self._force_active = self.DeclareVectorInputPort("force_active", 1)
         self._feedback_valid = self.DeclareVectorInputPort("feedback_valid", 1)
-        # The gains change only with the parameters, not at every tick.
-        self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
-        prerequisites = {
-            self._terms.ticket(),
-            self._pose_reference.ticket(),
-            self._reference.ticket(),
-            self._wrench.ticket(),
-            self._force_setpoint.ticket(),
-            self._force_active.ticket(),
-            self._feedback_valid.ticket(),
-            self._law.ticket(),
-        } | self.state_tickets
-        self._all = declare_outputs(self, self.output_sizes, self._calc_all, prerequisites)
+        inputs = [self.get_input_port(k) for k in range(self.num_input_ports())]
+        prerequisites = {port.ticket() for port in inputs} | {self._law.ticket()}
+        self._all = declare_outputs(
+            self, self.output_sizes, self._calc_all, prerequisites | self.state_tickets
+        )
 
     def damping_per_tick(self, M: Array, J: Array, R_WE: Array) -> float:
         """The largest share of a velocity that the damper takes off in one tick, at M, J, R_WE."""
