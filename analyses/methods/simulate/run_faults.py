@@ -1,8 +1,10 @@
 """Causes for which a simulated run is of no use, each in one sentence."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
+import scipy.linalg
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -15,6 +17,7 @@ MAX_SATURATED = 0.2  # of the samples at its effort limit, above which a joint f
 _MIN_NOTED_SHARE = 0.01  # of the samples at its effort limit, from which on it is said
 _NUM_POSTURES = 60  # of the motion, in which a model's inertias are compared with the arm's
 _MAX_RATIO = 15.0  # of a model's inertia to the arm's: beyond it held torques overshoot
+_NAMED_SHARE = 0.5  # of the joint that moves most in a direction, from which on one is named
 _AT_LIMIT = 1.0 - 1e-6  # of the effort limit
 
 
@@ -32,21 +35,39 @@ def require_controllable(
     """
     rows = np.linspace(0, len(trajectory.q) - 1, _NUM_POSTURES).astype(int)
     chain, still = model.chain(robot), np.zeros(robot.num_joints)
-    ratios = []
+    least, largest, names = math.inf, 0.0, ""
     for q in trajectory.q[rows]:
         M_arm, M_model = robot.chain.terms(q, still).M, chain.terms(q, still).M
-        ratios.append(np.linalg.eigvals(np.linalg.solve(M_arm, M_model)).real)
-    least, largest = float(np.min(ratios)), float(np.max(ratios))
+        ratios, directions = scipy.linalg.eigh(M_model, M_arm)
+        least = min(least, float(ratios[0]))
+        if ratios[-1] > largest:
+            largest = float(ratios[-1])
+            names = _moving_joints(robot, directions[:, -1] * np.sqrt(np.diag(M_arm)))
     if least > 0.0 and largest < _MAX_RATIO:
         return
     ratio = least if least <= 0.0 else largest
+    if least <= 0.0 or unphysical_links(model.inertial_parameters, robot.joint_names):
+        problem, remedy = "the model's mass matrix is no body's", "identify again with --consistent"
+    else:
+        problem = f"the model's logs leave the inertia about {names} open"
+        remedy = (
+            "identify again from the logs of several motions of `excite` together (identify LOG "
+            "LOG ...), found without --starts and --iterations"
+        )
     raise InputError(
         source,
         "",
-        f"the model's mass matrix is no body's: along the motion {ratio:.2g} times the arm's in "
-        "one direction, so that a controller that uses it diverges",
-        "identify again with --consistent",
+        f"{problem}: along the motion {ratio:.2g} times the arm's in one direction, so that a "
+        "controller that uses it diverges",
+        remedy,
     )
+
+
+def _moving_joints(robot: Robot, weights: Array) -> str:
+    """The joints that move in a direction, the most first; weights (n,) of comparable units."""
+    sizes = np.abs(weights)
+    ordered = [j for j in np.argsort(-sizes) if sizes[j] > _NAMED_SHARE * sizes.max()]
+    return " and ".join(robot.joint_names[j] for j in ordered)
 
 
 def divergence_remedy(robot: Robot, model: IdentifiedModel) -> str:
