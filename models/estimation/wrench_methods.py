@@ -95,28 +95,39 @@ def reconstruct_log(constants: WrenchConstants, J_now: Array, samples: TorqueSam
     """
     N = len(samples.J)
     log = WrenchLog(np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, NUM_QUALITY)))
-    condition = np.full(N, np.nan)
+    if N <= _BLOCK_SAMPLES:  # whole: a tick hands over no rows of arrays
+        _read_block(constants, J_now, samples, log)
+        return log
+
+    def read(rows: slice) -> None:
+        part = TorqueSamples._make(signal[rows] for signal in samples)
+        out = WrenchLog._make(signal[rows] for signal in log)
+        _read_block(constants, J_now[rows], part, out)
+
+    in_row_blocks(read, N, _BLOCK_SAMPLES)
+    return log
+
+
+def _read_block(
+    constants: WrenchConstants, J_now: Array, samples: TorqueSamples, out: WrenchLog
+) -> None:
+    """Writes the readings of N samples; arguments as those of `reconstruct_log`."""
     is_posterior = constants.method == "bayesian" or (
         constants.method == "force_only" and constants.usual_sd is None
     )
-
-    def read(rows: slice) -> None:
-        if len(J_now):
-            condition_numbers_of(J_now[rows], condition[rows])
-        part = TorqueSamples._make(signal[rows] for signal in samples)
-        out = WrenchLog._make(signal[rows] for signal in log)
-        if is_posterior:
-            posterior_rows(
-                constants.whitening, constants.prior_sd, constants.live_prior_sd, *part, *out
-            )
-        else:
-            _read_by_singular_values(constants, part, out)
-
-    in_row_blocks(read, N, _BLOCK_SAMPLES)
-    if len(J_now):
-        condition[np.isnan(condition)] = np.inf
-    log.quality[:, CONDITION] = condition
-    return log
+    if is_posterior:
+        posterior_rows(
+            constants.whitening, constants.prior_sd, constants.live_prior_sd, *samples, *out
+        )
+    else:
+        _read_by_singular_values(constants, samples, out)
+    if len(J_now) == 0:
+        out.quality[:, CONDITION] = np.nan
+        return
+    condition = np.empty(len(J_now))
+    condition_numbers_of(J_now, condition)
+    condition[np.isnan(condition)] = np.inf
+    out.quality[:, CONDITION] = condition
 
 
 class _Inversion(NamedTuple):
