@@ -6,10 +6,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import (
     Adder,
+    ConstantValueSource,
     Demultiplexer,
     Gain,
     LogVectorOutput,
@@ -237,6 +240,11 @@ def make_closed_loop(
         builder = DiagramBuilder()
         cell = make_robot_cell(scenario, robot, planned.q_0, meshcat, planned.clear_links)
         builder.AddSystem(cell.diagram)
+        if scenario.applied_spatial_force:  # for diagrams of one's own; in the loop nothing uses it
+            none = ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]())
+            source = builder.AddNamedSystem("no_applied_force", none)
+            port = cell.diagram.GetInputPort("applied_spatial_force")
+            builder.Connect(source.get_output_port(), port)
         parts = _LoopParts(
             builder=builder,
             scenario=scenario,

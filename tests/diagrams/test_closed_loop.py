@@ -181,6 +181,14 @@ def test_a_model_of_another_robot_is_refused(ur10e, sts):
         make_closed_loop(QUIET, sts, IdentifiedModel.nominal(ur10e))
 
 
+def test_a_loop_whose_cell_takes_forces_runs_without_any(sts):
+    scenario = replace(QUIET, duration=0.05)
+    _, alone = run(scenario, sts)
+    _, signals = run(replace(scenario, applied_spatial_force=True), sts)
+    for name, values in alone.items():
+        np.testing.assert_array_equal(signals[name], values)
+
+
 def test_logging_fewer_signals_does_not_change_the_others(sts):
     scenario = replace(load_scenario("Default"), duration=0.1)
     _, everything = run(scenario, sts)

@@ -447,13 +447,14 @@ def _advance(
     """Runs to the end, and returns the elapsed seconds."""
     duration, (robot, model) = work.scenario.duration, arm
     plant, fastest = loop.cell.plant, np.minimum(_TOO_FAST * robot.velocity_limit, _NO_SPEED)
+    joints = [joint.velocity_start() for joint in loop.cell.parts.joints]
     started = time.perf_counter()
     count = int(np.ceil(duration / _PROGRESS_PERIOD))
     ends = [min(k * _PROGRESS_PERIOD, duration) for k in range(1, count + 1)]
     passed: list[float] = []
 
     def judge(share: float) -> None:
-        velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))
+        velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))[joints]
         # Not `>`: what is not a number is too fast as well.
         if not np.all(np.abs(velocity) < fastest):
             raise RuntimeError("faster than any arm")

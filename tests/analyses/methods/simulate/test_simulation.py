@@ -1,5 +1,6 @@
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -151,6 +152,12 @@ def test_a_robot_without_a_tool_runs_without_the_sensor(tmp_path):
     assert any("no tool" in notice for notice in result.notices)
     with pytest.raises(InputError, match="feeds back a sensor"):
         run(tmp_path, scenario="OneOfEverything", robot="ur10e", duration_s=0.1)
+
+
+def test_a_station_with_a_free_body_runs(tmp_path):
+    station = Path(__file__).parents[4] / "examples" / "station" / "station.yaml"
+    result = run(tmp_path, scenario=str(station), duration_s=0.1)
+    assert result.t[-1] == pytest.approx(0.1)
 
 
 def test_quick_is_short(tmp_path):
