@@ -35,6 +35,7 @@ def posterior_rows(
     whitening: Array,
     prior_sd: Array,
     live_prior_sd: Array,
+    condition: Array,
     J: Array,
     tau_ext: Array,
     sd: Array,
@@ -49,12 +50,13 @@ def posterior_rows(
         whitening: (n, n) W, lower triangular.
         prior_sd: (6,) N m and N, of the reading.
         live_prior_sd: (6,) N m and N, of the force sd and the gain that `valid` rests on.
+        condition: (N,) condition numbers, NaN where J is not finite; (0,): not wanted.
         J: (N, 6, n) as tau_ext saw it.
         tau_ext: (N, n) N m.
         sd: (N, n) N m, positive, of its errors.
         stiction: (N, n) N m, the part of them that is stiction.
         wrench, covariance: (N, 6) and (N, 6, 6), written.
-        quality: (N, NUM_QUALITY), written but for the condition number.
+        quality: (N, NUM_QUALITY), written.
     """
     n = J.shape[2]
     A, y, Ay, AAT = np.empty((6, n)), np.empty(n), np.empty(6), np.empty((6, 6))
@@ -64,6 +66,9 @@ def posterior_rows(
     for i in range(6):
         is_same_prior = is_same_prior and prior_sd[i] == live_prior_sd[i]
     for k in range(J.shape[0]):
+        quality[k, CONDITION] = np.nan
+        if condition.shape[0] > 0:
+            quality[k, CONDITION] = np.inf if np.isnan(condition[k]) else condition[k]
         quality[k, FORCE_SD], quality[k, STICTION_FORCE] = np.nan, 0.0
         quality[k, HAS_FULL_RANK] = 1.0
         if not _are_finite(J[k], tau_ext[k], sd[k]):

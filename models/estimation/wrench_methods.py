@@ -112,22 +112,25 @@ def _read_block(
     constants: WrenchConstants, J_now: Array, samples: TorqueSamples, out: WrenchLog
 ) -> None:
     """Writes the readings of N samples; arguments as those of `reconstruct_log`."""
-    is_posterior = constants.method == "bayesian" or (
+    condition = np.empty(len(J_now))
+    if len(J_now):
+        condition_numbers_of(J_now, condition)
+    if constants.method == "bayesian" or (
         constants.method == "force_only" and constants.usual_sd is None
-    )
-    if is_posterior:
+    ):
         posterior_rows(
-            constants.whitening, constants.prior_sd, constants.live_prior_sd, *samples, *out
+            constants.whitening,
+            constants.prior_sd,
+            constants.live_prior_sd,
+            condition,
+            *samples,
+            *out,
         )
     else:
         _read_by_singular_values(constants, samples, out)
-    if len(J_now) == 0:
         out.quality[:, CONDITION] = np.nan
-        return
-    condition = np.empty(len(J_now))
-    condition_numbers_of(J_now, condition)
-    condition[np.isnan(condition)] = np.inf
-    out.quality[:, CONDITION] = condition
+        if len(J_now):
+            out.quality[:, CONDITION] = np.where(np.isnan(condition), np.inf, condition)
 
 
 class _Inversion(NamedTuple):

@@ -6,9 +6,9 @@ errors are relative to each of them, so that condition numbers hold to 1e-9 as f
 of J determine them.
 
 One sample takes some eighty turns, each waiting for the last one's square roots. Many samples are
-therefore turned in groups, the same arithmetic side by side in vector registers.
-LAPACK's singular values take 2.7 times as long from numpy, 5 times from numba
-(`tests/benchmarks/bench_small_matrices.py`).
+therefore turned in groups, the same arithmetic side by side in vector registers (three times as
+fast, and the same bits). A group has a number of lanes that the compiler knows: left open, it takes
+1.7 times as long. `tests/benchmarks/bench_small_matrices.py` compares LAPACK's singular values.
 """
 
 import math
@@ -22,7 +22,6 @@ from wrenchsight.models.numerics.row_blocks import in_row_blocks
 
 # Two rows are orthogonal below this cosine: a few rounding errors of a dot product.
 ORTHOGONAL_COSINE = 1e-14
-
 # Five to six sweeps are usual, and convergence is quadratic: only NaN would go on for ever.
 MAX_SWEEPS = 40
 
@@ -34,6 +33,56 @@ _NUM_LANES = 16
 
 # Samples that are worth a thread: a millisecond.
 _BLOCK_SAMPLES = 128 * _NUM_LANES
+
+
+@kernel
+def _turn_rows(B: Array, p: int, q: int, length: int) -> tuple[float, float]:
+    """Makes two rows of B orthogonal to each other, by the smaller of two possible rotations.
+
+    Returns:
+        Cosine and sine of the rotation; a sine of 0.0 where the rows were orthogonal to rounding.
+    """
+    pp, qq, pq = 0.0, 0.0, 0.0
+    for k in range(length):
+        x, y = B[p, k], B[q, k]
+        pp += x * x
+        qq += y * y
+        pq += x * y
+    if not pq * pq > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (pp * qq):
+        return 1.0, 0.0
+    z = qq - pp
+    t = 2.0 * pq / (z + math.copysign(math.sqrt(z * z + 4.0 * pq * pq), z))
+    c = 1.0 / math.sqrt(1.0 + t * t)
+    s = c * t
+    for k in range(length):
+        x, y = B[p, k], B[q, k]
+        B[p, k] = c * x - s * y
+        B[q, k] = s * x + c * y
+    return c, s
+
+
+@kernel
+def _orthogonalise(J: Array, work: Array) -> tuple[int, int]:
+    """Writes rows (columns where n < 6) of J into `work`, made orthogonal; returns its shape."""
+    n = J.shape[1]
+    if n >= 6:
+        count, length = 6, n
+        for i in range(6):
+            for k in range(n):
+                work[i, k] = J[i, k]
+    else:
+        count, length = n, 6
+        for i in range(n):
+            for k in range(6):
+                work[i, k] = J[k, i]
+    for _ in range(MAX_SWEEPS):
+        has_turned = False
+        for i in range(count - 1):
+            for j in range(i + 1, count):
+                has_turned = _turn_rows(work, i, j, length)[1] != 0.0 or has_turned
+        if not has_turned:
+            break
+    return count, length
 
 
 @kernel
@@ -53,35 +102,37 @@ def _ratio(squares: Array, size: float) -> float:
 
 
 @kernel
-def _sweep(rows: Array) -> bool:
-    """Turns each pair of rows of matrices (count, length, lanes) once; whether any pair turned.
+def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: Array) -> bool:
+    """One sweep of `_orthogonalise` over (count, length, lanes); whether any lane turned.
 
-    Every inner loop runs over the lanes without a branch.
+    The others are (lanes,) scratch. Every inner loop runs over the lanes without a branch.
     """
     count, length, lanes = rows.shape
-    ii, jj, ij = np.empty(lanes), np.empty(lanes), np.empty(lanes)  # products of the two rows
-    c, s = np.empty(lanes), np.empty(lanes)  # cosine and sine of the turn
     num_turned = 0.0
     for i in range(count - 1):
         for j in range(i + 1, count):
             for m in range(lanes):
-                ii[m], jj[m], ij[m] = 0.0, 0.0, 0.0
+                a[m] = 0.0
+                b[m] = 0.0
+                g[m] = 0.0
             for k in range(length):
                 for m in range(lanes):
                     x, y = rows[i, k, m], rows[j, k, m]
-                    ii[m] += x * x
-                    jj[m] += y * y
-                    ij[m] += x * y
+                    a[m] += x * x
+                    b[m] += y * y
+                    g[m] += x * y
             for m in range(lanes):
-                is_skew = ij[m] * ij[m] > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (ii[m] * jj[m])
-                difference = jj[m] - ii[m]
-                root = math.sqrt(difference * difference + 4.0 * ij[m] * ij[m])
-                twice = 2.0 * ij[m] if difference >= 0.0 else -2.0 * ij[m]
-                tangent = twice / (abs(difference) + root) if is_skew else 0.0
-                c[m] = 1.0 / math.sqrt(1.0 + tangent * tangent)
-                s[m] = c[m] * tangent
-                # Not the tangent: what is not finite in one lane must not end the others' turns.
-                num_turned += 1.0 if abs(tangent) > 0.0 else 0.0
+                turn = g[m] * g[m] > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (a[m] * b[m])
+                z = b[m] - a[m]
+                root = math.sqrt(z * z + 4.0 * g[m] * g[m])
+                twice = 2.0 * g[m] if z >= 0.0 else -2.0 * g[m]
+                t = twice / (abs(z) + root) if turn else 0.0
+                c[m] = 1.0 / math.sqrt(1.0 + t * t)
+                s[m] = c[m] * t
+                # Not t itself: what is not finite in one lane must not end the others' turns.
+                g[m] = 1.0 if abs(t) > 0.0 else 0.0
+            for m in range(lanes):
+                num_turned += g[m]
             for k in range(length):
                 for m in range(lanes):
                     x, y = rows[i, k, m], rows[j, k, m]
@@ -90,31 +141,50 @@ def _sweep(rows: Array) -> bool:
     return num_turned > 0.0
 
 
-@kernel(nogil=True)
-def condition_numbers_of(J: Array, condition_numbers: Array) -> None:
-    """Writes condition numbers (N,) of Jacobians (N, 6, n), for other kernels' blocks of samples.
-
-    One is NaN where J is not finite.
-    """
-    N, _, n = J.shape
+@kernel
+def _squared_singular_values(J: Array, squares: Array) -> None:
+    """Squares (N, min(6, n)), in no order, of N Jacobians: in groups, the rest one by one."""
+    n = J.shape[2]
     count, length = min(6, n), max(6, n)
-    squares = np.empty(count)  # of the singular values, in no order
-    for first in range(0, N, _NUM_LANES):
-        lanes = min(_NUM_LANES, N - first)
-        rows = np.empty((count, length, lanes))
-        for m in range(lanes):
+    grouped = J.shape[0] - J.shape[0] % _NUM_LANES
+    if grouped > 0:
+        rows = np.empty((count, length, _NUM_LANES))
+        a, b, g = np.empty(_NUM_LANES), np.empty(_NUM_LANES), np.empty(_NUM_LANES)
+        c, s = np.empty(_NUM_LANES), np.empty(_NUM_LANES)
+    for first in range(0, grouped, _NUM_LANES):
+        for m in range(_NUM_LANES):
             for i in range(count):
                 for k in range(length):
                     rows[i, k, m] = J[first + m, i, k] if n >= 6 else J[first + m, k, i]
         for _ in range(MAX_SWEEPS):
-            if not _sweep(rows):
+            if not _turn_side_by_side(rows, a, b, g, c, s):
                 break
-        for m in range(lanes):
+        for i in range(count):
+            for m in range(_NUM_LANES):
+                a[m] = 0.0
+            for k in range(length):
+                for m in range(_NUM_LANES):
+                    a[m] += rows[i, k, m] * rows[i, k, m]
+            for m in range(_NUM_LANES):
+                squares[first + m, i] = a[m]
+    if grouped < J.shape[0]:
+        work = np.empty((6, length))
+        for m in range(grouped, J.shape[0]):
+            _orthogonalise(J[m], work)
             for i in range(count):
-                squares[i] = 0.0
+                total = 0.0
                 for k in range(length):
-                    squares[i] += rows[i, k, m] * rows[i, k, m]
-            condition_numbers[first + m] = _ratio(squares, length)
+                    total += work[i, k] * work[i, k]
+                squares[m, i] = total
+
+
+@kernel(nogil=True)
+def condition_numbers_of(J: Array, condition_numbers: Array) -> None:
+    """Condition numbers (N,) of Jacobians (N, 6, n), for other kernels' blocks of samples."""
+    squares = np.empty((J.shape[0], min(6, J.shape[2])))
+    _squared_singular_values(J, squares)
+    for m in range(J.shape[0]):
+        condition_numbers[m] = _ratio(squares[m], max(6, J.shape[2]))
 
 
 def condition_number(J: ArrayLike) -> Array:

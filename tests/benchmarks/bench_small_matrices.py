@@ -171,8 +171,12 @@ def main() -> None:
     wrench, covariance = np.empty((SAMPLES, 6)), np.empty((SAMPLES, 6, 6))
     quality = np.empty((SAMPLES, NUM_QUALITY))
 
+    no_condition = np.empty(0)
+
     def posterior_by_kernel() -> Array:
-        posterior_rows(W, PRIOR_SD, PRIOR_SD, J, tau, sd, stiction, wrench, covariance, quality)
+        posterior_rows(
+            W, PRIOR_SD, PRIOR_SD, no_condition, J, tau, sd, stiction, wrench, covariance, quality
+        )
         return wrench
 
     out = np.empty((SAMPLES, 6))
