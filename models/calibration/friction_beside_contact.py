@@ -40,7 +40,7 @@ FORCE_SHARES = (1.0, 0.25)  # of the live prior's sds
 FREE_PROBABILITY, ELSEWHERE_PROBABILITY = 0.5, 0.02  # of a segment before the log
 SURELY_FREE = 0.9  # of a segment, from which its rows count as contact-free
 FIRST_SWEEPS, SWEEPS = 10, 20  # over all segments: before samples count, and that count
-_FREE = 0
+_FREE_STATE = 0
 _NUM_STATES = 2 + len(FORCE_SHARES)
 
 
@@ -176,7 +176,7 @@ def _sampled(segments: _Segments, prior_sd: Array) -> tuple[Array, Array, Array]
         if sweep >= FIRST_SWEEPS:
             covariances.append(np.linalg.inv(information))
             means.append(covariances[-1] @ projection)
-            free += states == _FREE
+            free += states == _FREE_STATE
     mean = np.mean(means, axis=0)
     spread = np.array(means) - mean
     covariance = np.mean(covariances, axis=0) + spread.T @ spread / len(means)

@@ -27,7 +27,7 @@ from wrenchsight.models.rigid_body.conditioning import condition_numbers_of
 METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
 
 _BLOCK_SAMPLES = 1024  # that are worth a thread: some 5 ms
-_EPSILON = 2.2e-16  # a smaller singular value, times the matrix's size, is rounding
+_ROUNDING_SHARE = 2.2e-16  # a smaller singular value, times the matrix's size, is rounding
 _MIN_SINGULAR_VALUE = 1e-15  # m or rad
 
 
@@ -180,7 +180,7 @@ def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inve
     J, tau_ext, sd, _ = samples
     U, s, VT = np.linalg.svd(J)
     largest = s[:, :1]
-    floor = np.maximum(max(J.shape[1:]) * _EPSILON * largest, _MIN_SINGULAR_VALUE)
+    floor = np.maximum(max(J.shape[1:]) * _ROUNDING_SHARE * largest, _MIN_SINGULAR_VALUE)
     is_seen = s > floor
     plain_g = np.divide(1.0, s, out=np.zeros_like(s), where=is_seen)
     if constants.method == "damped":

@@ -30,7 +30,7 @@ _JAW_WORDS = ("gripper", "finger", "jaw", "claw", "thumb", "knuckle")
 _MIN_ARM = 4  # joints; a shorter line from the base is a neck, a finger or a lift
 _MIN_FINGERS = 3  # of a hand at the end of an arm; a torso carries as many, after fewer joints
 _VEHICLE_JOINTS = 3  # of a vehicle on a floor
-_ACROSS = 0.1  # cosine, below which two axes are across each other
+_MAX_CROSSING_COSINE = 0.1  # cosine, below which two axes are across each other
 _MAX_FINGER = 2  # joints one after another; a finger's phalanges
 
 
@@ -189,7 +189,7 @@ class ArmStructure:
         slides, turns = axes[True], axes[False]
         if not slides or len(turns) != 1:
             return False
-        return all(abs(float(slide @ turns[0])) < _ACROSS for slide in slides)
+        return all(abs(float(slide @ turns[0])) < _MAX_CROSSING_COSINE for slide in slides)
 
     def _carries(self, joint: DescribedJoint, flange: str | None) -> bool:
         """Whether the flange hangs on a joint; without a flange, whether anything beyond moves."""

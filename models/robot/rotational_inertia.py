@@ -6,8 +6,8 @@ import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 
-_FLATNESS = 1e-4  # of the sum of the moments, least second moment of mass of a corrected body
-_NEAR = 0.1  # of the largest moment, that a correction changes at most
+_MIN_MOMENT_SHARE = 1e-4  # of the sum of moments: least second moment of mass when corrected
+_MAX_MOMENT_CHANGE = 0.1  # of the largest moment, that a correction changes at most
 
 
 def inertia_matrix(values: Sequence[float] | Array) -> Array:
@@ -46,8 +46,8 @@ def nearest_physical(inertia: Array) -> Array | None:
     moments, axes = np.linalg.eigh(inertia)
     if not moments[0] > 0.0:
         return None
-    spread = np.maximum(0.5 * moments.sum() - moments, _FLATNESS * moments.sum())
+    spread = np.maximum(0.5 * moments.sum() - moments, _MIN_MOMENT_SHARE * moments.sum())
     changed = spread.sum() - spread
-    if np.abs(changed - moments).max() > _NEAR * moments[2]:
+    if np.abs(changed - moments).max() > _MAX_MOMENT_CHANGE * moments[2]:
         return None
     return np.asarray((axes * changed) @ axes.T)

@@ -13,7 +13,7 @@ _ANGLE_STEP = math.pi / 12  # multiples of 15 degrees are what people write
 _LEAST_DECIMALS = 4  # of any multiple; 1.57 and 3.14 alone may have two
 _RIGHT_ANGLE = math.pi / 2
 _QUATERNION_TOLERANCE = 2e-5  # rad, of a rotation by components of five digits (0.70711)
-_COMPUTED = 1e-9  # rad, within which a rotation is exact but for the computer's rounding
+_MAX_ROUNDING = 1e-9  # rad, within which a rotation is exact but for the computer's rounding
 
 
 def exact_angle(text: str) -> float:
@@ -54,7 +54,7 @@ def rounded_rpy(R: RotationMatrix) -> str | None:
         if np.abs(angles - exact_angles).max() >= _QUATERNION_TOLERANCE:
             return None
         exact = RollPitchYaw(exact_angles).ToRotationMatrix().matrix()
-    if np.abs(matrix - exact).max() < _COMPUTED:
+    if np.abs(matrix - exact).max() < _MAX_ROUNDING:
         return None
     angles = RollPitchYaw(RotationMatrix(exact)).vector()
     return " ".join(f"{angle:.5f}" for angle in angles)

@@ -26,7 +26,7 @@ from wrenchsight.models.planning.placement.placements import (
 
 _CONSTRAINT_TOLERANCE = 1e-4  # m and rad, of a constraint at the end of a solve
 _TRIED_ENDS = 2  # of the search, from which the program without a constraint is solved
-_HALVINGS = 4  # of the range in which the least loosening lies
+_LOOSENING_HALVINGS = 4  # of the range in which the least loosening lies
 _WIDE_STEP = math.pi / 3.0  # rad, the task's default
 _MAX_NAMED_CONSTRAINTS = 3  # constraints in the sentence
 _SOLVER_OPTIONS = {
@@ -152,7 +152,7 @@ def _least_loosened(
         if end is None:
             continue
         enough, too_little = loosening.largest, 0.0
-        for _ in range(_HALVINGS if loosening.unit else 0):
+        for _ in range(_LOOSENING_HALVINGS if loosening.unit else 0):
             if loosening.violation:
                 bounds = _coarse_bounds(program, program.bounds)
                 enough = min(enough, bounds.violations(end)[loosening.violation])
