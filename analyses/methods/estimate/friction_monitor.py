@@ -45,7 +45,7 @@ MIN_FREE_TIME = 4.0  # s of free motion that suffice for a refresh
 MIN_LISTED_SHARE = 0.5
 # share of contact beyond which the flag itself is doubtful: a load is judged by all rows
 MAX_CONTACT_SHARE = 0.5
-# share of rows that are free beside contact, from which on the flags were drift: nothing touches
+# share of rows that are free beside contact, from which on a log with few flags is untouched
 UNTOUCHED_SHARE = 0.9
 _ROW_COLUMNS = ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
 
@@ -251,7 +251,7 @@ class FrictionMonitor:
             live_prior(payload),
         )
         free_rows = rows[beside_contact.is_free]
-        if beside_contact.is_free.mean() > UNTOUCHED_SHARE:
+        if self._mostly_free() and beside_contact.is_free.mean() > UNTOUCHED_SHARE:
             return judged._replace(rows=free_rows)
         return judged._replace(rows=free_rows, refresh=beside_contact.refresh)
 

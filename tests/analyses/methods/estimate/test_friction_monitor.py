@@ -180,6 +180,19 @@ def test_drift_is_found_where_the_flags_of_contact_are_wrong(sts, model):
     assert monitor.refreshed() is not None
 
 
+def test_the_band_of_a_free_log_lies_about_todays_friction_where_drift_reads_as_contact(sts, model):
+    """Nothing touches. Drift that flags most of the log is known in its sign."""
+    t, q, v, noise = signals(sts)
+    tau_ext = drifted(v, noise, 2, 6.0)
+    mostly_flagged = monitored(model, sts, t, q, v, tau_ext, (t % 3.0) >= 2.0)
+    refresh = mostly_flagged.refreshed()
+    assert refresh is not None
+    assert abs(refresh.change[2, 1] - 6.0) < 3.5 * refresh.standard_deviation[2, 1]
+    hardly_flagged = monitored(model, sts, t, q, v, tau_ext, t >= 0.5)
+    assert hardly_flagged.refreshed() is None
+    assert mostly_flagged.drifts()[2] < 0.3 * hardly_flagged.drifts()[2]
+
+
 def test_a_model_without_logs_is_not_judged(sts, model):
     t, q, v, noise = signals(sts)
     assumed = replace(model, provenance=Provenance())
