@@ -94,8 +94,8 @@ def refresh_beside_contact(
     wrench_variance = np.repeat([moment_sd**2, force_sd**2], 3)
     numbers = np.floor((rows.t - rows.t[0]) / SEGMENT_TIME).astype(int)
     parts = [numbers == number for number in np.unique(numbers)]
-    said = [_segment(rows[part], J[part], wrench_variance) for part in parts]
-    segments = _Segments(*(np.array(column) for column in zip(*said, strict=True)))
+    statistics = [_segment(rows[part], J[part], wrench_variance) for part in parts]
+    segments = _Segments(*(np.array(column) for column in zip(*statistics, strict=True)))
     n = rows.num_joints
     prior = (drift or FrictionDrift()).deviation(rows, law)
     mean, covariance, free = _sampled(segments, prior.ravel())

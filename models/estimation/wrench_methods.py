@@ -22,12 +22,11 @@ from wrenchsight.models.estimation.wrench_kernels import (
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.row_blocks import in_row_blocks
-from wrenchsight.models.rigid_body.conditioning import condition_numbers_of
+from wrenchsight.models.rigid_body.conditioning import MACHINE_EPSILON, condition_numbers_of
 
 METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
 
 _BLOCK_SAMPLES = 1024  # that are worth a thread: some 5 ms
-_ROUNDING_SHARE = 2.2e-16  # a smaller singular value, times the matrix's size, is rounding
 _MIN_SINGULAR_VALUE = 1e-15  # m or rad
 
 
@@ -180,7 +179,7 @@ def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inve
     J, tau_ext, sd, _ = samples
     U, s, VT = np.linalg.svd(J)
     largest = s[:, :1]
-    floor = np.maximum(max(J.shape[1:]) * _ROUNDING_SHARE * largest, _MIN_SINGULAR_VALUE)
+    floor = np.maximum(max(J.shape[1:]) * MACHINE_EPSILON * largest, _MIN_SINGULAR_VALUE)
     is_seen = s > floor
     plain_g = np.divide(1.0, s, out=np.zeros_like(s), where=is_seen)
     if constants.method == "damped":

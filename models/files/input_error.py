@@ -47,8 +47,8 @@ def needing_extra(extra: str, source: str) -> Iterator[None]:
 
 def install_of(extra: str) -> str:
     """The command that installs an extra of this package, with the Python that runs now."""
-    python, found = Path(sys.executable), shutil.which("python")
-    if found is not None and Path(found) == python:
+    python, on_path = Path(sys.executable), shutil.which("python")
+    if on_path is not None and Path(on_path) == python:
         return f"python -m pip install 'wrenchsight[{extra}]'"
     if python.is_relative_to(Path.cwd()):
         python = python.relative_to(Path.cwd())

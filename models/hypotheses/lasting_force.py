@@ -38,8 +38,8 @@ def explain(case: Case) -> Explanation | None:
     J = case.jacobian(case.rows)
     R_EW = case.orientation(case.rows).transpose(0, 2, 1)
     J_in_E = np.concatenate([R_EW @ J[:, :3], R_EW @ J[:, 3:]], axis=1)
-    found = [_fitted(case, in_axes.transpose(0, 2, 1), begun) for in_axes in (J, J_in_E)]
-    view, fit = max(found, key=lambda pair: pair[1].log_evidence)
+    fits = [_fitted(case, in_axes.transpose(0, 2, 1), begun) for in_axes in (J, J_in_E)]
+    view, fit = max(fits, key=lambda pair: pair[1].log_evidence)
     return Explanation(
         name=NAME,
         log_evidence=fit.log_evidence - math.log(_NUM_FORMS),

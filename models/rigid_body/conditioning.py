@@ -27,7 +27,7 @@ ORTHOGONAL_COSINE = 1e-14
 MAX_SWEEPS = 40
 
 # A smallest singular value below this part of the largest, times the matrix's size, is rounding.
-_MACHINE_EPSILON = float(np.finfo(np.float64).eps)
+MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 # Samples turned side by side: two full vector registers at least, yet all fits the first cache.
 _NUM_LANES = 16
@@ -96,7 +96,7 @@ def _ratio(squares: Array, size: float) -> float:
         total += square
     if not math.isfinite(total):
         return math.nan
-    rounding = size * _MACHINE_EPSILON
+    rounding = size * MACHINE_EPSILON
     if smallest <= rounding * rounding * largest:
         return math.inf
     return math.sqrt(largest / smallest)

@@ -215,8 +215,8 @@ def row_of(arm: PackageArm) -> dict[str, Any]:
         if not Path(made).exists():
             output = _output_of(made)
             lines = output.read_text(encoding="utf-8").splitlines() if output.exists() else []
-            said = [line for line in lines if line.strip()]
-            problem = said[-1] if said else "not tried"
+            printed = [line for line in lines if line.strip()]
+            problem = printed[-1] if printed else "not tried"
             return row | {"command": command.split()[0], "refused": _without_folders(problem)}
     free, pushed, push = map(_json, ("free", "pushed", "push"))
     return row | {
@@ -325,14 +325,14 @@ def main() -> int:
     rows, versions = [], {}
     for arm in ARMS:
         folder = work / "".join(c if c.isalnum() else "_" for c in arm.name)
-        kept = folder / "row.json"
+        row_file = folder / "row.json"
         is_there = (packages / arm.package).is_dir()
         if is_there and (not options.only or arm.name in options.only):
             row = run_arm(arm, packages, folder)
-            kept.write_text(json.dumps(row, indent=1), encoding="utf-8")
+            row_file.write_text(json.dumps(row, indent=1), encoding="utf-8")
             print(row, flush=True)
-        if is_there and kept.is_file():
-            rows.append(json.loads(kept.read_text(encoding="utf-8")))
+        if is_there and row_file.is_file():
+            rows.append(json.loads(row_file.read_text(encoding="utf-8")))
             versions[arm.package] = _version(packages / arm.package)
     text = with_section(page.read_text(encoding="utf-8"), section(rows, versions))
     page.write_text(text, encoding="utf-8")

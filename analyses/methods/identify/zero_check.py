@@ -58,7 +58,11 @@ def zero_offsets(problem: FrictionFit, solution: LawSolution, chain: SerialChain
         return ZeroOffsets(np.zeros(n), np.full(n, np.inf))
     sd = np.maximum(solution.estimate.residual_sd, 1e-12)
     friction_by_log = problem.columns(solution.structure, problem.loads(solution))
-    counts = [1 + len(terms) for terms in solution.structure.terms]  # rotor and friction
+    # Columns of a factor: the inertias; then of each joint its rotor and friction, and n offsets.
+    counts = np.array([1 + len(terms) for terms in solution.structure.terms])
+    begins = _INERTIAL * n + np.cumsum(counts + n) - (counts + n)
+    joint_columns = [begin + np.arange(count) for begin, count in zip(begins, counts, strict=True)]
+    all_but_offsets = np.concatenate([np.arange(_INERTIAL * n), *joint_columns])
     rows: list[Array] = []
     for k, (log, regression) in enumerate(zip(problem.runs, problem.regressions, strict=True)):
         slope = _slope(chain, log.q, log.v, log.vdot)
@@ -67,16 +71,9 @@ def zero_offsets(problem: FrictionFit, solution: LawSolution, chain: SerialChain
             np.hstack([of_joint, columns[:, j]]) for j, of_joint in enumerate(friction_by_log[k])
         ]
         weights = None if problem.weights is None else problem.weights[k]
-        starts = _INERTIAL * n + np.concatenate([[0], np.cumsum(np.add(counts, n))])
-        own = np.concatenate(
-            [
-                np.arange(_INERTIAL * n),
-                *(s + np.arange(c) for s, c in zip(starts, counts, strict=False)),
-            ]
-        )
         for j, R in enumerate(regression.factors(friction, weights=weights).R):
-            offsets = starts[j] + counts[j] + np.arange(n)
-            rows.append(R[:, [*own, *offsets, -1]] / sd[j])
+            offsets = begins[j] + counts[j] + np.arange(n)
+            rows.append(R[:, [*all_but_offsets, *offsets, -1]] / sd[j])
     stacked = np.vstack(rows)
     W, D, y = stacked[:, : -n - 1], stacked[:, -n - 1 : -1], stacked[:, -1]
     lengths = np.maximum(np.linalg.norm(W, axis=0), 1e-12)

@@ -72,22 +72,22 @@ def column_words_layout(
         return None
     if not ("position" in series and has_drives):
         return None
-    if len({len(found.columns) for found in series.values()}) > 1:
+    if len({len(signal.columns) for signal in series.values()}) > 1:
         return None
     form = RecordingFormat(time=time)
     used = {int(column) - 1 for column in str(time.columns).split(",")}
     assignments = []
-    for key, found in series.items():
-        unit, key_of_unit = found.unit, key
+    for key, signal in series.items():
+        unit, key_of_unit = signal.unit, key
         if unit in (PER_CENT, PER_MILLE):  # of what, the hypotheses find and the user must say
             unit, key_of_unit = "", "current"
-        setattr(form, key_of_unit, by_number(found.columns, unit))
-        used |= set(found.columns)
-        first, last = names[found.columns[0]], names[found.columns[-1]]
-        in_unit = f" in {found.unit}" if found.unit else ""
+        setattr(form, key_of_unit, by_number(signal.columns, unit))
+        used |= set(signal.columns)
+        first, last = names[signal.columns[0]], names[signal.columns[-1]]
+        in_unit = f" in {signal.unit}" if signal.unit else ""
         assignments.append(f"{first} .. {last} as {key.replace('_', ' ')}{in_unit}")
     notices = [f"columns read by the words in their names: {', '.join(assignments)}"]
-    notices += dict.fromkeys(found.how for found in series.values() if found.how)
+    notices += dict.fromkeys(signal.how for signal in series.values() if signal.how)
     others = [name for k, name in enumerate(names) if k not in used and name]
     if others:
         more = f" and {len(others) - 6} more" if len(others) > 6 else ""
@@ -198,10 +198,10 @@ def _refuse_doubtful_series(names: Sequence[str], quantities: set[str], path: Pa
     quantity = next(key for key in QUANTITIES if key in quantities)
     columns = [name for name in names if column_name(name).quantity == quantity]
     more = f" and {len(columns) - 6} more" if len(columns) > 6 else ""
-    what = quantity.replace("_", " ")
-    problem = f"names {what}s that are not one for each joint of the robot, by number or name: "
+    words = quantity.replace("_", " ")
+    problem = f"names {words}s that are not one for each joint of the robot, by number or name: "
     problem += f"{', '.join(columns[:6])}{more}"
-    remedy = f"leave one for each joint and call it {what} 1.. from base to tool, {DESCRIBE}"
+    remedy = f"leave one for each joint and call it {words} 1.. from base to tool, {DESCRIBE}"
     raise InputError(path, "header", problem, remedy)
 
 

@@ -86,14 +86,14 @@ def column_name(name: str) -> ColumnName:
     if not unit:  # percent_1, or pos_deg_1
         unit = next((_UNITS[token] for token in tokens if token in _INNER_UNITS), "")
         tokens = [token for token in tokens if token not in _INNER_UNITS]
-    found = [key for key, known in QUANTITIES.items() if known & set(tokens)]
-    quantity = found[0] if found else next(
+    named = [key for key, words in QUANTITIES.items() if words & set(tokens)]
+    quantity = named[0] if named else next(
         (key for key in QUANTITIES if unit in UNITS[key] and unit not in (PER_CENT, PER_MILLE)), ""
     )  # fmt: skip
     if not tokens or _ASIDE & set(tokens):
         return ColumnName("", unit, tuple(tokens))
-    known = set().union(*(QUANTITIES[key] for key in found))
-    joint = tuple(token for token in tokens if token not in known)
+    quantity_words = set().union(*(QUANTITIES[key] for key in named))
+    joint = tuple(token for token in tokens if token not in quantity_words)
     return ColumnName(quantity, unit, joint, not quantity and not unit and _is_bare(tokens))
 
 
