@@ -1,8 +1,11 @@
 """Friction of a touched log: told from forces that come and go, and from a tool that slides."""
 
+import itertools
+
 import numpy as np
 import pytest
 
+from wrenchsight.models.calibration import friction_beside_contact
 from wrenchsight.models.calibration.friction_beside_contact import refresh_beside_contact
 from wrenchsight.models.calibration.friction_disagreement import MIN_STANDARD_ERRORS
 from wrenchsight.models.calibration.friction_refresh import FrictionRefresh
@@ -86,9 +89,11 @@ def test_drift_is_told_from_a_force_that_comes_and_goes() -> None:
 
 
 def test_a_weak_force_is_told_from_drift_in_a_short_log() -> None:
-    """16 s, of which every other second has a force of 10 N: 6 N m about the first joints.
+    """16 s, of which every other second has a force of 6 N: a tenth of the prior's sd.
 
-    The drift adds 1 to 6 N m there. Three logs, so that chance does not decide.
+    It is 4 N m about the first joints, where the drift adds 1 to 6. Without a state for weak
+    forces up to 40 touched samples count as free, and an error is 4.4 sd. Three logs, so that
+    chance does not decide.
     """
     drift = np.stack([0.1 * LAW.coulomb, 0.2 * LAW.viscous], axis=1)
     t = 0.1 * np.arange(160)
@@ -96,7 +101,7 @@ def test_a_weak_force_is_told_from_drift_in_a_short_log() -> None:
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     is_touched = t.astype(int) % 2 == 1
     for seed in range(3):
-        rows, J = log(drift, np.where(is_touched[:, None], 10.0 * direction, 0.0), 16.0, seed)
+        rows, J = log(drift, np.where(is_touched[:, None], 6.0 * direction, 0.0), 16.0, seed)
         beside_contact = refresh_beside_contact(rows, J, LAW, WRENCH_SD)
         error = errors(beside_contact.refresh, drift)
         assert (np.abs(error) < 3.5).all()
@@ -144,3 +149,46 @@ def test_a_joint_that_rests_says_nothing_of_its_friction() -> None:
     refresh = refresh_beside_contact(rows, J, LAW, WRENCH_SD).refresh
     np.testing.assert_allclose(refresh.change[1, :2], 0.0, atol=1e-9)
     np.testing.assert_allclose(refresh.standard_deviation[1, :2], refresh.prior_deviation[1, :2])
+
+
+def test_the_samples_are_those_of_the_posterior(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two coefficients, four segments, two states: against the sum over all 16 combinations.
+
+    With 4,000 sweeps, of which some ten in a row are alike, chance is 5 % of an sd.
+    """
+    rng = np.random.default_rng(8)
+    roots = rng.normal(size=(4, 2, 2, 2))
+    information = roots @ roots.transpose(0, 1, 3, 2)
+    projection = 2.0 * rng.normal(size=(4, 2, 2))
+    constant = rng.normal(size=(4, 2))
+    prior_sd = np.array([1.5, 0.7])
+
+    weights, means, covariances, states_of = [], [], [], list(itertools.product((0, 1), repeat=4))
+    for states in states_of:
+        chosen = np.arange(4), np.array(states)
+        total = np.diag(prior_sd**-2.0) + information[chosen].sum(axis=0)
+        mean = np.linalg.solve(total, projection[chosen].sum(axis=0))
+        log_weight = constant[chosen].sum() + 0.5 * mean @ total @ mean
+        weights.append(log_weight - 0.5 * np.linalg.slogdet(total)[1])
+        means.append(mean)
+        covariances.append(np.linalg.inv(total))
+    weight = np.exp(np.array(weights) - np.max(weights))
+    weight /= weight.sum()
+    mean = weight @ np.array(means)
+    spread = np.array(means) - mean
+    covariance = np.einsum("k,kij->ij", weight, np.array(covariances))
+    within = covariance.copy()
+    covariance += np.einsum("k,ki,kj->ij", weight, spread, spread)
+    free = weight @ (np.array(states_of) == 0)
+    assert (np.diag(covariance) > 1.2 * np.diag(within)).any()  # the states' doubt counts
+
+    monkeypatch.setattr(friction_beside_contact, "SWEEPS", 4000)
+    segments = friction_beside_contact._Segments(information, projection, constant)
+    sampled_mean, sampled_covariance, sampled_free = friction_beside_contact._sampled(
+        segments, prior_sd
+    )
+    sd = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(sampled_mean / sd, mean / sd, atol=0.05)
+    scale = np.outer(sd, sd)
+    np.testing.assert_allclose(sampled_covariance / scale, covariance / scale, atol=0.05)
+    np.testing.assert_allclose(sampled_free, free, atol=0.05)
