@@ -1,11 +1,14 @@
 """The estimator read at any time: between two ticks it says what it said at the last one."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from block_ticks import take_tick
 from played_logs import add_log
+from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, ValueProducer
 from pydrake.systems.primitives import LogVectorOutput
 from sample_models import knowing_model
 
@@ -16,6 +19,7 @@ from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.systems.sampled_block import SampledBlock, stepping_with_plant
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 T, N, ROWS = 1e-3, 6, 1500
@@ -128,3 +132,72 @@ def test_the_motor_torque_between_ticks_is_that_of_the_last(sts, log, config):
         context.SetTime((k + 0.5) * T)
         block.GetInputPort("current").FixValue(context, np.zeros(N))  # of nobody's tick
         np.testing.assert_array_equal(port.Eval(context), at)
+
+
+class _Plant(LeafSystem):
+    """x <- x + u at each tick. How often it solves for that, from state and input, is counted."""
+
+    def __init__(self) -> None:
+        LeafSystem.__init__(self)
+        self.num_solved = 0
+        self._u = self.DeclareVectorInputPort("u", 1)
+        self.DeclareDiscreteState(1)
+        self._solved = self.DeclareCacheEntry(
+            "solved",
+            ValueProducer(AbstractValue.Make(0.0).Clone, self._solve),
+            {self.xd_ticket(), self._u.ticket()},
+        )
+        self.DeclareVectorOutputPort("x", 1, self._calc_x, {self.xd_ticket()})
+        self.DeclareVectorOutputPort("solved", 1, self._calc_solved, {self._solved.ticket()})
+        self.DeclarePeriodicDiscreteUpdateEvent(T, 0.0, self._step)
+
+    def _solve(self, context, value):
+        self.num_solved += 1
+        x = context.get_discrete_state(0).value()
+        value.set_value(float(x[0] + self._u.Eval(context)[0]))
+
+    def _calc_x(self, context, output):
+        output.SetFromVector(context.get_discrete_state(0).value())
+
+    def _calc_solved(self, context, output):
+        output.SetFromVector([self._solved.Eval(context)])
+
+    def _step(self, context, discrete):
+        discrete.set_value(0, [self._solved.Eval(context)])
+
+
+class _Counter(SampledBlock):
+    """u = 1 + x of the last tick. It remembers what the plant has solved, as of a contact."""
+
+    def __init__(self) -> None:
+        SampledBlock.__init__(self, T, np.zeros(1), {"u": 1})
+        self._x = self.DeclareVectorInputPort("x", 1)
+        self._solved = self.DeclareVectorInputPort("solved", 1)
+        tickets = {self._x.ticket()} | self.state_tickets
+        self.DeclareVectorOutputPort("u", 1, self._calc_u, tickets)
+
+    def take_sample(self, context, memory):
+        memory[:] = self._solved.Eval(context)
+        return [1.0 + self._x.Eval(context)]
+
+    def _calc_u(self, context, output):
+        held = self.held(context, "u")
+        output.SetFromVector(1.0 + self._x.Eval(context) if held is None else held)
+
+
+@pytest.mark.parametrize("with_plant", [False, True])
+def test_a_block_that_steps_with_its_plant_lets_it_solve_once_a_tick(with_plant):
+    """An update before the plant's step changes its input, if not in value, and it solves again."""
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(_Plant())
+    with stepping_with_plant() if with_plant else nullcontext():
+        block = builder.AddSystem(_Counter())
+    for name in ("x", "solved"):
+        builder.Connect(plant.GetOutputPort(name), block.GetInputPort(name))
+    builder.Connect(block.GetOutputPort("u"), plant.GetInputPort("u"))
+    simulator = Simulator(builder.Build())
+    simulator.Initialize()
+    simulator.AdvanceTo(9.5 * T)
+    x = plant.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(0).value()
+    assert x[0] == 2.0**10 - 1.0  # x <- 2 x + 1, ten times, in either phase
+    assert plant.num_solved == (10 if with_plant else 20)
