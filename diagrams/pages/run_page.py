@@ -22,7 +22,8 @@ FORCE_ARROWS: dict[str, ArrowStyle] = {
 
 _SIDE_ANGLE = 1.0  # rad about the vertical, from the tool's direction to the camera's
 _CAMERA_RISE = 0.35  # of the camera, over its horizontal distance
-_FRONT_DISTANCE, _CHOSEN_DISTANCE = 1.1, 1.3  # of the camera, over the size of arm and path
+_MIN_DISTANCE = 1.2  # of the camera, over the size of arm and path
+_HALF_VIEW = 0.58  # rad about the camera's axis within which things are shown; Meshcat has 0.65
 
 
 def _quiet_meshcat() -> Meshcat:
@@ -50,7 +51,7 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
     meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
     for object_path in ("/Axes", "/Grid"):
         meshcat.SetProperty(object_path, "visible", False)
-    # The camera looks at a point between base and tool, from as far as the arm reaches and more.
+    # The camera looks at a point between base and tool, from where all that moves is in its view.
     path = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
     tool = 0.5 * (path.min(axis=0) + path.max(axis=0))  # middle of the path
     _, home = robot.chain.pose(robot.home)
@@ -59,10 +60,13 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
     if view_direction is None:
         azimuth = np.arctan2(tool[1], tool[0]) - _SIDE_ANGLE
         direction = np.array([np.cos(azimuth), np.sin(azimuth), _CAMERA_RISE])
-        distance = _FRONT_DISTANCE * size
     else:
-        direction = np.array(view_direction, dtype=np.float64) / np.linalg.norm(view_direction)
-        distance = _CHOSEN_DISTANCE * size
+        direction = np.array(view_direction, dtype=np.float64)
+    direction /= np.linalg.norm(direction)
+    shown = np.vstack([np.zeros(3), home, path]) - target
+    towards = shown @ direction
+    aside = np.linalg.norm(shown - towards[:, None] * direction, axis=1)
+    distance = max(_MIN_DISTANCE * size, float(np.max(towards + aside / np.tan(_HALF_VIEW))))
     meshcat.SetCameraPose(target + distance * direction, target)
     return meshcat
 

@@ -2,9 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.pages import run_page
 from wrenchsight.diagrams.pages.run_page import (
     FORCE_ARROWS,
     make_meshcat,
@@ -37,6 +39,27 @@ def test_a_run_becomes_one_page_with_arm_arrows_and_legend(sts, tmp_path):
     # The true robot's motion is in it, and nothing has to be fetched from elsewhere.
     assert 'src="http' not in page
     assert [file.name for file in tmp_path.iterdir()] == ["run.html"]
+
+
+@pytest.mark.parametrize("view_direction", [None, [1.0, 0.0, 0.5], [0.0, -1.0, 0.2]])
+def test_the_camera_sees_the_arm_and_all_that_the_tool_passes(monkeypatch, sts, view_direction):
+    poses = []
+
+    class Camera(Meshcat):
+        def SetCameraPose(self, camera_in_world, target_in_world):
+            poses.append((camera_in_world, target_in_world))
+
+    monkeypatch.setattr(run_page, "Meshcat", Camera)
+    _, home = sts.chain.pose(sts.home)
+    radius = 1.2 * np.linalg.norm(home)
+    angles = np.linspace(-1.0, 1.0, 9)
+    path = np.stack([radius * np.cos(angles), radius * np.sin(angles), 0.3 + 0.0 * angles], axis=1)
+    make_meshcat(sts, path, view_direction)
+    ((camera, target),) = poses
+    ahead = (target - camera) / np.linalg.norm(target - camera)
+    seen = np.vstack([np.zeros(3), path]) - camera
+    # Meshcat shows 75 degrees from top to bottom, and more from side to side.
+    assert (seen @ ahead > np.cos(np.radians(37.5)) * np.linalg.norm(seen, axis=1)).all()
 
 
 def test_the_two_forces_can_be_told_apart():
