@@ -7,7 +7,8 @@ import numpy as np
 from wrenchsight.diagrams.robot_cell import tip_radius
 from wrenchsight.diagrams.scenario import MachiningConfig, Scenario
 from wrenchsight.diagrams.workpiece import pose_of_workpiece, surface_of
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_path import (
@@ -22,7 +23,7 @@ from wrenchsight.models.numerics.ties import better
 from wrenchsight.models.planning.motion.branches import all_branches
 from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
 from wrenchsight.models.planning.motion.joint_ranges import narrowed_limits
-from wrenchsight.models.planning.motion.posture_measures import ForceSd
+from wrenchsight.models.planning.motion.posture_cost import ForceSd
 from wrenchsight.models.planning.motion.redundancy import (
     RedundancyProblem,
     best_on_grid,

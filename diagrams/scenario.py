@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 
 from wrenchsight.models.control.wrench_script import WrenchSegment
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
-from wrenchsight.models.estimation.wrench import wrench_prior
+from wrenchsight.models.estimation.wrench import observer_prior
 from wrenchsight.models.files.configuration import load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
@@ -400,7 +400,7 @@ def _check_observer(scenario: Scenario, source: str) -> None:
     if kind is None or not kind.reads_wrench:
         return
     name, reconstruction = kind_name(kind), scenario.estimator.reconstruction
-    if wrench_prior(reconstruction) is None:
+    if observer_prior(reconstruction) is None:
         raise InputError(
             source,
             "estimator.reconstruction.method",

@@ -47,7 +47,7 @@ _COMPILING = (
     "models/estimation/test_estimator.py",
     "models/truth/test_free_arm.py",
     "models/rigid_body/test_serial_chain.py",
-    "models/planning/motion/test_posture_measures.py",
+    "models/planning/motion/test_posture_cost.py",
     "models/planning/motion/test_redundancy.py",
     "diagrams/placement/test_placement_program.py",
     "systems/test_impedance_controller.py",

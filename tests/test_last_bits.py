@@ -32,8 +32,8 @@ from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.planning.motion.branches import all_branches, closed_form
 from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber
 from wrenchsight.models.planning.motion.posture_map import ToolCone, best_postures
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
 from wrenchsight.models.planning.motion.redundancy import best_on_grid, candidates, refine
 from wrenchsight.models.planning.placement.placement_task import load_task
 from wrenchsight.models.recordings.recording import Recording

@@ -7,7 +7,8 @@ import numpy as np
 from wrenchsight.analyses.output.compilation import are_compiled, compile_side_by_side
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.estimation.wrench_reading import ReadingSamples, WrenchReading, judge_rows
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import observe_momentum

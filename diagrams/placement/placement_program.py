@@ -38,7 +38,7 @@ from wrenchsight.diagrams.placement.placement_cell import PlacementCell
 from wrenchsight.diagrams.placement.placement_plant import path_pose, plain_plant
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.autodiff import differentiable
-from wrenchsight.models.planning.motion.posture_measures import PostureMeasure
+from wrenchsight.models.planning.motion.posture_cost import PostureMeasure
 from wrenchsight.models.planning.placement.placements import (
     Placement,
     PlacementBounds,

@@ -67,7 +67,7 @@ class FrictionTracker:
         model: that reads the arm; its friction law is not one of coupled joints.
         pole: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
-        force_sd: N, of the forces that tasks have (`models.estimation.wrench.live_prior`).
+        force_sd: N, of the forces that tasks have (`models.estimation.wrench_prior.live_prior`).
         resolution: (n,) rad of the encoders; None: those that the law was fitted with.
 
     Attributes:

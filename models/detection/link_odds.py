@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, logsumexp
 
-from wrenchsight.models.estimation.wrench import PRIOR_LEVER
+from wrenchsight.models.estimation.wrench_prior import PRIOR_LEVER
 from wrenchsight.models.numerics.arrays import Array, Flags
 
 SURFACE_RADII = (0.06, 0.1)  # m

@@ -31,7 +31,7 @@ from wrenchsight.models.estimation.estimator import (
     WrenchEstimatorConfig,
 )
 from wrenchsight.models.estimation.reading_gain import ReadingGain
-from wrenchsight.models.estimation.wrench import live_prior
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.robot.robot import Robot

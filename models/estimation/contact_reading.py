@@ -27,7 +27,8 @@ from wrenchsight.models.estimation.invalid import (
     UNCERTAIN_FORCE,
     UNEXPLAINED,
 )
-from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior
+from wrenchsight.models.estimation.wrench import TRUSTED_SHARE
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.arm import Arm

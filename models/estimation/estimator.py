@@ -34,9 +34,9 @@ from wrenchsight.models.estimation.wrench import (
     WrenchEstimate,
     WrenchReconstruction,
     WrenchReconstructionConfig,
-    live_prior,
-    wrench_prior,
+    observer_prior,
 )
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.estimation.wrench_reading import (
     ReadingSamples,
     ReadingState,
@@ -307,7 +307,7 @@ class WrenchEstimator:
             model.torque_error,
             np.sqrt(np.diag(self.reconstruction.torque_covariance)),
             np.broadcast_to(error.K_0 if rates is None else rates, (n,)),
-            wrench_prior(reading_config),
+            observer_prior(reading_config),
         )
         if isinstance(self.observer, InformedObserver):
             self.observer = self.observer.informed(self.knowledge)

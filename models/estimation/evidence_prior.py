@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.estimation.wrench import PriorSds, whitening_matrix
+from wrenchsight.models.estimation.wrench import whitening_matrix
+from wrenchsight.models.estimation.wrench_prior import PriorSds
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.bounded_minimum import bounded_minimum
 from wrenchsight.models.numerics.kernel import kernel

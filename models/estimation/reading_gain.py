@@ -14,7 +14,8 @@ import numpy as np
 
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
 from wrenchsight.models.estimation.invalid import FRICTION_DRIFT
-from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior, wrench_prior
+from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, observer_prior
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.numerics.arrays import Array
 
 _MIN_SD, _MAX_SD = 1e-9, 1e9  # N or N m, sds in place of zero and infinity
@@ -37,7 +38,7 @@ class ReadingGain:
             raise ValueError("the model states no torque error")
         if estimator.observer.reads_wrench:
             raise ValueError("the observer reads the wrench itself")
-        prior = wrench_prior(reconstruction)
+        prior = observer_prior(reconstruction)
         if prior is None:
             raise ValueError(f"the method {reconstruction.method} has no prior")
         sds = np.repeat([prior.moment_sd, prior.force_sd], 3)

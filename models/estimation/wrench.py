@@ -55,12 +55,10 @@ from wrenchsight.models.estimation.wrench_methods import (
     WrenchConstants,
     reconstruct_log,
 )
+from wrenchsight.models.estimation.wrench_prior import UNKNOWN_SD, PriorSds
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.observers.observer import WrenchPrior
 
-STANDARD_GRAVITY = 9.80665
-PRIOR_LEVER = 0.05  # m; distance of a tool's contact from E, for the live prior
-UNKNOWN_SD = 1e6  # N or N m; stands for infinity: no arm's wrench gets near it
 TRUSTED_SHARE = 1.0 / 3.0  # of the live prior's force sd: largest sd of a valid reading
 STICTION_SHARE = 0.16  # of the same: 8 % of the rated payload's weight, 9.8 N on an arm for 12.5 kg
 
@@ -142,31 +140,7 @@ class WrenchEstimate(NamedTuple):
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
 
 
-class PriorSds(NamedTuple):
-    """Prior sds of the wrench, the same in all directions.
-
-    Attributes:
-        force_sd: N.
-        moment_sd: N m about E.
-    """
-
-    force_sd: float
-    moment_sd: float
-
-
-def live_prior(payload: float) -> PriorSds:
-    """The prior of an arm before any log.
-
-    The weight of the rated payload counts as a two-sigma force, acting PRIOR_LEVER off E.
-
-    Args:
-        payload: kg, rated.
-    """
-    force_sd = 0.5 * payload * STANDARD_GRAVITY
-    return PriorSds(force_sd, PRIOR_LEVER * force_sd)
-
-
-def wrench_prior(config: WrenchReconstructionConfig) -> WrenchPrior | None:
+def observer_prior(config: WrenchReconstructionConfig) -> WrenchPrior | None:
     """The prior of the wrench in a configuration, for an observer that reads the wrench itself.
 
     None for methods without a prior. Without a live prior the reading's prior stands for it.

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from wrenchsight.models.estimation.wrench import live_prior
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.hypotheses.evidence import ODD_SHARE, Fit, RowKinds, row_weights
 from wrenchsight.models.hypotheses.log_rows import CUTOFF_FREQUENCY, LARGEST_CUTOFF, LogRows
 from wrenchsight.models.identification.identified_model import IdentifiedModel

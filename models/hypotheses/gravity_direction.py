@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.estimation.wrench import STANDARD_GRAVITY
+from wrenchsight.models.estimation.wrench_prior import STANDARD_GRAVITY
 from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array

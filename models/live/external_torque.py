@@ -25,11 +25,8 @@ from wrenchsight.models.detection.torque_contact import (
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch
 from wrenchsight.models.estimation.invalid import OTHER_LINK, SAMPLE_MISSING, SETTLING
-from wrenchsight.models.estimation.wrench import (
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    live_prior,
-)
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot

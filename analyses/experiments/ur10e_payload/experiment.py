@@ -17,7 +17,7 @@ much the two differ (`unloaded`).
 moment standard deviations with the largest marginal likelihood of the observed joint torques
 (`evidence_prior.evidence_prior`). `bayesian_live_prior` uses the rule for when there is
 no log yet, half the weight of the rated payload with a lever of 5 cm
-(`models.estimation.wrench.live_prior`).
+(`models.estimation.wrench_prior.live_prior`).
 
 **With the best friction law** (`best`; chosen on the unloaded runs alone) the same is done once
 more. The payload's centre of mass sits some 18 cm off the flange, so that a reading of a force at
@@ -75,11 +75,8 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
-from wrenchsight.models.estimation.wrench import (
-    WrenchEstimate,
-    WrenchReconstruction,
-    live_prior,
-)
+from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstruction
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.spatial_vectors import AXES

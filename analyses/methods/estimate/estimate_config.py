@@ -15,8 +15,9 @@ from wrenchsight.models.detection.contact_detector import (
 )
 from wrenchsight.models.estimation.contact_filter import ContactConfig, ContactFrame
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
-from wrenchsight.models.estimation.wrench import live_prior, wrench_prior
+from wrenchsight.models.estimation.wrench import observer_prior
 from wrenchsight.models.estimation.wrench_methods import METHODS
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.estimation.wrench_table import TABLES
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
@@ -239,7 +240,7 @@ def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
         (config.smooth, "for which smoothing has no prior"),
         (reads_wrench, f"for which the {kind} observer has no prior"),
     ):
-        is_possible = not is_requested or wrench_prior(reconstruction) is not None
+        is_possible = not is_requested or observer_prior(reconstruction) is not None
         problem = f"is {reconstruction.method}, {shortcoming}"
         _require(is_possible, "method", problem, "give bayesian, force_only or inverse")
     if config.track:

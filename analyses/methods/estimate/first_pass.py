@@ -32,7 +32,7 @@ from wrenchsight.models.detection.contact_detector import ContactEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.lever_prior import find_lever
-from wrenchsight.models.estimation.wrench import live_prior
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.friction.sliding_friction import with_sliding
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array

@@ -29,7 +29,7 @@ from wrenchsight.models.calibration.load_or_drift import (
 )
 from wrenchsight.models.calibration.observed_regressor import ObservedRegressor
 from wrenchsight.models.calibration.residual_noise import LogSignals, ResidualRows
-from wrenchsight.models.estimation.wrench import live_prior
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.rigid_body.serial_chain import SerialChain

@@ -37,8 +37,9 @@ from wrenchsight.models.estimation.invalid import (
     WRONG_LOG,
 )
 from wrenchsight.models.estimation.uncertain_force import UncertainForce
-from wrenchsight.models.estimation.wrench import ValidityLimits, live_prior
+from wrenchsight.models.estimation.wrench import ValidityLimits
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel

@@ -62,9 +62,9 @@ from wrenchsight.models.estimation.wrench import (
     ValidityLimits,
     WrenchReconstruction,
     WrenchReconstructionConfig,
-    live_prior,
 )
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import Validity

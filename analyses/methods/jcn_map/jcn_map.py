@@ -27,8 +27,8 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import first_of_least
 from wrenchsight.models.planning.motion.branches import is_closed_form
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber, check_joints
 from wrenchsight.models.planning.motion.posture_map import PostureMap, ToolCone, best_postures
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber, check_joints
 from wrenchsight.models.planning.motion.surface_path import frame_about
 from wrenchsight.models.robot.robot import Robot
 

@@ -28,14 +28,15 @@ from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.placement.coming_and_going import distance_of_ends, sentence_of_ends
 from wrenchsight.diagrams.placement.placement_cell import PlacementCell
 from wrenchsight.diagrams.placement.placement_program import SOLVERS, PlacementProgram
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_methods import METHODS
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.ties import first_of_least
 from wrenchsight.models.planning.motion.branches import is_closed_form
-from wrenchsight.models.planning.motion.posture_measures import (
+from wrenchsight.models.planning.motion.posture_cost import (
     ConditionNumber,
     ForceSd,
     PostureMeasure,

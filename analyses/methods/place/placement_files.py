@@ -12,7 +12,7 @@ from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.diagrams.pages.cell_picture import cell_picture
 from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
-from wrenchsight.models.planning.motion.posture_measures import (
+from wrenchsight.models.planning.motion.posture_cost import (
     PostureMeasure,
 )
 

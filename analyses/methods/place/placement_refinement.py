@@ -5,7 +5,7 @@ stops where it meets one. Whatever starts from such an end (a simulation, a read
 digits from another start or on another machine. So
 
 1. the program is solved again from there, to a tighter tolerance, with the measure smoothed and the
-   smoothing taken back step by step (`wrenchsight.models.planning.motion.posture_measures`);
+   smoothing taken back step by step (`wrenchsight.models.planning.motion.posture_cost`);
 2. of a family of placements that measure and constraints do not tell apart, one stands for all: the
    first joint is turned to the middle of its range at the path's midpoint, the last one too, wrist
    and elbow are those nearest to the middle of theirs, and the path runs towards the positive side
@@ -21,7 +21,7 @@ import numpy as np
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import TIE_TOLERANCE, first_of_least
-from wrenchsight.models.planning.motion.posture_measures import smoothed
+from wrenchsight.models.planning.motion.posture_cost import smoothed
 from wrenchsight.models.planning.placement.placements import (
     Placement,
     on_all_branches,

@@ -11,7 +11,7 @@ from wrenchsight.analyses.methods.place.placement_search import SearchResult
 from wrenchsight.diagrams.distances.clearance import ClosestPair
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import beyond_rounding, first_of_least
-from wrenchsight.models.planning.motion.posture_measures import (
+from wrenchsight.models.planning.motion.posture_cost import (
     PostureMeasure,
 )
 from wrenchsight.models.planning.placement.placement_task import PlacementTask

@@ -34,7 +34,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import better, beyond_rounding, first_of_least
 from wrenchsight.models.planning.motion.branches import is_closed_form
 from wrenchsight.models.planning.motion.joint_ranges import narrowed_limits
-from wrenchsight.models.planning.motion.posture_measures import PostureMeasure, check_joints
+from wrenchsight.models.planning.motion.posture_cost import PostureMeasure, check_joints
 from wrenchsight.models.planning.motion.redundancy import (
     Candidates,
     RedundancyProblem,

@@ -2,5 +2,5 @@
 
 In: a robot, and poses, paths or surfaces for its tool. Out: postures, trajectories, measures.
 Order: damped_least_squares, branches, inverse_kinematics, path_postures (postures of poses); paths,
-workpieces, surface_path, joint_ranges (what to follow); posture_measures; redundancy, posture_map.
+workpieces, surface_path, joint_ranges (what to follow); posture_cost; redundancy, posture_map.
 """

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.ties import TIE_TOLERANCE, first_of_least
 from wrenchsight.models.planning.motion.branches import all_branches
-from wrenchsight.models.planning.motion.posture_measures import PostureMeasure
+from wrenchsight.models.planning.motion.posture_cost import PostureMeasure
 from wrenchsight.models.planning.motion.surface_path import frame_about, rotation_about
 from wrenchsight.models.robot.robot import Robot
 

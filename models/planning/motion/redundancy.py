@@ -33,7 +33,7 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.ties import first_of_least, whole_turns
 from wrenchsight.models.planning.motion.branches import all_branches, is_closed_form
-from wrenchsight.models.planning.motion.posture_measures import PostureMeasure
+from wrenchsight.models.planning.motion.posture_cost import PostureMeasure
 from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.robot.robot import Robot
 

@@ -13,7 +13,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.paths import StraightPath
-from wrenchsight.models.planning.motion.posture_measures import check_joints
+from wrenchsight.models.planning.motion.posture_cost import check_joints
 from wrenchsight.models.planning.placement.placements import PlacementBounds
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig

@@ -13,7 +13,7 @@ from wrenchsight.diagrams.placement.placement_cell import (
 from wrenchsight.diagrams.placement.placement_plant import path_pose, path_rotation
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber
 from wrenchsight.models.planning.placement.placement_task import (
     ClearanceConfig,
     ObstacleConfig,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from wrenchsight.analyses.methods.place.placement_search import CONSTRAINT_TOLERANCE
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram
 from wrenchsight.models.planning.motion.path_postures import track_paths
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber
 from wrenchsight.models.planning.placement.placements import (
     Placement,
     PlacementBounds,

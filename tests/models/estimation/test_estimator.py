@@ -12,8 +12,9 @@ from wrenchsight.models.estimation.estimator import (
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_methods import METHODS
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.friction_network import FrictionNetworks

@@ -16,7 +16,6 @@ from wrenchsight.models.estimation.evidence_prior import (
 from wrenchsight.models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
-    live_prior,
     reconstruct_wrench,
 )
 from wrenchsight.models.estimation.wrench_methods import METHODS
@@ -338,12 +337,6 @@ def test_single_sample_and_log_are_the_same(method: str) -> None:
 
 
 # ---- priors ------------------------------------------------------------------------------------
-
-
-def test_live_prior_is_half_the_rated_weight() -> None:
-    force_sd, moment_sd = live_prior(10.0)
-    assert force_sd == pytest.approx(49.03, abs=0.01)
-    assert moment_sd == pytest.approx(0.05 * force_sd)
 
 
 def test_with_prior_fills_what_the_user_left_open() -> None:

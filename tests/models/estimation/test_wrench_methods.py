@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.estimation.wrench import (
-    UNKNOWN_SD,
     WrenchEstimate,
     WrenchReconstruction,
     WrenchReconstructionConfig,
 )
+from wrenchsight.models.estimation.wrench_prior import UNKNOWN_SD
 from wrenchsight.models.numerics.arrays import Array
 
 N = 7

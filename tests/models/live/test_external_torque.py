@@ -7,7 +7,8 @@ import pytest
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator

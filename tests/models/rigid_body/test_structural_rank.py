@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.planning.motion.posture_measures import check_joints
+from wrenchsight.models.planning.motion.posture_cost import check_joints
 from wrenchsight.models.rigid_body.structural_rank import parallel_columns, structural_rank
 
 COLUMN = ("prismatic", "0 0 1", "0 0 0.2")

@@ -29,11 +29,8 @@ from wrenchsight.analyses.output.axes import legend_above, limit_y
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.diagrams.scenario import Scenario
-from wrenchsight.models.estimation.wrench import (
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    live_prior,
-)
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.numerics.arrays import Array
 
 ONE_WAY_QUICK = 5.0  # s

@@ -28,8 +28,8 @@ from wrenchsight.analyses.methods.estimate.estimate_summary import EstimateSumma
 from wrenchsight.analyses.methods.estimate.estimation import EstimateResult, estimate_log
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_marker import file_checksum
-from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.estimation.wrench_bag import read_wrench_bag
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.estimation.wrench_table import COLUMNS, columns_of
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError

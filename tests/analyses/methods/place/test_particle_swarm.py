@@ -11,7 +11,7 @@ from wrenchsight.analyses.methods.place.particle_swarm import (
 )
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram
 from wrenchsight.models.planning.motion.path_postures import track_paths
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber
 from wrenchsight.models.planning.placement.placement_task import PlacementTask, load_task
 from wrenchsight.models.robot.robot import Robot
 

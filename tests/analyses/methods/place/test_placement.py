@@ -21,10 +21,11 @@ from wrenchsight.analyses.methods.place.placement_result import PlacementResult
 from wrenchsight.analyses.methods.place.placement_search import SearchEffort
 from wrenchsight.analyses.output.result_marker import MARKER
 from wrenchsight.diagrams.distances.clearance import Clearance
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber, ForceSd
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber, ForceSd
 from wrenchsight.models.planning.placement.placement_task import (
     ClearanceConfig,
     ObstacleConfig,

@@ -13,7 +13,7 @@ from wrenchsight.analyses.methods.place.placement_refinement import (
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.planning.motion.path_postures import track_paths
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber, ForceSd
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber, ForceSd
 from wrenchsight.models.planning.placement.placement_task import load_task
 from wrenchsight.models.planning.placement.placements import (
     Placement,

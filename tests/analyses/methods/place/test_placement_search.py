@@ -18,7 +18,7 @@ from wrenchsight.diagrams.placement.placement_program import (
     PlacementProgram,
     PlacementSolution,
 )
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber
 from wrenchsight.models.planning.placement.placement_task import PlacementTask, load_task
 from wrenchsight.models.planning.placement.placements import (
     Placement,

@@ -22,7 +22,7 @@ from wrenchsight.diagrams.scenario import BladeConfig
 from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration, save_configuration
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber
 from wrenchsight.models.planning.motion.redundancy import RedundancyProblem
 from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.planning.motion.workpieces import BladeShapeConfig

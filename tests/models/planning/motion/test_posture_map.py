@@ -4,12 +4,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber
 from wrenchsight.models.planning.motion.posture_map import (
     ToolCone,
     best_postures,
     turns_with_last_joint,
 )
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
 from wrenchsight.models.robot.robot import Robot
 
 DOWN = np.array([0.0, 0.0, -1.0])

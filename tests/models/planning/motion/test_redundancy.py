@@ -9,7 +9,7 @@ import pytest
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber, ForceSd
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber, ForceSd
 from wrenchsight.models.planning.motion.redundancy import (
     RedundancyProblem,
     at_constant_angle,

@@ -1,7 +1,8 @@
-"""Measures of how well a posture reads forces, with gradients in closed form.
+"""The cost of a posture: a measure of how well it reads forces, with its gradient in closed form.
 
-A measure maps joint positions to one number, smaller is better, and to its gradient. Both measures
-here are functions of the Jacobian; with G its gradient with respect to J,
+A measure, such as the condition number of the Jacobian, is what a placement or an optimised
+redundancy makes small. It maps joint positions to one number, smaller is better, and to its
+gradient. Both measures here are functions of the Jacobian; with G its gradient with respect to J,
 
     d/dq_j = sum_i G_i . dJ_i/dq_j,    dJ_i/dq_j = [w_j x w_i; w_j x v_i]  for j <= i
                                                    [0;         w_i x v_j]  for j >  i

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.planning.motion.posture_measures import ConditionNumber, ForceSd, smoothed
+from wrenchsight.models.planning.motion.posture_cost import ConditionNumber, ForceSd, smoothed
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
