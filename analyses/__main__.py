@@ -67,6 +67,7 @@ class _Commands(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: Any) -> Any:
+        """Runs the command; an error of the user becomes one line and the exit code 2."""
         came: list[int] = []
         try:
             with ends_are_interrupts() as came, remembering_files_read():

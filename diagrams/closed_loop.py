@@ -431,7 +431,7 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstima
     air_pass, model = requested.air_pass, requested.model or parts.model
     config = _estimator_config(scenario)
     config = replace(config, reconstruction=with_planned_force(config.reconstruction, robot, plan))
-    known = WrenchEstimator(robot, model, config)
+    known = WrenchEstimator(robot, model, config)  # what the estimator's blocks are made of
     if known.observer.reads_present_torque:
         raise ValueError("machining: an observer that reads the present torque closes a loop")
     estimator = _add_loop_estimator(parts, requested, config)
@@ -439,6 +439,7 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstima
     wrench = readings["wrench"]
     if uses_sensor(scenario):
         wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
+
     # After an air pass force feedback counts where its correction is valid.
     steady = plan.steady if air_pass is None else air_pass.steady_at(plan.trajectory.t)
     reference = _add_reference(parts, replace(plan, steady=steady), terms, wrench)
@@ -458,6 +459,7 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstima
     signals = {name: reference[name] for name in _PASS_SIGNALS} | {
         "pose_error": action["pose_error"]
     }
+
     if air_pass is not None:
         tracked = _add_correction(parts, known, air_pass, estimator, reference)
         signals |= {name: tracked[name] for name in _FREED_SIGNALS}
@@ -538,18 +540,19 @@ def _add_correction(
         for name in ("terms", "tau_ext", "tau_ext_valid", "torque_error", "tau_f", "fault")
     }
     _connect_all(builder, tracker, reference | learnt | observed)
+    # tau_correction = correction - freed_torque, at the speed that was planned.
     freed_sign = builder.AddNamedSystem("less_freed", Gain(-1.0, n))
     total = builder.AddNamedSystem("tau_correction", Adder(2, n))
-    joints = builder.AddNamedSystem("reference_joints", Demultiplexer(3 * n, n))
+    planned_motion = builder.AddNamedSystem("reference_joints", Demultiplexer(3 * n, n))
     builder.Connect(tracked["freed_torque"], freed_sign.get_input_port())
     builder.Connect(correction["correction"], total.get_input_port(0))
     builder.Connect(freed_sign.get_output_port(), total.get_input_port(1))
-    builder.Connect(reference["reference"], joints.get_input_port())
+    builder.Connect(reference["reference"], planned_motion.get_input_port())
     sources = {
         "tau_correction": total.get_output_port(),
         "correction_valid": correction["valid"],
         "correction_sd": tracked["freed_sd"],
-        "v_planned": joints.get_output_port(1),
+        "v_planned": planned_motion.get_output_port(1),  # of q_d, v_d, vdot_d
     }
     for name, port in sources.items():
         if estimator.HasInputPort(name):  # a friction law with memory takes no planned speed

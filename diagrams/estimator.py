@@ -204,66 +204,87 @@ def _staged(
     """The estimator as a block a stage; the arguments are those of `make_estimator`."""
     _check_stages(name, own_stages)
     builder = DiagramBuilder()
+    # With the correction of an air pass, a law of speed alone takes the speed that was planned.
     at_planned_speed = corrected and estimator.friction.is_of_speed_alone
-    has_error = estimator.learnt or corrected or "torque_error" in own_stages
+    reading_has_error = estimator.learnt or corrected or "torque_error" in own_stages
     has_detection = detection is not None or "detection" in own_stages
     stages = _add_stages(
         builder,
         estimator,
         own_stages,
         knows_rest=estimator.learnt and not at_planned_speed,
-        has_error=has_error or has_detection,
+        has_error=reading_has_error or has_detection,
     )
     sources = _sources(builder, estimator, stages, own_stages.get("samples"))
     if estimator.observer.reads_wrench and "observer" not in own_stages:
         sources["observed"] = stages.observer.GetOutputPort("wrench")
+
     _connect(builder, [stages.terms, stages.motor, stages.observer], sources)
     if stages.torque_error is not None:
-        _connect(builder, [stages.torque_error], sources)
-        if corrected and stages.torque_error.HasInputPort("added_sd"):
-            builder.ExportInput(stages.torque_error.GetInputPort("added_sd"), "correction_sd")
-        builder.ExportOutput(sources["torque_error"], "torque_error")
-    if at_planned_speed:
-        builder.ExportInput(stages.friction.GetInputPort("v"), "v_planned")
-        without_v = {signal: sources[signal] for signal in sources if signal != "v"}
-        _connect(builder, [stages.friction], without_v)
-    else:
-        _connect(builder, [stages.friction], sources)
-
-    # The reading takes the observer's valid beside the correction's: it names the reason.
+        _connect_torque_error(builder, stages.torque_error, sources, corrected)
+    _connect_friction(builder, stages.friction, sources, at_planned_speed)
     reading_sources = dict(sources)
     if corrected:
         correction = _add_correction(builder, estimator.num_joints, sources)
-        reading_sources["corrected"] = correction.GetOutputPort("corrected")
-        reading_sources["tau_ext"] = correction.GetOutputPort("tau_ext")
         for signal in ("tau_ext", "tau_ext_valid"):
             sources[signal] = correction.GetOutputPort(signal)
-    if not has_error:  # one covariance, and no lag
+        # The reading takes the observer's valid, not the correction's, and `corrected` beside it:
+        # so it tells which of the two is the reason against it.
+        for signal in ("tau_ext", "corrected"):
+            reading_sources[signal] = correction.GetOutputPort(signal)
+    if not reading_has_error:  # one covariance, and no lag
         reading_sources.pop("torque_error", None)
         del reading_sources["pole"]
     _connect(builder, [stages.reconstruction], reading_sources)
 
-    for signal in ("tau_ext", "tau_f", "tau_ext_valid"):
-        builder.ExportOutput(sources[signal], signal)
-    wrench_signals = _STAGE_OUTPUTS["reconstruction"]
-    wrench_ports = _signals(builder, "reading", stages.reconstruction, wrench_signals)
-    for signal, port in zip(wrench_signals, wrench_ports, strict=True):
-        builder.ExportOutput(port, signal)
+    readings = _reading_ports(builder, stages.reconstruction)
     known_terms = None if "terms" in own_stages else sources["terms"]
-    builder.ExportOutput(_terms_as_read(builder, estimator, known_terms), "terms")
-    builder.ExportOutput(sources["fault"], "fault")
+    outputs = {signal: sources[signal] for signal in ("tau_ext", "tau_f", "tau_ext_valid")}
+    outputs |= readings
+    outputs["terms"] = _terms_as_read(builder, estimator, known_terms)
+    outputs["fault"] = sources["fault"]
+    for signal, port in outputs.items():
+        builder.ExportOutput(port, signal)
     if "detection" in own_stages:
-        detector = builder.AddNamedSystem("detection", own_stages["detection"])
-        readings = dict(zip(wrench_signals, wrench_ports, strict=True))
-        _connect(builder, [detector], sources | readings)
-        for signal in DETECTION:
-            if detector.HasOutputPort(signal):
-                builder.ExportOutput(detector.GetOutputPort(signal), signal)
+        _detect_by(builder, own_stages["detection"], sources | readings)
     elif detection is not None:
         _detect(builder, ContactDetector.of(estimator, detection), sources)
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
+
+
+def _connect_torque_error(
+    builder: DiagramBuilder,
+    torque_error: LeafSystem,
+    sources: Mapping[str, OutputPort],
+    corrected: bool,
+) -> None:
+    """Connects the torque error and exports it, and the input of what a correction adds to it."""
+    _connect(builder, [torque_error], sources)
+    if corrected and torque_error.HasInputPort("added_sd"):
+        builder.ExportInput(torque_error.GetInputPort("added_sd"), "correction_sd")
+    builder.ExportOutput(sources["torque_error"], "torque_error")
+
+
+def _connect_friction(
+    builder: DiagramBuilder,
+    friction: LeafSystem,
+    sources: Mapping[str, OutputPort],
+    at_planned_speed: bool,
+) -> None:
+    """Connects the friction; its speed is the measured one, or an input `v_planned`."""
+    if at_planned_speed:
+        builder.ExportInput(friction.GetInputPort("v"), "v_planned")
+        sources = {signal: port for signal, port in sources.items() if signal != "v"}
+    _connect(builder, [friction], sources)
+
+
+def _reading_ports(builder: DiagramBuilder, reconstruction: LeafSystem) -> dict[str, OutputPort]:
+    """The outputs of the reconstruction, by name."""
+    signals = _STAGE_OUTPUTS["reconstruction"]
+    ports = _signals(builder, "reading", reconstruction, signals)
+    return dict(zip(signals, ports, strict=True))
 
 
 def _add_stages(
@@ -284,17 +305,19 @@ def _add_stages(
     period = estimator.observer.time_step
 
     def add(stage: str, block: LeafSystem) -> LeafSystem:
+        """Adds the user's block of a stage, or else ours."""
         return builder.AddNamedSystem(stage, own_stages.get(stage, block))
 
     terms = add("terms", RigidBodyTermsSystem(estimator.chain))
     motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
     friction = add("friction", _friction_system(estimator.friction, period, knows_rest))
     observer = add("observer", _observer_system(estimator.observer))
+    # Errors of one covariance leave the reading nothing to remember: a function without ticks.
     reading_period = period if estimator.learnt else 0.0
     reconstruction = add(
         "reconstruction", JacobianWrenchReconstruction(estimator.reading, reading_period)
     )
-    torque_error = None
+    torque_error = None  # not added where nothing reads it
     if has_error or (isinstance(observer, ExternalTorqueObserver) and observer.uses_sd):
         torque_error = add("torque_error", TorqueErrorSystem(estimator.error, period))
     return _Stages(terms, motor, friction, observer, reconstruction, torque_error)
@@ -430,6 +453,17 @@ def _checked_inputs(
     builder.Connect(check.GetOutputPort("motion"), motion.get_input_port())
     fault, q, v = (motion.get_output_port(k) for k in range(3))
     return {"q": q, "v": v, "current": check.GetOutputPort("checked_current"), "fault": fault}
+
+
+def _detect_by(
+    builder: DiagramBuilder, block: LeafSystem, sources: Mapping[str, OutputPort]
+) -> None:
+    """Adds a user's detector, and exports those of its outputs that ours would have."""
+    detector = builder.AddNamedSystem("detection", block)
+    _connect(builder, [detector], sources)
+    for signal in DETECTION:
+        if detector.HasOutputPort(signal):
+            builder.ExportOutput(detector.GetOutputPort(signal), signal)
 
 
 def _detect(

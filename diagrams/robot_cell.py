@@ -13,9 +13,11 @@ from pydrake.geometry import (
     Meshcat,
     MeshcatVisualizer,
     MeshcatVisualizerParams,
+    ProximityProperties,
     Role,
     RoleAssign,
     SceneGraph,
+    Shape,
     Sphere,
 )
 from pydrake.math import RigidTransform
@@ -409,6 +411,23 @@ def _remove_pictures(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
             scene_graph.RemoveGeometry(source, geometry)
 
 
+def _material_of(
+    cell: _CellParts, body: RigidBody, shape: Shape, clear_links: Collection[str]
+) -> ProximityProperties | None:
+    """The contact material of a shape of the arm; None: it touches nothing."""
+    workpiece = cell.scenario.workpiece
+    if isinstance(workpiece, BladeConfig):
+        # A mesh is touched by patches alone: only the tip has a shape that makes them.
+        is_tool = body.index() == tool_body(cell.plant, cell.arm).index()
+        is_tip = is_tool and isinstance(shape, Sphere)
+        return soft_tip(workpiece, shape.radius()) if is_tip else None
+    if body.name() in clear_links:
+        return None
+    # Without a workpiece the arm may touch floor or directives, in the material of a plate.
+    plate = workpiece if isinstance(workpiece, PlateConfig) else PlateConfig()
+    return contact_material(plate.stiffness, plate.dissipation, plate.friction)
+
+
 def _prepare_contact(
     cell: _CellParts, scene_graph: SceneGraph, clear_links: Collection[str]
 ) -> None:
@@ -416,30 +435,21 @@ def _prepare_contact(
 
     At a blade only the ball at the tool's tip makes contact: the links pass through the blade.
     """
-    plant, arm, workpiece = cell.plant, cell.arm, cell.scenario.workpiece
-    inspector = scene_graph.model_inspector()
-    blade = workpiece if isinstance(workpiece, BladeConfig) else None
-    plate = workpiece if isinstance(workpiece, PlateConfig) else PlateConfig()
-    material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
-    source, links = plant.get_source_id(), GeometrySet()
+    plant, arm = cell.plant, cell.arm
+    source, inspector = plant.get_source_id(), scene_graph.model_inspector()
+    links = GeometrySet()
     for index in plant.GetBodyIndices(arm.model_instance):
         body = plant.get_body(index)
         for geometry in plant.GetCollisionGeometriesForBody(body):
-            if blade is not None:
-                # A mesh is touched by patches alone: only the tip has a shape that makes them.
-                shape = inspector.GetShape(geometry)
-                if isinstance(shape, Sphere) and index == tool_body(plant, arm).index():
-                    tip = soft_tip(blade, shape.radius())
-                    scene_graph.AssignRole(source, geometry, tip, RoleAssign.kReplace)
-                    links.Add(geometry)
-                else:
-                    scene_graph.RemoveRole(source, geometry, Role.kProximity)
-            elif cell.has_contact and body.name() not in clear_links:
-                scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
-                links.Add(geometry)
-            else:
+            material = None
+            if cell.has_contact:
+                material = _material_of(cell, body, inspector.GetShape(geometry), clear_links)
+            if material is None:
                 # With nothing to touch, contact need not be computed at every tick.
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
+            else:
+                scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
+                links.Add(geometry)
     filters = scene_graph.collision_filter_manager()
     filters.Apply(CollisionFilterDeclaration().ExcludeWithin(links))
     if cell.scenario.floor:

@@ -50,6 +50,8 @@ TIME_LAWS: dict[str, TimeLaw] = {
     "uniform_acceleration": uniform_acceleration,
 }
 FRICTIONS = ("full", "coulomb_viscous", "none")
+_TRAJECTORY_STEP = 0.01  # s between the samples of a motion in joint space
+_SAME_TIME = 1e-9  # s; two samples nearer than that are one
 MOST_TICKS = 3_600_000  # of a simulation: an hour at 1 kHz
 LIMITS = {  # of counts and sizes that time and memory depend on, by key at any depth
     "time_step": (1e-5, 0.01),  # s
@@ -435,6 +437,7 @@ def _check_workpiece(workpiece: PlateConfig | BladeConfig | None, source: str) -
 
 
 def _check_machining(scenario: Scenario, source: str) -> None:
+    """Raises InputError where machining lacks a part, or has a number out of range."""
     machining = scenario.machining
     assert machining is not None
     if scenario.workpiece is None:
@@ -504,7 +507,8 @@ def _joint_sines(motion: JointSineMotion, duration: float, robot: Robot) -> Join
     phase = _joints(motion.phase, robot, "motion.phase")
     if not motion.ramp > 0:
         raise InputError("scenario", "motion.ramp", f"{motion.ramp}, expected more than 0 s")
-    t = np.linspace(0.0, duration, max(2, int(np.ceil(duration / 0.01)) + 1))[:, np.newaxis]
+    num_samples = max(2, int(np.ceil(duration / _TRAJECTORY_STEP)) + 1)
+    t = np.linspace(0.0, duration, num_samples)[:, np.newaxis]
     # A quintic from 0 to 1 that starts and ends without velocity or acceleration.
     x = np.clip(t / motion.ramp, 0.0, 1.0)
     fade = x**3 * (10 - 15 * x + 6 * x**2)
@@ -542,26 +546,28 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
         np.array(motion.R_WE) if motion.R_WE else R_home,
         motion.path_length,
     )
-    seed = _joints(motion.q_seed or list(robot.home), robot, "motion.q_seed")
+    q_seed = _joints(motion.q_seed or list(robot.home), robot, "motion.q_seed")
     law = TIME_LAWS[motion.time_law]
     if law is constant_speed:
         law = steady_speed(motion.ramp)
     # A whole number of steps one way, so that the turning point is one of the samples.
-    step = motion.one_way / max(1, round(motion.one_way / 0.01))
-    if motion.passes == 1:
-        cycle, count = joint_trajectory(robot, path, law, motion.one_way, seed, step), 1
-    else:
-        cycle_law = there_and_back(law)
-        cycle = joint_trajectory(robot, path, cycle_law, 2 * motion.one_way, seed, step)
-        count = (motion.passes + 1) // 2
-    # A lead-in is the end of one more time there and back.
-    first_cycle = -1 if motion.lead_in > 0 else 0
+    step = motion.one_way / max(1, round(motion.one_way / _TRAJECTORY_STEP))
+    cycle_duration = motion.one_way
+    if motion.passes > 1:  # a cycle is there and back; the last one may end at the turning point
+        law, cycle_duration = there_and_back(law), 2 * motion.one_way
+    cycle = joint_trajectory(robot, path, law, cycle_duration, q_seed, step)
+
+    # Whole cycles one after another, of which the time of the motion is cut out. A lead-in is the
+    # end of one more cycle, before the first.
     begin = motion.start + motion.lead_in
-    t = np.concatenate([begin + k * cycle.duration + cycle.t for k in range(first_cycle, count)])
     end = begin + motion.passes * motion.one_way
-    is_in_motion = np.concatenate([[True], np.diff(t) > 1e-9])
-    is_in_motion &= (t >= motion.start - 1e-9) & (t <= end + 1e-9)
-    num_cycles = count - first_cycle
+    first_cycle = -1 if motion.lead_in > 0 else 0
+    cycles = range(first_cycle, (motion.passes + 1) // 2)
+    t = np.concatenate([begin + k * cycle.duration + cycle.t for k in cycles])
+    # The last sample of a cycle is the first of the next one.
+    is_in_motion = np.concatenate([[True], np.diff(t) > _SAME_TIME])
+    is_in_motion &= (t >= motion.start - _SAME_TIME) & (t <= end + _SAME_TIME)
+    num_cycles = len(cycles)
     return JointTrajectory(
         t=t[is_in_motion],
         q=np.tile(cycle.q, (num_cycles, 1))[is_in_motion],

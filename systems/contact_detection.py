@@ -68,11 +68,13 @@ class ContactDetection(SampledBlock):
     """
 
     def __init__(self, detector: ContactDetector) -> None:
-        held = {"detection": len(DETECTION)}
+        n, num_outputs = detector.num_joints, len(DETECTION)
+        held = {"detection": num_outputs}
         SampledBlock.__init__(self, detector.time_step, detector.initial_state(), held)
         self._detector = detector
-        n = detector.num_joints
+        # N m, in the place of a torque that the observer does not read before the update.
         self._no_torque = np.zeros((1, n))
+
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
@@ -82,15 +84,17 @@ class ContactDetection(SampledBlock):
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._pole = self.DeclareVectorInputPort("pole", n)
         self._sliding = self.DeclareVectorInputPort("sliding", len(SlidingLaw._fields) * n)
+
+        # The detector changes with K_0 and friction alone, not at every tick.
         self._tuned = declare_cached(
             self, "detector", self._calc_detector, {self._pole.ticket(), self._sliding.ticket()}
         )
         ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
         if detector.reads_present_torque:
             ports += [self._tau_J, self._tau_f]
-        tickets = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites = {port.ticket() for port in ports} | self.state_tickets
         self._output = self.DeclareVectorOutputPort(
-            "detection", len(DETECTION), self._calc, tickets | {self._tuned.ticket()}
+            "detection", num_outputs, self._calc, prerequisites | {self._tuned.ticket()}
         )
 
     def _calc_detector(self, context: Context) -> ContactDetector:

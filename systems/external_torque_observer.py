@@ -14,6 +14,8 @@ from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.sampled_block import SampledBlock
 
+_WRENCH_SIZE = 6 + 36  # entries of a wrench and its covariance
+
 
 class _Tick(NamedTuple):
     """The present sample, its motor torque only where the estimate reads it, and the estimate."""
@@ -64,30 +66,29 @@ class ExternalTorqueObserver(SampledBlock):
     def __init__(self, observer: Observer) -> None:
         n = observer.num_joints
         self._has_wrench = observer.reads_wrench
-        held = {"estimate": n + 1} | ({"wrench": 42} if self._has_wrench else {})
+        held = {"estimate": n + 1} | ({"wrench": _WRENCH_SIZE} if self._has_wrench else {})
         SampledBlock.__init__(self, observer.time_step, observer.initial_state(), held)
-        self._observer = observer
-        self._n = n
+        self._observer, self._n = observer, n
         self._parameters = TunedParameters(self, observer.parameters)
+        # The constants change only with the parameters, not at every tick.
         parameters = self._parameters.tickets
+        self._tuned = declare_cached(self, "observer", self._calc_observer, parameters)
+
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         if self.uses_sd:
             self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
 
-        # The constants change only with the parameters, not at every tick.
-        self._tuned = declare_cached(self, "observer", self._calc_observer, parameters)
-        prerequisites = self.state_tickets | {
-            self._terms.ticket(),
-            self._tau_f.ticket(),
-            self._tuned.ticket(),
-        }
+        ports = [self._terms, self._tau_f]
         if self.uses_sd:
-            prerequisites.add(self._torque_error.ticket())
+            ports.append(self._torque_error)
+        # An observer that does not read the present torque leaves a loop over it open.
         if observer.reads_present_torque:
-            prerequisites.add(self._tau_J.ticket())
-        self._no_torque = np.zeros((1, n))
+            ports.append(self._tau_J)
+        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites.add(self._tuned.ticket())
+        self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J before the update
         self._no_error = TorqueError.of_flat(np.zeros(ERROR_ROWS * n), n)
         self._observed = declare_cached(self, "observed", self._calc_observed, prerequisites)
         self._reading = self.DeclareVectorOutputPort(
@@ -97,9 +98,7 @@ class ExternalTorqueObserver(SampledBlock):
         declare_parts(self, self._reading.Eval, parts, prerequisites)
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
         if self._has_wrench:
-            self._wrench = self.DeclareVectorOutputPort(
-                "wrench", 42, self._calc_wrench, prerequisites
-            )
+            self.DeclareVectorOutputPort("wrench", _WRENCH_SIZE, self._calc_wrench, prerequisites)
 
     @property
     def reading_sizes(self) -> list[int]:

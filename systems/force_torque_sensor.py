@@ -113,10 +113,6 @@ class ForceTorqueSensor(SampledBlock):
         time_step: float,
         seed: int | None = None,
     ) -> None:
-        self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
-        memory = np.zeros(6 + 6 * self._filter.order)
-        SampledBlock.__init__(self, time_step, memory, {"wrench": 6})
-        self._noise, self._seed, self._time_step = np.zeros(6), seed, time_step
         if not (config.force_noise_sd >= 0 and config.moment_noise_sd >= 0):
             raise InputError(
                 "force/torque sensor",
@@ -124,16 +120,23 @@ class ForceTorqueSensor(SampledBlock):
                 f"standard deviations {config.force_noise_sd:g} N and "
                 f"{config.moment_noise_sd:g} N m, expected 0 or more",
             )
+        self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
+        wrench_and_filter = np.zeros(6 + 6 * self._filter.order)
+        SampledBlock.__init__(self, time_step, wrench_and_filter, {"wrench": 6})
+        self._time_step, self._seed = time_step, seed
+        self._noise = np.zeros(6)  # of unit sd, drawn anew at each tick
         self._weld = int(tool_weld)
         self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
-        sd = [config.moment_noise_sd] * 3 + [config.force_noise_sd] * 3
-        self._default_noise_sd = np.array(sd)
-        self._noise_sd = self.DeclareNumericParameter(BasicVector(sd))
+        noise_sd = [config.moment_noise_sd] * 3 + [config.force_noise_sd] * 3  # rotation first
+        self._default_noise_sd = np.array(noise_sd)
+        self._noise_sd = self.DeclareNumericParameter(BasicVector(noise_sd))
+
         self._reaction = self.DeclareAbstractInputPort(
             "reaction_forces", Value[list[SpatialForce]]()
         )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._vdot = self.DeclareVectorInputPort("vdot", num_joints)
+        # What the plant says counts at the tick after: a controller may feed the wrench back.
         self._wrench = self.DeclareVectorOutputPort(
             "wrench", 6, self._calc_wrench, self.state_tickets
         )

@@ -75,25 +75,28 @@ class FrictionLawSystem(SampledBlock):
             raise ValueError(f"friction: time_step must be positive, not {time_step}")
         period = time_step if has_memory else 0.0
         SampledBlock.__init__(self, period, law.initial_state(), {"tau_f": n})
-        self._initial_law, self._has_memory = law, has_memory
+        self._initial_law = law
         self._parameters = TunedParameters(self, law.parameters)
         # The law changes only with the parameters, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, self._parameters.tickets)
+
         self._q: InputPort | None = None
         if not law.is_of_speed_alone:
             self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
-        prerequisites = {self._v.ticket(), self._law.ticket()} | self.state_tickets
         self._torque_error: InputPort | None = None
         if knows_rest:
             self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
-            prerequisites.add(self._torque_error.ticket())
         if has_memory:
             self._tau_J = self.DeclareVectorInputPort("tau_J", n)
-        if self._q is not None:
-            prerequisites.add(self._q.ticket())
-        self._no_torque = np.zeros((1, n))
-        self._torque = self.DeclareVectorOutputPort("tau_f", n, self._calc_tau_f, prerequisites)
+
+        # tau_J is read by the update alone: what the gear transmits counts at the tick after, and
+        # a controller may feed tau_f forward without an algebraic loop.
+        self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J before the update
+        ports = [port for port in (self._q, self._v, self._torque_error) if port is not None]
+        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites.add(self._law.ticket())
+        self.DeclareVectorOutputPort("tau_f", n, self._calc_tau_f, prerequisites)
         sliding_size = len(SlidingLaw._fields) * n
         self.DeclareVectorOutputPort(
             "sliding", sliding_size, self._calc_sliding, {self._law.ticket()}

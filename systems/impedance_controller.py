@@ -145,7 +145,7 @@ class ImpedanceController(SampledBlock):
     ) -> None:
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         self._n, self._time_step = len(self._effort_limit), time_step
-        self._in_E = _in_E(config.axes, "axes")
+        self._in_E = _in_E(config.axes, "axes")  # whether stiffness and error are in axes of E
         self._has_force = config.force is not None
         if not config.null_space_damping >= 0.0:
             raise InputError("impedance", "null_space_damping", "expected 0 or more")
@@ -153,7 +153,8 @@ class ImpedanceController(SampledBlock):
         held = {"all": sum(self.output_sizes.values())}
         # Without the integral of force control there is nothing to remember: no period.
         SampledBlock.__init__(self, time_step if self._has_force else 0.0, np.zeros(1), held)
-        self._at_rest = np.zeros(3 * self._n)
+        self._at_rest = np.zeros(3 * self._n)  # q_d, v_d, vdot_d of a reference not connected
+        # The law at the default gains; `_declare_parameters` makes the gains tunable.
         force = _force_gains(config.force or ForceControlConfig())
         stiffness = _matrix(config.stiffness, "stiffness")
         damping = _matrix(config.damping, "damping")

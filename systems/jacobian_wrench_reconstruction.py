@@ -140,6 +140,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._wrench_reading = reading
         self._n = n = reading.num_joints
         self._parameters = TunedParameters(self, reading.parameters)
+
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
@@ -149,19 +150,22 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         self._pole = self.DeclareVectorInputPort("pole", n)
         self._sliding = self.DeclareVectorInputPort("sliding", len(SlidingLaw._fields) * n)
-        # The whitening and the prior change only with the parameters, not at every tick.
+
+        # Whitening and prior change with the parameters, K_0 and friction, not at every tick.
         tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
         self._tuned = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
+        self._no_torque = np.full((1, n), np.nan)  # N m, of a sample that cannot be used
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._corrected, self._fault]
         ports += [self._observed, self._torque_error]
-        tickets = {port.ticket() for port in ports} | {self._tuned.ticket()} | self.state_tickets
-        self._no_torque = np.full((1, n), np.nan)
+        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites.add(self._tuned.ticket())
         # The reading and the state after it, so that the update need not compute them again.
-        self._tick = declare_cached(self, "reading and state", self._calc_tick, tickets)
+        self._tick = declare_cached(self, "reading and state", self._calc_tick, prerequisites)
+
         self._reading = self.DeclareVectorOutputPort(
-            "reading", size, self._calc_reading, tickets | {self._tick.ticket()}
+            "reading", size, self._calc_reading, prerequisites | {self._tick.ticket()}
         )
-        declare_parts(self, self._reading.Eval, _PARTS, tickets)
+        declare_parts(self, self._reading.Eval, _PARTS, prerequisites)
 
     def _calc_tuned(self, context: Context) -> _TunedReading:
         K_0, is_usable, n = None, True, self._n
@@ -184,31 +188,26 @@ class JacobianWrenchReconstruction(SampledBlock):
         return stage.table if stage.may_rest_unseen else None
 
     def _calc_tick(self, context: Context) -> _Tick:
+        """Reads the present sample; one that cannot be used gives a zero wrench, not valid."""
         reading, error, is_usable, unseen_rests = self._tuned.EvalAbstract(context).get_value()
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
-        J, tau_ext = terms["J"], self._tau_ext.Eval(context)[None]
-        for part in (terms["q"], J):
-            is_usable &= all_below(part.ravel(), _LARGEST_INPUT)
+        J = terms["J"]
+        is_usable &= all_below(terms["q"].ravel(), _LARGEST_INPUT)
+        is_usable &= all_below(J.ravel(), _LARGEST_INPUT)
         if self._torque_error.HasValue(context):
-            flat = self._torque_error.Eval(context)
-            error = TorqueError.of_flat(flat, self._n)
-            # The last sample's position and motor torque are NaN before the first one.
-            known_rows = error.rows[:, UNKNOWN_SHARE_ROW:TAU_J_ROW]
-            for part in (flat[: flat.size - error.rows.size], known_rows.ravel()):
-                is_usable &= all_below(part, _LARGEST_INPUT)
+            error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
+            is_usable &= _is_usable(error)
         else:
             error = error._replace(J_seen=J)
-        wrench, covariance = None, None
-        if self._observed.HasValue(context):
-            observed = self._observed.Eval(context)
-            wrench, covariance = observed[None, :6], observed[6:].reshape(1, 6, 6)
-        is_fresh = self._is_set(context, self._tau_ext_valid)
+        wrench, covariance = self._observed_wrench(context)
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
         if not abs(fault) < _LARGEST_INPUT:
             is_usable, fault = False, 0.0
-        if not is_usable:
-            is_fresh, tau_ext = False, self._no_torque
-        # Terms that are not finite are those of a missing sample.
+
+        tau_ext = self._tau_ext.Eval(context)[None] if is_usable else self._no_torque
+        is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
+        # q and v tell the reading only whether the sample is missing, which the momentum does as
+        # well: it is not finite where one of them is not, and the block need not know v.
         motion = terms["momentum"] if is_usable else self._no_torque
         samples = ReadingSamples(
             J=J,
@@ -227,6 +226,13 @@ class JacobianWrenchReconstruction(SampledBlock):
             estimate = with_unseen_rests(estimate, unseen_rests, error.rows, tau_ext)
         return _Tick(reading_parts(estimate), state)
 
+    def _observed_wrench(self, context: Context) -> tuple[Array | None, Array | None]:
+        """(1, 6) and (1, 6, 6) of an observer that reads the wrench itself; None of any other."""
+        if not self._observed.HasValue(context):
+            return None, None
+        observed = self._observed.Eval(context)
+        return observed[None, :6], observed[6:].reshape(1, 6, 6)
+
     def _is_set(self, context: Context, port: InputPort) -> bool:
         """Whether a port is 1 or not connected."""
         return not port.HasValue(context) or port.Eval(context).item() == 1.0
@@ -242,3 +248,11 @@ class JacobianWrenchReconstruction(SampledBlock):
         for array, taken in zip(memory, state, strict=True):
             array[:] = taken
         return (parts,)
+
+
+def _is_usable(error: TorqueError) -> bool:
+    """Whether the torque error of one sample has numbers that may be squared."""
+    # The last sample's position and motor torque are NaN before the first one.
+    known_rows = error.rows[:, UNKNOWN_SHARE_ROW:TAU_J_ROW]
+    parts = (error.sd, error.stiction, error.drift, error.J_seen, known_rows)
+    return all(all_below(part.ravel(), _LARGEST_INPUT) for part in parts)

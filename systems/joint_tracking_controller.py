@@ -98,13 +98,18 @@ class JointTrackingController(SampledBlock):
             raise InputError(
                 "joint tracking", "law", f"{config.law!r} is none of {', '.join(TRACKING_LAWS)}"
             )
-        gains = [_per_joint(config, name, n) for name in ("kp", "kd", "ki", "integral_limit")]
-        period = time_step if gains[2].any() else 0.0
+        kp, kd, ki, integral_limit = (
+            _per_joint(config, name, n) for name in ("kp", "kd", "ki", "integral_limit")
+        )
+        # Without an integral there is nothing to remember: no period.
+        period = time_step if ki.any() else 0.0
         SampledBlock.__init__(self, period, np.zeros(n), {"tau_command": n, "valid": 1})
         self._n = n
-        self._gains = self.DeclareNumericParameter(BasicVector(np.concatenate(gains)))
+        gains = np.concatenate([kp, kd, ki, integral_limit])
+        self._gains = self.DeclareNumericParameter(BasicVector(gains))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)
+        # All of the law but its gains, which are parameters of the block.
         self._make_law = partial(
             tracking_law,
             computed=config.law == "computed_torque",
@@ -123,7 +128,6 @@ class JointTrackingController(SampledBlock):
         self._tau_command = self.DeclareVectorOutputPort(
             "tau_command", n, self._calc_tau_command, prerequisites
         )
-
         self._valid = self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:

@@ -58,24 +58,29 @@ class MotorCurrentSensor(SampledBlock):
         resolution: ArrayLike = 0.0,
         seed: int | None = None,
     ) -> None:
-        n = num_joints
-        SampledBlock.__init__(self, time_step, np.full(n, np.nan), {"current": n})
-        self._n = n
-        self._noise, self._seed = np.zeros(n), seed
-        self._time_step = time_step
+        n = self._n = num_joints
+        lagged_current = np.full(n, np.nan)  # A; unknown before the first sample
+        SampledBlock.__init__(self, time_step, lagged_current, {"current": n})
+        self._time_step, self._seed = time_step, seed
+        self._noise = np.zeros(n)  # of unit sd, drawn anew at each tick
+
+        # The order is that of `_calc_table`'s rows.
         parameters = {"bandwidth": bandwidth, "noise_sd": noise_sd, "resolution": resolution}
-        values = {key: np.broadcast_to(np.asarray(x, float), n) for key, x in parameters.items()}
-        for key, value in values.items():
-            if not np.all(value >= 0.0) or (key == "bandwidth" and np.any(value == 0.0)):
-                raise ValueError(f"current sensor: {key} {value} is out of range")
+        by_joint = {
+            name: np.broadcast_to(np.asarray(x, float), n) for name, x in parameters.items()
+        }
+        for name, values in by_joint.items():
+            if not np.all(values >= 0.0) or (name == "bandwidth" and np.any(values == 0.0)):
+                raise ValueError(f"current sensor: {name} {values} is out of range")
         self._parameters = [
-            NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value)))
-            for value in values.values()
+            NumericParameterIndex(self.DeclareNumericParameter(BasicVector(values)))
+            for values in by_joint.values()
         ]
-        # Read when they change, not at every tick.
+        # Stacked when they change, not at every tick.
         self._table = declare_cached(
             self, "parameters", self._calc_table, {self.all_parameters_ticket()}
         )
+
         self._current_true = self.DeclareVectorInputPort("current_true", n)
         prerequisites = {self._current_true.ticket(), self._table.ticket()} | self.state_tickets
         self._current = self.DeclareVectorOutputPort(
@@ -93,6 +98,7 @@ class MotorCurrentSensor(SampledBlock):
         return self._time_step
 
     def _calc_table(self, context: Context) -> Array:
+        """(3, n) bandwidth Hz, noise_sd A and resolution A of a context."""
         rows = [context.get_numeric_parameter(index).value() for index in self._parameters]
         return np.stack(rows)
 

@@ -52,7 +52,8 @@ class TorqueErrorSystem(SampledBlock):
         n = stage.num_joints
         held = {"torque_error": ERROR_ROWS * n}
         SampledBlock.__init__(self, time_step, stage.initial_state(), held)
-        self._stage, self._n = stage, n
+        self._stage = stage
+
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -61,18 +62,21 @@ class TorqueErrorSystem(SampledBlock):
         self._pole = self.DeclareVectorInputPort("pole", n)
         self._sliding = self.DeclareVectorInputPort("sliding", len(SlidingLaw._fields) * n)
         self._added_sd = self.DeclareVectorInputPort("added_sd", n)
+
+        # The stage changes with K_0 and friction alone, not at every tick.
         self._tuned = declare_cached(
             self, "stage", self._calc_stage, {self._pole.ticket(), self._sliding.ticket()}
         )
-        # Before the update the torques are not known: those that are not finite are not taken.
+        # tau_J and tau_f are read by the update alone. Before it NaN stands for them, which the
+        # stage does not take: the error depends on what the gears transmitted a tick ago.
         self._no_torque = np.full((1, n), np.nan)
         ports = self._q, self._v, self._terms, self._added_sd
-        tickets = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites = {port.ticket() for port in ports} | self.state_tickets
         # The error and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(
-            self, "torque error and state", self._calc_tick, tickets | {self._tuned.ticket()}
+            self, "torque error and state", self._calc_tick, prerequisites | {self._tuned.ticket()}
         )
-        self._error = self.DeclareVectorOutputPort(
+        self.DeclareVectorOutputPort(
             "torque_error",
             ERROR_ROWS * n,
             self._calc_error,
@@ -85,6 +89,7 @@ class TorqueErrorSystem(SampledBlock):
         return self._stage.retuned(sliding, pole if (pole >= 0.0).all() else None)
 
     def _calc_tick(self, context: Context) -> tuple[Array, Array]:
+        """(ERROR_ROWS n,) the error of the present sample, and the memory that has taken it."""
         state, none = self.memory(context), self._no_torque
         J = cast(RigidBodyTerms, self._terms.Eval(context)).record["J"]
         stage: TorqueErrorStage = self._tuned.EvalAbstract(context).get_value()

@@ -70,10 +70,10 @@ class WrenchEstimatorSystem(SampledBlock):
     """
 
     def __init__(self, estimator: WrenchEstimator, corrected: bool = False) -> None:
-        n, period = estimator.num_joints, estimator.observer.time_step
-        self._n = n
-        self._size = sum(self.reading_sizes.values())
-        held = {"reading": self._size, "tau_J": n}
+        n = self._n = estimator.num_joints
+        # Outputs that are held between ticks; `terms` is of q and v as they are now.
+        held = {"reading": sum(self.reading_sizes.values()), "tau_J": n}
+        period = estimator.observer.time_step
         SampledBlock.__init__(self, period, estimator.initial_state(), held)
         self._estimator = estimator
         self._parameters = TunedParameters(
@@ -84,23 +84,27 @@ class WrenchEstimatorSystem(SampledBlock):
             | _named("reconstruction.", estimator.reading.parameters),
         )
         self.parameters = self._parameters.indices
+        # The estimator changes only with its parameters, not at every tick.
+        self._tuned = declare_cached(self, "estimator", self._calc_tuned, self._parameters.tickets)
+
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
         self._correction: dict[str, InputPort] = {}
         if corrected:
             self._declare_correction()
-        # It changes only with the parameters.
-        self._tuned = declare_cached(self, "estimator", self._calc_tuned, self._parameters.tickets)
+
         ports = [self._q, self._v, *self._correction.values()]
         # An observer that does not read the present torque leaves a loop over it open.
         self._reads_current = estimator.observer.reads_present_torque
         if self._reads_current:
             ports.append(self._current)
-        tickets = {port.ticket() for port in ports} | self.state_tickets | {self._tuned.ticket()}
-        self._tick = declare_cached(self, "tick", self._calc_tick, tickets)
-        self._declare_outputs(tickets)
-        self._unread = np.zeros(n)
+        self._unread = np.zeros(n)  # in the place of an input that is not read
+        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites.add(self._tuned.ticket())
+        # The reading and the state after it, so that the update need not compute them again.
+        self._tick = declare_cached(self, "tick", self._calc_tick, prerequisites)
+        self._declare_outputs(prerequisites)
 
     def _declare_correction(self) -> None:
         """Declares the inputs of a correction."""
@@ -111,17 +115,20 @@ class WrenchEstimatorSystem(SampledBlock):
             name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()
         }
 
-    def _declare_outputs(self, tickets: set[DependencyTicket]) -> None:
+    def _declare_outputs(self, prerequisites: set[DependencyTicket]) -> None:
         """Declares the output ports.
 
         Args:
-            tickets: prerequisites of the reading.
+            prerequisites: of the reading.
         """
-        n = self._n
-        self._reading = self.DeclareVectorOutputPort(
-            "reading", self._size, self._calc_reading, tickets | {self._tick.ticket()}
+        n, sizes = self._n, self.reading_sizes
+        reading = self.DeclareVectorOutputPort(
+            "reading",
+            sum(sizes.values()),
+            self._calc_reading,
+            prerequisites | {self._tick.ticket()},
         )
-        declare_parts(self, self._reading.Eval, self.reading_sizes, tickets)
+        declare_parts(self, reading.Eval, sizes, prerequisites)
         drives = self.state_tickets | {self._current.ticket(), self._tuned.ticket()}
         self.DeclareVectorOutputPort("tau_J", n, self._calc_tau_J, drives)
         self.DeclareAbstractOutputPort(

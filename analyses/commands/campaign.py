@@ -53,6 +53,7 @@ def command(options: CampaignOptions, out: Out = Path("out/campaign")) -> None:
 
 
 def _print(result: "CampaignResult") -> None:
+    """Prints the table of distributions, the worlds that failed, and where the report is."""
     from wrenchsight.analyses.campaign.campaign_report import REPORT_NAME, table_row
 
     table = new_table("", "article", "median", "5-95 % of worlds", "ours ahead")

@@ -80,6 +80,14 @@ def _experiments_with(name: str, entries: "Iterable[ExperimentEntry]") -> str:
 
 
 def _fetch(names: list[str], mirror: str | None) -> None:
+    """Fetches data sets by name, all that can be fetched without names; shows the progress.
+
+    Args:
+        mirror: as `mirror_url` takes it; None: the public host.
+
+    Raises:
+        InputError: a set cannot be fetched; the others are.
+    """
     from wrenchsight.analyses.data_sets.fetching import (
         PUBLIC_HOST,
         fetch_data_sets,

@@ -105,6 +105,7 @@ def _reads_external_torque(settings: EstimateSettings) -> bool:
 
 
 def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
+    """Reads logs that hold the external torque itself, and prints what was found."""
     from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
 
     with showing_progress("estimate") as progress:

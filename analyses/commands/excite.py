@@ -52,6 +52,7 @@ def command(settings: ExciteSettings, out: Out = Path("out/excite")) -> None:
 
 
 def _print(results: "tuple[ExcitationResult, ...]", out: Path) -> None:
+    """Prints a line a trajectory, the warnings, and where the files are."""
     table = new_table(
         "\ntrajectory",
         "condition\nnumber",

@@ -72,6 +72,7 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
 
 
 def _refit(settings: IdentifySettings, out: Path) -> None:
+    """`--refresh MODEL --other-specimen`: fits this robot's friction and prints it."""
     from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import refit_logs
 
     if settings.refresh is None or settings.load or settings.validate:
@@ -115,6 +116,7 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
 
 
 def _scale(settings: IdentifySettings, out: Path) -> None:
+    """`--scale`: finds the torque that a unit of each drive stands for, and prints it."""
     from wrenchsight.analyses.methods.identify.known_model.scale_finding import (
         find_scale,
         sentences,
@@ -144,6 +146,7 @@ def _scale(settings: IdentifySettings, out: Path) -> None:
 
 
 def _refresh(settings: IdentifySettings, out: Path) -> None:
+    """`--refresh MODEL`: refreshes the friction and prints how each joint's changed."""
     from wrenchsight.analyses.methods.identify.known_model.friction_refreshing import refresh_log
 
     if settings.load or settings.validate:
@@ -180,6 +183,7 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
 
 
 def _print_calibration(result: "CalibrationResult", out: Path) -> None:
+    """Prints each joint's torque per ampere, the loads, and where the robot is."""
     calibration = result.calibration
     dependence, dependence_sd = calibration.load_dependence
     table = new_table(
@@ -208,6 +212,7 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
 
 
 def _print(result: "IdentificationResult", out: Path) -> None:
+    """Prints friction and residual of each joint, what the law was chosen by, and the warnings."""
     from wrenchsight.analyses.methods.identify.identification_report import (
         filter_text,
         inconsistent_links_text,

@@ -46,6 +46,7 @@ def command(settings: JcnMapSettings, out: Out = Path("out/jcn-map")) -> None:
 
 
 def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
+    """Prints the distribution of the condition number, and the best of the slice."""
     metrics = result.metrics
     table = new_table("condition number", "smallest", "median", "mean", "above 11 [%]")
     cells = [f"{metrics[key]:.4g}" for key in ("min", "median", "mean", "above_11_pct")]

@@ -136,18 +136,11 @@ def _parameter_of(schema: type[Any], option: Option) -> Any:
     """The parameter from which typer makes the option or argument."""
     cls, default = _holder(schema, option.place)
     key = option.place.rpartition(".")[2]
-    hint = get_type_hints(cls)[key]
     text = option.help or field_words(cls)[key]
-    shared: dict[str, Any] = {"help": _sentence(text), "metavar": option.metavar}
-    if option.put is not None:
-        hint, default = str | None, None
-    elif _plain(hint) == list[float]:
-        hint, default = str, joined(default or ())
-        shared["metavar"] = option.metavar or "X[,X...]"
-    elif _plain(hint) == list[str]:
-        hint, default = list[str] if option.required else list[str] | None, None
+    hint, default, metavar = _typed(get_type_hints(cls)[key], default, option)
     if option.required:
         default = inspect.Parameter.empty
+    shared: dict[str, Any] = {"help": _sentence(text), "metavar": metavar}
     if option.argument:
         return _parameter(option.parameter, Annotated[hint, typer.Argument(**shared)], default)
     spellings = [option.flags] if option.flags else []
@@ -158,6 +151,21 @@ def _parameter_of(schema: type[Any], option: Option) -> Any:
     return _parameter(
         option.parameter, Annotated[hint, typer.Option(*spellings, **shared)], default
     )
+
+
+def _typed(hint: Any, default: Any, option: Option) -> tuple[Any, Any, str | None]:
+    """Type, default and metavar of an option on the command line, which has words alone.
+
+    Args:
+        hint, default: of the field in the settings.
+    """
+    if option.put is not None:  # it reads the word itself
+        return str | None, None, option.metavar
+    if _plain(hint) == list[float]:  # numbers with commas between them, in one word
+        return str, joined(default or ()), option.metavar or "X[,X...]"
+    if _plain(hint) == list[str]:  # a word each time that the option is given
+        return list[str] if option.required else list[str] | None, None, option.metavar
+    return hint, default, option.metavar
 
 
 def _sentence(text: str) -> str:

@@ -34,6 +34,7 @@ def command(settings: PayloadSettings, out: Out = Path("out/payload")) -> None:
 
 
 def _print(result: "PayloadResult", out: Path) -> None:
+    """Prints mass, centre of mass and inertia with their standard errors, flange axes."""
     load = result.load
     sd = load.standard_deviation
     table = new_table("", "estimate", "standard error", "", "")

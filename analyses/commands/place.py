@@ -40,6 +40,7 @@ def command(settings: PlaceSettings, ctx: typer.Context, out: Out = Path("out/pl
 
 
 def _print(result: "PlacementResult", out: Path) -> None:
+    """Prints the placements side by side, the optimised one in numbers, and the local optima."""
     metrics, key = result.metrics(), result.measure.key
     names = {"mean_jcn": "mean JCN", "max_jcn": "largest JCN"}
     if key != "jcn":

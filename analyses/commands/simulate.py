@@ -55,6 +55,7 @@ def command(
 
 
 def _print(result: "SimulationResult") -> None:
+    """Prints the errors of estimate and sensor axis by axis, and the files."""
     metrics = result.metrics()
     sources = {"estimate": metrics}
     for name, title in (("valid", "where valid"), ("sensor", "sensor")):

@@ -89,6 +89,7 @@ def command(options: StudyOptions, out: Out = Path("out/study")) -> None:
 
 
 def _print(result: "StudyResult") -> None:
+    """Prints a line a row of comparison, what did not run, and where the report is."""
     from rich.padding import Padding
 
     from wrenchsight.analyses.data_sets.advice import missing_recordings

@@ -88,6 +88,15 @@ def fetch_data_sets(
 
 
 def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str], None]) -> Fetched:
+    """Fetches the files of a set that are not whole in the cache, and converts them.
+
+    Args:
+        url: of the host.
+        progress: takes name, share and step; the step is empty when it is done.
+
+    Returns:
+        What was fetched; with a problem in words where a file cannot be.
+    """
     folder = cache_folder() / data_set.name
     if all(is_whole(folder / file.name, file) for file in data_set.files):
         progress(data_set.name, 1.0, "")

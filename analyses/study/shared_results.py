@@ -86,6 +86,7 @@ def digest(value: Any) -> str:
 
 
 def _parts(value: Any) -> Iterator[bytes]:
+    """What a digest of a value is made of: the types with their names, and the contents."""
     kind = type(value)
     yield f"{kind.__module__}.{kind.__qualname__}(".encode()
     if value is None or isinstance(value, bool | int | float | complex | str | bytes | Path):

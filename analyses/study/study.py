@@ -269,6 +269,11 @@ class _Runs:
                     self._watch(Progress(name, "running", float(fraction), action))
 
     def _finish(self, task: _Task, end: _End) -> None:
+        """Puts the results of a task in their place, and reports how it ended.
+
+        Raises:
+            InputError: the disk is full.
+        """
         name, folder, outcome = task.name, self._folder, self.outcomes[task.name]
         if end.lacks_storage:
             remedy = "free some space and run again: what is finished is kept"
@@ -345,6 +350,7 @@ def _lack_of_storage(error: BaseException | None) -> str:
 
 
 def _run_experiment(task: _Task) -> _End:
+    """Runs an experiment in this process and writes its result, or says why it is skipped."""
     module, settings = task.module, task.settings
     experiment: Experiment = import_module(module).EXPERIMENT
     if experiment.name != task.name:

@@ -26,6 +26,7 @@ class ArmShapes:
         body: body of each shape, by its geometry id.
         level: number of joints between the world and each body, by its index.
         tool: the robot's tool; without one the body that E lies on.
+        order: index of each of the robot's joints among the plant's positions.
     """
 
     def __init__(
@@ -44,15 +45,18 @@ class ArmShapes:
                 self.inspector.GetAllGeometryIds(Role.kProximity), key=GeometryId.get_value
             )
         }
+        # What is welded to a joint's child moves with it, so that joint j leads to level j + 1.
         self.level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
         for j, joint in enumerate(self.parts.joints):
             for body in plant.GetBodiesWeldedTo(joint.child_body()):
                 self.level[body.index()] = j + 1
         weld = self.parts.tool_weld
-        joint = None if weld is None else plant.get_joint(weld)
-        self.tool = self.parts.frame_E.body() if joint is None else joint.child_body()
+        self.tool = (
+            self.parts.frame_E.body() if weld is None else plant.get_joint(weld).child_body()
+        )
         self.order = [joint.position_start() for joint in self.parts.joints]
         floating = [plant.get_body(index) for index in plant.GetFloatingBaseBodies()]
+        # Of the plant's positions, where those of floating bodies begin; -1: there is none.
         self._floating_start = min(
             (body.floating_positions_start() for body in floating), default=-1
         )

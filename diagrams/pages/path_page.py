@@ -59,6 +59,7 @@ def write_path_page(
         InputError: the file cannot be written.
     """
     measures = np.concatenate([motion.measure for motion in motions])
+    # The scale ends below the few largest: near a singular posture a measure has no bound.
     low, high = float(np.min(measures)), float(np.quantile(measures, 0.99))
     high = max(high, 1.01 * low)
     tips = [robot.chain.pose(motion.q)[1] for motion in motions]

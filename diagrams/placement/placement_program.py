@@ -19,6 +19,7 @@ none there. A cone of the tool, of the path or of the rotation that is narrower 
 therefore solved as its axis, which two right angles state.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import Any
@@ -134,43 +135,59 @@ class PlacementProgram:
         self._build()
 
     def _build(self) -> None:
-        k, n, bounds = self.num_segments, self.robot.num_joints, self.bounds
+        """Makes the variables, all constraints and the cost."""
+        k, n = self.num_segments, self.robot.num_joints
         self.program = program = MathematicalProgram()
         self._q = program.NewContinuousVariables(k + 1, n, "q")
+        # Two poses, each a quaternion w, x, y, z and a position, m: of the path's body P, and of
+        # the body whose rotation E has at all points.
         self._path = program.NewContinuousVariables(7, "path")
         self._held = program.NewContinuousVariables(7, "held")
         self._variables = np.concatenate([self._q.ravel(), self._path, self._held])
         self._order = program.FindDecisionVariableIndices(self._variables)
-        for i in range(k + 1):
-            bound = program.AddBoundingBoxConstraint(bounds.q_lower, bounds.q_upper, self._q[i])
-            bound.evaluator().set_description("joint limits")
+
+        self._bound_joints()
+        self._bound_poses()
+        contexts = [self._context() for _ in range(k + 1)]
+        for i, context in enumerate(contexts):
+            self._add_pose(i, context)
+            for name, constraint in [] if self.cell is None else self.cell.constraints(context):
+                self._add(constraint, self._positions(i), f"{name} at point {i}")
+        # Directions are those of path and rotation, the same at every point: one context will do.
+        self._add_directions(contexts[k // 2], self._positions(k // 2))
+        if self._has_cost:
+            cost = differentiable(self._cost)
+            program.AddCost(lambda q: cost(q)[0], vars=self._q.ravel())
+
+    def _bound_joints(self) -> None:
+        """Bounds the joints at every point, and their steps from point to point."""
+        n, bounds = self.robot.num_joints, self.bounds
+        for q in self._q:
+            limits = self.program.AddBoundingBoxConstraint(bounds.q_lower, bounds.q_upper, q)
+            limits.evaluator().set_description("joint limits")
         step = np.full(n, bounds.max_joint_step)
         difference = np.hstack([-np.eye(n), np.eye(n)])
-        for i in range(k):
-            both = np.concatenate([self._q[i], self._q[i + 1]])
-            bound = program.AddLinearConstraint(difference, -step, step, both)
-            bound.evaluator().set_description("max_joint_step_deg")
+        for q, next_q in itertools.pairwise(self._q):
+            both = np.concatenate([q, next_q])
+            steps = self.program.AddLinearConstraint(difference, -step, step, both)
+            steps.evaluator().set_description("max_joint_step_deg")
+
+    def _bound_poses(self) -> None:
+        """Bounds the path's midpoint and the angle of the held rotation; quaternions are unit."""
+        program, bounds = self.program, self.bounds
         box = program.AddBoundingBoxConstraint(bounds.p_lower, bounds.p_upper, self._path[4:])
         box.evaluator().set_description("midpoint_lower, midpoint_upper")
+        # The angle of a rotation is 2 arccos w.
         low, high = bounds.w_range()
         angle = program.AddBoundingBoxConstraint(low, high, self._held[:1])
         angle.evaluator().set_description("angle_lower_deg, angle_upper_deg")
         if bounds.angle_lower == 0.0 and bounds.angle_upper < _NARROW_CONE:
             none = program.AddBoundingBoxConstraint(0.0, 0.0, self._held[1:4])
             none.evaluator().set_description("angle_lower_deg, angle_upper_deg")
+        # Of the held body only the rotation means anything.
         program.AddBoundingBoxConstraint(0.0, 0.0, self._held[4:])
         for pose in (self._path, self._held):
-            unit = UnitQuaternionConstraint()
-            self._add(unit, pose[:4], "unit quaternion")
-        contexts = [self._context() for _ in range(k + 1)]
-        for i, context in enumerate(contexts):
-            self._add_pose(i, context)
-            for name, constraint in [] if self.cell is None else self.cell.constraints(context):
-                self._add(constraint, self._positions(i), f"{name} at point {i}")
-        self._add_directions(contexts[k // 2], self._positions(k // 2))
-        if self._has_cost:
-            cost = differentiable(self._cost)
-            program.AddCost(lambda q: cost(q)[0], vars=self._q.ravel())
+            self._add(UnitQuaternionConstraint(), pose[:4], "unit quaternion")
 
     def _context(self) -> Any:
         if self.cell is not None:

@@ -180,6 +180,8 @@ def impedance_wrench(
     in_E, stiffness, damping = law[0].in_E == 1.0, law[0].stiffness, law[0].damping
     R_WE, p_WE, V_WE = plain(terms[0].R_WE), plain(terms[0].p_WE), plain(terms[0].V_WE)
     R_WD, p_WD, V_WD = desired.R_WD, desired.p_WD, desired.V_WD
+    # The spring is not stretched along the free direction: it pulls to C, which is D moved along
+    # that direction to beside E.
     p_WC = p_WD.copy()
     along = 0.0
     for k in range(3):
@@ -188,6 +190,7 @@ def impedance_wrench(
         p_WC[k] += along * free_direction[k]
     e = np.empty(6)
     pose_error(in_E, R_WE, p_WE, R_WD, p_WC, e)
+    # Spring: -A^T K e, in the axes of the stiffness.
     Ke = np.zeros(6)
     for i in range(6):
         for j in range(6):
@@ -205,6 +208,7 @@ def impedance_wrench(
         spring[0] += e[4] * Ke[5] - e[5] * Ke[4]
         spring[1] += e[5] * Ke[3] - e[3] * Ke[5]
         spring[2] += e[3] * Ke[4] - e[4] * Ke[3]
+    # Damper: -B (V_WE - V_WD), in the same axes.
     V = np.empty(6)
     for i in range(3):
         for part in (0, 3):
@@ -391,6 +395,7 @@ def impedance_action(
     desired = DesiredPose(
         pose_reference[:9].reshape(3, 3), pose_reference[9:12], pose_reference[12:]
     )
+    # The direction d of force control in W, and what the environment pushes along it.
     d_W, no_direction, commanded = law[0].direction.copy(), np.zeros(3), np.empty(6)
     if law[0].direction_in_E == 1.0:
         for i in range(3):
@@ -400,6 +405,7 @@ def impedance_action(
     push = 0.0
     for k in range(3):
         push += d_W[k] * force.wrench[3 + k]
+    # Spring and damper, and along d the force that is asked for in the spring's place.
     free_direction = d_W if is_active else no_direction
     impedance_wrench(law, terms, desired, free_direction, commanded)
     is_read = force.is_valid and all_below(force.wrench, LARGEST_INPUT)
@@ -415,6 +421,7 @@ def impedance_action(
     if law[0].has_force != 1.0:
         return ImpedanceTick(True, integral)
     if is_active:
+        # The integral goes on unless a drive at its limit would only wind it up.
         saturated = False
         for j in range(n):
             saturated = saturated or abs(tau[j]) >= effort_limit[j]

@@ -167,18 +167,22 @@ class ContactDetector:
             raise ValueError(
                 f"false_alarms_per_hour must be {LEAST_RATE:g} to {LARGEST_RATE:g}, not {rate}"
             )
-        self.config = config
-        self.stage, self._noise, self._reconstruction = stage, noise, reconstruction
-        self.chain = chain
-        self.time_step = time_step
+        self.config, self.stage, self.chain, self.time_step = config, stage, chain, time_step
+        self._noise, self._reconstruction = noise, reconstruction
         self.reads_present_torque = reads_present_torque
-        error, rates = stage.error, stage.rates
+        error, K_0 = stage.error, stage.rates
         self.knows_error = not isinstance(error, ConstantTorqueError)
         self.num_joints = error.num_joints
-        self._correlation_time = np.maximum(error.correlation_time, 1.0 / rates)
+        # Behind the observer no error is quicker than 1 / K_0, s.
+        self._correlation_time = np.maximum(error.correlation_time, 1.0 / K_0)
         self.settings = self._settings()
-        white = upper_whitening(error.correlation)
-        self._tables = DetectorTables(stage.table, self._joint_rows(), self.settings, white)
+        # All constants of `detect_tick`; they follow from what is set above.
+        self._tables = DetectorTables(
+            error=stage.table,
+            joints=self._joint_rows(),
+            settings=self.settings,
+            white=upper_whitening(error.correlation),
+        )
 
     def _joint_rows(self) -> Array:
         """(NUM_JOINT_ROWS, n): the table `joints` of `detect_tick`."""

@@ -48,6 +48,8 @@ def fit_contact_noise(
         return None
     time_step = readings[0].time_step
     momenta = [chain.momentum_terms(reading.q, reading.v)[0] for reading in readings]
+    # First the usual torque jump and the scale of the mean; the widening after a change comes of
+    # them, and all levels of both.
     jumps = [
         torque_jumps(momentum, reading.transmitted, np.exp(-reading.K_0 * time_step), time_step)[
             rows
@@ -69,6 +71,7 @@ def fit_contact_noise(
     squares = np.maximum(np.mean(z**2, axis=0), 1e-300)
     scale = np.sqrt(np.mean(mean**2, axis=0) / squares)
     noise.mean_scale = np.maximum(scale, 1e-3).tolist()
+    # The sd of a change of torque, by what the torque error depends on.
     features = np.concatenate(
         [
             features_along(model.torque_error, reading)[rows]
@@ -79,6 +82,7 @@ def fit_contact_noise(
     all_jumps = np.vstack(jumps)
     noise.change_sd = _change_sd(features, all_jumps, usual, change).tolist()
     white = _white(readings, momenta, used, model_with_noise, chain)
+    # Levels: tails of each statistic over the contact-free readings.
     noise.sample = fit_exceedances([w.lengths[:, SAMPLE_LENGTH] for w in white], time_step)
     noise.mean = fit_exceedances([w.lengths[:, MEAN_LENGTH] for w in white], time_step)
     noise.power = fit_exceedances([w.lengths[:, POWER_LENGTH] for w in white], time_step)

@@ -252,6 +252,8 @@ def detect_tick(
     keep = np.exp(-settings[PERIOD] / MEAN_TIME)
     single = state[_SINGLE_ROW:].reshape(-1)
     detector = _Detector(tables, keep, state, single)
+
+    # What does not depend on tau_ext: the range of the fit, the torque jump, rest.
     is_out = np.any(np.abs(v) > joints[FITTED_SPEED]) or np.any(np.abs(load) > joints[FITTED_LOAD])
     out[OUT_OF_RANGE] = 1.0 if is_out else 0.0
     change_variance = _change_variance(detector, error.rows, v, load)
@@ -260,6 +262,8 @@ def detect_tick(
         single[_RESTING] + settings[PERIOD] if np.all(np.abs(v) < REST_SPEED) else 0.0
     )
     out[REST] = 1.0 if single[_RESTING] >= REST_TIME else 0.0
+
+    # Contact, which stays as it was where tau_ext is not of this sample.
     is_read = sample.fresh and np.all(np.isfinite(tau_ext))
     lengths = _Lengths(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if is_read:
@@ -269,6 +273,8 @@ def detect_tick(
     out[SAMPLE_LENGTH], out[MEAN_LENGTH] = lengths.sample, lengths.mean
     out[POWER_LENGTH], out[CHANGE_LENGTH] = lengths.power, lengths.change
     out[STATISTIC], out[CONTACT] = single[_RATIO], single[_CONTACT]
+
+    # Where the contact is: at E, or else on which link.
     out[MISFIT], out[LINK] = 0.0, 0.0
     if single[_CONTACT] == 1.0 and is_read:
         gain = 1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)

@@ -509,10 +509,12 @@ class WrenchEstimator:
         else:
             fault = np.zeros(N, np.int64)
         q, v, current = signals
+        # Model and motors.
         momentum, CTv, G, J = self.chain.observer_terms(q, v)
         tau_J = joint_torque(self.gain, self._motor_rates, current)
         rows = self.error.follow(state.error, q, v)
         is_planned = correction is not None and self.friction.is_of_speed_alone
+        # Friction: as it is known, at the planned speed, or by the law, which is told what rests.
         if tau_f is not None:
             tau_J, friction = tau_J - np.asarray(tau_f, float), np.zeros_like(tau_J)
         elif correction is not None and is_planned:
@@ -520,6 +522,7 @@ class WrenchEstimator:
         else:
             rest = np.ascontiguousarray(rows[:, REST_ROW]) if self.learnt else None
             friction = self.friction.run(state.friction, q, v, tau_J, rest)
+        # The torque error, which holds what a correction does not know.
         error = self.error.sds(state.error, rows, q, v, tau_J, friction, J)
         if correction is not None:
             error = error._replace(sd=np.sqrt(error.sd**2 + np.square(correction.sd)))
@@ -537,6 +540,7 @@ class WrenchEstimator:
             drift=error.drift,
         )
         observed = self.observer.observe(state.observer, samples)
+        # What an air pass has shown of the observed torque, where it is known.
         tau_ext, is_corrected = observed.tau_ext, np.empty(N, np.bool_)
         is_corrected.fill(True)
         if correction is not None:

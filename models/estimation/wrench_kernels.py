@@ -79,6 +79,7 @@ def posterior_rows(
         _factorise_information(AAT, prior_sd, R)
         _write_mean(R, prior_sd, Ay, wrench[k])
         _write_covariance(R, prior_sd, covariance[k])
+        # What `valid` rests on is computed with the live prior.
         live_covariance = covariance[k]
         if not is_same_prior:
             live_covariance = by_live_prior
@@ -88,6 +89,7 @@ def posterior_rows(
             _write_prior(prior_sd, wrench[k], covariance[k])
             quality[k, FORCE_SD] = np.inf
             continue
+        # The largest principal sd of the force, and the force that stiction looks like.
         for i in range(3):
             for j in range(3):
                 force_covariance[i, j] = live_covariance[3 + i, 3 + j]

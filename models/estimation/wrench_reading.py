@@ -36,7 +36,7 @@ from wrenchsight.models.estimation.wrench_kernels import (
     HAS_FULL_RANK,
     STICTION_FORCE,
 )
-from wrenchsight.models.estimation.wrench_methods import TorqueSamples, reconstruct_log
+from wrenchsight.models.estimation.wrench_methods import TorqueSamples, WrenchLog, reconstruct_log
 from wrenchsight.models.identification.torque_error_model import (
     TAU_J_ROW,
     ConstantTorqueError,
@@ -108,6 +108,44 @@ class ReadingSamples(NamedTuple):
     covariance: Array | None = None
 
 
+class JudgementConstants(NamedTuple):
+    """What `judge_rows` compares readings with.
+
+    Attributes:
+        max_force_sd, max_stiction_force: N, of a valid reading.
+        lag: of `lag_settings`.
+        explained: numbers of ExplainedConstants.
+        faults: of `fault_constants`.
+    """
+
+    max_force_sd: float
+    max_stiction_force: float
+    lag: Array
+    explained: Array
+    faults: FaultConstants
+
+
+class JudgedSamples(NamedTuple):
+    """What `judge_rows` knows of N samples beside their readings.
+
+    Attributes:
+        tau_ext, sd: (N, n) N m, the sd with what grows with the torque that is read.
+        unexplained: (N,) of `unexplained_log`, how far tau_ext is from that of any wrench at E.
+        tau_J: (N, n) N m, motor torque of the sample before.
+        q, v, is_fresh, is_corrected, fault: as ReadingSamples.
+    """
+
+    tau_ext: Array
+    sd: Array
+    unexplained: Array
+    tau_J: Array
+    q: Array
+    v: Array
+    is_fresh: Flags
+    is_corrected: Flags
+    fault: Codes
+
+
 class WrenchReading:
     """The reading of one model behind one observer.
 
@@ -153,6 +191,14 @@ class WrenchReading:
         )
         lines = np.eye(n) if torques is None else torques
         self.faults = fault_constants(lines, rates, time_step, learnt)
+        limits = self.reconstruction.limits
+        self._judgement = JudgementConstants(
+            max_force_sd=limits.max_force_sd,
+            max_stiction_force=limits.max_stiction_force,
+            lag=self.lag,
+            explained=self.explained.numbers,
+            faults=self.faults,
+        )
 
     @classmethod
     def constant(
@@ -235,34 +281,27 @@ class WrenchReading:
             sd = np.empty_like(error.sd)
             load_sd_rows(self.error.read_load, error.sd, tau_ext, sd)
         torques = TorqueSamples(error.J_seen, tau_ext, sd, error.stiction)
-        wrench, covariance, quality = reconstruct_log(
+        reading = reconstruct_log(
             self.reconstruction.constants, J if conditions else J[:0], torques
         )
         if samples.wrench is not None and samples.covariance is not None:
-            wrench, covariance = samples.wrench, samples.covariance
+            reading = reading._replace(wrench=samples.wrench, covariance=samples.covariance)
         invalid = np.empty(len(tau_ext), np.int64)
-        judge_rows(
-            self.reconstruction.limits.max_force_sd,
-            self.reconstruction.limits.max_stiction_force,
-            self.lag,
-            self.explained.numbers,
-            *self.faults,
-            *state,
-            unexplained_log(self.explained, error.J_seen, tau_ext, sd),
-            quality,
-            tau_ext,
-            sd,
-            np.ascontiguousarray(error.rows[:, TAU_J_ROW]),
-            samples.q,
-            samples.v,
-            samples.is_fresh,
-            samples.is_corrected,
-            samples.fault,
-            wrench,
-            covariance,
-            invalid,
+        judged = JudgedSamples(
+            tau_ext=tau_ext,
+            sd=sd,
+            unexplained=unexplained_log(self.explained, error.J_seen, tau_ext, sd),
+            tau_J=np.ascontiguousarray(error.rows[:, TAU_J_ROW]),
+            q=samples.q,
+            v=samples.v,
+            is_fresh=samples.is_fresh,
+            is_corrected=samples.is_corrected,
+            fault=samples.fault,
         )
-        return WrenchEstimate(wrench, covariance, quality[:, CONDITION], invalid)
+        judge_rows(self._judgement, state, judged, reading, invalid)
+        return WrenchEstimate(
+            reading.wrench, reading.covariance, reading.quality[:, CONDITION], invalid
+        )
 
 
 def with_unseen_rests(
@@ -299,80 +338,62 @@ def load_sd_rows(read_load: float, sd: Array, tau_ext: Array, with_load: Array) 
 
 @kernel
 def judge_rows(
-    max_force_sd: float,
-    max_stiction_force: float,
-    lag_constants: Array,
-    explained_numbers: Array,
-    fault_numbers: Array,
-    poles: Array,
-    lines: Array,
-    lag: Array,
-    unexplained_time: Array,
-    means: Array,
-    torques: Array,
-    D: Array,
-    quality: Array,
-    tau_ext: Array,
-    sd: Array,
-    tau_J: Array,
-    q: Array,
-    v: Array,
-    is_fresh: Flags,
-    is_corrected: Flags,
-    fault: Codes,
-    wrench: Array,
-    covariance: Array,
+    constants: JudgementConstants,
+    state: ReadingState,
+    samples: JudgedSamples,
+    reading: WrenchLog,
     invalid: InvalidCodes,
 ) -> None:
     """Says of N readings why they are not valid, and adds lag and scale to their covariances.
 
     Args:
-        max_force_sd, max_stiction_force: N, of a valid reading.
-        lag_constants: of `lag_settings`.
-        explained_numbers: of ExplainedConstants.
-        fault_numbers, poles, lines: FaultConstants.
-        lag, unexplained_time, means, torques: ReadingState, changed.
-        D: (N,) of `unexplained_log`.
-        quality: (N, NUM_QUALITY) of `wrench_kernels`.
-        tau_ext, sd: (N, n) N m.
-        tau_J: (N, n) N m, of the sample before.
-        q, v, is_fresh, is_corrected, fault: as ReadingSamples.
-        wrench: (N, 6).
-        covariance: (N, 6, 6), changed.
+        constants: of WrenchReading.
+        state: changed: what is remembered after the last sample.
+        samples: N of them, in the order of their times.
+        reading: of these samples; its covariance is changed.
         invalid: (N,) written: the reasons, a sum; 0 of a valid reading.
     """
-    lateness = np.empty(6)
-    constants, memory = FaultConstants(fault_numbers, poles, lines), FaultState(means, torques)
-    for k in range(tau_ext.shape[0]):
-        # Of the first sample there is no torque before it, and no wrench has been low-passed.
-        lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J[k].sum())
-        is_at_E, unexplained_time[0] = is_explained(explained_numbers, unexplained_time[0], D[k])
-        is_sound = is_believed(
-            constants,
-            memory,
-            tau_ext[k],
-            sd[k],
-            tau_J[k],
-            is_fresh[k] and is_corrected[k],
-            fault[k] & BEYOND_LIMITS != 0,
+    lag, wrench, quality = state.lag, reading.wrench, reading.quality
+    fault_memory, lateness = FaultState(state.means, state.torques), np.empty(6)
+    for k in range(wrench.shape[0]):
+        tau_J, is_fresh, is_corrected = (
+            samples.tau_J[k],
+            samples.is_fresh[k],
+            samples.is_corrected[k],
         )
-        keeps_pace = lag_tick(lag_constants, lag, wrench[k], covariance[k], lateness)
+        # Of the first sample there is no torque before it, and no wrench has been low-passed.
+        lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J.sum())
+        lacks_motion = not np.isfinite(samples.q[k].sum() + samples.v[k].sum())
+        is_at_E, state.unexplained_time[0] = is_explained(
+            constants.explained, state.unexplained_time[0], samples.unexplained[k]
+        )
+        is_sound = is_believed(
+            constants.faults,
+            fault_memory,
+            samples.tau_ext[k],
+            samples.sd[k],
+            tau_J,
+            is_fresh and is_corrected,
+            samples.fault[k] & BEYOND_LIMITS != 0,
+        )
+        keeps_pace = lag_tick(constants.lag, lag, wrench[k], reading.covariance[k], lateness)
         invalid[k] = invalid_reasons(
             Findings(
-                is_fresh=is_fresh[k],
-                is_missing=lacks_torque or not np.isfinite(q[k].sum() + v[k].sum()),
-                fault=fault[k],
-                is_corrected=is_corrected[k],
+                is_fresh=is_fresh,
+                is_missing=lacks_torque or lacks_motion,
+                fault=samples.fault[k],
+                is_corrected=is_corrected,
                 has_reading=not np.isnan(quality[k, FORCE_SD]),
                 has_full_rank=quality[k, HAS_FULL_RANK] == 1.0,
                 force_sd=quality[k, FORCE_SD],
                 stiction_force=quality[k, STICTION_FORCE],
-                max_force_sd=max_force_sd,
-                max_stiction_force=max_stiction_force,
+                max_force_sd=constants.max_force_sd,
+                max_stiction_force=constants.max_stiction_force,
                 is_explained=is_at_E,
                 is_believed=is_sound,
                 keeps_pace=keeps_pace,
             )
         )
+        # A reading that is only late is a force all the same: it goes on being low-passed.
         is_force = invalid[k] in (0, LAGGING)
-        lag_update(lag_constants, lag, wrench[k], is_force)
+        lag_update(constants.lag, lag, wrench[k], is_force)

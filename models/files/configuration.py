@@ -206,6 +206,11 @@ class _Check:
             self._mapping(node, schema, name, is_root)
 
     def _union(self, node: Any, schema: Any, name: str) -> None:
+        """Checks a node of several possible types: by its tag, or by the first type that fits.
+
+        Args:
+            name: of the key, for error lines.
+        """
         options = typing.get_args(schema)
         if node.tag == _NULL_TAG and type(None) in options:
             return

@@ -102,6 +102,7 @@ class PreslidingFriction:
     time_step: float = 0.0
 
     def __post_init__(self) -> None:
+        """Brings the parameters into their shapes; raises ValueError where one is out of range."""
         n = self.velocity_law.num_joints
         for key in ("coulomb", "stribeck", "stribeck_velocity", "load", "cubic"):
             self._set(key, (n,))

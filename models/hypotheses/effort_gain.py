@@ -49,6 +49,12 @@ def explain(case: Case) -> Explanation | None:
 
 
 def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
+    """The explanation of the log by gains of the drives.
+
+    Args:
+        gains: (n,) by which the logged signal is too large.
+        num_free: gains that were fitted.
+    """
     view = _view(case, gains)
     fit = case.fit(view)
     N = case.num_independent

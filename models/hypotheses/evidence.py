@@ -19,7 +19,7 @@ Rows closer together than CORRELATION_TIME share the model's error (REST_CORRELA
 moves): each counts as that part of an independent sample.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +32,9 @@ REST_CORRELATION = 2.5  # s, of stiction
 POOR_ERROR_RATIO = 3.0  # times the model's error
 PRESSED_FORCE_RATIO = 4.0  # times the live prior's force
 ODD_SHARE = 0.15  # of the effort limit
+# Kinds of rows. Beside the model's error there is nothing ("free"), or it is larger than stated
+# ("poor"). A force acts at E as the live prior has it ("touched"), or a larger one ("pressed"). Or
+# each joint has another error, of ODD_SHARE of its effort limit ("odd").
 KINDS = ("free", "poor", "touched", "pressed", "odd")
 KIND_PRIOR = np.array([20.0, 2.0, 1.0, 1.0, 0.5])  # counts of a Dirichlet prior
 _NUM_ITERATIONS, _NUM_QUICK_ITERATIONS = 6, 3
@@ -100,35 +103,38 @@ class RowKinds:
         )
 
     def fit(self, residual: Array, A: Array, prior_sd: Array, quick: bool = False) -> Fit:
-        """Fits theta to residual (N, n) = A (N, n, k) theta + error, |theta| ~ prior_sd (k,).
+        """Fits theta to residual = A theta + error; each row is of one of the KINDS.
 
         Args:
+            residual: (N, n) N m.
+            A: (N, n, k) N m per unit of theta.
+            prior_sd: (k,) of theta, whose prior has mean zero.
             quick: from one start and with few iterations, to rank what is fitted again.
         """
         residual = np.clip(residual, -_LARGEST_RESIDUAL, _LARGEST_RESIDUAL)
-        scaled = A * prior_sd  # so that theta's prior is of unit sd
-        # Begun from no correction, and from what explains the rows as far as anything may.
-        broad = self.precision[-1] * self.weight[:, None, None]
-        starts = [self._solved(scaled, residual, broad)[0]]
+        scaled = A * prior_sd  # of theta / prior_sd, whose prior is of unit sd
+        # The kinds make several optima. Begun from what explains the rows as far as anything may,
+        # all of them "odd", and from no correction.
+        odd = self.precision[-1] * self.weight[:, None, None]
+        starts = [self._solved(scaled, residual, odd)[0]]
         if not quick:
             starts.append(np.zeros(len(prior_sd)))
-        first = [
+        fits = [
             self._iterated(residual, scaled, theta, None, _NUM_QUICK_ITERATIONS) for theta in starts
         ]
-        best = max(first, key=lambda fit: fit.log_evidence)
+        best = max(fits, key=lambda fit: fit.log_evidence)
         if not quick:
             best = self._iterated(residual, scaled, best.theta, best.kind_share, _NUM_ITERATIONS)
-        return Fit(
-            best.log_evidence,
-            best.theta * prior_sd,
-            best.sd * prior_sd,
-            best.kind_share,
-            best.residual,
-        )
+        return replace(best, theta=best.theta * prior_sd, sd=best.sd * prior_sd)
 
     def _iterated(
         self, residual: Array, A: Array, theta: Array, share: Array | None, iterations: int
     ) -> Fit:
+        """Expectation maximisation over the rows' kinds, begun from theta (k,) of unit prior sd.
+
+        Args:
+            share: (5,) of the kinds at the start; None: that of KIND_PRIOR.
+        """
         prior_share = KIND_PRIOR / KIND_PRIOR.sum()
         total = float(self.weight.sum())
         share = prior_share if share is None else (total * share + prior_share) / (total + 1.0)

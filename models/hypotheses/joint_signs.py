@@ -25,6 +25,12 @@ def explain(case: Case) -> Explanation | None:
 
 
 def _explain(case: Case, with_effort: bool) -> Explanation | None:
+    """The signs that explain the log best; None: those that it has.
+
+    Args:
+        with_effort: whether the drives' signals have the sign, too.
+    """
+
     def score(signs: Array) -> float:
         return case.fit(_view(case, signs, with_effort), quick=True).log_evidence
 

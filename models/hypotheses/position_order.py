@@ -22,6 +22,11 @@ def explain(case: Case) -> Explanation | None:
 
 
 def _explain(case: Case, with_effort: bool) -> Explanation | None:
+    """The order of the joints that explains the log best; None: that which it has.
+
+    Args:
+        with_effort: whether the drives' signals are in that order, too.
+    """
     n = case.num_joints
     if n < 2:
         return None

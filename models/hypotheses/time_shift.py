@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -15,62 +16,91 @@ NAME = "time of the drives"
 MIN_SHIFT = 0.025  # s; filters of drives and encoders differ by less
 MAX_SHIFT = 1.0  # s
 MEAN_TIMES = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0)  # s, of averages
+WINDOW_ODDS = 10.0  # of an average against none, or a shorter one, from which on it counts
 _COARSE_STEP = 0.05  # s, between shifts
 
 
 def explain(case: Case) -> Explanation | None:
     """The shift, or the average with its shift, that explains the log best."""
-    shift, evidence, sd = _best_shift(case, 0.0)
-    window = 0.0
-    for tried in MEAN_TIMES:
-        if tried < 3.0 * case.rows.step:
+    window, best = 0.0, _best_shift(case, 0.0)
+    for tried_window in MEAN_TIMES:
+        if tried_window < 3.0 * case.rows.step:
             continue
         # An average of what lies before is late by half its window.
-        tried_shift, tried_evidence, tried_sd = _best_shift(case, tried, around=shift)
-        if tried_evidence - math.log(10.0) > evidence:
-            window, shift, evidence, sd = tried, tried_shift, tried_evidence, tried_sd
-    if abs(shift) < MIN_SHIFT and not window:
+        tried = _best_shift(case, tried_window, around=best.shift)
+        if tried.log_evidence - math.log(WINDOW_ODDS) > best.log_evidence:
+            window, best = tried_window, tried
+    if abs(best.shift) < MIN_SHIFT and not window:
         return None
-    view = _view(case, shift, window)
+    view = _view(case, best.shift, window)
     fit = case.fit(view)
-    # Friction alone follows a reversal late, over some displacement: that is no fault of the log.
-    friction_forms = {(shift, window)} | {
-        (shift, wider) for wider in MEAN_TIMES if wider > window > 0.0
-    }
-    friction_evidence = max(
-        case.fit(_friction_view(case, *form)).log_evidence for form in friction_forms
-    )
-    known = max(0.0, friction_evidence - case.base_fit.log_evidence)
-    word = case.word
-    sentence = f"{word}s that {'lead' if shift < 0 else 'lag'} the positions by {abs(shift):.2f}"
-    sentence += f" +- {max(sd, 0.005):.1g} s"
-    option = f"--log-format {correction_word(DRIVES, DELAY, shift)}"
-    remedy = f"set {case.key}: {{delay: {shift:.3f}}} in a description, or try {option}"
-    if window:
-        sentence = f"{word}s averaged over {window:.2g} s, {shift:.2f} +- {max(sd, 0.005):.1g} s"
-        sentence += " late" if shift >= 0.0 else " late (they lead)"
-        remedy = (
-            f"log the {word}s without that average, as the positions are; {option} takes the "
-            "delay away, but not what the average has lost of fast motion"
-        )
-    # The prior of the shift is as wide as MAX_SHIFT.
-    volume = math.log(max(sd, 1e-3) * math.sqrt(2.0 * math.pi) / (2.0 * MAX_SHIFT))
+    cause, remedy = _sentences(case, best, window)
+    # The prior of the shift is as wide as MAX_SHIFT to either side.
+    volume = math.log(max(best.sd, 1e-3) * math.sqrt(2.0 * math.pi) / (2.0 * MAX_SHIFT))
     num_forms = 2.0 * len(MEAN_TIMES) if window else 2.0
+    log_evidence = fit.log_evidence - _known_of_friction(case, best.shift, window)
     return Explanation(
         name=NAME,
-        log_evidence=fit.log_evidence - known + volume - math.log(num_forms),
+        log_evidence=log_evidence + volume - math.log(num_forms),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
-        cause=sentence,
+        cause=cause,
         remedy=remedy,
-        values={"delay_s": shift, "delay_sd_s": sd, "average_s": window},
+        values={"delay_s": best.shift, "delay_sd_s": best.sd, "average_s": window},
     )
 
 
-def _best_shift(
-    case: Case, window: float, around: float | None = None
-) -> tuple[float, float, float]:
-    """The most likely shift in s, its evidence, and its standard error."""
+def _known_of_friction(case: Case, shift: float, window: float) -> float:
+    """The part of the evidence that friction alone explains, which is no fault of the log.
+
+    It follows a reversal late, over some displacement.
+    """
+    wider_windows = [wider for wider in MEAN_TIMES if wider > window > 0.0]
+    evidence = max(
+        case.fit(_friction_view(case, shift, tried)).log_evidence
+        for tried in (window, *wider_windows)
+    )
+    return max(0.0, evidence - case.base_fit.log_evidence)
+
+
+def _sentences(case: Case, best: "_Shift", window: float) -> tuple[str, str]:
+    """What is wrong with the log, and what to do."""
+    word, shift, spread = case.word, best.shift, f"+- {max(best.sd, 0.005):.1g} s"
+    option = f"--log-format {correction_word(DRIVES, DELAY, shift)}"
+    if window:
+        sense = "late" if shift >= 0.0 else "late (they lead)"
+        return (
+            f"{word}s averaged over {window:.2g} s, {shift:.2f} {spread} {sense}",
+            f"log the {word}s without that average, as the positions are; {option} takes the "
+            "delay away, but not what the average has lost of fast motion",
+        )
+    verb = "lead" if shift < 0 else "lag"
+    return (
+        f"{word}s that {verb} the positions by {abs(shift):.2f} {spread}",
+        f"set {case.key}: {{delay: {shift:.3f}}} in a description, or try {option}",
+    )
+
+
+class _Shift(NamedTuple):
+    """The most likely shift of one form.
+
+    Attributes:
+        shift: s, by which the drives' signals are late.
+        log_evidence: of a quick fit there.
+        sd: s, standard error, at most MAX_SHIFT.
+    """
+
+    shift: float
+    log_evidence: float
+    sd: float
+
+
+def _best_shift(case: Case, window: float, around: float | None = None) -> _Shift:
+    """The most likely shift, with the model averaged over `window` s.
+
+    Args:
+        around: s, near which it is looked for; None: within MAX_SHIFT.
+    """
     tried: dict[float, float] = {}
 
     def score(shift: float) -> float:
@@ -92,6 +122,7 @@ def _best_shift(
             score(shift)
         step *= 0.5
     best = max(tried, key=lambda shift: tried[shift])
+    # A parabola through the best and its neighbours: vertex and standard error.
     width = 0.02
     left, right = score(best - width), score(best + width)
     curvature = (2.0 * tried[best] - left - right) / width**2
@@ -100,7 +131,7 @@ def _best_shift(
         vertex = best + 0.5 * (right - left) / (width**2 * curvature)
         if abs(vertex - best) < width:
             best = vertex
-    return float(best), max(tried.values()), min(sd, MAX_SHIFT)
+    return _Shift(float(best), max(tried.values()), min(sd, MAX_SHIFT))
 
 
 def _view(case: Case, shift: float, window: float) -> View:

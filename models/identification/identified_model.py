@@ -417,6 +417,7 @@ def _at_joints(law: FrictionLaw, robot: Arm) -> FrictionLaw:
 
 
 def _friction_block(law: FrictionLaw) -> _FrictionBlock:
+    """A friction law as model.yaml holds it: nested laws lie in one block."""
     if isinstance(law, CoupledFriction):
         return _friction_block(law.law)
     if isinstance(law, ExtendedFriction):

@@ -231,6 +231,7 @@ class TorqueErrorModel:
     law_holds_at_rest: ClassVar[bool] = False  # whether friction at rest is the law's, too
 
     def __post_init__(self) -> None:
+        """Brings the parameters into their shapes; raises ValueError where one is out of range."""
         n = np.size(self.constant)
         if self.spread is None or np.size(self.spread) == 0:
             object.__setattr__(self, "spread", np.zeros((0, n, NUM_PARAMETERS)))

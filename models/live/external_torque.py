@@ -86,6 +86,11 @@ class ExternalTorqueEstimator:
         )
 
     def _read(self, q: Array, tau: Array) -> tuple[EstimateBatch, Detection]:
+        """The reading of one sample; one that is not finite has the wrench of zeros, not valid.
+
+        Args:
+            q, tau: (n,) rad, and N m of the external torque.
+        """
         is_finite = bool(np.isfinite(q).all() and np.isfinite(tau).all())
         self._t += self._step
         J = self._robot.chain.jacobian(np.nan_to_num(q))

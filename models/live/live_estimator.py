@@ -259,6 +259,11 @@ class LiveEstimator:
         self._prepare(self.step)  # the grid goes on
 
     def _prepare(self, step: float) -> None:
+        """Makes the estimator at a stream's step in s, and what follows contact and drift with it.
+
+        Raises:
+            InputError: an option that a stream of external torque does not take.
+        """
         config = self._config.estimator
         config = replace(
             config,
@@ -318,6 +323,11 @@ class LiveEstimator:
     def _take(
         self, sample: Sample, out: list[Reading | StreamEvent], is_stale: bool = False
     ) -> None:
+        """Takes a sample of the source onto the grid; appends readings and events to `out`.
+
+        Args:
+            is_stale: whether it waited too long to be of use.
+        """
         events: list[StreamEvent] = []
         sizes = {array.shape for array in (sample.q, sample.v, sample.effort)}
         if sizes != {(self._num_joints,)}:
@@ -402,6 +412,13 @@ class LiveEstimator:
         return GridSample(sample.t, x, dropout)
 
     def _read(self, point: GridSample, sample: Sample, is_stale: bool) -> Reading:
+        """The reading at a point of the grid.
+
+        Args:
+            point: q, v, motor current, and how much a faulty sample weighs in them.
+            sample: the one that the grid took last.
+            is_stale: whether the stream is late.
+        """
         n = self._num_joints
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
         sample_fault = 0 if point.x[-1] == 0.0 else FAULT_BEYOND

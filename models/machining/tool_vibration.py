@@ -442,6 +442,8 @@ def track_vibration(
     J = plain(terms[0].J)
     error_variance, weights = np.empty(n), np.empty(m)
     _weigh(evidence, weights)
+    # What each of the m amplitudes frees of the dry friction, through the observer's poles; and how
+    # far the joint is from the planned speed, beyond which the correction says nothing.
     for i in range(n):
         # The correction's sd stays in: it limits what the torque can show.
         error_variance[i] = (
@@ -466,6 +468,8 @@ def track_vibration(
         departed[i] = pole * departed[i] + (1.0 - pole) * apart
         correction_sd[i] = pole * correction_sd[i] + (1.0 - pole) * apart * correction.spread[i]
     counts = observed.counts[0] == 1.0 or correction.counts[0] != 1.0
+    # The likelihood of each amplitude: the torque that it leaves to a wrench of the prior at E and
+    # to the torque error, whose covariance J^T P J + S has the Cholesky factor `factor`.
     if not (works and counts and observed.fault[0] == 0.0):
         return
     factor = np.empty((n, n))
@@ -494,5 +498,6 @@ def track_vibration(
     best = likelihood.max()
     if not math.isfinite(best):
         return
+    # Evidence fades, so that another amplitude may take over.
     for h in range(m):
         evidence[h] = rates[0] * evidence[h] + rates[1] * (likelihood[h] - best)

@@ -152,6 +152,7 @@ def forward_log(
         is_finite, is_known = _arrive(t.numbers, sample, model.J[k], arrived)
         is_measured = is_finite and running[0]
         log.kinds[k, _MEASURED], log.kinds[k, _KNOWN] = is_measured, is_known
+        # Over the sample.
         for i in range(n):
             miss[i] = arrived[i] - z[i] if is_measured else 0.0
         if is_measured:
@@ -159,6 +160,7 @@ def forward_log(
             _take_innovation(K, miss, z, P)
         else:
             _restart_momentum(arrived, rounding, z, P)
+        # Over the period after it: z <- A z + T u, P <- A P A^T + noise.
         parts = ErrorParts(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _DECAY])
         error_parts(t, state.previous_smooth, sample, parts)
         running[0] = is_known
@@ -319,6 +321,7 @@ def _take_adjoint(K: Array, inverse: Array, miss: Array, adjoint: _Adjoint, prod
     """
     lam, Lam = adjoint.lam, adjoint.Lam
     M, n = K.shape
+    # lambda; H picks the first n states, the momentum.
     for i in range(n):
         total = 0.0
         for a in range(M):
@@ -328,6 +331,7 @@ def _take_adjoint(K: Array, inverse: Array, miss: Array, adjoint: _Adjoint, prod
         product[0, i] = total
     for i in range(n):
         lam[i] += product[0, i]
+    # Lambda <- Lambda (1 - K H).
     for a in range(M):
         for i in range(n):
             total = 0.0
@@ -337,6 +341,7 @@ def _take_adjoint(K: Array, inverse: Array, miss: Array, adjoint: _Adjoint, prod
     for a in range(M):
         for i in range(n):
             Lam[a, i] -= product[a, i]
+    # Lambda <- (1 - K H)^T Lambda + H^T S^-1 H; then made symmetric, which rounding has lost.
     for i in range(n):
         for b in range(M):
             total = 0.0

@@ -214,6 +214,7 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
         is_known = is_known and np.isfinite(predicted)
         for a in range(6):
             is_known = is_known and np.isfinite(J[a, i])
+    # The measurement. P grows where it is far off, and F's part of P where it stays off.
     if _is_measured(numbers, status, signals):
         whitened = _whitened_innovation(s, rounding, arrived)
         _measure(s, rounding, arrived)
@@ -227,12 +228,14 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
             for a in range(6):
                 P[n + a, n + a] += sixes[JUMP_F, a]
             s.sums[:] = 0.0
+    # After a gap the momentum is what the sample says, without regard to the one before.
     if status[0] != _RUNNING_STATUS:
         for i in range(n):
             x[i] = arrived[i]
             P[i], P[:, i], C[i] = 0.0, 0.0, 0.0
             P[i, i] = rounding[i]
 
+    # The prediction over the coming period.
     error = ErrorParts(np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     error_parts(t, s.previous_smooth, signals, error)
     if is_known:
@@ -343,6 +346,7 @@ def _measure(s: KalmanState, rounding: Array, arrived: Array) -> None:
     for i in range(n):
         innovation[i] = arrived[i] - x[i]
     P_rows, C_rows = P[:n].copy(), C[:n].copy()
+    # x <- x + K (y - H x), with H x the momentum; C <- (1 - K H) C and P <- (1 - K H) P.
     for a in range(N):
         for i in range(n):
             x[a] += gain[a, i] * innovation[i]
@@ -353,6 +357,7 @@ def _measure(s: KalmanState, rounding: Array, arrived: Array) -> None:
         for b in range(N):
             for i in range(n):
                 P[a, b] -= gain[a, i] * P_rows[i, b]
+    # P <- P (1 - K H)^T + K R K^T.
     P_columns = P[:, :n].copy()
     for a in range(N):
         for b in range(a + 1):
@@ -393,6 +398,8 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
     x, P, C, T = s.x, s.P, s.C, t.numbers[PERIOD]
     n = J.shape[1]
     N = 2 * n + 6
+    # x <- A x, C <- A C and P <- A P. A is 1 but for the momentum's rows: over the period the
+    # smooth part of the torque error and J^T F add to it, and to C its slow part.
     for i in range(n):
         e = n + 6 + i
         T_smooth = T * error.smooth[i]
@@ -409,12 +416,14 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
             for m in range(n):
                 C[i, m] += T_J * C[n + a, m]
         C[i, i] += T * error.slow[i]
+    # P <- P A^T.
     for b in range(N):
         for i in range(n):
             total = T * error.smooth[i] * P[b, n + 6 + i]
             for a in range(6):
                 total += T * J[a, i] * P[b, n + a]
             P[b, i] += total
+    # The force forgets, in all rows and columns.
     for a in range(n, n + 6):
         factor = t.sixes[DECAY_F, a - n]
         x[a] *= factor
@@ -424,6 +433,7 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
             P[a, b] *= factor
         for b in range(N):
             P[b, a] *= factor
+    # The noise of the period; then P is made symmetric, which rounding has lost.
     for i in range(n):
         P[i, i] += error.white[i]
     for a in range(6):

@@ -352,6 +352,9 @@ def check_rows(
 ) -> None:
     """Checks N samples.
 
+    A fault of the current counts at the sample after, since the motor torque does: what is read at
+    a tick must not depend on the current of that tick.
+
     Args:
         table, state: of SampleCheck; the state is changed.
         periods: (N,) s since the sample before.
@@ -361,6 +364,7 @@ def check_rows(
     """
     for k in range(q.shape[0]):
         sample = checked[:, k]
+        # Both checks compare with the sample before, in whose place `_take_sample` puts this one.
         codes[k] = _check_motion(table, state, periods[k], q[k], v[k], sample)
         _check_current(table, state, periods[k], current[k], sample)
         _take_sample(table, state, periods[k], q[k], v[k], current[k], sample)

@@ -53,6 +53,11 @@ class MatTable(NpzTable):
     """A MATLAB file of one variable per signal or per column, one sample a row; as `NpzTable`."""
 
     def _array_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Reads the variables that have as many rows as most have; returns their shapes by name.
+
+        Raises:
+            InputError: no MATLAB file of a version that is read, or none with arrays of numbers.
+        """
         with opened(self.path, "a log") as file:
             head = file.read(_HEADER_BYTES)
         if not head:

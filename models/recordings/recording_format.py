@@ -279,6 +279,7 @@ def rows_for(description: RecordingFormat, file: Path) -> tuple[int, int] | None
 
 
 def _check_description(description: RecordingFormat, path: Path) -> None:
+    """Raises InputError for a key that is out of range or contradicts another."""
     if len(description.separator) != 1 or description.separator in '"\n\r':
         problem = f'expected one character, found "{description.separator}"'
         raise InputError(path, "separator", problem, 'write separator: ";", or "\\t" for tabs')
@@ -404,6 +405,7 @@ class _LogColumns:
         if unit not in units:
             listed = ", ".join(u for u in units if u)
             raise InputError(source, place, f'unknown unit "{unit}"', f"give one of {listed}")
+        # Scale and offset of each column, in the unit and sign of a recording.
         columns = self._columns(entry, place)
         size = len(columns)
         scale = units[unit] * self._per_column(entry.gain, 1.0, size, f"{place}, gain")
@@ -425,6 +427,7 @@ class _LogColumns:
         if not 2 <= entry.bits <= _MOST_BITS:
             problem = f"{entry.bits}, expected 2 to {_MOST_BITS}"
             raise InputError(source, f"{place}, bits", problem, "give the length of a word")
+        # The shape of a sample; time is a number, in one column or two.
         shape = tuple(entry.shape) or (size,)
         shape_size = math.prod(shape)
         if min(shape) < 1 or shape_size != size:

@@ -147,6 +147,7 @@ class TextTable:
             while not top_line and header is not False and file.tell() < size:
                 skip_lines += 1
                 top_line = self._line(file).lstrip("#").strip()
+            # Words on the recording above the table.
             if separator is None and header is None:
                 skipped = self._num_words_above(file, top_line)
                 if skipped:
@@ -158,6 +159,7 @@ class TextTable:
                     self.notices.append(f"the first {skip_lines} lines are no table: left out")
             if not top_line:
                 raise InputError(path, "", "is empty", "record the log again")
+            # The header, and the units below it.
             self.separator = separator or _separator_of(top_line)
             cells = self._cells(top_line)
             if header is None:
@@ -176,6 +178,7 @@ class TextTable:
                 self.notices.append("units are read from the line below the header")
                 self._num_head_lines += 1
                 line_of_numbers = self._line(file).strip()
+            # The first row of numbers.
             self.first_cells = tuple(self._cells(line_of_numbers))
             stamps = {k: _STAMP.fullmatch(cell) for k, cell in enumerate(self.first_cells)}
             self._stamps = {  # arrow's types of columns that hold dates with times
@@ -324,6 +327,7 @@ class TextTable:
         """
         names = [str(k) for k in range(self.num_columns)]
         used = [str(k) for k in columns]
+        # A carriage return within a line: Arrow would take it for the end of the line.
         if block.count(b"\r") > block.count(b"\r\n") + block.endswith(b"\r"):
             self._refuse_fault(block, line, columns, may_be_empty)  # unless they are within quotes
         try:
@@ -340,16 +344,11 @@ class TextTable:
             raise InputError(
                 self.path, f"line {line} or below", f"cannot be read: {error}", "correct it"
             ) from error
-        values = np.empty((table.num_rows, len(columns)))
-        for k in range(len(columns)):
-            column = table.column(k)
-            if pa.types.is_timestamp(column.type):
-                seconds = pc.cast(pc.cast(column, pa.int64()), pa.float64(), safe=False)
-                column = pc.multiply(seconds, 1e-9)
-            values[:, k] = column.to_numpy()  # an empty cell becomes NaN
+        values = _numbers(table)
         is_optional = np.array([column in may_be_empty for column in columns])
         if not (np.isfinite(values) | (np.isnan(values) & is_optional)).all():
             self._refuse_fault(block, line, columns, may_be_empty)
+        # Arrow passes over blank lines, which count in the numbers of the lines.
         num_lines = block.count(b"\n") + (not block.endswith(b"\n"))
         if table.num_rows == num_lines:
             return values, np.arange(line, line + num_lines)
@@ -515,3 +514,15 @@ def _after_byte_order_mark(file: BinaryIO) -> int:
     begin = 3 if file.read(3) == b"\xef\xbb\xbf" else 0
     file.seek(begin)
     return begin
+
+
+def _numbers(table: pa.Table) -> Array:
+    """(N, k) of a table's columns: a stamp in s, an empty cell NaN."""
+    values = np.empty((table.num_rows, table.num_columns))
+    for k in range(table.num_columns):
+        column = table.column(k)
+        if pa.types.is_timestamp(column.type):
+            nanoseconds = pc.cast(pc.cast(column, pa.int64()), pa.float64(), safe=False)
+            column = pc.multiply(nanoseconds, 1e-9)
+        values[:, k] = column.to_numpy()
+    return values

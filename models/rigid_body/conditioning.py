@@ -147,6 +147,8 @@ def _squared_singular_values(J: Array, squares: Array) -> None:
     """Squares (N, min(6, n)), in no order, of N Jacobians: in groups, the rest one by one."""
     n = J.shape[2]
     count, length = min(6, n), max(6, n)
+    # As many as fill whole groups; J is turned round where n < 6, so that the shorter side is that
+    # of the rows.
     grouped = J.shape[0] - J.shape[0] % _NUM_LANES
     if grouped > 0:
         rows = np.empty((count, length, _NUM_LANES))

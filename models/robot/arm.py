@@ -74,6 +74,7 @@ class Arm(ABC):
         self.current_noise_sd = frozen([d.current_noise_sd for d in drives])
         self.q_offset = frozen([d.q_offset for d in drives])
         self.rest_friction_share = frozen([d.rest_friction_share for d in drives])
+        # Left out, a drive at rest gives as much torque per ampere as in motion.
         at_rest = [d.rest_torque_per_ampere for d in drives]
         moving = self.torque_per_ampere.tolist()
         self.rest_torque_per_ampere = frozen(

@@ -397,6 +397,8 @@ def _is_jaw(name: str) -> bool:
 
 
 def _joint(element: ET.Element) -> DescribedJoint:
+    """A joint as its URDF element states it; a number that is left out is NaN or the default."""
+
     def end(role: str) -> str:
         link = element.find(role)
         return "" if link is None else link.get("link", "")

@@ -234,6 +234,12 @@ def _frame(frame: Any) -> RigidTransform:
 
 
 def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: float) -> None:
+    """Appends a joint of Drake's to the <robot> as URDF states it.
+
+    Args:
+        X_LP: the parent body's frame in the parent link's.
+        effort: N m or N; inf where there is no limit.
+    """
     kind, axis, X = "floating", None, X_LP @ _frame(joint.frame_on_parent())
     if isinstance(joint, WeldJoint):
         kind, X = "fixed", X @ joint.X_FM()

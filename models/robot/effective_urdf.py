@@ -55,34 +55,25 @@ class EffectiveUrdf:
         self.inertia_fault = inertia_fault  # the first, where dynamics cannot be computed
 
     def with_moved_joints(self, joint_poses: Mapping[str, tuple[Array, Array]]) -> "EffectiveUrdf":
-        """A copy with the frames of some joints moved.
+        """A copy with the frames of some joints moved, relative to their parents' links.
 
         Args:
-            joint_poses: by joint, translation (3,) m and rotation vector (3,) rad, in axes of its
-                frame.
+            joint_poses: by name, translation (3,) m and rotation vector (3,) rad from a joint's
+                frame as it is to the moved one, in axes of the former.
         """
         root = copy.deepcopy(self._root)
         for joint in root.iter("joint"):
+            # Without an axis a <joint> is fixed, or belongs to a transmission.
             if joint.get("name") not in joint_poses or joint.find("axis") is None:
                 continue
             translation, rotation = joint_poses[str(joint.get("name"))]
-            stated = {} if (origin := joint.find("origin")) is None else origin.attrib
-            xyz = np.array(stated.get("xyz", "0 0 0").split(), dtype=np.float64)
-            rpy = np.array(stated.get("rpy", "0 0 0").split(), dtype=np.float64)
             angle = float(np.linalg.norm(rotation))
             axis = rotation / angle if angle > 0.0 else np.array([0.0, 0.0, 1.0])
-            step = RigidTransform(RotationMatrix(AngleAxis(angle, axis)), translation)
-            set_pose(joint, RigidTransform(RollPitchYaw(rpy), xyz) @ step)
-        return EffectiveUrdf(
-            root,
-            self.joints,
-            self.notices,
-            self.source,
-            self.meshes,
-            self.inertia_fault,
-            self._standing,
-            self.base_link,
-        )
+            move = RigidTransform(RotationMatrix(AngleAxis(angle, axis)), translation)
+            set_pose(joint, _origin(joint) @ move)
+        moved = copy.copy(self)
+        moved._root = root
+        return moved
 
     def text(self, name: str, hulls: bool = False) -> str:
         """The document, with `name` as the robot's.
@@ -104,6 +95,15 @@ class EffectiveUrdf:
         root = copy.deepcopy(self._root)
         root.set("name", name)
         return root
+
+
+def _origin(joint: ET.Element) -> RigidTransform:
+    """The pose that a joint states for its frame in its parent link's; left out, that frame."""
+    origin = joint.find("origin")
+    stated = {} if origin is None else origin.attrib
+    xyz = np.array(stated.get("xyz", "0 0 0").split(), dtype=np.float64)
+    rpy = np.array(stated.get("rpy", "0 0 0").split(), dtype=np.float64)
+    return RigidTransform(RollPitchYaw(rpy), xyz)
 
 
 def _declare_prefixes(root: ET.Element) -> None:

@@ -78,6 +78,7 @@ class _Reader:
         self.child_joints: dict[str, list[ET.Element]] = {}  # by parent link
 
     def read(self) -> EffectiveUrdf:
+        """The document: checked, locked, cut to the arm, with its tool."""
         self._collect()
         if self.rounded:
             joints = ", ".join(self.rounded)
@@ -109,6 +110,7 @@ class _Reader:
     # Reading ----------------------------------------------------------------------------------
 
     def _collect(self) -> None:
+        """Registers links and joints by name, and checks what each joint states of itself."""
         if self.base == "world":
             self.base = self._renamed_world()
         for link in self.root.findall("link"):
@@ -204,6 +206,7 @@ class _Reader:
     # Reshaping --------------------------------------------------------------------------------
 
     def _lock_joints(self) -> None:
+        """Makes the locked joints, and those that follow them, fixed at their positions."""
         locked = self.config.locked_joints
         for name in locked:
             if name not in self.joints:
@@ -385,6 +388,7 @@ class _Reader:
     # Inertia ----------------------------------------------------------------------------------
 
     def _check_inertias(self, moving: list[ET.Element]) -> None:
+        """Checks inertias of links, and of what moves as one; notes those that forbid dynamics."""
         if self.config.tool is not None:
             self._check_tool(self.config.tool)
         carried = {name for joint in moving for name in self._below(self._child(joint), True)}

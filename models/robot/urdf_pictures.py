@@ -39,7 +39,7 @@ def drop_pictures(
     for name, link in links.items():
         for kind in ("visual", "collision"):
             for element in link.findall(kind):
-                reason = _undrawable(element, urdf)
+                reason = _with_mesh_resolved(element, urdf)
                 if not reason:
                     continue
                 link.remove(element)
@@ -62,8 +62,12 @@ def drop_pictures(
     return notices
 
 
-def _undrawable(element: ET.Element, urdf: Path) -> str:
-    """The reason why Drake cannot read a visual or collision element; '' if it can."""
+def _with_mesh_resolved(element: ET.Element, urdf: Path) -> str:
+    """Makes the mesh of a visual or collision element one that Drake finds, by its whole path.
+
+    Returns:
+        The reason why Drake cannot read the element, which is then left as it is; '' if it can.
+    """
     geometry = element.find("geometry")
     shape = next(iter(geometry), None) if geometry is not None else None
     if shape is None:

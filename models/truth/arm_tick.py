@@ -339,6 +339,7 @@ def arm_drives(
     arm, out = arm_state(state.copy(), constants.layout, n), drive_parts(drives, n)
     tick, noise = _tick_number(t, time_step), np.empty(2 * n)
     gaussian_noise(constants.seed, tick, noise)
+    # Where motors are coupled, the joints' tick takes currents joint by joint, and gives them so.
     joint_command = command.copy()
     if constants.motors.shape[0] > 0:
         mixed_currents(constants.motors[0], command, joint_command)
@@ -349,6 +350,7 @@ def arm_drives(
     motor_current = out.signals[MOTOR_CURRENT]
     if constants.motors.shape[0] > 0:
         mixed_currents(constants.motors[1], motor_current.copy(), motor_current)
+    # What the drives report: the true current, or as their sensors measure it.
     if constants.current.shape[0] == 0:
         out.current[:] = motor_current
     else:

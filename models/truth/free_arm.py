@@ -315,6 +315,7 @@ def _run(
     motor_current = signals[MOTOR_CURRENT]
     for k in range(reference.rows.shape[0]):
         tick, reference_row = reference.first + k, reference.rows[k]
+        # The truth: terms of the motion, and the torque of the scripted wrench.
         dynamics_terms(arm.chain, dynamics, scratch)
         if script.table.shape[0] > 0:
             sample_script(script.table, script.tones, script.start + tick * time_step, wrench)
@@ -324,12 +325,14 @@ def _run(
                 tau_ext[i] = 0.0
                 for axis in range(6):
                     tau_ext[i] += J[axis, i] * wrench[axis]
+        # The controller: what the encoders say, and the torque that it asks for by its model.
         encoders = EncoderSample(arm.on_motor, seed + VELOCITY_STREAM, tick)
         encoder_reading(arm.table, state, dynamics, encoders, q_read, v_read)
         dynamics_terms(control.model, model_dynamics, scratch)
         tracking_torque(control.law, model_dynamics, reference_row, memory.integral, tau)
         for i in range(n):
             command[i] = tau[i] / control.gain[i]
+        # Motors, gears and friction.
         gaussian_noise(seed + WANDER_STREAM, tick, wander_noise)
         joint_tick(
             arm.table,
@@ -340,6 +343,7 @@ def _run(
         )
         if arm.motors.shape[0] > 0:
             mixed_currents(arm.motors[1], motor_current.copy(), motor_current)
+        # What is measured of the current, and logged at every few ticks.
         update_lag(control.bandwidth, time_step, motor_current, lagged)
         if tick % arm.every == 0:
             gaussian_noise(seed, tick, noise)
@@ -347,6 +351,7 @@ def _run(
             report_current(control.noise_sd, control.resolution, motor_current, noise, current)
             measured = _Measured(q_read, v_read, current, wrench)
             _log_row(log, tick // arm.every, measured, memory, signals)
+        # The motion over the tick, by the torque that acts at its start.
         advance_integral(control.law, q_read, reference_row, tau, memory.integral)
         for i in range(n):
             torque = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i]

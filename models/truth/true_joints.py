@@ -78,6 +78,7 @@ _MIN_STIFFNESS = 1e-9  # N m s/rad per tick, so that no element is without any s
 _MAX_DEFLECTION_SHARE = 0.2  # of a gear's deflection, that an element may take back in one tick
 # streams of the individual's and the day's random numbers
 _PHASE_STREAM, _DAY_STREAM, _HARMONIC_STREAM = 17, 18, 20
+_MIN_DAY_FACTOR = 0.2  # of friction: a draw far below makes it no smaller
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,17 +198,23 @@ class TrueJoints:
 def _pack_friction(
     table: Array, robot: Robot, config: MechanismsConfig, reader: "_Reader", time_step: float
 ) -> None:
-    """Packs the friction of each joint, of this day, with its load and temperature."""
+    """Writes the friction of each joint on this day, with load and temperature, into the table.
+
+    Args:
+        table: (n, columns), columns as `joint_kernels` names them.
+        reader: of the configuration's numbers; it reports those out of range.
+        time_step: s.
+    """
     truth, n = robot.truth, robot.num_joints
     load = config.load
     lubrication = config.lubrication or LubricationConfig()
-    day = np.random.default_rng([config.day, config.individual, _DAY_STREAM]).standard_normal(
-        (2, n)
-    )
+    # Lubrication differs from day to day: one factor a joint on viscous friction, one on Coulomb.
+    rng = np.random.default_rng([config.day, config.individual, _DAY_STREAM])
+    viscous_draw, coulomb_draw = rng.standard_normal((2, n))
     viscous_sd = reader.per_joint(lubrication, "day_sd")
     coulomb_sd = reader.per_joint(lubrication, "coulomb_day_sd")
-    viscous_today = np.maximum(1.0 + viscous_sd * day[0], 0.2)
-    coulomb_today = np.maximum(1.0 + coulomb_sd * day[1], 0.2)
+    viscous_today = np.maximum(1.0 + viscous_sd * viscous_draw, _MIN_DAY_FACTOR)
+    coulomb_today = np.maximum(1.0 + coulomb_sd * coulomb_draw, _MIN_DAY_FACTOR)
     table[:, COULOMB] = truth.coulomb * coulomb_today
     table[:, STICTION] = np.maximum(truth.stiction, truth.coulomb) * coulomb_today
     table[:, SPEED] = truth.stribeck_velocity
@@ -225,8 +232,10 @@ def _pack_friction(
     table[:, FORWARDS], table[:, BACKWARDS] = 1.0 + asymmetry, 1.0 - asymmetry
     wander = config.wander or WanderConfig()
     table[:, WANDER_SD] = reader.per_joint(wander, "sd", upper=1.0)
-    time = reader.per_joint(wander, "time")
-    table[:, WANDER_DECAY] = np.exp(-time_step / np.where(time > 0.0, time, 1.0))
+    correlation_time = reader.per_joint(wander, "time")  # s; 0 where nothing wanders
+    table[:, WANDER_DECAY] = np.exp(
+        -time_step / np.where(correlation_time > 0.0, correlation_time, 1.0)
+    )
 
 
 def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader: "_Reader") -> None:
@@ -305,6 +314,11 @@ def _motors(robot: Robot) -> Array:
 
 
 def _pack_elements(table: Array, slip: SlipConfig, reader: "_Reader", time_step: float) -> None:
+    """Writes stiffness, decay and share of the slip elements into the table, (n, columns).
+
+    A slip element carries up to its share of the joint's Coulomb friction, as a spring over its
+    displacement; without a displacement it is a damper that is stiff within a tick.
+    """
     displacement = reader.per_joint(slip, "displacement")
     weight = np.array(slip.weight, dtype=np.float64)
     if not (weight.size > 0 and np.all(weight >= 0.0) and abs(weight.sum() - 1.0) < 1e-6):

@@ -252,6 +252,8 @@ class World:
     def _mechanisms(
         self, about: MechanismsConfig, scaled: "_Scaled", num_joints: int
     ) -> MechanismsConfig:
+        """The scenario's mechanisms, each number scaled by the world's draw of its name."""
+
         def part(config: Any, **changes: Callable[[Any], Any]) -> Any:
             """The part with some of its fields changed; None stays None."""
             if config is None:

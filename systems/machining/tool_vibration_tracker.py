@@ -96,6 +96,8 @@ class ToolVibrationTracker(SampledBlock):
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._fault = self.DeclareVectorInputPort("fault", 1)
+        # What the estimator says is read by the update alone: its tau_ext may be corrected by the
+        # outputs without an algebraic loop.
         motion = {self._terms.ticket(), self._pose.ticket()}
         self._all = declare_outputs(
             self, self.output_sizes, self._calc_all, motion | self.state_tickets
@@ -123,10 +125,11 @@ class ToolVibrationTracker(SampledBlock):
         return outputs[parts["joint_shares"].start : parts["joint_shares_sd"].stop]
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        # The outputs of this tick take part in its update: what the estimator's tau_ext lacks.
         n, out = self._n, self._all.Eval(context)
         observed = ObservedTorque(
             tau_ext=self._tau_ext.Eval(context),
-            sd=self._torque_error.Eval(context)[:n],
+            sd=self._torque_error.Eval(context)[:n],  # the first row of a flat TorqueError
             tau_f=self._tau_f.Eval(context),
             counts=self._tau_ext_valid.Eval(context),
             fault=self._fault.Eval(context),
@@ -140,10 +143,10 @@ class ToolVibrationTracker(SampledBlock):
         )
         work = WorkTick(
             correction=correction,
-            v_planned=self._reference.Eval(context)[n : 2 * n],
+            v_planned=self._reference.Eval(context)[n : 2 * n],  # of q_d, v_d, vdot_d
             shares=self._shares(out),
             touches=force_controlled(int(self._phase.Eval(context).item())),
-            works=self._feed_time.Eval(context).item() >= 0.0,
+            works=self._feed_time.Eval(context).item() >= 0.0,  # below 0: not at work
         )
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         track_vibration(self._constants, terms.record, observed, work, memory)

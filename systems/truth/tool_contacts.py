@@ -39,17 +39,15 @@ class ToolContacts:
             (count or more, 9) force and moment about C on the tool, N and N m, and C, m, in W; and
             count.
         """
-        num_points, num_patches = (
-            results.num_point_pair_contacts(),
-            results.num_hydroelastic_contacts(),
-        )
+        num_points = results.num_point_pair_contacts()
+        num_patches = results.num_hydroelastic_contacts()
         if num_points + num_patches > len(self._contacts):
             self._contacts = np.zeros((2 * (num_points + num_patches), 9))
         contacts, count = self._contacts, 0
         for i in range(num_points):
             point = results.point_pair_contact_info(i)
             sign = self._sign_of_point(point)
-            if sign != 0.0:
+            if sign != 0.0:  # the tool takes part
                 contacts[count, :3] = sign * point.contact_force()
                 contacts[count, 3:6] = 0.0
                 contacts[count, 6:] = point.contact_point()

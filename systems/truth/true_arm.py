@@ -111,6 +111,7 @@ class TrueArm(SampledBlock):
         self._process = parts.process
         self._motion_type = motion_type(self._n)
         self._layout, initial = _initial_state(parts)
+        # Entries of the outputs that are held from tick to tick: all but the forces on the plant.
         self._sizes = {
             "motion": sum(self.motion_sizes.values()),
             "drives": sum(self.drive_sizes.values()),
@@ -119,9 +120,10 @@ class TrueArm(SampledBlock):
             self._sizes["truth"] = sum(self.truth_sizes.values())
         SampledBlock.__init__(self, parts.joints.time_step, initial, self._sizes)
         self._make_constants(parts)
+
         self._x = self.DeclareVectorInputPort("state", 2 * self._n)
         self._command = self.DeclareVectorInputPort("current_command", self._n)
-        prerequisites = {self._x.ticket()} | self.state_tickets
+        prerequisites = {self._x.ticket()} | self.state_tickets  # of all outputs
         self._motion = self.DeclareVectorOutputPort(
             "motion", self._sizes["motion"], self._calc_motion, prerequisites
         )
@@ -131,6 +133,8 @@ class TrueArm(SampledBlock):
             self._calc_drives,
             prerequisites | {self._command.ticket()},
         )
+
+        # Ports that only some arms have; the order is that of the class.
         if parts.contacts is not None:
             self._declare_contact_ports(prerequisites)
         self._weld = None if parts.sensor is None else parts.sensor.weld

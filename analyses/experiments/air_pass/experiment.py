@@ -128,6 +128,7 @@ def _metrics(loaded_pass: LoadedPass) -> dict[str, Any]:
 
 
 def _comparison() -> list[ComparisonRow]:
+    """The rows of the report: what plain tools read, N, and the share of the error that repeats."""
     stated = {
         "coulomb_viscous": {"plain": [2.2, 2.8, 4.3], "taught": [1.8, 1.8, 2.2]},
         "presliding": {"plain": [1.8, 3.9, 3.2], "taught": [1.7, 5.2, 1.9]},

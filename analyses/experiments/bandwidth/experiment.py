@@ -268,6 +268,14 @@ def measure_signals(
 def _signal_metrics(
     robot: Robot, K_0: float, t: Array, true: Array, clean: Array, noisy: Array
 ) -> dict[str, Any]:
+    """Compares the readings of step, ramp, sine and noise with the formulas of a first-order lag.
+
+    Args:
+        K_0: 1/s, of the observer.
+        t: (T,) s.
+        true: (T, 3) N, the force: a step along x, a ramp along y, a sine along z.
+        clean, noisy: (T, 3) N, as it is read without noise of the current, and with it.
+    """
     since = t - SIGNAL_START
     acting = since > 0.0
 

@@ -74,29 +74,29 @@ class ContactTask:
         }
 
     def built_in(self, progress: Callable[[float, str], None]) -> dict[str, dict[str, Any]]:
-        """Scores by method."""
+        """Scores of the library's own methods, by method."""
         law, torque_sd = plain_law(self._runs)
-        kalman = {
+        refits_with_tool = {
             controller: with_tool_of(model, self._robot(controller))
             for controller, model in self._refits.items()
         }
+
+        def read_with_plain_tools(run: PreparedRun) -> ForceReading:
+            covariance = np.diag(torque_sd**2)
+            model = replace(
+                run.model, friction=law, torque_error=None, residual_covariance=covariance
+            )
+            return _estimated(run, model, MomentumObserverConfig([OBSERVER_GAIN]), "damped")
+
+        def read_with_kalman(run: PreparedRun) -> ForceReading:
+            model = refits_with_tool[run.run.name.controller]
+            return _estimated(run, model, KalmanObserverConfig(), "force_only")
+
         readers: dict[str, ReadRun] = {
             "plain": read_two_joints,
-            "plain_tools": lambda run: _estimated(
-                run,
-                replace(
-                    run.model,
-                    friction=law,
-                    torque_error=None,
-                    residual_covariance=np.diag(torque_sd**2),
-                ),
-                MomentumObserverConfig([OBSERVER_GAIN]),
-                "damped",
-            ),
+            "plain_tools": read_with_plain_tools,
             "article": lambda run: read_article(run, law, torque_sd),
-            "kalman": lambda run: _estimated(
-                run, kalman[run.run.name.controller], KalmanObserverConfig(), "force_only"
-            ),
+            "kalman": read_with_kalman,
             "ours": self._ours,
         }
         scores = {}

@@ -147,16 +147,24 @@ class DetectionTask:
         return statistic
 
     def _counted(self, statistic: Statistic, names: list[str]) -> dict[str, Any]:
-        alarms, hours, inside, quiet = 0, 0.0, 0.0, 1.0
+        """Counts a method's alarms in free motion, and what it finds of pushes and collisions.
+
+        Args:
+            statistic: of a log's name and of torques put into it; over its level, so that more than
+                1 is an alarm.
+            names: of the logs that the method reads.
+        """
+        alarms, hours, hours_in_alarm = 0, 0.0, 0.0
+        quiet_level = 1.0  # from which on the method gives no false alarm
         for name in names:
             if name != "collision_wrist":
                 largest = statistic(name, None)
                 alarm = np.asarray(largest > 1.0)
-                quiet = max(quiet, float(largest.max()))
+                quiet_level = max(quiet_level, float(largest.max()))
                 alarms += len(onsets(_joined(alarm)))
                 hours += len(alarm) * TIME_STEP / 3600.0
-                inside += float(alarm.sum()) * TIME_STEP / 3600.0
-        pushes, quietly, collisions = Tally(), Tally(), Tally()
+                hours_in_alarm += float(alarm.sum()) * TIME_STEP / 3600.0
+        pushes, quiet_pushes, collisions = Tally(), Tally(), Tally()
         for number, name in enumerate(FREE_MOTION_LOGS):
             if name not in names:
                 continue
@@ -167,8 +175,8 @@ class DetectionTask:
                 spans = spans_of(log.v, PUSH_TIME, turn)
                 largest = statistic(name, put_in(spans, J, PUSH_FORCE, rng))
                 _tallied(pushes, np.asarray(largest > 1.0), spans)
-                _tallied(quietly, np.asarray(largest > quiet), spans)
-        scores = {"pushes": _shares(pushes), "quiet": _shares(quietly)}
+                _tallied(quiet_pushes, np.asarray(largest > quiet_level), spans)
+        scores = {"pushes": _shares(pushes), "quiet": _shares(quiet_pushes)}
         if "collision_wrist" in names:
             log = self._logs["collision_wrist"]
             spans = samples_of(COLLISION_TIMES, log.t)
@@ -178,8 +186,8 @@ class DetectionTask:
         return {
             **_flat(scores),
             **false_alarm_metrics(alarms, hours),
-            "in_alarm_pct": 100.0 * inside / hours,
-            "quiet_level": quiet,
+            "in_alarm_pct": 100.0 * hours_in_alarm / hours,
+            "quiet_level": quiet_level,
             "logs": len(names),
         }
 

@@ -125,6 +125,11 @@ class TouchTasks:
         return episodes
 
     def _scored(self, episodes: Sequence[Sequence[ReportedContact]]) -> dict[str, dict[str, Any]]:
+        """Scores of the touches found, and of the link that is named for those.
+
+        Args:
+            episodes: of each log, the contacts that a method reports.
+        """
         num_found, num_false, num_touches, delays = 0, 0, 0, list[float]()
         found_pct, delay, named, counts, ruled_out = ([] for _ in range(5))
         for log, reported, last in zip(self._logs, episodes, self._last, strict=True):

@@ -75,6 +75,7 @@ DIAGRAM_NOTE = (
 
 
 def _comparison() -> list[ComparisonRow]:
+    """The rows of the report: the article's numbers for each axis, and ours beside them."""
     slow = "Coulomb-viscous friction misses the true arm's Stribeck rise at this speed"
     rmse, largest = "RMSE in {}, {}", "Largest error in {}, {}"
     stated = (  # label, key, X Y Z, remark, key of ours
@@ -187,6 +188,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _figures(readings: dict[str, VariantReading]) -> Iterator[Drawing]:
+    """Three figures of the force over time, to the scale of the reading without the method."""
     limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
     for name, key, colour, title, caption in (
         (

@@ -197,6 +197,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _comparison() -> list[ComparisonRow]:
+    """The rows of the report: errors in N and condition numbers, the article's beside ours."""
     rounding = "the article prints the path with four digits"
     over_time, along = "a mean over time (see notes)", "a mean along the path (see notes)"
     elbow = "the article does not name the branch"

@@ -282,6 +282,8 @@ def _figure(read: dict[str, dict[str, list[dict[str, Any]]]]) -> Drawing:
 
 
 def _table(arm: str, cases: dict[str, Any]) -> ResultTable:
+    """The table of an arm: a row a case, each cell a pattern that the metrics fill."""
+
     def row(case: str) -> list[str]:
         key = f"{arm}.{case}"
         return [

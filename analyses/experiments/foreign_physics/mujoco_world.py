@@ -13,6 +13,7 @@ the robot at E in axes of W, rotation first, at the same instants.
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -36,6 +37,7 @@ ELASTIC_DAMPING = 8.0  # N m s/rad, of a gear's spring: less rings at 1 kHz
 # Of a touch, softer than MuJoCo's own, with which an arm bounces
 TOUCH_SOLIMP = (0.5, 0.95, 0.003, 0.5, 2.0)
 TOUCH_SOLREF = (0.04, 1.0)  # s, and share of critical damping
+_LOAD_RADIUS = 0.05  # m, of a payload, which is a ball
 MOTOR_MASS = 1e-6  # kg, of a rotor that has its inertia as armature; MuJoCo wants a body
 
 # `require_stable` says what is wrong; MuJoCo would write MUJOCO_LOG.TXT into the working folder
@@ -225,36 +227,42 @@ def _true_model(arm: MujocoArm, scene: MujocoScene) -> mujoco.MjModel:
     if np.isfinite(scene.stiffness):
         text = _with_springs(text, robot.joint_names, scene.stiffness)
     spec = mujoco.MjSpec.from_string(text)
-    last = spec.body(f"body_{robot.num_joints}")
-    site = spec.site("E")
+    last_link = spec.body(f"body_{robot.num_joints}")
     if scene.tool is not None:
-        tool, R_LE = scene.tool, arm.chain.R_LE
-        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_PLANE,
-            size=[2.0, 2.0, 0.1],
-            pos=scene.plane_point,
-            quat=_turn_of_z(scene.plane_normal),
-            friction=[scene.plane_friction, 0.0, 0.0],
-            solimp=TOUCH_SOLIMP,
-            solref=TOUCH_SOLREF,
-        )
-        for radius, centre_E in tool.balls():
-            last.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_SPHERE,
-                size=[radius, 0.0, 0.0],
-                pos=arm.chain.p_LE + R_LE @ centre_E,
-                friction=[scene.plane_friction, 0.0, 0.0],
-                solimp=TOUCH_SOLIMP,
-                solref=TOUCH_SOLREF,
-            )
+        _add_touch(spec, last_link, arm, scene)
     if scene.load is not None:
         mass, centre_E = scene.load
-        load = last.add_body(name="load", pos=site.pos, quat=site.quat)
-        inertia = 0.4 * mass * 0.05**2  # kg m^2, of a ball of 5 cm
+        site = spec.site("E")
+        load = last_link.add_body(name="load", pos=site.pos, quat=site.quat)
+        inertia = 0.4 * mass * _LOAD_RADIUS**2  # kg m^2, of a ball
         load.explicitinertial = True
         load.mass, load.ipos, load.inertia = mass, centre_E, [inertia] * 3
     return spec.compile()
+
+
+def _add_touch(spec: Any, last_link: Any, arm: MujocoArm, scene: MujocoScene) -> None:
+    """Adds the scene's plane to the world, and the tool's balls, which touch it, to the link."""
+    assert scene.tool is not None
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    touch = {
+        "friction": [scene.plane_friction, 0.0, 0.0],  # sliding alone
+        "solimp": TOUCH_SOLIMP,
+        "solref": TOUCH_SOLREF,
+    }
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[2.0, 2.0, 0.1],  # m, as it is drawn: it has no end
+        pos=scene.plane_point,
+        quat=_turn_of_z(scene.plane_normal),
+        **touch,
+    )
+    for radius, centre_E in scene.tool.balls():
+        last_link.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius, 0.0, 0.0],
+            pos=arm.chain.p_LE + arm.chain.R_LE @ centre_E,
+            **touch,
+        )
 
 
 def _turn_of_z(z: Array) -> Array:

@@ -41,14 +41,18 @@ class PlainModel:
 
     @classmethod
     def fit(cls, robot: Robot, logs: list[Recording]) -> Self:
-        """Fits all parameters to contact-free logs of constant step."""
+        """Fits all parameters to contact-free logs of constant step.
+
+        The columns are ten inertial parameters a body, and of each joint rotor inertia, Coulomb
+        and viscous friction; a row is a joint that moves, at a sample.
+        """
         n = robot.num_joints
         rows, torques = [], []
         for log in logs:
             b, a = butter(4, CUTOFF_FREQUENCY, fs=1.0 / log.time_step)
             q, v, tau = (filtfilt(b, a, x, axis=0) for x in (log.q, log.v, _torque(robot, log)))
             vdot = np.gradient(v, log.time_step, axis=0)
-            part = slice(20, -20, ROW_STRIDE)
+            part = slice(20, -20, ROW_STRIDE)  # without the filter's and the gradient's ends
             A = robot.chain.regressor(q[part], v[part], vdot[part]).reshape(-1, n, 10 * n)
             joint = np.eye(n)
             columns = (vdot[part], np.sign(v[part]), v[part])
@@ -61,9 +65,10 @@ class PlainModel:
         size = np.linalg.norm(system, axis=0)
         size[size < MIN_COLUMN_RATIO * size.max()] = np.inf  # no torque depends on these
         x = np.linalg.lstsq(system / size, y, rcond=1e-8)[0] / size
-        inertial, rest = x[: 10 * n].reshape(n, 10), x[10 * n :].reshape(3, n)
-        chain = robot.chain.with_inertial_parameters(inertial, rest[0])
-        return cls(robot, chain, rest[1], rest[2])
+        inertial = x[: 10 * n].reshape(n, 10)
+        rotor_inertia, coulomb, viscous = x[10 * n :].reshape(3, n)
+        chain = robot.chain.with_inertial_parameters(inertial, rotor_inertia)
+        return cls(robot, chain, coulomb, viscous)
 
     def read(self, log: Recording) -> Array:
         """(N, 3) N, force on E of each sample."""

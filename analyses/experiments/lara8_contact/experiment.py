@@ -279,6 +279,7 @@ def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[st
 
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
+    """The rows of the report: torque errors of the thesis in N m beside ours, with its data."""
     if "source" not in metrics:
         return []
     network = "a neural network trained on that robot"

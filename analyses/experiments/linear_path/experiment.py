@@ -198,6 +198,7 @@ def _timings(results: LinearPath) -> dict[str, Any]:
 
 
 def _comparison() -> list[ComparisonRow]:
+    """The rows of the report: condition numbers of the article's placements beside ours."""
     mean = "even mean over 21 points; the article's mean is over time"
     along = "even mean over 21 points; the article's mean is along the path"
     return [

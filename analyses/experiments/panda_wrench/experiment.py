@@ -121,6 +121,7 @@ def _force_figure(logs: Sequence[PoseLog], readings: dict[str, MethodReading]) -
 
 
 def _comparison() -> list[ComparisonRow]:
+    """The rows of the report: force errors in N of plain tools beside ours."""
     plain = "plain tools"
     return [
         ComparisonRow(

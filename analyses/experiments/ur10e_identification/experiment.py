@@ -175,6 +175,7 @@ def _drawing(fit: TorqueFit, joint_names: tuple[str, ...], law: str = "") -> Dra
 
 
 def _comparison() -> list[ComparisonRow]:
+    """The rows of the report: torque errors in N m of plain tools and a package beside ours."""
     plain, best = "plain tools", " with the best friction law"
 
     def share(key: str, words: str, joint: int, pct: float, remark: str = "") -> ComparisonRow:

@@ -216,11 +216,15 @@ def _model_with_drift(
 def _monitor_friction(
     log_pass: _PassOverLog, prior: tuple[float, float] | None
 ) -> FrictionMonitor | None:
-    """Gathers friction and load from a log's contact-free stretches; None: it has no sample."""
+    """Gathers friction and load from a log's contact-free stretches; None: it has no sample.
+
+    Args:
+        prior: force sd in N and moment sd in N m, if they are stated; None: the rule's.
+    """
     monitor: FrictionMonitor | None = None
     robot, model, config = log_pass.robot, log_pass.model, log_pass.config
     for chunk in log_pass.chunks():
-        if monitor is None:
+        if monitor is None:  # the settings follow from the first samples
             estimator_config = completed(
                 _with_torque_observer(config.estimator), chunk, log_pass.resolution, prior
             )
@@ -233,15 +237,9 @@ def _monitor_friction(
         batch, detection = engine.run(chunk.q, chunk.v, chunk.current)
         fault = fault_of(chunk, batch)
         is_free = ~detection.without(chunk.dropout | (fault != 0)).contact
-        settled = int(np.searchsorted(chunk.t, settled_from))
-        monitor.add(
-            chunk.t,
-            chunk.q,
-            chunk.v,
-            batch.tau_ext,
-            is_usable(chunk, fault, batch.tau_ext, settled),
-            is_free,
-        )
+        first_settled = int(np.searchsorted(chunk.t, settled_from))
+        is_used = is_usable(chunk, fault, batch.tau_ext, first_settled)
+        monitor.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, is_used, is_free)
     return monitor
 
 

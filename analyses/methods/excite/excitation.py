@@ -206,6 +206,7 @@ def excite(
         slack = clearance.smooth_slack if clearance.has_shapes else None
         return ExcitationProgram(robot.chain, bounds, information, settings, slack, reserve)
 
+    # Random trajectories that keep the limits, the best conditioned first.
     first_program = program(SOLVE_RESERVES[0])
     try:
         starts = _random_starts(first_program, config, progress)
@@ -216,6 +217,7 @@ def excite(
     exact = replace(information, friction_velocity=0.0)
     random = np.array([exact.condition_number(*_period(start)) for start in starts])
     ranked = [starts[i] for i in np.argsort(random, kind="stable")]
+    # Optimised from these, until one keeps all limits between the program's points, too.
     programs = (
         first_program if k == 0 else program(reserve) for k, reserve in enumerate(SOLVE_RESERVES)
     )
@@ -472,6 +474,7 @@ def _period(trajectory: FourierTrajectory, time_step: float = 0.01) -> tuple[Arr
 
 
 def _check(config: ExcitationConfig) -> None:
+    """Raises InputError for a setting out of range, or for a trajectory of too many rows."""
     if config.measure not in MEASURES:
         remedy = nearest(config.measure, MEASURES)
         expected = " or ".join(MEASURES)
@@ -571,6 +574,7 @@ def _check_floor(clearance: Clearance, floor: float | None) -> None:
 
 
 def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance) -> list[str]:
+    """What was not checked or not determined, in sentences."""
     warnings = []
     if not robot.has_inertias:
         warnings.append(

@@ -206,6 +206,11 @@ def _estimate(
     settings: EstimateSettings,
     progress: ProgressCallback,
 ) -> TorqueLogsResult:
+    """Reads logs of one arm with one prior and one torque noise, and writes the results.
+
+    Raises:
+        InputError: logs of different numbers of joints, or a log that cannot be read.
+    """
     n = logs[0].num_joints
     for log in logs:
         if log.num_joints != n:

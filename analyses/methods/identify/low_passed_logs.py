@@ -138,6 +138,7 @@ def missing_time(recording: Recording, needed: float) -> float:
 
 
 def _refuse_short(recording: Recording, cutoff: float, periods: float) -> None:
+    """Raises InputError for a log shorter than `periods` of the low-pass's cutoff in Hz."""
     needed = periods / cutoff
     missing = missing_time(recording, needed)
     if missing == 0.0:

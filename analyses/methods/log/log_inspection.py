@@ -116,6 +116,12 @@ def _write(logs: Sequence[InspectedLog], folder: OutputFolder, settings: LogSett
 def _inspected(
     path: Path, settings: LogSettings, robot: Robot | None, is_one_of_several: bool
 ) -> InspectedLog:
+    """Reads a log as the commands would, and describes what is in it; nothing is written.
+
+    Args:
+        robot: None: it is read without one, and only by itself.
+        is_one_of_several: whether its draft needs a name of its own.
+    """
     notices: list[str] = []
     if root_of(path) is not None:
         episodes = episode_paths(path)

@@ -318,6 +318,7 @@ def _checked(config: PayloadConfig) -> PayloadConfig:
 
 
 def _warnings(result: PayloadResult, robot: Robot) -> list[str]:
+    """What the motion does not determine of the load, and what speaks against it, in sentences."""
     load, sd = result.load, result.load.standard_deviation
     if not load.is_present:
         return [

@@ -34,6 +34,9 @@ from wrenchsight.models.robot.robot import Robot
 UNREACHED_COST = 1e4  # of a path that cannot be followed
 
 
+MAX_STEP_SHARE = 0.2  # of the range of each coordinate, of a particle in one iteration
+
+
 @dataclass(frozen=True)
 class SwarmConfig:
     """Size and constants of the swarm."""
@@ -73,14 +76,17 @@ def place_by_swarm(
     rng = np.random.default_rng(seed)
     lower, upper = cost.lower, cost.upper
     count = config.num_particles
+    # Particles x (count, 10) and their velocities; of each, the best place where it has been.
     x = rng.uniform(lower, upper, (count, len(lower)))
     v = np.zeros_like(x)
+    max_step = MAX_STEP_SHARE * (upper - lower)
     result = SearchResult(num_starts=count)
     began = time.perf_counter()
     best_x, best_cost = x.copy(), np.full(count, np.inf)
     leader = _Leader(math.inf, None)
 
     def evaluate(points: Array) -> Array:
+        """The costs (N,) of particles (N, 10); the best of all so far leads."""
         nonlocal leader
         costs, placements = cost(points)
         result.evaluations += len(points)
@@ -95,13 +101,15 @@ def place_by_swarm(
             costs = evaluate(x)
             better = costs < best_cost
             best_x[better], best_cost[better] = x[better], costs[better]
+            # GA: children of the best places take those of the worst.
             _breed(rng, config, evaluate, best_x, best_cost, cost)
+            # PSO: each is drawn to its own best place and to the swarm's.
             share = iteration / max(1, config.num_iterations - 1)
             inertia = config.inertia[0] + share * (config.inertia[1] - config.inertia[0])
             pull = config.attraction * rng.uniform(size=(2, *x.shape))
             swarm_best = best_x[int(np.argmin(best_cost))]
             v = inertia * v + pull[0] * (best_x - x) + pull[1] * (swarm_best - x)
-            v = np.clip(v, -0.2 * (upper - lower), 0.2 * (upper - lower))
+            v = np.clip(v, -max_step, max_step)
             x = np.clip(x + v, lower, upper)
             progress((iteration + 1) / config.num_iterations, f"best {leader.cost:.4g}")
     except KeyboardInterrupt:
@@ -151,35 +159,45 @@ class ParticleCost:
         self.upper = np.concatenate([ones, bounds.p_upper, [bounds.angle_upper], ones])
 
     def __call__(self, x: Array) -> tuple[Array, Callable[[int], Placement]]:
-        axis = x[:, 7:] / np.maximum(np.linalg.norm(x[:, 7:], axis=1), 1e-9)[:, np.newaxis]
-        R_WE = Rotation.from_rotvec(x[:, 6:7] * axis).as_matrix()
+        """The costs (N,) of N particles, and a function that gives the placement of one of them.
+
+        Args:
+            x: (N, 10) direction of the path n (3), its midpoint m (3) in m, and the tool's rotation
+                by theta rad (1) about an axis r (3) of any length.
+        """
         program, bounds = self._program, self._program.bounds
-        n_W = bounds.allowed_directions(x[:, :3], R_WE[:, :, 2])
-        batch, reached, row = on_all_branches(
+        direction, midpoint, angle, axis = np.split(x, [3, 6, 7], axis=1)
+        axis = axis / np.maximum(np.linalg.norm(axis, axis=1), 1e-9)[:, np.newaxis]
+        R_WE = Rotation.from_rotvec(angle * axis).as_matrix()
+        n_W = bounds.allowed_directions(direction, R_WE[:, :, 2])
+        # Of each particle one path a branch of the inverse kinematics.
+        batch, reached, particle_of = on_all_branches(
             self._robot,
             n_W,
-            x[:, 3:6],
+            midpoint,
             R_WE,
             program.path_length,
             program.num_segments,
             bounds.max_joint_step,
         )
-        costs = np.full(len(x), UNREACHED_COST)
-        chosen = np.zeros(len(x), dtype=int)
         q = batch.q
         reached &= np.all((q >= bounds.q_lower) & (q <= bounds.q_upper), axis=(1, 2))
         if bounds.tool_direction is not None:
             reached &= batch.R_WE[:, :, 2] @ bounds.tool_direction >= math.cos(bounds.tool_tilt)
-        values = np.full(len(q), UNREACHED_COST)
+        path_costs = np.full(len(q), UNREACHED_COST)
         if np.any(reached):
             mean = np.mean(program.measure.values(q[reached]), axis=1)
-            values[reached] = np.minimum(mean, UNREACHED_COST)
-        for index in in_order(values):
-            if not better(values[index], costs[row[index]]):
+            path_costs[reached] = np.minimum(mean, UNREACHED_COST)
+        costs = np.full(len(x), UNREACHED_COST)
+        chosen = np.zeros(len(x), dtype=int)  # path of each particle
+        # The best first: of each particle the first that does not collide is looked for.
+        for path in in_order(path_costs):
+            particle = particle_of[path]
+            if not better(path_costs[path], costs[particle]):
                 continue
-            if self._collides(batch, int(index)):
+            if self._collides(batch, int(path)):
                 continue
-            costs[row[index]], chosen[row[index]] = values[index], index
+            costs[particle], chosen[particle] = path_costs[path], path
         return costs, lambda particle: batch.one(int(chosen[particle]))
 
     def _collides(self, batch: PlacementBatch, index: int) -> bool:

@@ -220,9 +220,14 @@ class PlacementSearch:
         effort: SearchEffort,
         progress: Callable[[float, str], None],
     ) -> SearchResult:
+        """Searches; an interrupt ends it with what is found so far.
+
+        Rough solves from many starts, in rounds, give ends. Those of them that keep the constraints
+        and differ are solved with `solver`, and the best of these again to the last digits.
+        """
         result = SearchResult()
         clock = _Clock(result)
-        ends: list[PlacementSolution] = []
+        ends: list[PlacementSolution] = []  # of the rough solves, in the order of their starts
         solutions: list[PlacementSolution] = []
         sources: list[_Source] = []
         try:
@@ -248,11 +253,12 @@ class PlacementSearch:
             result.num_starts = len(ends)
             kept = [end for end in ends if self._is_kept(end)]
             result.nearest = [] if kept else sorted(ends, key=self._violation_of)
-            chosen = self._different(kept, effort.num_solves)
-            for count, end in enumerate(chosen):
-                progress(0.7 + 0.25 * count / len(chosen), f"{solver}, {count + 1}/{len(chosen)}")
+            different_ends = self._different(kept, effort.num_solves)
+            for count, end in enumerate(different_ends):
+                share = count / len(different_ends)
+                progress(0.7 + 0.25 * share, f"{solver}, {count + 1}/{len(different_ends)}")
                 solution = self._solve(end, solver, result, clock)
-                if solution is None:
+                if solution is None:  # it cannot be followed between the coarse points
                     result.nearest.append(end)
                 else:
                     solutions.append(solution)

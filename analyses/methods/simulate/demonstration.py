@@ -175,7 +175,7 @@ def _write_page(
 ) -> None:
     """Writes the arm in motion, with the true and the estimated force as arrows at its tool."""
     fps = scenario.recording.fps
-    rows = np.searchsorted(t, np.arange(0.0, t[-1], 1.0 / fps))
+    rows = np.searchsorted(t, np.arange(0.0, t[-1], 1.0 / fps))  # one a frame of the page
     q = signals["q"][rows]
     p_WE = robot.chain.pose(q)[1]
     meshcat = make_meshcat(robot, p_WE)
@@ -187,7 +187,7 @@ def _write_page(
         picture.show(q[k], float(t[row]))
         context.SetTime(t[row])
         terms = AbstractValue.Make(object())
-        terms.set_value(SimpleNamespace(p_WE=p_WE[k]))
+        terms.set_value(SimpleNamespace(p_WE=p_WE[k]))  # all that arrows read of the terms
         arrows.GetInputPort("terms").FixValue(context, terms)
         arrows.GetInputPort("force true").FixValue(context, signals["wrench_true"][row])
         arrows.GetInputPort("force estimated").FixValue(context, batch.wrench[row])

@@ -107,6 +107,14 @@ class LcmSource:
         self._items.append(sample)
 
     def _sample(self, data: bytes, now: float) -> Sample:
+        """The sample of a message; a Panda states its external torque with the other sign.
+
+        Args:
+            now: s, when it was received.
+
+        Raises:
+            ValueError: signals of different lengths.
+        """
         running, state = True, ""
         if self._kind == "iiwa":
             message = lcmt_iiwa_status.decode(data)

@@ -111,7 +111,12 @@ def make_live(
 
 
 def main(readings: Ring, events: Ring, wake: int) -> int:
-    """Reads what the settings on standard input ask for; returns the exit code."""
+    """Reads what the settings on standard input ask for; returns the exit code.
+
+    Args:
+        readings, events: rings of shared memory, which the process that started this one reads.
+        wake: file descriptor of a pipe; a byte in it says that there is something to read.
+    """
     settings: WatchSettings = pickle.load(sys.stdin.buffer)  # of the process that started this one
     numba.set_num_threads(1)  # samples come one by one
     os.set_blocking(wake, False)
@@ -129,6 +134,7 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
             os.write(wake, b".")
 
     def starter_is_alive() -> bool:
+        """It holds standard input open, and writes nothing more: readable means closed."""
         ready, _, _ = select.select([sys.stdin], [], [], 0.0)
         return not ready
 
@@ -142,6 +148,7 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
         if settings.watch.check:
             checks = StartChecks(robot, model, settings.watch, in_background=source.rate > 0.0)
         live = make_live(settings, robot, model, source)
+        # What lives until the end need not be gone through at each collection between samples.
         gc.collect()
         gc.freeze()
         # A log's reader has put its positions at the robot's zeros.

@@ -133,6 +133,7 @@ class Recorder:
         return len(self._rows) - saved
 
     def _write(self, rows: Array) -> None:
+        """Writes rows of `Reading` into a file; one of the same name is replaced."""
         name = self._name()
         path = self._folder / name
         readings = [Reading(row) for row in rows]

@@ -202,6 +202,13 @@ class RtdeSource:
         return [StreamEvent(EventKind.REFUSED, text, time.monotonic())]
 
     def _started(self) -> StreamEvent:
+        """Connects, agrees on what is sent, and starts it.
+
+        Raises:
+            OSError: no connection, or no answer in time.
+            ProtocolError: the answer is none of a controller that speaks RTDE.
+            _WrongTypeError: a signal that is needed has another type than expected.
+        """
         self._packets = PacketReader()
         self._socket = socket.create_connection(self._address, ANSWER_TIME)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -212,6 +219,27 @@ class RtdeSource:
         major, minor, *_ = read_control_version(answer)
         frequency = min(self._frequency, 500.0 if major >= _FIRST_OF_500_HZ else 125.0)
         self.step = 1.0 / frequency
+        recipe, other_types = self._agreed_recipe(frequency)
+        if not accepted(self._ask(packet(PacketType.START), PacketType.START)):
+            raise ProtocolError("a refusal to start")
+        self._recipe, self._refusal = recipe, ""
+        self._last_packet = time.monotonic()
+        again = " again" if self._was_connected else ""
+        self._was_connected = True
+        text = f"{self._place}: connected{again}, {frequency:g} Hz, software {major}.{minor}"
+        if other_types:
+            text += f"; left out: {', '.join(other_types.values())}"
+        return StreamEvent(EventKind.CONNECTED, text, self._last_packet)
+
+    def _agreed_recipe(self, frequency: float) -> tuple[Recipe, dict[str, str]]:
+        """Asks for all signals, and once more without those that this controller has not.
+
+        Returns:
+            The recipe of what is sent; what is left out for its type, by name, in words.
+
+        Raises:
+            ProtocolError, _WrongTypeError: as `_started`.
+        """
         names = [*_NEEDED, self._effort, *_MODES, *_MORE]
         names += [_TORQUE] if self._effort != _TORQUE else []
         recipe = self._set_up(frequency, names)
@@ -224,20 +252,10 @@ class RtdeSource:
                 raise _WrongTypeError(f"states {other_types[name]}; check its software's version")
         left_out = {*recipe.missing, *other_types}
         if left_out:
-            names = [name for name in names if name not in left_out]
-            recipe = self._set_up(frequency, names)
+            recipe = self._set_up(frequency, [name for name in names if name not in left_out])
             if recipe.missing or _other_types(recipe):
                 raise ProtocolError("another recipe for fields that it had stated")
-        if not accepted(self._ask(packet(PacketType.START), PacketType.START)):
-            raise ProtocolError("a refusal to start")
-        self._recipe, self._refusal = recipe, ""
-        self._last_packet = time.monotonic()
-        again = " again" if self._was_connected else ""
-        self._was_connected = True
-        text = f"{self._place}: connected{again}, {frequency:g} Hz, software {major}.{minor}"
-        if other_types:
-            text += f"; left out: {', '.join(other_types.values())}"
-        return StreamEvent(EventKind.CONNECTED, text, self._last_packet)
+        return recipe, other_types
 
     def _set_up(self, frequency: float, names: list[str]) -> Recipe:
         return Recipe.read(self._ask(outputs_request(frequency, names), PacketType.OUTPUTS), names)

@@ -87,6 +87,7 @@ class StartChecks:
         return self._events.popleft() if self._events else None
 
     def _take(self, sample: Sample, live: LiveEstimator) -> None:
+        """Takes a sample; every CHECK_PERIOD s the samples since then are judged."""
         if self._is_over or sample.is_external or not (sample.running and np.isfinite(sample.t)):
             return
         shapes = {array.shape for array in (sample.q, sample.v, sample.effort)}

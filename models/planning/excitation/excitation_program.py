@@ -319,6 +319,12 @@ class ExcitationProgram:
         return ""
 
     def _add_constraints(self) -> None:
+        """Bounds positions, rates, torques and clearance, and adds the cost.
+
+        Of a joint's variables the first is the constant; those of H sines and of H cosines follow,
+        harmonic k as k times its amplitude. The two equalities are those of a motion that begins
+        without velocity and acceleration.
+        """
         program, x, H = self.program, self._x, self.num_harmonics
         bounds, share = self.bounds, self._share
         k = np.arange(1.0, H + 1.0)

@@ -101,6 +101,9 @@ def reversal_motion(
     ends = np.append(0.0, levels / omega)
     steps = np.append(np.repeat(ends, 2)[1:], 0.0)
     count = len(steps) - 1
+    # p = size sin(omega t) and its derivatives. The size goes from step to step along a quintic
+    # that starts and ends without velocity or acceleration; u is the share of the period that is
+    # over.
     t = np.arange(round(count * period / TIME_STEP) + 1) * TIME_STEP
     index = np.minimum((t / period).astype(int), count - 1)
     u = t / period - index

@@ -151,6 +151,7 @@ class _Search:
         is_posture = np.isfinite(postures[..., 0])
         all_values: Array = np.full(is_posture.shape, np.inf)
         all_values[is_posture] = self._measure.values(postures[is_posture])
+        # A row a point; its tries one after another, and of each try all branches.
         values = all_values.reshape(len(rows), -1)
         postures = postures.reshape(len(rows), -1, self._robot.num_joints)
         if values.shape[1] == 0:
@@ -164,7 +165,8 @@ class _Search:
         lowest = values[indices, choice]
         is_better = lowest < np.where(np.isnan(best), np.inf, best * (1.0 - TIE_TOLERANCE))
         target, source = rows[is_better], indices[is_better]
-        pose = choice[is_better] // (values.shape[1] // num_tries)
+        num_branches = values.shape[1] // num_tries
+        pose = choice[is_better] // num_branches  # the try that the best posture is of
         self.best[target] = lowest[is_better]
         self._q[target] = postures[source, choice[is_better]]
         self.tilt[target] = tilts[source, pose]

@@ -526,6 +526,7 @@ def _advance(
             if not cost[k, b] < np.inf:
                 continue
             best = np.inf
+            # The cheapest way here from the previous point: from angles near enough, on any branch.
             for d in range(-window, window + 1):
                 if K - window <= window and d + window >= K:
                     break  # all the way round already

@@ -200,6 +200,12 @@ def minimal_rotation(a: Array, b: Array) -> Array:
 
 
 def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
+    """Raises InputError for the first sample that is none of a path on a surface.
+
+    Args:
+        p, n: (N, 3) points in m and unit normals.
+        locations: of the samples in the file, for error lines.
+    """
     if len(p) < 2:
         raise InputError(source, "", f"{len(p)} samples, expected two or more")
     bad = np.flatnonzero(~np.all(np.isfinite(p), axis=1) | ~np.all(np.isfinite(n), axis=1))
@@ -234,6 +240,7 @@ def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
 
 
 def _read_rows(path: Path) -> tuple[list[list[float]], list[int]]:
+    """Points and normals, six numbers a row, and the lines that they stand in."""
     data = read_limited(path, LARGEST_FILE, "a CSV of points and normals")
     try:
         with io.StringIO(data.decode("utf-8-sig"), newline="") as file:

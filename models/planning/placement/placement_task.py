@@ -239,6 +239,8 @@ def _unit(direction: list[float]) -> Array:
 
 
 def _check_numbers(task: PlacementTask, source: Path) -> None:
+    """Raises InputError for a number out of range, or a list of a wrong length."""
+
     def expect(values: list[float], length: int, key: str) -> None:
         if len(values) != length:
             raise InputError(source, key, f"{len(values)} numbers, expected {length}")
@@ -361,6 +363,7 @@ def _degrees_between(a: Array, b: Array) -> float:
 
 
 def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Path) -> None:
+    """Raises InputError for a size out of range, a taken name, or a path off the workpiece."""
     if not 0.0 <= clearance.distance <= 1.0:
         raise InputError(source, "clearance.distance", f"{clearance.distance:g}, expected 0 to 1 m")
     sizes = [(f"obstacles[{i}]", o.size) for i, o in enumerate(clearance.obstacles)]

@@ -184,13 +184,7 @@ def _series(
     joints = [log_joints[j] for j in order.indices]
     lacking = ""
     for quantity in _SERIES_QUANTITIES:
-        candidates = {
-            topic: columns
-            for topic, columns in topics.items()
-            if not set(joints).isdisjoint(columns.get(quantity.name, {}))
-            and (topic == main or "external" not in topic)
-            and ("current" in topic.lower()) == quantity.of_current_topic
-        }
+        candidates = _topics_with(topics, main, quantity, joints)
         complete = {
             topic: columns
             for topic, columns in candidates.items()
@@ -204,6 +198,7 @@ def _series(
                     "number, or NaN only)"
                 )
             continue
+        # The topic of the positions, or the only other one that has all joints.
         topic = main if main in complete else next(iter(complete))
         if topic != main and len(complete) > 1:
             topic, _ = _topic_of(complete, quantity.name, path, joints, words)
@@ -220,6 +215,23 @@ def _series(
             form.motor_torque = None
     is_effort = form.motor_torque is not None
     return KnownLayout(form, (notice, *order.notices), torque_is_effort=is_effort)
+
+
+def _topics_with(
+    topics: _Topics, main: str, quantity: _SeriesQuantity, joints: Sequence[str]
+) -> _Topics:
+    """The topics that may hold a quantity of the arm: it is there for one of its joints or more.
+
+    Args:
+        main: topic of the positions. Another one of external torque is none of the drives'.
+    """
+    return {
+        topic: columns
+        for topic, columns in topics.items()
+        if not set(joints).isdisjoint(columns.get(quantity.name, {}))
+        and (topic == main or "external" not in topic)
+        and ("current" in topic.lower()) == quantity.of_current_topic
+    }
 
 
 class _ExternalTorque(NamedTuple):

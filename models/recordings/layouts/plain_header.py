@@ -79,6 +79,10 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
     return PlainHeader(form, tuple(header.others))
 
 
+# What a recording holds anyhow: a further signal cannot have one of these names.
+_RECORDING_SIGNALS = ("t", "q", "v", "current", "tau_J", "dropout")
+
+
 class _HeaderNumbers(NamedTuple):
     """The numbers that a header names."""
 
@@ -102,13 +106,15 @@ def _read_names(names: Sequence[str], path: Path, has_time_columns: bool) -> _He
         if counts[name] > 1:
             problem = f'names the column "{name}" twice'
             raise InputError(path, "header", problem, "correct the header, " + _DESCRIBE)
-    header = _HeaderNumbers({letter: [] for letter in _JOINT_SIGNALS}, {}, [])
+    header = _HeaderNumbers(
+        joint_numbers={letter: [] for letter in _JOINT_SIGNALS}, extra={}, others=[]
+    )
     for name in names:
         joint = re.fullmatch(r"(q|v|i|tau)(\d{1,4})", name)  # no more than MOST_COLUMNS
         entry = re.fullmatch(r"(.+)\.(\d{1,4})", name)
         if joint and int(joint[2]) > 0:
             header.joint_numbers[joint[1]].append(int(joint[2]))
-        elif entry and entry[1] not in ("t", "q", "v", "current", "tau_J", "dropout"):
+        elif entry and entry[1] not in _RECORDING_SIGNALS:
             header.extra.setdefault(entry[1], []).append(int(entry[2]))
         elif name not in ("t", "dropout") and not (has_time_columns and name in _ID_COLUMNS):
             header.others.append(name)

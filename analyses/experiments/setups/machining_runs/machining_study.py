@@ -73,6 +73,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         runs: dict[str, MachiningRun] = {}
         plan, air_passes = None, None
         for feedback, scenario in scenarios.items():
+            # The scenario at this feed, with the draws of this seed.
             assert scenario.machining is not None
             process = scenario.machining.process
             varies = replace(process.variations, seed=process.variations.seed + context.seed)

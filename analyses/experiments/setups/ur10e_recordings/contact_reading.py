@@ -66,7 +66,8 @@ class PreparedRun:
 
     Attributes:
         model: model of its rigid body, masses as published; the methods add their friction.
-        normal: (T, 6) joint torque per newton along the tool; zero where q is not known.
+        torque_per_newton: (T, 6) N m/N on the joints, of a force that pushes the tool back along
+            its z axis; zero where q is not known.
         R_WE: (T, 3, 3).
         J: (T, 6, 6) at E in axes of W; NaN where q is not known.
         excess: (T, 6) N m, torque of the rigid body less the motors'; it includes friction.
@@ -78,7 +79,7 @@ class PreparedRun:
     run: ContactRun
     robot: Robot
     model: IdentifiedModel
-    normal: Array
+    torque_per_newton: Array
     R_WE: Array
     J: Array
     excess: Array
@@ -110,28 +111,32 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
     """
     is_known = np.isfinite(run.q)
     q = np.where(is_known, run.q, 0.0)
+    is_posture_known = np.asarray(is_known.all(axis=1))
     R_WE, _ = robot.chain.pose(q)
-    whole = np.asarray(is_known.all(axis=1))
-    J = np.where(whole[:, None, None], robot.chain.jacobian(q), np.nan)
-    normal = np.nan_to_num(-np.einsum("kaj,ka->kj", J[:, 3:], R_WE[:, :, 2]))
+    J = np.where(is_posture_known[:, None, None], robot.chain.jacobian(q), np.nan)
+    # The tool's z axis points out of it, at the surface, which pushes it back.
+    push_W = -R_WE[:, :, 2]
+    torque_per_newton = np.nan_to_num(np.einsum("kaj,ka->kj", J[:, 3:], push_W))
+    # The masses that the robot states are those of any specimen, the identified ones are not.
     published = replace(identified, inertial_parameters=robot.chain.inertial_parameters)
     terms = joint_torques(run.log, robot, published)
     excess = np.where(terms.known[:, None], terms.rigid - terms.tau_J, np.nan)
-    slide = np.zeros(len(run.t), np.bool_)
+    is_slide = np.zeros(len(run.t), np.bool_)
     if "slide" in run.intervals:
         begin, end = run.intervals["slide"]
-        slide = (run.t >= begin) & (run.t <= end) & ~run.corners
-    model, external = with_tool_of(identified, robot), normal * run.sensor_force[:, None]
+        is_slide = (run.t >= begin) & (run.t <= end) & ~run.corners
+    with_tool = with_tool_of(identified, robot)
+    external = torque_per_newton * run.sensor_force[:, None]
     return PreparedRun(
         run=run,
         robot=robot,
         model=published,
-        normal=normal,
+        torque_per_newton=torque_per_newton,
         R_WE=R_WE,
         J=J,
         excess=excess,
-        air=LogRows.of(run.log, run.is_free, robot, model),
-        measured=LogRows.of(run.log, run.is_free | slide, robot, model, external),
+        air=LogRows.of(run.log, run.is_free, robot, with_tool),
+        measured=LogRows.of(run.log, run.is_free | is_slide, robot, with_tool, external),
         truth=block_mean(run.sensor_force),
     )
 
@@ -272,7 +277,7 @@ def read_gravity(prepared: PreparedRun) -> ForceReading:
 
 def _of_two_joints(prepared: PreparedRun, tau_ext: Array) -> ForceReading:
     is_known = np.isfinite(prepared.J[:, 0, :1])
-    h = np.where(is_known, prepared.normal[:, _TWO_JOINTS], np.nan)
+    h = np.where(is_known, prepared.torque_per_newton[:, _TWO_JOINTS], np.nan)
     projection = np.sum(h * tau_ext[:, _TWO_JOINTS], axis=1)
     return ForceReading(block_mean(projection / np.sum(h**2, axis=1)))
 

@@ -263,6 +263,7 @@ def _source(residuals: Sequence[ModelResidual], refresh: FrictionRefresh) -> Fri
 
 
 def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
+    """What the log does not determine, or friction does not explain, in sentences."""
     refresh, names = result.refresh, robot.joint_names
     warnings = []
     hardly_moved = [

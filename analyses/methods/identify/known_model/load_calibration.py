@@ -348,6 +348,7 @@ def _with_load_dependence(
 
 
 def _warnings(result: CalibrationResult) -> list[str]:
+    """What the logs do not determine, and what contradicts the stated loads, in sentences."""
     calibration, names = result.calibration, result.robot.joint_names
     warnings = []
     unchanged = np.flatnonzero(~result.changed)
