@@ -1,10 +1,12 @@
 """What a hypothesis says of a log."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.log_words import DRIVES, JOINTS, correction_word
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +39,28 @@ class Explanation:
     is_fault: bool = True
     is_small: bool = False
     has_form: bool = True
+
+
+def likeliest(found: Iterable[Explanation | None]) -> Explanation | None:
+    """The explanation of the largest evidence; None: there is none."""
+    explanations = [explanation for explanation in found if explanation is not None]
+    return max(explanations, key=lambda one: one.log_evidence, default=None)
+
+
+def joint_remedy(key: str | None, correction: str, listed: str, joints: Sequence[int]) -> str:
+    """What to do where the signals of the joints need a correction.
+
+    Args:
+        key: of the drives' signals in a description, if they need it, too.
+        correction: TURNED or ORDER of `log_words`.
+        listed: its value in a description.
+        joints: its value on the command line.
+    """
+    keys = ["position", "velocity", *([key] if key else [])]
+    description = ", ".join(f"{key}: {{{correction}: {listed}}}" for key in keys)
+    signals = [JOINTS, DRIVES] if key else [JOINTS]
+    words = ",".join(correction_word(signal, correction, joints) for signal in signals)
+    return f"set {description} in a description, or try --log-format {words}"
 
 
 def odds_text(log_odds: float) -> str:

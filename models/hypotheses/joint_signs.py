@@ -6,22 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from wrenchsight.models.hypotheses.case import Case, View
-from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.hypotheses.explanation import Explanation, joint_remedy, likeliest
 from wrenchsight.models.hypotheses.sign_search import best_signs
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.log_words import DRIVES, JOINTS, TURNED, correction_word
+from wrenchsight.models.recordings.log_words import TURNED
 
 NAME = "signs of the joints"
 
 
 def explain(case: Case) -> Explanation | None:
     """The signs of the joints that explain the log best."""
-    found = [_explain(case, with_effort) for with_effort in (False, True)]
-    return max(
-        (one for one in found if one is not None),
-        key=lambda one: one.log_evidence,
-        default=None,
-    )
+    return likeliest(_explain(case, with_effort) for with_effort in (False, True))
 
 
 def _explain(case: Case, with_effort: bool) -> Explanation | None:
@@ -42,18 +37,13 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     turned = [int(j) + 1 for j in np.flatnonzero(signs < 0.0)]
     wrong = ", ".join(case.robot.joint_names[j - 1] for j in turned)
     what = f"positions, velocities and {case.word}s" if with_effort else "positions and velocities"
-    keys = ["position", "velocity", *([case.key] if with_effort else [])]
-    description = ", ".join(f"{key}: {{turned: {turned}}}" for key in keys)
-    words = [correction_word(JOINTS, TURNED, turned)]
-    if with_effort:
-        words.append(correction_word(DRIVES, TURNED, turned))
     return Explanation(
         name=NAME,
         log_evidence=fit.log_evidence - (case.num_joints + 1) * math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
         cause=f"{what} of the opposite sign at {wrong}",
-        remedy=f"set {description} in a description, or try --log-format {','.join(words)}",
+        remedy=joint_remedy(case.key if with_effort else None, TURNED, f"{turned}", turned),
         values={"sign": signs.tolist()},
     )
 

@@ -4,21 +4,16 @@ import math
 from dataclasses import replace
 
 from wrenchsight.models.hypotheses.case import Case, View
-from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.hypotheses.explanation import Explanation, joint_remedy, likeliest
 from wrenchsight.models.hypotheses.joint_orders import Order, best_order, order_text, usual_orders
-from wrenchsight.models.recordings.log_words import DRIVES, JOINTS, ORDER, correction_word
+from wrenchsight.models.recordings.log_words import ORDER
 
 NAME = "order of the joints"
 
 
 def explain(case: Case) -> Explanation | None:
     """The order of the positions, or of all signals, that explains the log best."""
-    found = [_explain(case, with_effort) for with_effort in (False, True)]
-    return max(
-        (one for one in found if one is not None),
-        key=lambda one: one.log_evidence,
-        default=None,
-    )
+    return likeliest(_explain(case, with_effort) for with_effort in (False, True))
 
 
 def _explain(case: Case, with_effort: bool) -> Explanation | None:
@@ -42,18 +37,13 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     fit = case.fit(view)
     listed, places = order_text(order), [k + 1 for k in order]
     what = "all signals" if with_effort else "positions and velocities"
-    keys = ["position", "velocity", *([case.key] if with_effort else [])]
-    description = ", ".join(f"{key}: {{order: {listed}}}" for key in keys)
-    words = [correction_word(JOINTS, ORDER, places)]
-    if with_effort:
-        words.append(correction_word(DRIVES, ORDER, places))
     return Explanation(
         name=NAME,
         log_evidence=fit.log_evidence - math.lgamma(n + 1) - math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
         cause=f"{what} in the order {listed}",
-        remedy=f"set {description} in a description, or try --log-format {','.join(words)}",
+        remedy=joint_remedy(case.key if with_effort else None, ORDER, listed, places),
         values={"order": [float(k + 1) for k in order]},
     )
 
