@@ -135,6 +135,7 @@ def test_the_tool_may_touch(sts, kind):
     assert beside(sts, replace(piece, pose=PoseConfig(behind)), sts.home) < 0.0
 
 
+@pytest.mark.long
 def test_a_workpiece_counts_as_taken_one_by_one(sts):
     """What is nearest to the piece keeps the margin, and all else keeps what it kept."""
     pose = PoseConfig([0.5, 0.0, 0.3], [0.0, 0.0, np.pi / 2])

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.stats import norm
 
 from wrenchsight.models.calibration.friction_disagreement import friction_disagreements
@@ -37,6 +38,7 @@ def rows(change, seed=0, duration=20.0, extra=0.0):
     return replace(residual_rows, residual=residual)
 
 
+@pytest.mark.long
 def test_unchanged_friction_gives_no_warning():
     logs = [rows(np.zeros((2, 3)), seed) for seed in range(60)]
     # Two joints, three coefficients each, at 6e-5 each: 0.02 alarms expected in 60 logs.

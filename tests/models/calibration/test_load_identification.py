@@ -57,6 +57,7 @@ def scores(estimate, mass, com, inertia):
     return error / estimate.standard_deviation
 
 
+@pytest.mark.long
 def test_loads_lie_within_the_stated_errors(ur10e):
     z = []
     for seed in range(SEEDS):
@@ -73,6 +74,7 @@ def test_loads_lie_within_the_stated_errors(ur10e):
     assert inside[:, 4:].mean() > 0.9
 
 
+@pytest.mark.long
 def test_torque_constants_that_are_off_are_in_the_stated_error(ur10e):
     prior = LoadPrior(mass=12.5, gain=0.03)
     z = []
@@ -88,6 +90,7 @@ def test_torque_constants_that_are_off_are_in_the_stated_error(ur10e):
     assert inside.mean() == pytest.approx(0.95, abs=0.06)
 
 
+@pytest.mark.long
 def test_errors_of_the_arms_own_model_are_in_the_stated_error(ur10e):
     """The model's last link weighs other than it says, by what its standard error states."""
     z = []

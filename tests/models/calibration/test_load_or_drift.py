@@ -86,6 +86,7 @@ def test_nothing_is_taken_up_in_a_log_without_a_load(ur10e, seed, drift):
     assert weigh_begin(log_of(ur10e, seed, None, drift), LAW, PRIOR) is None
 
 
+@pytest.mark.long
 def test_the_time_is_found_to_a_row_in_a_long_log(ur10e):
     weighed = weigh_begin(log_of(ur10e, 6, LOAD, duration=150.0, since=97.3), LAW, PRIOR)
     assert weighed.is_shown

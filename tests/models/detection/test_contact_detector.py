@@ -115,6 +115,7 @@ def learnt(model, robot, samples, seed):
     return replace(model, contact_noise=fit_contact_noise([reading], model, model.chain(robot)))
 
 
+@pytest.mark.long
 def test_false_alarms_of_gaussian_noise_are_as_many_as_stated(sts, model):
     learnt_model = learnt(model, sts, 60_000, 1)  # ten minutes
     assert learnt_model.contact_noise.hours == pytest.approx(1.0 / 6.0)

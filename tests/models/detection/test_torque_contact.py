@@ -39,6 +39,7 @@ def spans(contact):
     return np.flatnonzero(np.diff(np.r_[0, contact.astype(int), 0])).reshape(-1, 2)
 
 
+@pytest.mark.long
 def test_every_touch_is_found_and_nothing_else(touched) -> None:
     contacts = found_in(*touched)
     assert len(spans(contacts.contact)) == len(TOUCHES)

@@ -47,6 +47,7 @@ def rms_force(folder: Path) -> float:
     return float(np.sqrt(np.mean(sum(table[name] ** 2 for name in ("fx", "fy", "fz")))))
 
 
+@pytest.mark.long
 def test_the_estimate_says_so_with_the_vector_to_write(sts, tmp_path):
     degrees = 10.0
     angle = np.radians(degrees)

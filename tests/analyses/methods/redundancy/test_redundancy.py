@@ -82,6 +82,7 @@ def test_a_cam_file_gives_what_its_surface_gives(sts: Robot, tmp_path: Path) -> 
     assert (out / "recording.html").is_file() and (out / "config.yaml").is_file()
 
 
+@pytest.mark.long
 def test_a_task_without_an_initial_trajectory_is_solved_and_says_so(sts: Robot) -> None:
     blade = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
     config = RedundancyTask(

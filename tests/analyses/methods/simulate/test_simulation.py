@@ -253,6 +253,7 @@ def test_a_pass_after_an_air_pass_states_the_vibration_of_the_tool(sts):
     assert vibration == np.median(result.tool_vibration[result.phase == Phase.WORK])
 
 
+@pytest.mark.long
 def test_a_collision_of_the_planned_pass_is_noted(sts, monkeypatch):
     scenario = load_scenario("Polishing")
     machining = replace(scenario.machining, one_way=2.0, ramp=0.5, air_pass=0.0)

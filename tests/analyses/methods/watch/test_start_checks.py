@@ -142,6 +142,7 @@ def test_no_load_is_looked_for_where_it_is_taken_off_or_the_model_is_none(ur10e,
     assert not any("load" in text for text in texts(events))
 
 
+@pytest.mark.long
 def test_checks_in_the_background_report_the_same(ur10e, model):
     stream = samples(ur10e, model, mass=2.0)
     _, before = said(ur10e, model, stream)
@@ -231,6 +232,7 @@ def test_a_source_of_torques_has_no_gains(ur10e, model):
     assert not any("torque per ampere" in text for text in texts(events))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("log", "begins"),
     [("ur-20_01_22-joint_3", (0.0, 20.0)), ("ur-20_01_22-joint_2", (33.0,))],

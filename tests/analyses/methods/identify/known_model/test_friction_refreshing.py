@@ -155,6 +155,7 @@ def test_an_arm_at_rest_is_refused(ur10e, model):
         refresh_model(log, ur10e, model)
 
 
+@pytest.mark.long
 def test_seven_weeks_of_drift_of_a_real_arm(ur10e, real_model, data):
     """4 s of the UR10e seven weeks before its model: the rest of that log."""
     whole = read_recording(

@@ -45,6 +45,7 @@ def result(ur10e, logs):
     return calibrate(bare, [(laden, KnownLoad(3.0))], ur10e, config=PLAIN)
 
 
+@pytest.mark.long
 def test_torque_constants_and_centre_of_mass_come_back(ur10e, result):
     outcome = result.calibration
     # 1.5 %: noise of 0.03 A on joints whose load gives a few newton metres.
@@ -63,6 +64,7 @@ def test_the_model_is_in_true_torque(result):
     assert any("no dependence on the load" in line for line in result.warnings)
 
 
+@pytest.mark.long
 def test_command_writes_a_robot_that_goes_with_the_model(ur10e, logs, tmp_path):
     paths = []
     for log in (*logs[0], logs[1]):
