@@ -91,14 +91,16 @@ class ExternalTorqueObserver(SampledBlock):
         self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J before the update
         self._no_error = TorqueError.of_flat(np.zeros(ERROR_ROWS * n), n)
         self._observed = declare_cached(self, "observed", self._calc_observed, prerequisites)
+        # They depend on all that it does: one edge a port in Drake's graph of dependencies.
+        of_observed = {self._observed.ticket()}
         self._reading = self.DeclareVectorOutputPort(
-            "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
+            "reading", sum(self.reading_sizes), self._calc_reading, of_observed
         )
         parts = {"tau_ext": n, "valid": 1}
-        declare_parts(self, self._reading.Eval, parts, prerequisites)
+        declare_parts(self, self._reading.Eval, parts, of_observed)
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
         if self._has_wrench:
-            self.DeclareVectorOutputPort("wrench", _WRENCH_SIZE, self._calc_wrench, prerequisites)
+            self.DeclareVectorOutputPort("wrench", _WRENCH_SIZE, self._calc_wrench, of_observed)
 
     @property
     def reading_sizes(self) -> list[int]:
@@ -167,7 +169,9 @@ class ExternalTorqueObserver(SampledBlock):
 
 def _reading_of(observed: Observed) -> Array:
     """(n + 1,) tau_ext and whether it is fresh, of one sample."""
-    return np.concatenate([observed.tau_ext[0], observed.is_fresh])
+    reading = np.empty(observed.tau_ext.size + 1)
+    reading[:-1], reading[-1] = observed.tau_ext, observed.is_fresh.item()
+    return reading
 
 
 def _wrench_of(observed: Observed) -> Array:

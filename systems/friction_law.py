@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort
 
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, TorqueError
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, resting_shares
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
-from wrenchsight.models.identification.torque_error_model import REST_ROW
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.systems.declarations import TunedParameters, declare_cached
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -116,8 +115,7 @@ class FrictionLawSystem(SampledBlock):
         q = v if self._q is None else self._q.Eval(context)[None]
         rest = None
         if self._torque_error is not None:
-            error = TorqueError.of_flat(self._torque_error.Eval(context), v.shape[1])
-            rest = error.rows[:, REST_ROW]
+            rest = resting_shares(self._torque_error.Eval(context), v.shape[1])
         return np.asarray(law.run(memory, q, v, tau_J, rest)[0])
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:

@@ -255,7 +255,7 @@ class ImpedanceController(SampledBlock):
 
 def _is_on(port: InputPort, context: Context) -> bool:
     """Whether a switch is on; an unconnected one is on."""
-    return not port.HasValue(context) or bool(port.Eval(context)[0] > 0.5)
+    return not port.HasValue(context) or port.Eval(context).item() > 0.5
 
 
 def _force_gains(config: ForceControlConfig) -> ForceGains:

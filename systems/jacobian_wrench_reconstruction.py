@@ -17,14 +17,11 @@ from wrenchsight.models.estimation.wrench_reading import (
     ReadingSamples,
     ReadingState,
     WrenchReading,
+    are_readable,
     with_unseen_rests,
 )
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
-from wrenchsight.models.identification.torque_error_model import (
-    TAU_J_ROW,
-    UNKNOWN_SHARE_ROW,
-    ConstantTorqueError,
-)
+from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
@@ -34,6 +31,7 @@ from wrenchsight.systems.sampled_block import SampledBlock
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 _LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
 _OBSERVED_SIZE = 42  # entries of a wrench and its covariance
+_FLAG_ROWS = {flag: np.array([flag]) for flag in (False, True)}  # of one sample
 _PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
 
 
@@ -62,9 +60,11 @@ class _Tick(NamedTuple):
 
 def reading_parts(estimate: WrenchEstimate) -> Array:
     """(45,) wrench, covariance row by row, condition number, valid, invalid of one sample."""
-    invalid = estimate.invalid.item()
-    rest = [estimate.condition_number.item(), float(invalid == 0), float(invalid)]
-    return np.concatenate([estimate.wrench[0], estimate.covariance[0].ravel(), rest])
+    parts = np.empty(45)
+    parts[:6], parts[6:42] = estimate.wrench, estimate.covariance.ravel()
+    parts[42], parts[44] = estimate.condition_number.item(), estimate.invalid.item()
+    parts[43] = parts[44] == 0.0
+    return parts
 
 
 class JacobianWrenchReconstruction(SampledBlock):
@@ -162,10 +162,10 @@ class JacobianWrenchReconstruction(SampledBlock):
         # The reading and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(self, "reading and state", self._calc_tick, prerequisites)
 
-        self._reading = self.DeclareVectorOutputPort(
-            "reading", size, self._calc_reading, prerequisites | {self._tick.ticket()}
-        )
-        declare_parts(self, self._reading.Eval, _PARTS, prerequisites)
+        # They depend on all that the tick does: one edge a port in Drake's graph of dependencies.
+        of_tick = {self._tick.ticket()}
+        self._reading = self.DeclareVectorOutputPort("reading", size, self._calc_reading, of_tick)
+        declare_parts(self, self._reading.Eval, _PARTS, of_tick)
 
     def _calc_tuned(self, context: Context) -> _TunedReading:
         K_0, is_usable, n = None, True, self._n
@@ -192,13 +192,11 @@ class JacobianWrenchReconstruction(SampledBlock):
         reading, error, is_usable, unseen_rests = self._tuned.EvalAbstract(context).get_value()
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         J = terms["J"]
-        is_usable &= all_below(terms["q"].ravel(), _LARGEST_INPUT)
-        is_usable &= all_below(J.ravel(), _LARGEST_INPUT)
         if self._torque_error.HasValue(context):
             error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
-            is_usable &= _is_usable(error)
         else:
-            error = error._replace(J_seen=J)
+            error = TorqueError(error.sd, error.stiction, error.drift, J, error.rows)
+        is_usable &= are_readable(_LARGEST_INPUT, terms["q"], J, *error)
         wrench, covariance = self._observed_wrench(context)
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
         if not abs(fault) < _LARGEST_INPUT:
@@ -212,10 +210,10 @@ class JacobianWrenchReconstruction(SampledBlock):
         samples = ReadingSamples(
             J=J,
             tau_ext=tau_ext,
-            is_fresh=np.array([is_fresh]),
+            is_fresh=_FLAG_ROWS[is_fresh],
             q=motion,
             v=motion,
-            is_corrected=np.array([self._is_set(context, self._corrected)]),
+            is_corrected=_FLAG_ROWS[self._is_set(context, self._corrected)],
             fault=np.array([int(fault)]),
             wrench=wrench,
             covariance=covariance,
@@ -248,11 +246,3 @@ class JacobianWrenchReconstruction(SampledBlock):
         for array, taken in zip(memory, state, strict=True):
             array[:] = taken
         return (parts,)
-
-
-def _is_usable(error: TorqueError) -> bool:
-    """Whether the torque error of one sample has numbers that may be squared."""
-    # The last sample's position and motor torque are NaN before the first one.
-    known_rows = error.rows[:, UNKNOWN_SHARE_ROW:TAU_J_ROW]
-    parts = (error.sd, error.stiction, error.drift, error.J_seen, known_rows)
-    return all(all_below(part.ravel(), _LARGEST_INPUT) for part in parts)

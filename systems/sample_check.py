@@ -64,22 +64,27 @@ class SampleCheckSystem(SampledBlock):
         if held is not None:
             motion[:] = held
             return
-        q, v, fault = self._q.Eval(context), self._v.Eval(context), 0
-        if self._check is not None:
-            (q, v), fault = self._check.motion(self.memory(context), q, v, self._time_step)
-        motion[0], motion[1 : self._n + 1], motion[self._n + 1 :] = fault, q, v
+        q, v = self._q.Eval(context), self._v.Eval(context)
+        checked = motion[1:].reshape(2, self._n)
+        if self._check is None:
+            motion[0], checked[0], checked[1] = 0.0, q, v
+        else:
+            state = self.memory(context)
+            motion[0] = self._check.motion(state, q, v, self._time_step, checked)
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        current = self.held(context, "checked_current")
-        if current is None:
-            current = self._current.Eval(context)
+        checked = self.held(context, "checked_current")
+        if checked is None:
+            checked = self._current.Eval(context)
             if self._check is not None:
-                current = self._check.current(self.memory(context), current, self._time_step)
-        output.SetFromVector(current)
+                checked = self._check.current(self.memory(context), checked, self._time_step)
+        output.SetFromVector(checked)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        if self._check is None:
+            return self._motion.Eval(context), self._checked_current.Eval(context)
         q, v, current = (port.Eval(context)[None] for port in (self._q, self._v, self._current))
-        fault = np.zeros(1, np.int64)
-        if self._check is not None:
-            (q, v, current), fault = self._check.run(memory, q, v, current, self._time_step)
-        return np.concatenate([fault, q[0], v[0]]), current[0]
+        checked, fault = self._check.run(memory, q, v, current, self._time_step)
+        motion = np.empty(self._motion_size)
+        motion[0], motion[1:] = fault[0], checked[:2].ravel()
+        return motion, checked[2, 0]

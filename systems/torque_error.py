@@ -20,7 +20,6 @@ class TorqueErrorSystem(SampledBlock):
     """States the torque error of each sample, and J as the observer saw it.
 
                        +-------------------+
-      q, v        -->  |                   |
       terms       -->  |                   |
       tau_J, tau_f --> | TorqueErrorSystem | --> torque_error
       pole        -->  |                   |
@@ -28,8 +27,7 @@ class TorqueErrorSystem(SampledBlock):
       added_sd    -->  |                   |
                        +-------------------+
 
-    Inputs:  q, v          (n,) rad and rad/s
-             terms         RigidBodyTerms (abstract): J at E in axes of W
+    Inputs:  terms         RigidBodyTerms (abstract): q, v and J at E in axes of W
              tau_J, tau_f  (n,) N m; what the gear transmits counts for the sample after
              pole          (n,) 1/s of the observer, below 0 for one without such a lag
              sliding       (10 n,) `models.friction.sliding_friction.SlidingLaw`, flat, as it is
@@ -54,8 +52,6 @@ class TorqueErrorSystem(SampledBlock):
         SampledBlock.__init__(self, time_step, stage.initial_state(), held)
         self._stage = stage
 
-        self._q = self.DeclareVectorInputPort("q", n)
-        self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
@@ -70,8 +66,7 @@ class TorqueErrorSystem(SampledBlock):
         # tau_J and tau_f are read by the update alone. Before it NaN stands for them, which the
         # stage does not take: the error depends on what the gears transmitted a tick ago.
         self._no_torque = np.full((1, n), np.nan)
-        ports = self._q, self._v, self._terms, self._added_sd
-        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites = {self._terms.ticket(), self._added_sd.ticket()} | self.state_tickets
         # The error and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(
             self, "torque error and state", self._calc_tick, prerequisites | {self._tuned.ticket()}
@@ -80,7 +75,7 @@ class TorqueErrorSystem(SampledBlock):
             "torque_error",
             ERROR_ROWS * n,
             self._calc_error,
-            self.state_tickets | {self._tick.ticket()},
+            {self._tick.ticket()},
         )
 
     def _calc_stage(self, context: Context) -> TorqueErrorStage:
@@ -91,9 +86,9 @@ class TorqueErrorSystem(SampledBlock):
     def _calc_tick(self, context: Context) -> tuple[Array, Array]:
         """(ERROR_ROWS n,) the error of the present sample, and the memory that has taken it."""
         state, none = self.memory(context), self._no_torque
-        J = cast(RigidBodyTerms, self._terms.Eval(context)).record["J"]
+        terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
+        q, v, J = terms["q"], terms["v"], terms["J"]
         stage: TorqueErrorStage = self._tuned.EvalAbstract(context).get_value()
-        q, v = self._q.Eval(context)[None], self._v.Eval(context)[None]
         rows = stage.follow(state, q, v)
         error = stage.sds(state, rows, q, v, none, none, J)
         if self._added_sd.HasValue(context):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, DependencyTicket, InputPort
+from pydrake.systems.framework import BasicVector, Context, InputPort
 
 from wrenchsight.models.estimation.estimator import Correction, EstimatorState, WrenchEstimator
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
@@ -104,7 +104,7 @@ class WrenchEstimatorSystem(SampledBlock):
         prerequisites.add(self._tuned.ticket())
         # The reading and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(self, "tick", self._calc_tick, prerequisites)
-        self._declare_outputs(prerequisites)
+        self._declare_outputs()
 
     def _declare_correction(self) -> None:
         """Declares the inputs of a correction."""
@@ -115,20 +115,15 @@ class WrenchEstimatorSystem(SampledBlock):
             name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()
         }
 
-    def _declare_outputs(self, prerequisites: set[DependencyTicket]) -> None:
-        """Declares the output ports.
-
-        Args:
-            prerequisites: of the reading.
-        """
+    def _declare_outputs(self) -> None:
+        """Declares the output ports."""
         n, sizes = self._n, self.reading_sizes
+        # They depend on all that the tick does: one edge a port in Drake's graph of dependencies.
+        of_tick = {self._tick.ticket()}
         reading = self.DeclareVectorOutputPort(
-            "reading",
-            sum(sizes.values()),
-            self._calc_reading,
-            prerequisites | {self._tick.ticket()},
+            "reading", sum(sizes.values()), self._calc_reading, of_tick
         )
-        declare_parts(self, reading.Eval, sizes, prerequisites)
+        declare_parts(self, reading.Eval, sizes, of_tick)
         drives = self.state_tickets | {self._current.ticket(), self._tuned.ticket()}
         self.DeclareVectorOutputPort("tau_J", n, self._calc_tau_J, drives)
         self.DeclareAbstractOutputPort(

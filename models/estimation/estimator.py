@@ -414,7 +414,7 @@ class WrenchEstimator:
         Raises:
             ValueError: shapes that disagree.
         """
-        rows = [np.array(signal, float)[None] for signal in (q, v, current)]
+        rows = [np.asarray(signal, float)[None] for signal in (q, v, current)]
         if correction is not None:
             correction = Correction(*(np.asarray(part, float)[None] for part in correction))
         taken = self.take(state, rows[0], rows[1], rows[2], correction=correction)
@@ -643,5 +643,5 @@ def _shapes_of(state: EstimatorState) -> tuple[tuple[int, ...], ...]:
     """The shapes of the parts of a state that differ between estimators."""
     observer = state.observer
     parts = observer if isinstance(observer, tuple) else (observer,)
-    shapes = (np.shape(part) for part in parts)
+    shapes = [part.shape for part in parts]
     return state.check.shape, state.error.shape, state.friction.shape, *shapes

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import (
+    REST_ROW,
     TORQUE_ERROR_ROWS,
     ConstantTorqueError,
     TorqueErrorModel,
@@ -68,13 +69,19 @@ class TorqueError(NamedTuple):
     @property
     def flat(self) -> Array:
         """(ERROR_ROWS n,) of the only sample of this, as `of_flat` takes it."""
-        return np.concatenate([part.ravel() for part in self])
+        rows = (self.sd, self.stiction, self.drift, self.J_seen[0], self.rows[0])
+        return np.concatenate(rows).ravel()
 
     def part(self, rows: slice) -> "TorqueError":
         """Some of N samples."""
         return TorqueError(
             self.sd[rows], self.stiction[rows], self.drift[rows], self.J_seen[rows], self.rows[rows]
         )
+
+
+def resting_shares(flat: Array, n: int) -> Array:
+    """(1, n) by which the joints rest, of a `TorqueError.flat`; a view of it."""
+    return flat.reshape(1, ERROR_ROWS, n)[:, _ERROR_STATE + REST_ROW]
 
 
 class TorqueErrorStage:

@@ -39,6 +39,7 @@ from wrenchsight.models.estimation.wrench_kernels import (
 from wrenchsight.models.estimation.wrench_methods import TorqueSamples, WrenchLog, reconstruct_log
 from wrenchsight.models.identification.torque_error_model import (
     TAU_J_ROW,
+    UNKNOWN_SHARE_ROW,
     ConstantTorqueError,
     TorqueErrorModel,
     torque_at_unseen_rest,
@@ -319,6 +320,39 @@ def with_unseen_rests(
     if not is_unseen.any():
         return reading
     return reading._replace(invalid=marked(reading.invalid, UNSEEN_REST, is_unseen))
+
+
+@kernel
+def are_readable(
+    bound: float,
+    q: Array,
+    J: Array,
+    sd: Array,
+    stiction: Array,
+    drift: Array,
+    J_seen: Array,
+    rows: Array,
+) -> bool:
+    """Whether all that N readings start from is finite, and smaller than `bound` in magnitude.
+
+    Args:
+        bound: in SI units.
+        q: (N, n) rad.
+        J: (N, 6, n) at E in axes of W.
+        sd, stiction, drift, J_seen, rows: TorqueError; the rows before the motor torque's, without
+            the last sample's position: both are NaN before the first sample.
+    """
+    is_below = True
+    for k in range(q.shape[0]):
+        for i in range(q.shape[1]):
+            is_below = is_below and abs(q[k, i]) < bound and abs(sd[k, i]) < bound
+            is_below = is_below and abs(stiction[k, i]) < bound and abs(drift[k, i]) < bound
+            for axis in range(6):
+                is_below = is_below and abs(J[k, axis, i]) < bound
+                is_below = is_below and abs(J_seen[k, axis, i]) < bound
+            for row in range(UNKNOWN_SHARE_ROW, TAU_J_ROW):
+                is_below = is_below and abs(rows[k, row, i]) < bound
+    return is_below
 
 
 @kernel(nogil=True)

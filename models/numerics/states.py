@@ -1,7 +1,7 @@
 """States of several arrays, and the one vector that a Drake Context holds of them."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -26,13 +26,18 @@ class StateLayout:
         slices = [slice(start, end) for start, end in zip(starts, ends, strict=True)]
         shapes = [array.shape for array in arrays]
         self._parts = list(zip(slices, shapes, strict=True))
-        self._made = _maker(state)
+        is_flat = isinstance(state, tuple) and not any(isinstance(part, tuple) for part in state)
+        self._made = cast(Any, type(state))._make if is_flat else _maker(state)
 
     def state_of(self, vector: Array) -> Any:
         """The state whose numbers stand in a vector (size,), as views of it."""
         if self._made is next:  # of one array alone
             return vector.reshape(self._parts[0][1])
-        return self._made(iter([vector[part].reshape(shape) for part, shape in self._parts]))
+        arrays = [
+            vector[part] if len(shape) == 1 else vector[part].reshape(shape)
+            for part, shape in self._parts
+        ]
+        return self._made(iter(arrays))
 
 
 def _arrays_of(state: Any) -> list[Array]:

@@ -16,6 +16,7 @@ The bounds were chosen on the UR10e's three fitted runs, where sqrt(D) of valid 
 RELEASE_SDS. Below these bounds, the error from a wrong current is no larger than a possible force.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +50,7 @@ class ExplainedConstants(NamedTuple):
     @property
     def explains_all(self) -> bool:
         """Whether any torque counts as explained."""
-        return bool(self.numbers[_BEYOND2] == np.inf)
+        return math.isinf(self.numbers.item(_BEYOND2))
 
 
 def explained_constants(

@@ -141,20 +141,20 @@ class SampleCheck:
         check_rows(self.table, state, periods, q, v, current, checked, codes)
         return checked, codes
 
-    def motion(self, state: Array, q: Array, v: Array, period: float) -> tuple[Array, int]:
+    def motion(self, state: Array, q: Array, v: Array, period: float, checked: Array) -> int:
         """Checks q and v of the sample that follows, as `run` would; `state` stays as it is.
 
         Args:
             state: of `initial_state`.
             q, v: (n,), contiguous.
             period: s since the sample before.
+            checked: (2, n) written: q and v as `run` returns them.
 
         Returns:
-            (2, n) q and v as `run` returns them, and their fault.
+            Their fault.
         """
-        checked = np.empty((3, self.num_joints))
-        fault = _check_motion(self.table, state, period, q, v, checked)
-        return checked[:2], fault
+        fault: int = _check_motion(self.table, state, period, q, v, checked)
+        return fault
 
     def current(self, state: Array, current: Array, period: float) -> Array:
         """Checks the current (n,) of the sample that follows, likewise; returns it (n,)."""
@@ -181,8 +181,8 @@ def _check_motion(
     v: Array,
     checked: Array,
 ) -> int:
-    """Single-sample kernel: writes q and v into rows 0 and 1 of `checked` (3, n), NaN where
-    impossible. `state` stays as it is.
+    """Single-sample kernel: writes q and v into the first rows of `checked`, NaN where impossible.
+    `state` stays as it is.
 
     Returns:
         The fault of them, and of the current of the sample before: a sum of codes.

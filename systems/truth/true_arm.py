@@ -316,7 +316,7 @@ class TrueArm(SampledBlock):
         arm_memory(
             self._memory_constants,
             context.get_time(),
-            TickSignals(self._motion_at(context), drives, truth, vdot, reaction),
+            TickSignals(np.frombuffer(motion, self._motion_type), drives, truth, vdot, reaction),
             memory,
         )
         return outputs

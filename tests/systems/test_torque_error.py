@@ -41,7 +41,7 @@ def test_ports(sts, model):
     estimator = WrenchEstimator(sts, model, WrenchEstimatorConfig())
     system = TorqueErrorSystem(estimator.error, T)
     names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
-    assert names == ["q", "v", "terms", "tau_J", "tau_f", "pole", "sliding", "added_sd"]
+    assert names == ["terms", "tau_J", "tau_f", "pole", "sliding", "added_sd"]
     assert system.GetOutputPort("torque_error").size() == (3 + 6 + TORQUE_ERROR_ROWS) * N
     for late in ("tau_J", "tau_f"):
         port = system.GetInputPort(late).get_index()
