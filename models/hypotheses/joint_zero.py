@@ -56,6 +56,7 @@ def _refined(case: Case, j: int, offset: float) -> Explanation | None:
         return None
     name = case.robot.joint_names[j]
     unit = "m" if case.robot.chain.prismatic[j] else "rad"
+    in_file = float(case.robot.q_offset[j]) + offset  # the log's positions have what is there now
     return Explanation(
         name=NAME,
         log_evidence=fit.log_evidence - math.log(2.0 * case.num_joints),
@@ -63,7 +64,7 @@ def _refined(case: Case, j: int, offset: float) -> Explanation | None:
         kind_share=fit.kind_share,
         cause=f"a zero of {name} that is off by {-offset:.3f} +- {max(sd, 5e-4):.1g} {unit}",
         remedy=(
-            f"set q_offset: {offset:.4f} at {name} in robot.yaml (drives), which is added to its "
+            f"set q_offset: {in_file:.4f} at {name} in robot.yaml (drives), which is added to its "
             "logged positions"
         ),
         is_small=True,

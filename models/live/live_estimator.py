@@ -56,7 +56,7 @@ SILENT_STEPS = 4.0  # steps, whichever is longer
 RESOLUTION_SAMPLES = 2000  # in which the encoders' step is looked for
 RESOLUTION_EVERY = 100
 RESOLUTION_TOLERANCE = 0.2  # share by which equal resolutions may differ
-_LEAST_PERIOD = 1e-9  # s
+LEAST_PERIOD = 1e-9  # s between samples
 _CLOCK_JUMP_RATIO = 10.0  # times the time of zeroing, after which a clock has jumped
 
 
@@ -402,7 +402,7 @@ class LiveEstimator:
         if self._check is not None:
             period = 0.0 if self._last_t is None else sample.t - self._last_t
             rows = x[:-1].reshape(3, 1, self._num_joints)
-            period = max(period, _LEAST_PERIOD)
+            period = max(period, LEAST_PERIOD)
             checked, codes = self._check.run(self._check_state, rows[0], rows[1], rows[2], period)
             is_impossible = bool((np.isnan(checked) & ~np.isnan(rows)).any())
             x[:-1] = checked.ravel()

@@ -86,7 +86,8 @@ class RecordingChecks:
         self._add_motion(part)
         self._judge_motion(chunk)
         if self._has_drives() and self._robot.has_inertias:
-            torque = self._robot.joint_torque(chunk.current)
+            with np.errstate(over="ignore"):  # infinite torques are left out
+                torque = self._robot.joint_torque(chunk.current)
             self._gravity.add_slow(chunk.q, chunk.v, torque)
             self._judge_gravity(chunk)
 

@@ -317,8 +317,7 @@ def _identify(
         if contact_noise:
             noise = fit_contact_noise(readings, model, choice.chain)
             model = replace(model, contact_noise=noise)
-    weighted = replace(problem, weights=choice.weights, groups=None)
-    zeros = zero_offsets(weighted, choice.solution, choice.chain)
+    zeros = zero_offsets(problem)
     result = IdentificationResult(
         model=model,
         base=choice.solution.base,
@@ -328,7 +327,7 @@ def _identify(
         warnings=(
             *test.notes,
             *_all_warnings(recordings, validation, problem, choice, model),
-            *zero_warnings(zeros, robot.joint_names),
+            *zero_warnings(zeros, robot.joint_names, robot.q_offset),
         ),
         config=config,
         law=choice.law,

@@ -20,9 +20,10 @@ from wrenchsight.models.calibration.gain_at_rest import GainAtRest, TargetSample
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.hypotheses.judgement import Judgement
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.live.live_estimator import LiveEstimator
+from wrenchsight.models.live.live_estimator import LEAST_PERIOD, LiveEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.observers.sample_check import SampleCheck
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_checks import RecordingChecks
 from wrenchsight.models.robot.robot import Robot
@@ -33,6 +34,9 @@ LEAST_PAYLOAD = 0.5  # kg by which payloads may differ
 GAIN_OFF = 0.03  # share by which torques per ampere may differ
 GAIN_SURE = 3.0  # standard errors beyond which they differ
 RESTS_SAMPLES = 100  # a second, of a check of joints at rest
+# share of a second's samples up to which impossible ones are single faults, which the estimator
+# leaves out as well; with more of them, the stream's units or columns are wrong
+MAX_IMPOSSIBLE_SHARE = 0.1
 _TARGETS = ("target_current", "target_moment")
 _NO_NUMBER = np.empty(0)
 
@@ -56,8 +60,11 @@ class StartChecks:
         self._robot, self._model = robot, model
         self._chain = model.chain(robot)
         self._checks = RecordingChecks(robot)
+        self._sample_check = SampleCheck(robot, jitter=True)
+        self._sample_state = self._sample_check.initial_state()
         self._judgement = StreamJudgement(robot, model, in_background)
         self._samples: list[Sample] = []
+        self._are_possible: list[bool] = []  # of these samples
         self._begin: float | None = None
         self._last_check = 0.0
         self._events: deque[StreamEvent] = deque()  # one is returned a sample
@@ -100,24 +107,48 @@ class StartChecks:
                     "no reading is valid; identify a model with `wrenchsight identify`"
                 )
             self._begin = self._last_check = sample.t
-            self._samples, self._previous = [], []
+            self._samples, self._are_possible, self._previous = [], [], []
+            self._sample_state = self._sample_check.initial_state()
             self._judgement.restart()
             if self._search is not None:
                 self._search.restart()
+        if self._samples and sample.t <= self._samples[-1].t:
+            return  # the estimator leaves it out, too
+        is_possible = self._is_possible(sample)
         self._samples.append(sample)
-        self._judgement.add(sample)
-        if self._search is not None:
+        self._are_possible.append(is_possible)
+        if self._search is not None and is_possible:
             self._search.add_sample(sample)
         if sample.t - self._last_check < CHECK_PERIOD:
             return
         self._last_check = sample.t
-        samples, self._samples = self._samples, [sample]
+        samples = self._samples_to_judge()
+        self._samples, self._are_possible = [sample], [is_possible]
+        for one in samples:
+            self._judgement.add(one)
         self._judge_stream(samples, live)
         if not self._is_over:
             self._judge_load(sample.t, live)
             self._judge_gains(samples)
             is_judged = self._agrees and self._judgement.is_over
             self._is_over = is_judged and self._search is None and not self._open_gains
+
+    def _samples_to_judge(self) -> list[Sample]:
+        """The samples of the last second, without impossible ones where those are few."""
+        if np.mean(self._are_possible) < 1.0 - MAX_IMPOSSIBLE_SHARE:
+            return self._samples
+        pairs = zip(self._samples, self._are_possible, strict=True)
+        return [sample for sample, is_possible in pairs if is_possible]
+
+    def _is_possible(self, sample: Sample) -> bool:
+        """Whether a joint can do what the next sample says; a number that lacks says nothing."""
+        period = sample.t - self._samples[-1].t if self._samples else LEAST_PERIOD
+        effort = self._robot.motor_current(sample.effort) if sample.is_torque else sample.effort
+        rows = np.stack([sample.q, sample.v, effort])
+        rows[~np.isfinite(rows)] = np.nan
+        q, v, current = rows[:, None]
+        checked, _ = self._sample_check.run(self._sample_state, q, v, current, period)
+        return not (np.isnan(checked[:, 0]) & ~np.isnan(rows)).any()
 
     def _jumped(self, t: float) -> bool:
         """Whether the clock jumped; samples a little out of order are the estimator's matter."""

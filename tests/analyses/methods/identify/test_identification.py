@@ -21,6 +21,7 @@ from wrenchsight.analyses.methods.identify.identification_config import (
 )
 from wrenchsight.analyses.methods.identify.law_choice import best_law
 from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit
+from wrenchsight.analyses.methods.identify.zero_check import ZeroOffsets, zero_warnings
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
@@ -400,6 +401,13 @@ def test_a_zero_that_is_off_is_found_with_its_standard_error(sts, truth, joint, 
     assert sd < 0.02
     (warning,) = [text for text in result.warnings if "zero of" in text]
     assert f"set q_offset: {offset:.3f} at {sts.joint_names[joint]}" in warning
+
+
+def test_what_the_file_adds_to_a_zero_stays_in_the_remedy(sts):
+    """The logs' positions have it already: what is found is added to it."""
+    zeros = ZeroOffsets(np.array([0.0, 0.2, 0.0]), np.array([np.inf, 0.02, 0.1]))
+    (warning,) = zero_warnings(zeros, sts.joint_names, np.array([0.0, -0.5, 0.0]))
+    assert f"set q_offset: -0.300 at {sts.joint_names[1]}" in warning
 
 
 def test_right_zeros_are_not(result, sts):
