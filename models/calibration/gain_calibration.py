@@ -258,6 +258,7 @@ class GainProblem:
             tau = log.tau[log.rows]
             rows = ResidualRows(t, v, tau, dry, viscous, np.abs(level), sliding, self._sd)
             drift[index] = _LOG_DRIFT.deviation(rows, law.coulomb_viscous)
+            # tau = exp(-u_j) A x, the loads among x: linear in x, linearised in u about its value.
             for j in range(n):
                 A = np.zeros((len(t), width))
                 A[:, : _NUM_INERTIAL * n] = rigid[:, j, :-1]

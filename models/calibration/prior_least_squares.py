@@ -80,6 +80,7 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
             ]
         )
         factors.append(triangular_factor(shifted))
+    # In turns the solution, and the factor of each joint's errors over their stated sd.
     counts = np.array([len(joint_rows) for joint_rows in rows])
     scale = np.ones(len(rows))
     for _ in range(_NUM_PASSES):

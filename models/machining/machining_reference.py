@@ -172,6 +172,8 @@ def machining_reference(
     n, phase = reference.shape[1], int(state[PHASE])
     is_force_controlled = force_controlled(phase)
     time = work_time(state, t, plan.t[-1] - plan.t[0])
+    # In contact D goes along the planned path; before and after it moves along the normal, from
+    # where the tool was, and the joints' speed follows from its own.
     if is_force_controlled:
         quintic_at(plan.t, plan.q, plan.v, plan.vdot, time, reference)
         R_WD, J_D = np.empty((3, 3)), np.empty((6, n))

@@ -203,6 +203,7 @@ def _lateness(
     za, zb, aa, ab, bb = means[_ZA], means[_ZB], means[_AA], means[_AB], means[_BB]
     if means[_ZZ] < constants.numbers[_LOADED]:
         return 0.0
+    # Least squares z = a_fit a + b_fit b over LATE_TIME.
     det = max(aa * bb - ab * ab, 1e-9 * aa * bb)
     a_fit, b_fit = (bb * za - ab * zb) / det, (aa * zb - ab * za) / det
     total = a_fit + 0.5 * b_fit

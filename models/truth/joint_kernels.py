@@ -540,6 +540,7 @@ def velocity_after(M: Array, time_step: float, v: Array, balance: Balance) -> No
             newton.right[i] += newton.mass_rate[i, j] * v[j]
         newton.mass_rate[i, i] += balance.damper[i]
         end[i] = v[i]
+    # Newton's method on a convex potential; a step that does not lower it enough is halved.
     value = _potential(end, balance.elements, newton)
     for _ in range(_MAX_STEPS):
         if not _largest_residual(newton) > _ROOT_TOLERANCE:

@@ -164,6 +164,7 @@ def train_networks(
         y[j, : len(rows)] = torque[rows, j]
         train[j, : len(rows)] = ~away / max(1, int((~away).sum()))
         held[j, : len(rows)] = away / max(1, int(away.sum()))
+    # The networks are trained on torques of mean zero and unit sd, and scaled back below.
     centre = (train * y).sum(axis=1)
     spread = np.sqrt((train * (y - centre[:, None]) ** 2).sum(axis=1)) + 1e-12
     z = (y - centre[:, None]) / spread[:, None]

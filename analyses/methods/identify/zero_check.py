@@ -88,6 +88,8 @@ def zero_offsets(problem: FrictionFit) -> ZeroOffsets:
         for j, R in enumerate(regression.factors(friction, weights=weights).R):
             offsets = begins[j] + counts[j] + np.arange(n)
             rows.append(R[:, [*all_but_offsets, *offsets, -1]] / sd[j])
+    # What all other parameters explain is projected out of offsets and torque; then each offset is
+    # fitted by itself.
     stacked = np.vstack(rows)
     W, D, y = stacked[:, : -n - 1], stacked[:, -n - 1 : -1], stacked[:, -1]
     lengths = np.maximum(np.linalg.norm(W, axis=0), 1e-12)

@@ -164,6 +164,7 @@ def _entry(signal: Signal, key: str, table: LogTable, words: RawWords | None) ->
     values = {"columns": _columns_text(signal.columns, table)}
     scale = -signal.scale if signal.exerted_on == ENVIRONMENT else signal.scale
     if not (signal.name == "t" and len(signal.columns) > 1):
+        # The unit of this size; with none, the first of the signal's units and a gain.
         units = UNITS.get(key, {"1": 1.0})
         size = float(np.abs(scale[0]))
         unit = next((u for u, f in units.items() if abs(f / size - 1.0) < 1e-9), "")

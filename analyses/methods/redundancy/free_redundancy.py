@@ -122,6 +122,7 @@ def best_free(
     """The best way that is free from end to end; None where the search finds none."""
     q = grid.q.copy()
     N, K = q.shape[:2]
+    # Where postures at every few samples and angles collide, those around them are left out, too.
     samples = np.unique(np.r_[np.arange(0, N, _SAMPLES_APART), N - 1])
     for count, i in enumerate(samples):
         for k in range(0, K, _ANGLES_APART):
@@ -132,6 +133,8 @@ def best_free(
                 angles = np.arange(k, min(k + _ANGLES_APART, K))
                 _leave_out(q, grid.q, i, angles, int(b))
         progress(0.6 * (count + 1) / len(samples))
+    # The best way through what is left is looked at sample by sample; what collides goes, until
+    # nothing does.
     for number in range(_MOST_ROUNDS):
         free_grid = Candidates(grid.psi, q)
         if not np.isfinite(q[..., 0]).any(axis=(1, 2)).all():

@@ -178,10 +178,9 @@ def read_at_load(
     free_noise: bool,
 ) -> AtLoad:
     """Finds the point of action from the first seconds, and reads the later samples there."""
-    learnt, test = (
-        slice(LEARNING_ROWS.start, LEARNING_ROWS.stop),
-        slice(LEARNING_ROWS.stop, -LEARNING_ROWS.start),
-    )
+    # The point is found from every fifth of the learnt rows, the prior beside it from all.
+    learnt = slice(LEARNING_ROWS.start, LEARNING_ROWS.stop)
+    test = slice(LEARNING_ROWS.stop, -LEARNING_ROWS.start)  # the same margin at both ends
     R_WE, _ = robot.chain.pose(loaded.q)
     result = find_point_of_action(
         batch.J[LEARNING_ROWS],
@@ -193,6 +192,7 @@ def read_at_load(
     )
     J = jacobian_at(batch.J, R_WE, result.p_EP)
     Sigma = result.noise_scale**2 * Sigma_tau
+    # A mean force is taken off the torque before the reading, and added to it again.
     with_prior = METHODS["bayesian"].with_prior(result.force_sd, result.moment_sd)
     zero_mean = evidence_prior(J[learnt], batch.tau_ext[learnt], Sigma)
     expected = J[:, 3:].transpose(0, 2, 1) @ result.mean_force_W
