@@ -4,7 +4,8 @@ Run as a script. All parts are in: arm, real joints, noise, force/torque sensor,
 estimator, truth, log of all signals, of machining also contact and process; 1 ms ticks. Times are
 the processor's, not the clock's, so that other programs on the machine count less; the spread says
 how much they can be trusted. What the plant takes by itself, the same contact solved by Drake
-alone, is the floor.
+alone, is the floor. What an estimator adds to a tick is measured in turns with the same loop
+without one.
 """
 
 import gc
@@ -15,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
+from sample_models import sample_torque_error
 
 from wrenchsight.diagrams.closed_loop import LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.machining import make_machining_path
@@ -28,6 +30,8 @@ from wrenchsight.models.robot.robot import Robot
 
 STRETCH = 0.25  # s of simulated time
 STRETCHES = 12
+WARM_UP = 0.1  # s
+TURNS, TURN_TICKS = 150, 8
 
 
 def main() -> None:
@@ -39,8 +43,47 @@ def main() -> None:
     for name in ("LinearPath", "Default"):
         simulator = Simulator(make_closed_loop(load_scenario(name), robot, model).diagram)
         show(name, timed(simulator, 0.2, STRETCHES))
+    added_by_estimators(robot, model)
     for name, fused in itertools.product(("Polishing", "Grinding"), (True, False)):
         machining(name, robot, model, fused)
+
+
+def added_by_estimators(robot: Robot, model: IdentifiedModel) -> None:
+    """Prints what estimators add to a tick of the default loop.
+
+    Short stretches in turns, of which the lower tenth counts: other programs on the machine
+    lengthen some stretches and not others.
+    """
+    learnt = replace(model, torque_error=sample_torque_error())
+    loops = {"without an estimator": simulated_default(robot, model, None)}
+    for fused in (False, True):
+        form = "one block" if fused else "stages"
+        for kind, known in (("plain", model), ("learnt torque error", learnt)):
+            estimator = LoopEstimator(fused=fused)
+            loops[f"{form}, {kind}"] = simulated_default(robot, known, estimator)
+    times: dict[str, list[float]] = {name: [] for name in loops}
+    gc.disable()
+    for turn in range(1, TURNS + 1):
+        for name, simulator in loops.items():
+            before = time.process_time()
+            simulator.AdvanceTo(WARM_UP + turn * TURN_TICKS * 1e-3)
+            times[name].append(1e6 * (time.process_time() - before) / TURN_TICKS)
+    gc.enable()
+    low = {name: float(np.percentile(seconds, 10)) for name, seconds in times.items()}
+    alone = low["without an estimator"]
+    print(f"{'Default loop, us a tick':34} {'lower tenth':>16} {'median':>8} {'adds':>8}")
+    for name, us in low.items():
+        print(f"{name:34} {us:16.0f} {np.median(times[name]):8.0f} {us - alone:8.0f}")
+
+
+def simulated_default(
+    robot: Robot, model: IdentifiedModel, estimator: LoopEstimator | None
+) -> Simulator:
+    """The default loop at WARM_UP."""
+    loop = make_closed_loop(load_scenario("Default"), robot, model, estimator=estimator)
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(WARM_UP)
+    return simulator
 
 
 def machining(name: str, robot: Robot, model: IdentifiedModel, fused: bool) -> None:
