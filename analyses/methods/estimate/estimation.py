@@ -397,6 +397,8 @@ def _metrics(outcome: _Outcome, robot: Robot, config: EstimateConfig) -> dict[st
     if comparison is not None:
         metrics["reference"] = comparison.metrics()
     metrics["drift_shown"] = first_pass_result.drift_shown
+    ripple = first_pass_result.ripple_shown
+    metrics["gear_ripple"] = None if ripple is None else ripple.metrics()
     metrics["load"] = None if load is None else load.metrics()
     if tracked is not None:
         metrics["friction_tracked"] = tracked.tracker.metrics()

@@ -27,6 +27,7 @@ from wrenchsight.analyses.methods.estimate.uniform_log import (
 )
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.calibration.gear_ripple import GearRipple
 from wrenchsight.models.calibration.load_or_drift import LoadOrDrift
 from wrenchsight.models.detection.contact_detector import ContactEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -59,7 +60,9 @@ class FirstPassResult:
         prior_rule: by which the prior was found.
         friction_monitor: of the log's friction, and of a load; None: not looked at.
         drift_shown: (n,) share of the viscous torque; None: the log shows no drift.
-        model_with_drift: the model whose band is stated: with the drift that the log shows.
+        ripple_shown: ripple of the gears; None: the log shows none.
+        model_with_drift: the model whose band is stated: with the drift and the ripple that the log
+            shows.
         warnings: one sentence each.
         work_done: share of the whole work, 0 to 1.
     """
@@ -69,6 +72,7 @@ class FirstPassResult:
     prior_rule: str
     friction_monitor: FrictionMonitor | None
     drift_shown: Array | None
+    ripple_shown: GearRipple | None
     model_with_drift: IdentifiedModel
     warnings: tuple[str, ...]
     work_done: float
@@ -145,6 +149,9 @@ def first_pass(
         monitor = _monitor_friction(log_pass, prior)
         work_done = _PASS_WORK
     drift_shown, model_with_drift = _model_with_drift(model, monitor, config)
+    ripple_shown = None if monitor is None else monitor.ripple()
+    if ripple_shown is not None:
+        model_with_drift = _with_ripple(model_with_drift, ripple_shown)
     warnings: tuple[str, ...] = ()
     if is_open:
         end = work_done + _PASS_WORK
@@ -152,12 +159,15 @@ def first_pass(
         log_pass = _PassOverLog(read(), robot, model, config, resolution, pass_progress)
         prior, prior_rule, warnings = _evidence_prior(log_pass)
         work_done = end
+    if ripple_shown is not None:
+        warnings += (ripple_shown.sentence(model.joint_names),)
     return FirstPassResult(
         resolution=resolution,
         prior=prior,
         prior_rule=prior_rule,
         friction_monitor=monitor,
         drift_shown=drift_shown,
+        ripple_shown=ripple_shown,
         model_with_drift=model_with_drift,
         warnings=warnings,
         work_done=work_done,
@@ -211,6 +221,14 @@ def _model_with_drift(
         friction = with_sliding(friction, refresh.after)
     with_drift = replace(error, drift_shown=drift_shown)
     return drift_shown, replace(model, friction=friction, torque_error=with_drift)
+
+
+def _with_ripple(model: IdentifiedModel, ripple: GearRipple) -> IdentifiedModel:
+    """The model with the ripple in its torque error: more of what does not depend on motion."""
+    error = model.torque_error
+    assert error is not None
+    constant = np.hypot(error.constant, ripple.torque_sd)
+    return replace(model, torque_error=replace(error, constant=constant))
 
 
 def _monitor_friction(

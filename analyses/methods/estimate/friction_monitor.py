@@ -3,8 +3,10 @@
 The observer's reading there is the model's error. About ten rows a second of it are gathered, each
 with the torque that friction's coefficients add through the observer's pole. They are judged by
 `wrenchsight.models.calibration.friction_disagreement`, and by
-`wrenchsight.models.calibration.load_or_drift` for a load. Where something touches, friction and
-contact are found together (`wrenchsight.models.calibration.friction_beside_contact`).
+`wrenchsight.models.calibration.load_or_drift` for a load, and by
+`wrenchsight.models.calibration.gear_ripple` for what repeats with a joint's angle. Where something
+touches, friction and contact are found together
+(`wrenchsight.models.calibration.friction_beside_contact`).
 """
 
 from dataclasses import replace
@@ -19,6 +21,7 @@ from wrenchsight.models.calibration.friction_disagreement import (
     friction_disagreements,
 )
 from wrenchsight.models.calibration.friction_refresh import FrictionRefresh, refresh_friction
+from wrenchsight.models.calibration.gear_ripple import GearRipple, find_ripple
 from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
 from wrenchsight.models.calibration.load_or_drift import (
     LoadOrDrift,
@@ -87,7 +90,8 @@ class FrictionMonitor:
     ) -> None:
         self._model, self._chain, self._time_step = model, chain, time_step
         n = chain.num_joints
-        self._decay = np.zeros(n) if pole is None else np.exp(-pole * time_step)
+        self._rate = np.full(n, np.inf) if pole is None else np.asarray(pole)
+        self._decay = np.exp(-self._rate * time_step)
         self._row_stride = max(1, round(ROW_TIME / time_step))
         self._filter_state = np.zeros((n, 5))
         self._rows: list[ResidualRows] = []
@@ -98,6 +102,7 @@ class FrictionMonitor:
         self._load_columns: list[Array] = []
         self._model_columns: list[Array] = []
         self._J: list[Array] = []
+        self._q: list[Array] = []
         self._judged = _JudgedRows(-1, None, None)
         self._is_free: list[Flags] = []
         self._count = 0
@@ -131,6 +136,7 @@ class FrictionMonitor:
             self._load_columns.append(load_columns)
             self._model_columns.append(model_columns)
         self._J.append(np.asarray(self._chain.jacobian(q[indices])))
+        self._q.append(q[indices])
         signals = LogSignals(t, q, v, self._chain.gravity_torque(q))
         sd = np.sqrt(np.diag(self._model.residual_covariance))
         self._rows.append(
@@ -214,6 +220,28 @@ class FrictionMonitor:
             change = refresh.standard_deviation
         added = rows.moving_rms(np.einsum("kjc,jc->kj", rows.sliding[:, :, :2], change[:, :2]))
         return np.asarray(np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT))
+
+    def ripple(self) -> GearRipple | None:
+        """Ripple of the gears that the log shows; None: it shows none.
+
+        Where joints slide there is no wheel that turns: of an arm with such joints none is looked
+        for, and of a model without a torque error nothing says what it knows.
+        """
+        rows, error = self._friction_rows(), self._model.torque_error
+        if rows is None or self._regressor is None or error is None or self._chain.prismatic.any():
+            return None
+        t = np.concatenate([part.t for part in self._rows])
+        judged = np.searchsorted(t, rows.t)
+        ripple = find_ripple(
+            rows,
+            np.concatenate(self._q)[judged],
+            self._model.friction.coulomb_viscous,
+            error.constant,
+            self._rate,
+            np.concatenate(self._model_columns)[judged],
+            self._regressor.model_sd,
+        )
+        return ripple if ripple.is_shown else None
 
     def load(self) -> LoadOrDrift | None:
         """The load that the log shows, weighed against friction drift.
