@@ -94,7 +94,7 @@ class GearRipple:
     def sentence(self, joint_names: Sequence[str]) -> str:
         """The joints, their ripple with its error, and what to do, for the user."""
         parts = []
-        for j in np.flatnonzero(self._named):
+        for j in np.flatnonzero(self._named).tolist():
             part = f"{joint_names[j]} {self.amplitude[j]:.2g} +- {self.amplitude_sd[j]:.1g} N m"
             if self.periods_sd[j] < SURE_PERIODS * self.periods[j]:
                 number_sd = max(self.periods_sd[j], 1.0)
