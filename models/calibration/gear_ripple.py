@@ -19,9 +19,9 @@ the Bayes factor of each n has a closed form,
     log B = 1/2 g^T S g + 1/2 log det(S / sd^2),    S = (G + 1 / sd^2)^-1
 
 where G and g are the columns' products with each other and with the residual, once both are clear
-of the other columns. n is equally likely everywhere in PERIODS; a joint says something of it where
-the log turns it by MIN_CYCLES periods. The arm ripples with the probability PRIOR_RIPPLE, and then
-each joint with 1/2, all with one n (gears of one make) or each with its own, equally likely. A
+of the other columns. n is equally likely everywhere in PERIODS_RANGE; a joint says something of it
+where the log turns it by MIN_CYCLES periods. The arm ripples with the probability PRIOR_RIPPLE, and
+then each joint with 1/2, all with one n (gears of one make) or each with its own, equally likely. A
 ripple counts where its variance exceeds the constant part of the model's error: one that was there
 at the identification is in that. Seconds of motion over less than two periods can show ripple by
 all joints together, before any of them would.
@@ -39,10 +39,10 @@ from wrenchsight.models.calibration.residual_noise import V_REST, ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
-PERIODS = (20.0, 400.0)  # a turn, of the ripples that are looked for
+PERIODS_RANGE = (20.0, 400.0)  # a turn, of the ripples that are looked for
 MIN_CYCLES = 0.75  # periods that the log turns a joint by, at least
-STEP_CYCLES = 0.1  # periods over the joint's whole angle, between tried numbers of periods
-MOST_TRIED = 1000  # numbers of periods
+MAX_STEP_CYCLES = 0.1  # periods over the joint's whole angle, between tried numbers of periods
+MAX_TRIED = 1000  # numbers of periods that are tried
 PRIOR_RIPPLE = 1.0 / 30.0  # share of logs whose gears ripple as they did not at the identification
 SURE_ODDS = 100.0  # from which on a log shows ripple
 SURE_JOINT = 0.9  # probability from which on a joint is named
@@ -147,8 +147,8 @@ def find_ripple(
     friction_sd[:, 2] = np.maximum(friction_sd[:, 2], OFFSET_SDS * rows.sd)
     n = rows.num_joints
     turns = max(float(np.ptp(q[:, j])) for j in range(n)) / (2.0 * np.pi)
-    count = int(np.ceil((PERIODS[1] - PERIODS[0]) * turns / STEP_CYCLES)) + 1
-    periods = np.linspace(*PERIODS, min(max(count, 2), MOST_TRIED))
+    count = int(np.ceil((PERIODS_RANGE[1] - PERIODS_RANGE[0]) * turns / MAX_STEP_CYCLES)) + 1
+    periods = np.linspace(*PERIODS_RANGE, min(max(count, 2), MAX_TRIED))
     joints = [
         _joint_ripple(
             rows,
