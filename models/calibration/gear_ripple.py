@@ -40,6 +40,7 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
 PERIODS_RANGE = (20.0, 400.0)  # a turn, of the ripples that are looked for
+CYCLES_ERROR = 0.1  # periods over the joint's whole angle: what else varies with it moves them so
 MIN_CYCLES = 0.75  # periods that the log turns a joint by, at least
 MAX_STEP_CYCLES = 0.1  # periods over the joint's whole angle, between tried numbers of periods
 MAX_TRIED = 1000  # numbers of periods that are tried
@@ -67,7 +68,7 @@ class GearRipple:
         amplitude: N m, root of the mean square of the amplitude, given that the joint ripples.
         amplitude_sd: N m, of the amplitude with the likeliest number of periods.
         periods: per turn of the joint, mean.
-        periods_sd: its standard deviation.
+        periods_sd: its standard deviation, with CYCLES_ERROR.
     """
 
     log_odds: float
@@ -180,6 +181,7 @@ def find_ripple(
     weight = weight / np.maximum(ripples, 1e-300)[:, None]
     number = weight @ periods
     spread = (weight * (periods - number[:, None]) ** 2).sum(axis=1)
+    spread += (CYCLES_ERROR / np.maximum(np.ptp(q, axis=0) / (2.0 * np.pi), 1e-9)) ** 2
     best = weight.argmax(axis=1)
     return GearRipple(
         log_odds=float(np.log(PRIOR_RIPPLE) + np.logaddexp(log_shared, log_own) - np.log(2.0)),

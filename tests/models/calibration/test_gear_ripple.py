@@ -106,6 +106,13 @@ def test_less_than_a_period_is_shown_by_all_joints_together() -> None:
     assert shown >= 5
 
 
+def test_periods_are_no_surer_than_the_angle_turns() -> None:
+    """A tenth of a period over the joint's angle, however small the noise."""
+    rows, q = rows_of(0, np.array([2.5, 1.0, 0.6]))
+    ripple = found(rows, q)
+    assert (ripple.periods_sd >= 0.1 * 2.0 * np.pi / np.ptp(q, axis=0)).all()
+
+
 def test_what_the_model_states_already_is_not_told() -> None:
     """A model of logs with ripple has it in its error's constant part: 2.5 / sqrt(2) N m."""
     rows, q = rows_of(0, np.array([2.5, 1.0, 0.6]))
