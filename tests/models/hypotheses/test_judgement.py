@@ -193,6 +193,20 @@ def test_a_zero_is_found_with_its_error(ur10e: Robot) -> None:
     assert abs(offset + 0.5 * np.pi) < 4.0 * sd < 0.4
 
 
+def test_the_remedy_of_a_zero_contains_what_the_file_has(ur10e: Robot) -> None:
+    """The log's positions have it already, so that the file needs the sum."""
+    log = motion(ur10e)
+    q = log.q.copy()
+    q[:, 1] += 0.5 * np.pi
+    drives = list(ur10e.config.drives)
+    drives[1] = replace(drives[1], q_offset=1.0)
+    fault = judged(replace(log, q=q), ur10e.with_drives(drives)).fault
+    assert fault is not None
+    offset = fault.values["q_offset"]
+    assert isinstance(offset, float)
+    assert f"q_offset: {1.0 + offset:.4f} at shoulder_lift_joint" in fault.remedy
+
+
 @pytest.mark.parametrize(
     ("gain", "word"), [(1000.0, "mA"), (0.0, "N m in place of currents"), (-1.0, "per mille")]
 )
