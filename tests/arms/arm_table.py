@@ -37,6 +37,7 @@ from wrenchsight.models.robot.robot import Robot
 EXCITATION = ExcitationConfig(num_starts=2, iterations=8, time_step=0.004)
 _CHECKED = 0.02  # s between the postures that are held against the package's meshes
 _BAND = 1.96
+_NONE_VALID = "no reading is valid: "
 
 
 @dataclass(frozen=True)
@@ -254,6 +255,10 @@ def page(rows: list[dict[str, Any]]) -> str:
         cells = [row["arm"], row["source"], row["joints"], f"{row['condition']:.3g}",
                  f"{row['valid_pct']:.0f}", band, closest, hits]  # fmt: skip
         lines.append("| " + " | ".join(map(str, cells)) + " |")
+    silent = [row for row in through if not row["valid_pct"]]
+    if silent:
+        lines += ["", "Where no reading is valid, `estimate` says why:", ""]
+        lines += [f"- {row['arm']}: {_why_none_is_valid(row)}" for row in silent]
     refused = [row for row in rows if row["stage"] != "through"]
     if refused:
         lines += ["", "## Refused", "", "| arm | from | at | why |", "|---|---|---|---|"]
@@ -261,6 +266,12 @@ def page(rows: list[dict[str, Any]]) -> str:
             why = row["refused"].replace("|", "/").replace("<", "&lt;")
             lines.append(f"| {row['arm']} | {row['source']} | `{row['stage']}` | {why} |")
     return "\n".join(lines) + "\n"
+
+
+def _why_none_is_valid(row: dict[str, Any]) -> str:
+    notes = [str(note) for note in row["doubts"]]
+    reason = next((note for note in notes if note.startswith(_NONE_VALID)), "it does not say")
+    return reason.removeprefix(_NONE_VALID)
 
 
 def main() -> int:

@@ -38,6 +38,16 @@ def test_a_refused_arm_is_a_sentence(tmp_path: Path) -> None:
     assert f"| none | wheel | `robot` | {row['refused']} |" in page([row])
 
 
+def test_an_arm_without_a_valid_reading_has_its_reason() -> None:
+    row = {
+        "arm": "a", "source": "wheel", "stage": "through", "joints": 2, "condition": 5.0,
+        "valid_pct": 0.0, "band_pct": None, "closest_mm": None, "collisions": {}, "said": {},
+        "doubts": ["fast", "no reading is valid: the force's sd is 16 N"],
+    }  # fmt: skip
+    assert "\n- a: the force's sd is 16 N\n" in page([row])
+    assert "says why" not in page([row | {"valid_pct": 50.0, "band_pct": 95.0}])
+
+
 def test_an_unreported_collision_is_wrong() -> None:
     row = {"arm": "a", "stage": "through", "closest_mm": 20.0, "collisions": {"a and b": 3}}
     assert is_wrong(row)

@@ -35,25 +35,32 @@ def require_controllable(
     """
     rows = np.linspace(0, len(trajectory.q) - 1, _NUM_POSTURES).astype(int)
     chain, still = model.chain(robot), np.zeros(robot.num_joints)
-    least, largest, names = math.inf, 0.0, ""
+    least, largest, joints = math.inf, 0.0, list[int]()
     for q in trajectory.q[rows]:
         M_arm, M_model = robot.chain.terms(q, still).M, chain.terms(q, still).M
         ratios, directions = scipy.linalg.eigh(M_model, M_arm)
         least = min(least, float(ratios[0]))
         if ratios[-1] > largest:
             largest = float(ratios[-1])
-            names = _moving_joints(robot, directions[:, -1] * np.sqrt(np.diag(M_arm)))
+            joints = _moving_joints(directions[:, -1] * np.sqrt(np.diag(M_arm)))
     if least > 0.0 and largest < _MAX_RATIO:
         return
     ratio = least if least <= 0.0 else largest
     if least <= 0.0 or unphysical_links(model.inertial_parameters, robot.joint_names):
         problem, remedy = "the model's mass matrix is no body's", "identify again with --consistent"
     else:
+        names = " and ".join(robot.joint_names[j] for j in joints)
         problem = f"the model's logs leave the inertia about {names} open"
         remedy = (
             "identify again from the logs of several motions of `excite` together (identify LOG "
             "LOG ...), found without --starts and --iterations"
         )
+        rotorless = [robot.joint_names[j] for j in joints if not robot.reflected_inertia[j]]
+        if rotorless:
+            remedy = (
+                f"state rotor_inertia of {' and '.join(rotorless)} in {robot.source.name} (data "
+                f"sheet; 0 is no geared drive's) and begin anew with `excite`; else {remedy}"
+            )
     raise InputError(
         source,
         "",
@@ -63,11 +70,10 @@ def require_controllable(
     )
 
 
-def _moving_joints(robot: Robot, weights: Array) -> str:
+def _moving_joints(weights: Array) -> list[int]:
     """The joints that move in a direction, the most first; weights (n,) of comparable units."""
     sizes = np.abs(weights)
-    ordered = [j for j in np.argsort(-sizes) if sizes[j] > _NAMED_SHARE * sizes.max()]
-    return " and ".join(robot.joint_names[j] for j in ordered)
+    return [j for j in np.argsort(-sizes).tolist() if sizes[j] > _NAMED_SHARE * sizes.max()]
 
 
 def divergence_remedy(robot: Robot, model: IdentifiedModel) -> str:

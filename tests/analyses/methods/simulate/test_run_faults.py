@@ -49,6 +49,10 @@ def test_the_joint_whose_inertia_the_logs_leave_open_is_named(sts):
     with pytest.raises(InputError, match=f"the inertia about {sts.joint_names[4]} open") as error:
         require_controllable(sts, wrong, resting(sts), "model.yaml")
     assert "--consistent" not in str(error.value)
+    assert "rotor_inertia" not in str(error.value)  # it is stated
+    drives = [replace(drive, rotor_inertia=0.0) for drive in sts.config.drives]
+    with pytest.raises(InputError, match=f"state rotor_inertia of {sts.joint_names[4]} in"):
+        require_controllable(sts.with_drives(drives), wrong, resting(sts), "model.yaml")
 
 
 def test_what_helps_against_a_divergence_depends_on_the_model(sts):
