@@ -245,7 +245,7 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
 def _connect_spatial_forces(cell: _CellParts, true_arm: TrueArm) -> None:
     """Connects what acts on the tool, and the cell's own input where the scenario has one."""
     builder = cell.builder
-    sources = [true_arm.GetOutputPort("spatial_forces")] if true_arm.pushed else []
+    sources = [true_arm.GetOutputPort("spatial_forces")] if true_arm.has_spatial_forces else []
     target = cell.plant.get_applied_spatial_force_input_port()
     if not cell.scenario.applied_spatial_force:
         for source in sources:
@@ -309,7 +309,7 @@ def _external_forces(
     if cell.has_contact:
         truth = _split_up(builder, true_arm, "truth", true_arm.truth_sizes)
         return {"wrench_true": truth["wrench"], "tau_ext_true": truth["tau_ext"]}
-    if true_arm.pushed:
+    if true_arm.has_spatial_forces:
         return {"wrench_true": motion["wrench"], "tau_ext_true": motion["torque"]}
     # Zero, without a call into Python.
     ports = {}

@@ -9,15 +9,12 @@ from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.detection.contact_statistic import ArmSamples
-from wrenchsight.models.estimation.torque_error_stage import (
-    ERROR_ROWS,
-    TorqueError,
-)
+from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_cached
+from wrenchsight.systems.declarations import declare_cached, sliding_size, torque_error_size
 from wrenchsight.systems.sampled_block import SampledBlock
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
@@ -69,30 +66,36 @@ class ContactDetection(SampledBlock):
 
     def __init__(self, detector: ContactDetector) -> None:
         n, num_outputs = detector.num_joints, len(DETECTION)
-        held = {"detection": num_outputs}
-        SampledBlock.__init__(self, detector.time_step, detector.initial_state(), held)
+        SampledBlock.__init__(
+            self,
+            period=detector.time_step,
+            initial_memory=detector.initial_state(),
+            held_sizes={"detection": num_outputs},
+        )
         self._detector = detector
-        # N m, in the place of a torque that the observer does not read before the update.
+        # N m: stands for the torque of the gears in an output that does without it.
         self._no_torque = np.zeros((1, n))
 
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
-        self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
+        self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._pole = self.DeclareVectorInputPort("pole", n)
-        self._sliding = self.DeclareVectorInputPort("sliding", len(SlidingLaw._fields) * n)
+        self._sliding = self.DeclareVectorInputPort("sliding", sliding_size(n))
 
-        # The detector changes with K_0 and friction alone, not at every tick.
+        # The detector with pole and friction as they are now: made anew when one of these inputs
+        # changes, not at every tick.
         self._tuned = declare_cached(
             self, "detector", self._calc_detector, {self._pole.ticket(), self._sliding.ticket()}
         )
         ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
+        # Else the update alone reads them: the output does not feed through from the motors.
         if detector.reads_present_torque:
             ports += [self._tau_J, self._tau_f]
-        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
         self._output = self.DeclareVectorOutputPort(
             "detection", num_outputs, self._calc, prerequisites | {self._tuned.ticket()}
         )
@@ -125,7 +128,7 @@ class ContactDetection(SampledBlock):
         return torque[np.newaxis]
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "detection")
+        held = self.held_output(context, "detection")
         if held is not None:
             output.SetFromVector(held)
             return

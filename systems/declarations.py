@@ -16,7 +16,19 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
+
+
+def torque_error_size(num_joints: int) -> int:
+    """Entries of a port that carries a `TorqueError` of one sample, flat."""
+    return ERROR_ROWS * num_joints
+
+
+def sliding_size(num_joints: int) -> int:
+    """Entries of a port that carries a `SlidingLaw`, flat."""
+    return len(SlidingLaw._fields) * num_joints
 
 
 class TunedParameters:
@@ -89,7 +101,7 @@ def declare_outputs(
         The port `all`.
     """
     port = block.DeclareVectorOutputPort("all", sum(sizes.values()), calc, tickets)
-    declare_parts(block, port.Eval, sizes, tickets)
+    declare_port_of_each_part(block, port.Eval, sizes, tickets)
     return port
 
 
@@ -101,7 +113,7 @@ def parts_of(sizes: Mapping[str, int]) -> dict[str, slice]:
     }
 
 
-def declare_parts(
+def declare_port_of_each_part(
     block: LeafSystem,
     read_vector: Callable[[Context], Array],
     sizes: Mapping[str, int],

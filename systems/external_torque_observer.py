@@ -7,11 +7,16 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
 
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, TorqueError
+from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.observer import Observed, Observer, ObserverSamples
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
+from wrenchsight.systems.declarations import (
+    TunedParameters,
+    declare_cached,
+    declare_port_of_each_part,
+    torque_error_size,
+)
 from wrenchsight.systems.sampled_block import SampledBlock
 
 _WRENCH_SIZE = 6 + 36  # entries of a wrench and its covariance
@@ -65,39 +70,52 @@ class ExternalTorqueObserver(SampledBlock):
 
     def __init__(self, observer: Observer) -> None:
         n = observer.num_joints
-        self._has_wrench = observer.reads_wrench
-        held = {"estimate": n + 1} | ({"wrench": _WRENCH_SIZE} if self._has_wrench else {})
-        SampledBlock.__init__(self, observer.time_step, observer.initial_state(), held)
+        reading_parts = {"tau_ext": n, "valid": 1}
+        self._reading_sizes = list(reading_parts.values())
+        reading_size = sum(self._reading_sizes)
+        self._has_wrench = observer.reads_wrench  # which most observers leave to a later stage
+        held_sizes = {"reading": reading_size}
+        if self._has_wrench:
+            held_sizes["wrench"] = _WRENCH_SIZE
+        SampledBlock.__init__(
+            self,
+            period=observer.time_step,
+            initial_memory=observer.initial_state(),
+            held_sizes=held_sizes,
+        )
         self._observer, self._n = observer, n
+        # The observer's own, as numeric parameters of the Context: they may be changed in a run.
         self._parameters = TunedParameters(self, observer.parameters)
-        # The constants change only with the parameters, not at every tick.
         parameters = self._parameters.tickets
+        # The observer with them: made anew when one changes, not at every tick.
         self._tuned = declare_cached(self, "observer", self._calc_observer, parameters)
 
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         if self.uses_sd:
-            self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
+            self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
 
         ports = [self._terms, self._tau_f]
         if self.uses_sd:
             ports.append(self._torque_error)
-        # An observer that does not read the present torque leaves a loop over it open.
+        # An observer that does not read the present torque does without this feedthrough, so that a
+        # controller may make tau_J of the estimate without an algebraic loop.
         if observer.reads_present_torque:
             ports.append(self._tau_J)
-        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
         prerequisites.add(self._tuned.ticket())
-        self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J before the update
-        self._no_error = TorqueError.of_flat(np.zeros(ERROR_ROWS * n), n)
+        # N m: stands for tau_J in outputs that do without it. The update always reads tau_J.
+        self._no_torque = np.zeros((1, n))
+        # Stands for the torque error where its port is not connected.
+        self._no_error = TorqueError.of_flat(np.zeros(torque_error_size(n)), n)
         self._observed = declare_cached(self, "observed", self._calc_observed, prerequisites)
-        # They depend on all that it does: one edge a port in Drake's graph of dependencies.
+        # All estimates come from that one entry, and depend on what it does.
         of_observed = {self._observed.ticket()}
         self._reading = self.DeclareVectorOutputPort(
-            "reading", sum(self.reading_sizes), self._calc_reading, of_observed
+            "reading", reading_size, self._calc_reading, of_observed
         )
-        parts = {"tau_ext": n, "valid": 1}
-        declare_parts(self, self._reading.Eval, parts, of_observed)
+        declare_port_of_each_part(self, self._reading.Eval, reading_parts, of_observed)
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
         if self._has_wrench:
             self.DeclareVectorOutputPort("wrench", _WRENCH_SIZE, self._calc_wrench, of_observed)
@@ -105,7 +123,7 @@ class ExternalTorqueObserver(SampledBlock):
     @property
     def reading_sizes(self) -> list[int]:
         """Sizes of the parts of `reading`: tau_ext, valid."""
-        return [self._n, 1]
+        return list(self._reading_sizes)
 
     def _calc_observer(self, context: Context) -> Observer:
         """The observer with the parameters of a context."""
@@ -145,13 +163,13 @@ class ExternalTorqueObserver(SampledBlock):
         return _Tick(samples, observer.observe(self.memory(context), samples))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        reading = self.held(context, "estimate")
+        reading = self.held_output(context, "reading")
         if reading is None:
             reading = _reading_of(self._observed.EvalAbstract(context).get_value().observed)
         output.SetFromVector(reading)
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        wrench = self.held(context, "wrench")
+        wrench = self.held_output(context, "wrench")
         if wrench is None:
             wrench = _wrench_of(self._observed.EvalAbstract(context).get_value().observed)
         output.SetFromVector(wrench)

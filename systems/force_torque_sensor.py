@@ -121,11 +121,15 @@ class ForceTorqueSensor(SampledBlock):
                 f"{config.moment_noise_sd:g} N m, expected 0 or more",
             )
         self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
+        # The wrench of the tick before, then a filter state for each of its six entries.
         wrench_and_filter = np.zeros(6 + 6 * self._filter.order)
-        SampledBlock.__init__(self, time_step, wrench_and_filter, {"wrench": 6})
+        SampledBlock.__init__(
+            self, period=time_step, initial_memory=wrench_and_filter, held_sizes={"wrench": 6}
+        )
         self._time_step, self._seed = time_step, seed
         self._noise = np.zeros(6)  # of unit sd, drawn anew at each tick
-        self._weld = int(tool_weld)
+        self._weld = int(tool_weld)  # the place of the tool's reaction in `reaction_forces`
+        # The tool's inertia and weight, which are taken off, and where the weld is.
         self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
         noise_sd = [config.moment_noise_sd] * 3 + [config.force_noise_sd] * 3  # rotation first
         self._default_noise_sd = np.array(noise_sd)
@@ -136,9 +140,10 @@ class ForceTorqueSensor(SampledBlock):
         )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._vdot = self.DeclareVectorInputPort("vdot", num_joints)
-        # What the plant says counts at the tick after: a controller may feed the wrench back.
+        # The output is the wrench in the memory, measured at the tick before. It depends on no
+        # input, so a controller may feed the wrench back without an algebraic loop.
         self._wrench = self.DeclareVectorOutputPort(
-            "wrench", 6, self._calc_wrench, self.state_tickets
+            "wrench", 6, self._calc_wrench, self.time_and_memory_tickets
         )
 
     @property
@@ -164,7 +169,7 @@ class ForceTorqueSensor(SampledBlock):
         )
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "wrench")
+        held = self.held_output(context, "wrench")
         output.SetFromVector(self.memory(context)[:6] if held is None else held)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:

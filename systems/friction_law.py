@@ -5,11 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort
 
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, resting_shares
+from wrenchsight.models.estimation.torque_error_stage import resting_shares
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.systems.declarations import TunedParameters, declare_cached
+from wrenchsight.systems.declarations import (
+    TunedParameters,
+    declare_cached,
+    sliding_size,
+    torque_error_size,
+)
 from wrenchsight.systems.sampled_block import SampledBlock
 
 
@@ -72,20 +77,26 @@ class FrictionLawSystem(SampledBlock):
         n, has_memory = law.num_joints, law.state_rows > 0
         if has_memory and not time_step > 0.0:
             raise ValueError(f"friction: time_step must be positive, not {time_step}")
-        period = time_step if has_memory else 0.0
-        SampledBlock.__init__(self, period, law.initial_state(), {"tau_f": n})
+        SampledBlock.__init__(
+            self,
+            period=time_step if has_memory else 0.0,  # 0: a function of the inputs at any time
+            initial_memory=law.initial_state(),
+            held_sizes={"tau_f": n},
+        )
         self._initial_law = law
+        # The law's own, as numeric parameters of the Context: they may be changed in a run.
         self._parameters = TunedParameters(self, law.parameters)
-        # The law changes only with the parameters, not at every tick.
+        # The law with them: made anew when one changes, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, self._parameters.tickets)
 
         self._q: InputPort | None = None
         if not law.is_of_speed_alone:
             self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
+        # The torque error's state says by which share each joint rests (`resting_shares`).
         self._torque_error: InputPort | None = None
         if knows_rest:
-            self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
+            self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
         if has_memory:
             self._tau_J = self.DeclareVectorInputPort("tau_J", n)
 
@@ -93,12 +104,11 @@ class FrictionLawSystem(SampledBlock):
         # a controller may feed tau_f forward without an algebraic loop.
         self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J before the update
         ports = [port for port in (self._q, self._v, self._torque_error) if port is not None]
-        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
         prerequisites.add(self._law.ticket())
         self.DeclareVectorOutputPort("tau_f", n, self._calc_tau_f, prerequisites)
-        sliding_size = len(SlidingLaw._fields) * n
         self.DeclareVectorOutputPort(
-            "sliding", sliding_size, self._calc_sliding, {self._law.ticket()}
+            "sliding", sliding_size(n), self._calc_sliding, {self._law.ticket()}
         )
 
     def _calc_law(self, context: Context) -> FrictionLaw:
@@ -119,7 +129,7 @@ class FrictionLawSystem(SampledBlock):
         return np.asarray(law.run(memory, q, v, tau_J, rest)[0])
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:
-        tau_f = self.held(context, "tau_f")
+        tau_f = self.held_output(context, "tau_f")
         if tau_f is None:
             tau_f = self._run(context, self.memory(context), self._no_torque)
         output.SetFromVector(tau_f)

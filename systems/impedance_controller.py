@@ -150,11 +150,16 @@ class ImpedanceController(SampledBlock):
         if not config.null_space_damping >= 0.0:
             raise InputError("impedance", "null_space_damping", "expected 0 or more")
         self.output_sizes = {"tau_command": self._n, "pose_error": 6, "valid": 1, "integral": 1}
-        held = {"all": sum(self.output_sizes.values())}
-        # Without the integral of force control there is nothing to remember: no period.
-        SampledBlock.__init__(self, time_step if self._has_force else 0.0, np.zeros(1), held)
+        SampledBlock.__init__(
+            self,
+            # Without the integral of force control there is nothing to remember: no ticks.
+            period=time_step if self._has_force else 0.0,
+            initial_memory=np.zeros(1),  # N s, the integral of the force error
+            held_sizes={"all": sum(self.output_sizes.values())},
+        )
         self._at_rest = np.zeros(3 * self._n)  # q_d, v_d, vdot_d of a reference not connected
-        # The law at the default gains; `_declare_parameters` makes the gains tunable.
+        # The law at the gains of `config`. They become numeric parameters of the Context, and the
+        # block uses the law that follows from these.
         force = _force_gains(config.force or ForceControlConfig())
         stiffness = _matrix(config.stiffness, "stiffness")
         damping = _matrix(config.damping, "damping")
@@ -191,7 +196,7 @@ class ImpedanceController(SampledBlock):
         inputs = [self.get_input_port(k) for k in range(self.num_input_ports())]
         prerequisites = {port.ticket() for port in inputs} | {self._law.ticket()}
         self._all = declare_outputs(
-            self, self.output_sizes, self._calc_all, prerequisites | self.state_tickets
+            self, self.output_sizes, self._calc_all, prerequisites | self.time_and_memory_tickets
         )
 
     def damping_per_tick(self, M: Array, J: Array, R_WE: Array) -> float:
@@ -224,7 +229,7 @@ class ImpedanceController(SampledBlock):
         return self._has_force
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
-        out, held = output.get_mutable_value(), self.held(context, "all")
+        out, held = output.get_mutable_value(), self.held_output(context, "all")
         if held is not None:
             out[:] = held
             return

@@ -8,7 +8,6 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, InputPort
 
 from wrenchsight.models.estimation.torque_error_stage import (
-    ERROR_ROWS,
     TorqueError,
     TorqueErrorStage,
 )
@@ -25,7 +24,13 @@ from wrenchsight.models.identification.torque_error_model import ConstantTorqueE
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
+from wrenchsight.systems.declarations import (
+    TunedParameters,
+    declare_cached,
+    declare_port_of_each_part,
+    sliding_size,
+    torque_error_size,
+)
 from wrenchsight.systems.sampled_block import SampledBlock
 
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
@@ -136,9 +141,15 @@ class JacobianWrenchReconstruction(SampledBlock):
         self.reading_sizes = list(_PARTS.values())
         """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, invalid."""
         size = sum(self.reading_sizes)
-        SampledBlock.__init__(self, time_step, reading.initial_state(), {"reading": size})
+        SampledBlock.__init__(
+            self,
+            period=time_step,
+            initial_memory=reading.initial_state(),
+            held_sizes={"reading": size},
+        )
         self._wrench_reading = reading
         self._n = n = reading.num_joints
+        # The reading's own, as numeric parameters of the Context: they may be changed in a run.
         self._parameters = TunedParameters(self, reading.parameters)
 
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -147,25 +158,26 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._corrected = self.DeclareVectorInputPort("corrected", 1)
         self._observed = self.DeclareVectorInputPort("observed", _OBSERVED_SIZE)
         self._fault = self.DeclareVectorInputPort("fault", 1)
-        self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
+        self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
         self._pole = self.DeclareVectorInputPort("pole", n)
-        self._sliding = self.DeclareVectorInputPort("sliding", len(SlidingLaw._fields) * n)
+        self._sliding = self.DeclareVectorInputPort("sliding", sliding_size(n))
 
-        # Whitening and prior change with the parameters, K_0 and friction, not at every tick.
+        # The reading with parameters, pole and friction as they are now (whitening and prior follow
+        # from them): made anew when one of these changes, not at every tick.
         tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
         self._tuned = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
         self._no_torque = np.full((1, n), np.nan)  # N m, of a sample that cannot be used
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._corrected, self._fault]
         ports += [self._observed, self._torque_error]
-        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
         prerequisites.add(self._tuned.ticket())
         # The reading and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(self, "reading and state", self._calc_tick, prerequisites)
 
-        # They depend on all that the tick does: one edge a port in Drake's graph of dependencies.
+        # All outputs come from that one entry, and depend on what it does.
         of_tick = {self._tick.ticket()}
         self._reading = self.DeclareVectorOutputPort("reading", size, self._calc_reading, of_tick)
-        declare_parts(self, self._reading.Eval, _PARTS, of_tick)
+        declare_port_of_each_part(self, self._reading.Eval, _PARTS, of_tick)
 
     def _calc_tuned(self, context: Context) -> _TunedReading:
         K_0, is_usable, n = None, True, self._n
@@ -189,15 +201,17 @@ class JacobianWrenchReconstruction(SampledBlock):
 
     def _calc_tick(self, context: Context) -> _Tick:
         """Reads the present sample; one that cannot be used gives a zero wrench, not valid."""
-        reading, error, is_usable, unseen_rests = self._tuned.EvalAbstract(context).get_value()
+        tuned: _TunedReading = self._tuned.EvalAbstract(context).get_value()
+        is_usable = tuned.is_usable
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         J = terms["J"]
         if self._torque_error.HasValue(context):
             error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
-        else:
-            error = TorqueError(error.sd, error.stiction, error.drift, J, error.rows)
+        else:  # the constant error, which no lag delays: J_seen is the sample's own J
+            error = tuned.error._replace(J_seen=J)
         is_usable &= are_readable(_LARGEST_INPUT, terms["q"], J, *error)
-        wrench, covariance = self._observed_wrench(context)
+        # Of an observer that reads the wrench itself; None of any other.
+        observed_wrench, observed_covariance = self._observed_wrench(context)
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
         if not abs(fault) < _LARGEST_INPUT:
             is_usable, fault = False, 0.0
@@ -215,13 +229,13 @@ class JacobianWrenchReconstruction(SampledBlock):
             v=motion,
             is_corrected=_FLAG_ROWS[self._is_set(context, self._corrected)],
             fault=np.array([int(fault)]),
-            wrench=wrench,
-            covariance=covariance,
+            wrench=observed_wrench,
+            covariance=observed_covariance,
         )
-        state = self.memory(context)
-        estimate = reading.run(state, error, samples)
-        if unseen_rests is not None:
-            estimate = with_unseen_rests(estimate, unseen_rests, error.rows, tau_ext)
+        state = self.memory(context)  # a copy, which `run` changes in place; the update stores it
+        estimate = tuned.reading.run(state, error, samples)
+        if tuned.unseen_rests is not None:
+            estimate = with_unseen_rests(estimate, tuned.unseen_rests, error.rows, tau_ext)
         return _Tick(reading_parts(estimate), state)
 
     def _observed_wrench(self, context: Context) -> tuple[Array | None, Array | None]:
@@ -236,7 +250,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         return not port.HasValue(context) or port.Eval(context).item() == 1.0
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        parts = self.held(context, "reading")
+        parts = self.held_output(context, "reading")
         if parts is None:
             parts = self._tick.EvalAbstract(context).get_value().parts
         output.SetFromVector(parts)

@@ -101,15 +101,20 @@ class JointTrackingController(SampledBlock):
         kp, kd, ki, integral_limit = (
             _per_joint(config, name, n) for name in ("kp", "kd", "ki", "integral_limit")
         )
-        # Without an integral there is nothing to remember: no period.
-        period = time_step if ki.any() else 0.0
-        SampledBlock.__init__(self, period, np.zeros(n), {"tau_command": n, "valid": 1})
+        SampledBlock.__init__(
+            self,
+            period=time_step
+            if ki.any()
+            else 0.0,  # without an integral nothing to remember: no ticks
+            initial_memory=np.zeros(n),  # rad s, the integral of the error
+            held_sizes={"tau_command": n, "valid": 1},
+        )
         self._n = n
         gains = np.concatenate([kp, kd, ki, integral_limit])
         self._gains = self.DeclareNumericParameter(BasicVector(gains))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
-        self._reference = self.DeclareVectorInputPort("reference", 3 * n)
-        # All of the law but its gains, which are parameters of the block.
+        self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
+        # All of the law but its gains, which are numeric parameters of the Context.
         self._make_law = partial(
             tracking_law,
             computed=config.law == "computed_torque",
@@ -118,20 +123,20 @@ class JointTrackingController(SampledBlock):
             friction_velocity=config.friction_velocity,
             time_step=time_step,
         )
-        # The gains change only with the parameters, not at every tick.
+        # The law with them: made anew when a gain changes, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
         prerequisites = {
             self._terms.ticket(),
             self._reference.ticket(),
             self.all_parameters_ticket(),
-        } | self.state_tickets
+        } | self.time_and_memory_tickets
         self._tau_command = self.DeclareVectorOutputPort(
             "tau_command", n, self._calc_tau_command, prerequisites
         )
         self._valid = self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "valid")
+        held = self.held_output(context, "valid")
         output[0] = float(self._is_usable(context)) if held is None else held.item()
 
     def _is_usable(self, context: Context) -> bool:
@@ -144,7 +149,7 @@ class JointTrackingController(SampledBlock):
         return self._make_law(gains=gains)
 
     def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
-        tau, held = output.get_mutable_value(), self.held(context, "tau_command")
+        tau, held = output.get_mutable_value(), self.held_output(context, "tau_command")
         if held is not None:
             tau[:] = held
             return

@@ -12,6 +12,7 @@ from wrenchsight.models.live.stream_order import GridSample, SampleGrid, StreamO
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.resampling import default_max_gap
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.sampled_block import tick_number
 
 MOST_EVENTS = 100
 
@@ -64,15 +65,17 @@ class LiveRobot(LeafSystem):
         self._time_step, self._timeout = time_step, timeout
         self._order = StreamOrder(late, source.rate, time_step, default_max_gap(time_step))
         self._grid = SampleGrid(time_step)
-        self._waiting: deque[Array] = deque()
-        self._tick = -1
+        # Rows of one tick each: q, v, current, one after another.
+        self._waiting: deque[Array] = deque()  # received, and not yet put out
         self._unknown = np.full(3 * robot.num_joints, np.nan)
-        self._row = self._unknown
+        self._row = self._unknown  # of the tick `_tick`, that is put out
+        self._tick = -1  # none so far
         self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
         n = robot.num_joints
         for k, signal in enumerate(("q", "v", "current")):
             part = slice(k * n, (k + 1) * n)
 
+            # The default value keeps this signal's part: a closure would see that of the last one.
             def calc(context: Context, output: BasicVector, part: slice = part) -> None:
                 output.SetFromVector(self._sample(context)[part])
 
@@ -80,8 +83,7 @@ class LiveRobot(LeafSystem):
 
     def _sample(self, context: Context) -> Array:
         """The signals of the tick that `context` is at, one after another."""
-        # A thousandth of a tick absorbs the rounding of t = k time_step.
-        tick = int(context.get_time() / self._time_step + 1e-3)
+        tick = tick_number(context.get_time(), self._time_step)
         while self._tick < tick:
             self._tick += 1
             self._row = self._next()

@@ -60,29 +60,35 @@ class MotorCurrentSensor(SampledBlock):
     ) -> None:
         n = self._n = num_joints
         lagged_current = np.full(n, np.nan)  # A; unknown before the first sample
-        SampledBlock.__init__(self, time_step, lagged_current, {"current": n})
+        SampledBlock.__init__(
+            self, period=time_step, initial_memory=lagged_current, held_sizes={"current": n}
+        )
         self._time_step, self._seed = time_step, seed
         self._noise = np.zeros(n)  # of unit sd, drawn anew at each tick
 
-        # The order is that of `_calc_table`'s rows.
+        # In the order in which `measure_current` takes them, as the rows of one table.
         parameters = {"bandwidth": bandwidth, "noise_sd": noise_sd, "resolution": resolution}
         by_joint = {
             name: np.broadcast_to(np.asarray(x, float), n) for name, x in parameters.items()
         }
         for name, values in by_joint.items():
+            # NaN fails the first comparison. A bandwidth of 0 would let no current through.
             if not np.all(values >= 0.0) or (name == "bandwidth" and np.any(values == 0.0)):
                 raise ValueError(f"current sensor: {name} {values} is out of range")
         self._parameters = [
             NumericParameterIndex(self.DeclareNumericParameter(BasicVector(values)))
             for values in by_joint.values()
         ]
-        # Stacked when they change, not at every tick.
+        # (3, n), these parameters stacked: made anew when one changes, not at every tick.
         self._table = declare_cached(
             self, "parameters", self._calc_table, {self.all_parameters_ticket()}
         )
 
         self._current_true = self.DeclareVectorInputPort("current_true", n)
-        prerequisites = {self._current_true.ticket(), self._table.ticket()} | self.state_tickets
+        prerequisites = {
+            self._current_true.ticket(),
+            self._table.ticket(),
+        } | self.time_and_memory_tickets
         self._current = self.DeclareVectorOutputPort(
             "current", n, self._calc_current, prerequisites
         )
@@ -103,7 +109,7 @@ class MotorCurrentSensor(SampledBlock):
         return np.stack(rows)
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        held = self.held(context, "current")
+        held = self.held_output(context, "current")
         if held is not None:
             output.SetFromVector(held)
             return

@@ -39,17 +39,21 @@ class SampleCheckSystem(SampledBlock):
         self._sizes = [1, n, n]
         self._motion_size = sum(self._sizes)
         initial = np.empty((0, n)) if check is None else check.initial_state()
-        held = {"motion": self._motion_size, "checked_current": n}
-        SampledBlock.__init__(self, time_step, initial, held)
+        SampledBlock.__init__(
+            self,
+            period=time_step,
+            initial_memory=initial,
+            held_sizes={"motion": self._motion_size, "checked_current": n},
+        )
         self._check, self._time_step, self._n = check, time_step, n
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
-        motion = self.state_tickets | {self._q.ticket(), self._v.ticket()}
+        motion = self.time_and_memory_tickets | {self._q.ticket(), self._v.ticket()}
         self._motion = self.DeclareVectorOutputPort(
             "motion", self._motion_size, self._calc_motion, motion
         )
-        drives = self.state_tickets | {self._current.ticket()}
+        drives = self.time_and_memory_tickets | {self._current.ticket()}
         self._checked_current = self.DeclareVectorOutputPort(
             "checked_current", n, self._calc_current, drives
         )
@@ -60,7 +64,7 @@ class SampleCheckSystem(SampledBlock):
         return list(self._sizes)
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        motion, held = output.get_mutable_value(), self.held(context, "motion")
+        motion, held = output.get_mutable_value(), self.held_output(context, "motion")
         if held is not None:
             motion[:] = held
             return
@@ -73,7 +77,7 @@ class SampleCheckSystem(SampledBlock):
             motion[0] = self._check.motion(state, q, v, self._time_step, checked)
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        checked = self.held(context, "checked_current")
+        checked = self.held_output(context, "checked_current")
         if checked is None:
             checked = self._current.Eval(context)
             if self._check is not None:

@@ -47,7 +47,7 @@ def tick_number(t: float, time_step: float) -> int:
 
 
 class SampledBlock(LeafSystem):
-    """A block that takes a sample of its inputs at each tick t = 0, time_step, 2 time_step...
+    """A block that takes a sample of its inputs at each tick t = 0, period, 2 period...
 
     **Which state of a plant it sees.** The update is an unrestricted one. At a time t Drake
     performs unrestricted updates first, all of them on the Context as it is before any update of
@@ -64,41 +64,44 @@ class SampledBlock(LeafSystem):
 
     State, in groups of discrete state:
         memory       of the block, all its arrays one after another
-        one group an output that is held, in the order of `held`
+        one group an output that is held, in the order of `held_sizes`
         ticks        (2,) s, the times of the last tick and of the next one; NaN before the first
 
-    A block with `time_step` 0 has no memory, no event and no state: its outputs are functions of
+    A block with `period` 0 has no memory, no event and no state: its outputs are functions of
     its inputs at any time.
 
     Args:
-        time_step: s, period of the ticks; 0: the block is a function without memory.
-        memory: initial; an array, or a NamedTuple of arrays, of any shape.
-        held: sizes of the outputs that are held between ticks, by name.
+        period: s, of the ticks; 0: the block is a function without memory.
+        initial_memory: an array, or a NamedTuple of arrays, of any shape.
+        held_sizes: numbers of entries of the outputs that are held between ticks, by name. It
+            declares no port: the block does, and each held port's calc asks `held_output` first.
 
     Attributes:
-        state_tickets: the prerequisites that held outputs add to those of their inputs.
+        time_and_memory_tickets: what a held output depends on besides its inputs.
     """
 
-    def __init__(self, time_step: float, memory: Any, held: Mapping[str, int]) -> None:
+    def __init__(
+        self, *, period: float, initial_memory: Any, held_sizes: Mapping[str, int]
+    ) -> None:
         LeafSystem.__init__(self)
-        self._period = time_step
-        self._memory_layout = StateLayout(memory)
+        self._period = period
+        self._memory_layout = StateLayout(initial_memory)
         # Plain numbers: pydrake takes a fifth of a microsecond to look into an index of its own.
         self._memory_index: int | None = None
-        self.state_tickets: set[DependencyTicket] = set()
-        if time_step == 0.0:
+        self.time_and_memory_tickets: set[DependencyTicket] = set()
+        if period == 0.0:
             return
         self._memory_index = int(self.DeclareDiscreteState(self._memory_layout.initial))
         self._held_index = {
-            name: int(self.DeclareDiscreteState(size)) for name, size in held.items()
+            name: int(self.DeclareDiscreteState(size)) for name, size in held_sizes.items()
         }
         self._ticks_index = int(self.DeclareDiscreteState(np.full(2, np.nan)))
         # All groups at once: one edge an output in Drake's graph of dependencies.
-        self.state_tickets = {self.xd_ticket(), self.time_ticket()}
+        self.time_and_memory_tickets = {self.xd_ticket(), self.time_ticket()}
         if _STEPS_WITH_PLANT.get():
-            self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._take)
+            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._take)
         else:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._take_before_all)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._take_before_all)
         self.DeclareForcedUnrestrictedUpdateEvent(self._take_before_all)
 
     @abstractmethod
@@ -111,7 +114,7 @@ class SampledBlock(LeafSystem):
                 to be changed in place to what it is after. `context` does not see the changes.
 
         Returns:
-            The outputs at this tick, in the order of `held`.
+            The outputs at this tick, in the order of `held_sizes`; held until the next one.
         """
 
     def memory(self, context: Context) -> Any:
@@ -121,7 +124,7 @@ class SampledBlock(LeafSystem):
         value = context.get_discrete_state().value(self._memory_index)
         return self._memory_layout.state_of(value.copy())
 
-    def held(self, context: Context, name: str) -> Array | None:
+    def held_output(self, context: Context, name: str) -> Array | None:
         """The output `name` of the last tick, a view to be copied at once.
 
         Returns:

@@ -7,12 +7,12 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
 
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS, TorqueErrorStage
+from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import take_transmitted
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_cached
+from wrenchsight.systems.declarations import declare_cached, sliding_size, torque_error_size
 from wrenchsight.systems.sampled_block import SampledBlock
 
 
@@ -48,34 +48,41 @@ class TorqueErrorSystem(SampledBlock):
 
     def __init__(self, stage: TorqueErrorStage, time_step: float) -> None:
         n = stage.num_joints
-        held = {"torque_error": ERROR_ROWS * n}
-        SampledBlock.__init__(self, time_step, stage.initial_state(), held)
+        error_size = torque_error_size(n)
+        SampledBlock.__init__(
+            self,
+            period=time_step,
+            initial_memory=stage.initial_state(),
+            held_sizes={"torque_error": error_size},
+        )
         self._stage = stage
 
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._pole = self.DeclareVectorInputPort("pole", n)
-        self._sliding = self.DeclareVectorInputPort("sliding", len(SlidingLaw._fields) * n)
+        self._sliding = self.DeclareVectorInputPort("sliding", sliding_size(n))
         self._added_sd = self.DeclareVectorInputPort("added_sd", n)
 
-        # The stage changes with K_0 and friction alone, not at every tick.
+        # The stage with pole and friction as they are now: made anew when one of these inputs
+        # changes, not at every tick.
         self._tuned = declare_cached(
             self, "stage", self._calc_stage, {self._pole.ticket(), self._sliding.ticket()}
         )
-        # tau_J and tau_f are read by the update alone. Before it NaN stands for them, which the
-        # stage does not take: the error depends on what the gears transmitted a tick ago.
+        # The error depends on what the gears transmitted a tick ago, which is in the memory: the
+        # output has no feedthrough from tau_J and tau_f, and only the update reads them. NaN stands
+        # for them in the output, whose stage does not look at them.
         self._no_torque = np.full((1, n), np.nan)
-        prerequisites = {self._terms.ticket(), self._added_sd.ticket()} | self.state_tickets
+        prerequisites = {
+            self._terms.ticket(),
+            self._added_sd.ticket(),
+        } | self.time_and_memory_tickets
         # The error and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(
             self, "torque error and state", self._calc_tick, prerequisites | {self._tuned.ticket()}
         )
         self.DeclareVectorOutputPort(
-            "torque_error",
-            ERROR_ROWS * n,
-            self._calc_error,
-            {self._tick.ticket()},
+            "torque_error", error_size, self._calc_error, {self._tick.ticket()}
         )
 
     def _calc_stage(self, context: Context) -> TorqueErrorStage:
@@ -96,7 +103,7 @@ class TorqueErrorSystem(SampledBlock):
         return error.flat, state
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
-        error = self.held(context, "torque_error")
+        error = self.held_output(context, "torque_error")
         if error is None:
             error, _ = self._tick.EvalAbstract(context).get_value()
         output.SetFromVector(error)

@@ -8,11 +8,16 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, InputPort
 
 from wrenchsight.models.estimation.estimator import Correction, EstimatorState, WrenchEstimator
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench_reading import ReadingState
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
+from wrenchsight.systems.declarations import (
+    TunedParameters,
+    declare_cached,
+    declare_port_of_each_part,
+    sliding_size,
+    torque_error_size,
+)
 from wrenchsight.systems.jacobian_wrench_reconstruction import reading_parts
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -65,26 +70,35 @@ class WrenchEstimatorSystem(SampledBlock):
         estimator: robot, model and configuration.
         corrected: whether there are inputs for a correction of tau_ext.
 
+    Attributes:
+        reading_sizes: numbers of entries of the parts of `reading`, by name, in their order.
+        parameters: indices of the numeric parameters, by name.
+
     Raises:
         ValueError: an output is evaluated with a parameter that its part does not accept.
     """
 
     def __init__(self, estimator: WrenchEstimator, corrected: bool = False) -> None:
         n = self._n = estimator.num_joints
-        # Outputs that are held between ticks; `terms` is of q and v as they are now.
-        held = {"reading": sum(self.reading_sizes.values()), "tau_J": n}
-        period = estimator.observer.time_step
-        SampledBlock.__init__(self, period, estimator.initial_state(), held)
+        self.reading_sizes = _reading_sizes(n)
+        SampledBlock.__init__(
+            self,
+            period=estimator.observer.time_step,
+            initial_memory=estimator.initial_state(),
+            # `terms` is not held: it is of q and v as they are now.
+            held_sizes={"reading": sum(self.reading_sizes.values()), "tau_J": n},
+        )
         self._estimator = estimator
+        # Numeric parameters of the Context, which may be changed in a run.
         self._parameters = TunedParameters(
             self,
             {"motor.torque_per_ampere": estimator.robot.torque_per_ampere}
-            | _named("friction.", estimator.friction.parameters)
-            | _named("observer.", estimator.observer.parameters)
-            | _named("reconstruction.", estimator.reading.parameters),
+            | _with_prefix("friction.", estimator.friction.parameters)
+            | _with_prefix("observer.", estimator.observer.parameters)
+            | _with_prefix("reconstruction.", estimator.reading.parameters),
         )
         self.parameters = self._parameters.indices
-        # The estimator changes only with its parameters, not at every tick.
+        # The estimator with them: made anew when one changes, not at every tick.
         self._tuned = declare_cached(self, "estimator", self._calc_tuned, self._parameters.tickets)
 
         self._q = self.DeclareVectorInputPort("q", n)
@@ -92,22 +106,23 @@ class WrenchEstimatorSystem(SampledBlock):
         self._current = self.DeclareVectorInputPort("current", n)
         self._correction: dict[str, InputPort] = {}
         if corrected:
-            self._declare_correction()
+            self._declare_correction_inputs()
 
         ports = [self._q, self._v, *self._correction.values()]
-        # An observer that does not read the present torque leaves a loop over it open.
+        # An observer that does not read the present torque does without this feedthrough, so that a
+        # controller may make the current of the wrench without an algebraic loop.
         self._reads_current = estimator.observer.reads_present_torque
         if self._reads_current:
             ports.append(self._current)
-        self._unread = np.zeros(n)  # in the place of an input that is not read
-        prerequisites = {port.ticket() for port in ports} | self.state_tickets
+        self._unread = np.zeros(n)  # stands for an input that the outputs do without
+        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
         prerequisites.add(self._tuned.ticket())
         # The reading and the state after it, so that the update need not compute them again.
         self._tick = declare_cached(self, "tick", self._calc_tick, prerequisites)
         self._declare_outputs()
 
-    def _declare_correction(self) -> None:
-        """Declares the inputs of a correction."""
+    def _declare_correction_inputs(self) -> None:
+        """Declares the inputs of a correction, into `_correction`."""
         sizes = {"tau_correction": self._n, "correction_valid": 1, "correction_sd": self._n}
         if self._estimator.friction.is_of_speed_alone:
             sizes["v_planned"] = self._n
@@ -123,8 +138,8 @@ class WrenchEstimatorSystem(SampledBlock):
         reading = self.DeclareVectorOutputPort(
             "reading", sum(sizes.values()), self._calc_reading, of_tick
         )
-        declare_parts(self, reading.Eval, sizes, of_tick)
-        drives = self.state_tickets | {self._current.ticket(), self._tuned.ticket()}
+        declare_port_of_each_part(self, reading.Eval, sizes, of_tick)
+        drives = self.time_and_memory_tickets | {self._current.ticket(), self._tuned.ticket()}
         self.DeclareVectorOutputPort("tau_J", n, self._calc_tau_J, drives)
         self.DeclareAbstractOutputPort(
             "terms",
@@ -134,31 +149,12 @@ class WrenchEstimatorSystem(SampledBlock):
         )
         tuned = {self._tuned.ticket()}
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, tuned)
-        sliding_size = len(SlidingLaw._fields) * n
-        self.DeclareVectorOutputPort("sliding", sliding_size, self._calc_sliding, tuned)
+        self.DeclareVectorOutputPort("sliding", sliding_size(n), self._calc_sliding, tuned)
 
     @property
     def estimator(self) -> WrenchEstimator:
         """The estimator that the block was made of."""
         return self._estimator
-
-    @property
-    def reading_sizes(self) -> dict[str, int]:
-        """Sizes of the parts of `reading`, in their order."""
-        n = self._n
-        return {
-            "tau_ext": n,
-            "wrench": 6,
-            "covariance": 36,
-            "condition_number": 1,
-            "valid": 1,
-            "invalid": 1,
-            "fault": 1,
-            "tau_ext_valid": 1,
-            "v": n,
-            "tau_f": n,
-            "torque_error": ERROR_ROWS * n,
-        }
 
     def _calc_tuned(self, context: Context) -> WrenchEstimator:
         """The estimator with a context's parameters."""
@@ -222,7 +218,7 @@ class WrenchEstimatorSystem(SampledBlock):
         return _Tick(np.concatenate(parts), state.reading)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        parts = self.held(context, "reading")
+        parts = self.held_output(context, "reading")
         if parts is None:
             parts = self._tick.EvalAbstract(context).get_value().parts
         output.SetFromVector(parts)
@@ -238,7 +234,7 @@ class WrenchEstimatorSystem(SampledBlock):
         return parts, taken.samples.tau_J[0]
 
     def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
-        tau_J = self.held(context, "tau_J")
+        tau_J = self.held_output(context, "tau_J")
         if tau_J is None:
             estimator, current = self._tuned_at(context), self._current.Eval(context)[None]
             tau_J = estimator.checked_torque(self.memory(context).check, current)[0]
@@ -248,6 +244,23 @@ class WrenchEstimatorSystem(SampledBlock):
         output.set_value(self._estimator.chain.terms(self._q.Eval(context), self._v.Eval(context)))
 
 
-def _named(part: str, values: dict[str, Array]) -> dict[str, Array]:
-    """The parameters of a part, by the names that they have in the diagram."""
-    return {part + name: value for name, value in values.items()}
+def _reading_sizes(n: int) -> dict[str, int]:
+    """Sizes of the parts of `reading`, in their order."""
+    return {
+        "tau_ext": n,
+        "wrench": 6,
+        "covariance": 36,
+        "condition_number": 1,
+        "valid": 1,
+        "invalid": 1,
+        "fault": 1,
+        "tau_ext_valid": 1,
+        "v": n,
+        "tau_f": n,
+        "torque_error": torque_error_size(n),
+    }
+
+
+def _with_prefix(prefix: str, values: dict[str, Array]) -> dict[str, Array]:
+    """The parameters of a part of the estimator, by the names that they have in the diagram."""
+    return {prefix + name: value for name, value in values.items()}

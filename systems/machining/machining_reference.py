@@ -60,14 +60,16 @@ class MachiningReference(SampledBlock):
         progress = dict.fromkeys(PassProgress._fields, 1)
         self.output_sizes = {"pose_reference": POSE_REFERENCE_SIZE, "reference": 3 * n} | progress
         size = sum(self.output_sizes.values())
-        SampledBlock.__init__(self, plan.time_step, memory, {"all": size})
+        SampledBlock.__init__(
+            self, period=plan.time_step, initial_memory=memory, held_sizes={"all": size}
+        )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
-        tickets = {self._terms.ticket()} | self.state_tickets
+        tickets = {self._terms.ticket()} | self.time_and_memory_tickets
         self._all = declare_outputs(self, self.output_sizes, self._calc_all, tickets)
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
-        out, held = output.get_mutable_value(), self.held(context, "all")
+        out, held = output.get_mutable_value(), self.held_output(context, "all")
         if held is not None:
             out[:] = held
             return

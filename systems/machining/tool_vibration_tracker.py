@@ -6,7 +6,7 @@ from typing import cast
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
 
-from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
+from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.machining.air_pass import CorrectionSample
 from wrenchsight.models.machining.machining_phases import force_controlled
 from wrenchsight.models.machining.tool_vibration import (
@@ -20,7 +20,7 @@ from wrenchsight.models.machining.tool_vibration import (
 )
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_outputs, parts_of
+from wrenchsight.systems.declarations import declare_outputs, parts_of, torque_error_size
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -80,9 +80,13 @@ class ToolVibrationTracker(SampledBlock):
             "joint_shares_sd": n,
             "tool_vibration": 1,
         }
-        self._parts = parts_of(self.output_sizes)
-        held = {"all": sum(self.output_sizes.values())}
-        SampledBlock.__init__(self, time_step, initial_tracked(n), held)
+        self._slices = parts_of(self.output_sizes)  # of the port `all`
+        SampledBlock.__init__(
+            self,
+            period=time_step,
+            initial_memory=initial_tracked(n),
+            held_sizes={"all": sum(self.output_sizes.values())},
+        )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)
@@ -93,27 +97,27 @@ class ToolVibrationTracker(SampledBlock):
         self._correction_valid = self.DeclareVectorInputPort("correction_valid", 1)
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
-        self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
+        self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._fault = self.DeclareVectorInputPort("fault", 1)
-        # What the estimator says is read by the update alone: its tau_ext may be corrected by the
-        # outputs without an algebraic loop.
+        # The outputs depend on these two inputs and the memory. The update alone reads the others:
+        # the estimator's tau_ext may be corrected by the outputs without an algebraic loop.
         motion = {self._terms.ticket(), self._pose.ticket()}
-        self._all = declare_outputs(
-            self, self.output_sizes, self._calc_all, motion | self.state_tickets
+        self._all_outputs = declare_outputs(
+            self, self.output_sizes, self._calc_all, motion | self.time_and_memory_tickets
         )
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
-        out, held = output.get_mutable_value(), self.held(context, "all")
+        out, held = output.get_mutable_value(), self.held_output(context, "all")
         if held is not None:
             out[:] = held
             return
-        constants, parts = self._constants, self._parts
-        out[parts["tool_vibration"]] = freed_friction(
+        constants, slices = self._constants, self._slices
+        out[slices["tool_vibration"]] = freed_friction(
             constants.amplitudes,
             self.memory(context),
-            out[parts["freed_torque"]],
-            out[parts["freed_sd"]],
+            out[slices["freed_torque"]],
+            out[slices["freed_sd"]],
         )
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         normal = self._pose.Eval(context)[2:9:3]
@@ -121,33 +125,36 @@ class ToolVibrationTracker(SampledBlock):
 
     def _shares(self, outputs: Array) -> Array:
         """(2n,) the joints' shares and their sds, of all outputs."""
-        parts = self._parts
-        return outputs[parts["joint_shares"].start : parts["joint_shares_sd"].stop]
+        slices = self._slices
+        return outputs[slices["joint_shares"].start : slices["joint_shares_sd"].stop]
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        # The outputs of this tick take part in its update: what the estimator's tau_ext lacks.
-        n, out = self._n, self._all.Eval(context)
+        n, outputs = self._n, self._all_outputs.Eval(context)
+        # The estimator's tau_ext is already less this tick's freed_torque, which the tracking needs
+        # to know.
         observed = ObservedTorque(
             tau_ext=self._tau_ext.Eval(context),
-            sd=self._torque_error.Eval(context)[:n],  # the first row of a flat TorqueError
+            sd=TorqueError.of_flat(self._torque_error.Eval(context), n).sd[0],
             tau_f=self._tau_f.Eval(context),
-            counts=self._tau_ext_valid.Eval(context),
+            counts=self._tau_ext_valid.Eval(context),  # 1 where tau_ext is valid
             fault=self._fault.Eval(context),
-            freed_torque=out[self._parts["freed_torque"]],
-            freed_sd=out[self._parts["freed_sd"]],
+            freed_torque=outputs[self._slices["freed_torque"]],
+            freed_sd=outputs[self._slices["freed_sd"]],
         )
         correction = CorrectionSample(
             correction=self._correction.Eval(context),
             spread=self._spread.Eval(context),
-            counts=self._correction_valid.Eval(context),
+            counts=self._correction_valid.Eval(context),  # 1 where the correction is valid
         )
+        phase, feed_time = self._phase.Eval(context).item(), self._feed_time.Eval(context).item()
         work = WorkTick(
             correction=correction,
             v_planned=self._reference.Eval(context)[n : 2 * n],  # of q_d, v_d, vdot_d
-            shares=self._shares(out),
-            touches=force_controlled(int(self._phase.Eval(context).item())),
-            works=self._feed_time.Eval(context).item() >= 0.0,  # below 0: not at work
+            shares=self._shares(outputs),
+            touches=force_controlled(int(phase)),  # the tool is on the surface
+            works=feed_time >= 0.0,  # it moves at the feed; -1: it does not
         )
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        # Changes `memory` in place: the next tick's outputs see it. This tick's are held till then.
         track_vibration(self._constants, terms.record, observed, work, memory)
-        return (out,)
+        return (outputs,)

@@ -9,7 +9,8 @@ from pydrake.multibody.tree import BodyIndex
 
 from wrenchsight.models.numerics.arrays import Array
 
-_USUAL_CONTACTS = 4
+_USUAL_CONTACTS = 4  # for which there is memory from the start
+_CONTACT_COLUMNS = 9  # force, moment about C, C
 
 
 class ToolContacts:
@@ -30,7 +31,7 @@ class ToolContacts:
     ) -> None:
         self._tool_body, self._tool_geometries = int(tool_body), frozenset(tool_geometries)
         self.tip_radius = tip_radius
-        self._contacts = np.zeros((_USUAL_CONTACTS, 9))
+        self._contacts = np.zeros((_USUAL_CONTACTS, _CONTACT_COLUMNS))
 
     def touched(self, results: ContactResults) -> tuple[Array, int]:
         """The contacts of the tool, valid until the next call, and their number.
@@ -42,14 +43,15 @@ class ToolContacts:
         num_points = results.num_point_pair_contacts()
         num_patches = results.num_hydroelastic_contacts()
         if num_points + num_patches > len(self._contacts):
-            self._contacts = np.zeros((2 * (num_points + num_patches), 9))
+            # Twice what is needed, so that a growing number seldom asks for memory.
+            self._contacts = np.zeros((2 * (num_points + num_patches), _CONTACT_COLUMNS))
         contacts, count = self._contacts, 0
         for i in range(num_points):
             point = results.point_pair_contact_info(i)
-            sign = self._sign_of_point(point)
-            if sign != 0.0:  # the tool takes part
+            sign = self._sign_of_point(point)  # of the contact's force on the tool
+            if sign != 0.0:  # else the tool has no part in it
                 contacts[count, :3] = sign * point.contact_force()
-                contacts[count, 3:6] = 0.0
+                contacts[count, 3:6] = 0.0  # a point transmits no moment
                 contacts[count, 6:] = point.contact_point()
                 count += 1
         for i in range(num_patches):
@@ -57,7 +59,8 @@ class ToolContacts:
             surface = patch.contact_surface()
             sign = self._sign_of_patch(surface)
             if sign != 0.0:
-                wrench = sign * patch.F_Ac_W().get_coeffs()  # rotation first, at the centroid
+                wrench = sign * patch.F_Ac_W().get_coeffs()  # at the centroid
+                # Drake's wrench has the moment first; a contact here has the force first.
                 contacts[count, :3], contacts[count, 3:6] = wrench[3:], wrench[:3]
                 contacts[count, 6:] = surface.centroid()
                 count += 1

@@ -99,60 +99,90 @@ class TrueArm(SampledBlock):
              wrench_unbalance  (6,) F_E_W of the spindle, from the tool's own mass; at machining
     State:   that of SampledBlock; its memory is that of ArmState, flat
 
+    Ports that only some arms have:
+
+        parts                inputs                          outputs
+        contacts             contact_results, tau_contact    truth
+        sensor               reaction_forces, vdot
+        script or process                                    spatial_forces
+        process                                              wrench_unbalance
+
     Friction is found implicitly, for the velocity at the tick's end. Where the plant's solver knows
     what acts (contact), friction takes the torque of the tick before: see docs/worlds.md for what
     that costs.
+
+    Args:
+        parts: what the arm is made of.
+
+    Attributes:
+        motion_sizes, drive_sizes, truth_sizes: numbers of entries of the parts of `motion`,
+            `drives` and `truth`, by name, in their order.
+
+    Raises:
+        ValueError: a process without contacts.
     """
 
     def __init__(self, parts: ArmParts) -> None:
         if parts.process is not None and parts.contacts is None:
             raise ValueError("true arm: a machining process needs contact")
-        self._n, self._contacts = parts.joints.num_joints, parts.contacts
-        self._process = parts.process
-        self._motion_type = motion_type(self._n)
-        self._layout, initial = _initial_state(parts)
-        # Entries of the outputs that are held from tick to tick: all but the forces on the plant.
-        self._sizes = {
+        n = self._n = parts.joints.num_joints
+        layout, memory_at_rest = _memory_at_rest(parts)
+        self._motion_type = motion_type(n)
+        self.motion_sizes = _motion_sizes(n)
+        self.drive_sizes = _drive_sizes(n, joint_state_size=layout.joints)
+        self.truth_sizes = _truth_sizes(n)
+        # Numbers of entries of the outputs that are held between ticks. `spatial_forces` and
+        # `wrench_unbalance` are not: they are computed whenever the plant or a log reads them.
+        held_sizes = {
             "motion": sum(self.motion_sizes.values()),
             "drives": sum(self.drive_sizes.values()),
         }
         if parts.contacts is not None:
-            self._sizes["truth"] = sum(self.truth_sizes.values())
-        SampledBlock.__init__(self, parts.joints.time_step, initial, self._sizes)
-        self._make_constants(parts)
+            held_sizes["truth"] = sum(self.truth_sizes.values())
+        SampledBlock.__init__(
+            self,
+            period=parts.joints.time_step,
+            initial_memory=memory_at_rest,
+            held_sizes=held_sizes,
+        )
+        self._motion_constants = _motion_constants(parts, layout)
+        self._drive_constants = _drive_constants(parts, layout)
+        self._memory_constants = _memory_constants(parts, layout)
+        # The kernel of the memory takes these where there is no contact or no sensor.
+        self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
 
-        self._x = self.DeclareVectorInputPort("state", 2 * self._n)
-        self._command = self.DeclareVectorInputPort("current_command", self._n)
-        prerequisites = {self._x.ticket()} | self.state_tickets  # of all outputs
+        self._x = self.DeclareVectorInputPort("state", 2 * n)  # q, v of the links
+        self._command = self.DeclareVectorInputPort("current_command", n)
+        prerequisites = {self._x.ticket()} | self.time_and_memory_tickets  # of all outputs
         self._motion = self.DeclareVectorOutputPort(
-            "motion", self._sizes["motion"], self._calc_motion, prerequisites
+            "motion", held_sizes["motion"], self._calc_motion, prerequisites
         )
         self._drives = self.DeclareVectorOutputPort(
             "drives",
-            self._sizes["drives"],
+            held_sizes["drives"],
             self._calc_drives,
             prerequisites | {self._command.ticket()},
         )
-
-        # Ports that only some arms have; the order is that of the class.
+        # The ports that only some arms have; the class's docstring has a table of them.
+        self._contacts, self._process = parts.contacts, parts.process
+        self._tool_weld = None if parts.sensor is None else parts.sensor.weld
+        self._has_spatial_forces = bool(parts.script.segments) or parts.process is not None
         if parts.contacts is not None:
-            self._declare_contact_ports(prerequisites)
-        self._weld = None if parts.sensor is None else parts.sensor.weld
+            self._declare_contact_ports(held_sizes["truth"], prerequisites)
         if parts.sensor is not None:
             self._declare_sensor_ports()
-        self._pushed = bool(parts.script.segments) or parts.process is not None
-        if self._pushed:
+        if self._has_spatial_forces:
             self._declare_force_port(parts, prerequisites)
         if parts.process is not None:
             self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, prerequisites)
 
-    def _declare_contact_ports(self, prerequisites: set[DependencyTicket]) -> None:
+    def _declare_contact_ports(self, truth_size: int, prerequisites: set[DependencyTicket]) -> None:
         """Declares what the plant says of contact, and the truth that follows from it."""
         self._results = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._tau_contact = self.DeclareVectorInputPort("tau_contact", self._n)
         in_contact = prerequisites | {self._results.ticket(), self._tau_contact.ticket()}
         self._truth = self.DeclareVectorOutputPort(
-            "truth", self._sizes["truth"], self._calc_truth, in_contact
+            "truth", truth_size, self._calc_truth, in_contact
         )
 
     def _declare_sensor_ports(self) -> None:
@@ -175,79 +205,13 @@ class TrueArm(SampledBlock):
             prerequisites,
         )
 
-    def _make_constants(self, parts: ArmParts) -> None:
-        """Makes the constants of the kernels."""
-        n, joints, process = self._n, parts.joints, parts.process
-        current = np.empty((0, n)) if parts.current is None else parts.current
-        process_table = np.empty(0) if process is None else process.table
-        variations = None if process is None else process.variations
-        sensor = NO_SENSOR if parts.sensor is None else parts.sensor.constants
-        self._motion_constants = MotionConstants(
-            layout=self._layout,
-            scratch=np.empty((n, SCRATCH_COLUMNS)),
-            chain=np.ascontiguousarray(parts.chain.table),
-            joints=joints.table,
-            on_motor=joints.on_motor,
-            seed=parts.seed + VELOCITY_STREAM,
-            script=parts.script.table,
-            tones=parts.script.tones,
-            process=process_table,
-        )
-        self._drive_constants = DriveConstants(
-            layout=self._layout,
-            joints=joints.table,
-            motors=joints.motors,
-            current=current,
-            seed=parts.seed + WANDER_STREAM,
-            current_seed=parts.seed,
-            in_contact=parts.contacts is not None,
-        )
-        self._memory_constants = MemoryConstants(
-            layout=self._layout,
-            current=current,
-            tool=sensor.tool,
-            A=sensor.A,
-            B=sensor.B,
-            C=sensor.C,
-            noise_sd=sensor.noise_sd,
-            noise_seed=sensor.noise_seed,
-            process=process_table,
-            variations=np.empty(0) if variations is None else variations.table,
-            waviness=np.empty((0, 4)) if variations is None else variations.waviness,
-            patches=np.empty((0, 4)) if variations is None else variations.patches,
-            pose=np.empty((0, 3)) if variations is None else variations.pose,
-            ends=np.empty((0, 3)) if variations is None else variations.ends,
-        )
-
-        # What is not connected is without effect.
-        self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
-
     @property
-    def motion_sizes(self) -> dict[str, int]:
-        """Sizes of the parts of `motion`: its terms together, and each of the other fields."""
-        motion, terms = self._motion_type, terms_type(self._n)
-        other_fields = [name for name in motion.names or () if name not in (terms.names or ())]
-        sizes = {"terms": terms.itemsize // 8}
-        return sizes | {name: motion[name].shape[0] for name in other_fields}
-
-    @property
-    def drive_sizes(self) -> dict[str, int]:
-        """Sizes of the parts of `drives`: the signals of `joint_tick`, current, joints' state."""
-        names = ("tau_J", "generalized_force", "tau_f", "current_true", "current")
-        return dict.fromkeys(names, self._n) | {"joint_state": self._layout.joints}
-
-    @property
-    def truth_sizes(self) -> dict[str, int]:
-        """Sizes of the parts of `truth`; `normal_force` is followed by the normal."""
-        return {"wrench": 6, "tau_ext": self._n, "normal_force": 4}
-
-    @property
-    def pushed(self) -> bool:
+    def has_spatial_forces(self) -> bool:
         """Whether there is a port `spatial_forces`."""
-        return self._pushed
+        return self._has_spatial_forces
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        motion, held = output.get_mutable_value(), self.held(context, "motion")
+        motion, held = output.get_mutable_value(), self.held_output(context, "motion")
         if held is not None:
             motion[:] = held
             return
@@ -264,7 +228,7 @@ class TrueArm(SampledBlock):
         return np.frombuffer(self._motion.Eval(context), self._motion_type)
 
     def _calc_drives(self, context: Context, output: BasicVector) -> None:
-        drives, held = output.get_mutable_value(), self.held(context, "drives")
+        drives, held = output.get_mutable_value(), self.held_output(context, "drives")
         if held is not None:
             drives[:] = held
             return
@@ -279,7 +243,7 @@ class TrueArm(SampledBlock):
 
     def _calc_truth(self, context: Context, output: BasicVector) -> None:
         assert self._contacts is not None
-        truth, held = output.get_mutable_value(), self.held(context, "truth")
+        truth, held = output.get_mutable_value(), self.held_output(context, "truth")
         if held is not None:
             truth[:] = held
             return
@@ -310,9 +274,9 @@ class TrueArm(SampledBlock):
         if self._contacts is not None:
             truth = self._truth.Eval(context)
             outputs.append(truth)
-        if self._weld is not None:
+        if self._tool_weld is not None:
             vdot = self._vdot.Eval(context)
-            reaction = self._reactions.Eval(context)[self._weld].get_coeffs()
+            reaction = self._reactions.Eval(context)[self._tool_weld].get_coeffs()
         arm_memory(
             self._memory_constants,
             context.get_time(),
@@ -322,7 +286,87 @@ class TrueArm(SampledBlock):
         return outputs
 
 
-def _initial_state(parts: ArmParts) -> tuple[ArmLayout, Array]:
+def _motion_sizes(n: int) -> dict[str, int]:
+    """Sizes of the parts of `motion`: its terms together, and each of the other fields."""
+    motion, terms = motion_type(n), terms_type(n)
+    other_fields = [name for name in motion.names or () if name not in (terms.names or ())]
+    sizes = {"terms": terms.itemsize // np.dtype(np.float64).itemsize}
+    return sizes | {name: motion[name].shape[0] for name in other_fields}
+
+
+def _drive_sizes(n: int, joint_state_size: int) -> dict[str, int]:
+    """Sizes of the parts of `drives`: the signals of `joint_tick`, current, joints' state."""
+    names = ("tau_J", "generalized_force", "tau_f", "current_true", "current")
+    return dict.fromkeys(names, n) | {"joint_state": joint_state_size}
+
+
+def _truth_sizes(n: int) -> dict[str, int]:
+    """Sizes of the parts of `truth`; `normal_force` is followed by the normal."""
+    return {"wrench": 6, "tau_ext": n, "normal_force": 4}
+
+
+def _process_table(parts: ArmParts) -> Array:
+    """The table of the machining process; empty without one."""
+    return np.empty(0) if parts.process is None else parts.process.table
+
+
+def _current_table(parts: ArmParts) -> Array:
+    """`ArmParts.current`; without rows where the true current is reported."""
+    return np.empty((0, parts.joints.num_joints)) if parts.current is None else parts.current
+
+
+def _motion_constants(parts: ArmParts, layout: ArmLayout) -> MotionConstants:
+    """The constants of `arm_motion`."""
+    joints = parts.joints
+    return MotionConstants(
+        layout=layout,
+        scratch=np.empty((joints.num_joints, SCRATCH_COLUMNS)),
+        chain=np.ascontiguousarray(parts.chain.table),
+        joints=joints.table,
+        on_motor=joints.on_motor,
+        seed=parts.seed + VELOCITY_STREAM,  # noise of its own for every source
+        script=parts.script.table,
+        tones=parts.script.tones,
+        process=_process_table(parts),
+    )
+
+
+def _drive_constants(parts: ArmParts, layout: ArmLayout) -> DriveConstants:
+    """The constants of `arm_drives`."""
+    return DriveConstants(
+        layout=layout,
+        joints=parts.joints.table,
+        motors=parts.joints.motors,
+        current=_current_table(parts),
+        seed=parts.seed + WANDER_STREAM,  # noise of its own for every source
+        current_seed=parts.seed,
+        in_contact=parts.contacts is not None,
+    )
+
+
+def _memory_constants(parts: ArmParts, layout: ArmLayout) -> MemoryConstants:
+    """The constants of `arm_memory`; tables of what an arm does not have are without rows."""
+    sensor = NO_SENSOR if parts.sensor is None else parts.sensor.constants
+    variations = None if parts.process is None else parts.process.variations
+    return MemoryConstants(
+        layout=layout,
+        current=_current_table(parts),
+        tool=sensor.tool,
+        A=sensor.A,
+        B=sensor.B,
+        C=sensor.C,
+        noise_sd=sensor.noise_sd,
+        noise_seed=sensor.noise_seed,
+        process=_process_table(parts),
+        variations=np.empty(0) if variations is None else variations.table,
+        waviness=np.empty((0, 4)) if variations is None else variations.waviness,
+        patches=np.empty((0, 4)) if variations is None else variations.patches,
+        pose=np.empty((0, 3)) if variations is None else variations.pose,
+        ends=np.empty((0, 3)) if variations is None else variations.ends,
+    )
+
+
+def _memory_at_rest(parts: ArmParts) -> tuple[ArmLayout, Array]:
     """The layout of ArmState, and the flat state of an arm at rest that has measured nothing."""
     joints = parts.joints.initial_state().ravel()
     lagged = np.full(parts.joints.num_joints, np.nan)
