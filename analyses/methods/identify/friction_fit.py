@@ -10,6 +10,14 @@ squared error exceeds the lowest by no more than one standard error of that diff
 folds. Of these the smoothest is taken: the longest displacement, the highest Stribeck velocity, no
 load term. The rule has no constant to tune.
 
+The standard error needs MIN_FOLDS folds. Logs of two motions are therefore held out in
+SHAPE_STRETCHES stretches: of two folds one that happens to be indifferent would allow any shape.
+
+Friction below Coulomb's near zero velocity is creep, and a joint that slides has Coulomb's. A fall
+that is fitted too wide takes some of it from a joint that slides slowly, more than its band allows
+for. So a law without slip elements may fall within CREEP_VELOCITIES, too, but not below zero:
+friction drives no joint.
+
 The shape is chosen by plain squares, because Huber's weights, which come after, depend on it.
 `ur10e-identification.lowest_error` measures what taking the lowest error itself would give.
 
@@ -56,9 +64,13 @@ from wrenchsight.models.robot.robot import Robot
 
 DISPLACEMENT_CHOICES = (3e-5, 5e-5, 7e-5, 1e-4, 1.4e-4, 2e-4, 3e-4, 5e-4, 1e-3)  # rad or m
 STRIBECK_VELOCITIES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # rad/s or m/s
+# A law without slip elements has no other term for the creep before a joint slides: rad/s or m/s.
+CREEP_VELOCITIES = (0.002, 0.005)
 LOAD_PASSES = 3
 HUBER_PASSES = 4
 NUM_STRETCHES = 3  # of a single log, to hold out one by one
+MIN_FOLDS = 3  # folds whose spread is a standard error: of two folds it is their difference alone
+SHAPE_STRETCHES = 9  # of logs of fewer motions, to choose a shape
 REST_WEIGHT = 0.01  # of the squared residuals of a joint that rests in a whole log
 HUBER_SCALES = 3.0  # scales of the residual from which it counts linearly, no longer squared
 
@@ -302,21 +314,59 @@ class FrictionFit:
 
     def choose(self, structure: FrictionStructure) -> FrictionStructure:
         """Returns the structure with its shape chosen, by plain least squares."""
+        if len(self.folds) < MIN_FOLDS:
+            one_group = [0] * len(self.regressions)
+            stretched = replace(self, groups=one_group, stretches=SHAPE_STRETCHES)
+            return stretched.choose(structure)
         loads = self.loads(self.fit(structure))
         elastic = bool(structure.displacement.any())
         has_speed = structure.has("stribeck")
+        velocities = (*(() if elastic else CREEP_VELOCITIES), *STRIBECK_VELOCITIES)
         for _ in range(2 if elastic and has_speed else 1):
             if elastic:
                 structure = self._sweep(structure, "displacement", DISPLACEMENT_CHOICES, loads)
             if has_speed:
-                structure = self._sweep(structure, "stribeck_velocity", STRIBECK_VELOCITIES, loads)
-        structure = self.fit(structure).structure
+                structure = self._sweep(structure, "stribeck_velocity", velocities, loads)
+        if elastic:
+            structure = self.fit(structure).structure
+        else:
+            structure = self._opposing(structure, velocities)
         if structure.has("load"):
             errors = np.stack(
                 [self.held_out(s, loads) for s in (structure, structure.without("load"))]
             )
             structure = structure.without("load", np.flatnonzero(self._smoothest(errors) == 1))
         return structure
+
+    def _opposing(
+        self, structure: FrictionStructure, velocities: Sequence[float]
+    ) -> FrictionStructure:
+        """The structure whose fitted friction opposes each joint also at a crawl.
+
+        Where Coulomb's and Stribeck's coefficient add up to less than zero, the next higher
+        Stribeck velocity is taken; after the highest the term is left out.
+        """
+        while True:
+            solution = self.fit(structure)
+            structure, driven = solution.structure, []
+            for j, (terms, values) in enumerate(
+                zip(structure.terms, solution.parts()[2], strict=True)
+            ):
+                level = sum(
+                    value
+                    for term, value in zip(terms, values, strict=True)
+                    if term in ("coulomb", "stribeck")
+                )
+                if "stribeck" in terms and level < 0.0:
+                    driven.append(j)
+            if not driven:
+                return structure
+            speed = structure.stribeck_velocity.copy()
+            is_highest = speed >= velocities[-1]
+            structure = structure.without("stribeck", [j for j in driven if is_highest[j]])
+            for j in driven:
+                speed[j] = min((v for v in velocities if v > speed[j]), default=speed[j])
+            structure = replace(structure, stribeck_velocity=speed)
 
     def _sweep(
         self,

@@ -38,7 +38,10 @@ from wrenchsight.models.robot.robot import Robot
 SlackFunction = Callable[[Array], tuple[float, Array]]
 """From q (n,) to a slack in m, at least zero where all is clear, and its gradient (n,)."""
 
-_DIFFERENCE_STEP = 1e-4  # rad, of the differences of q in the torque
+_DIFFERENCE_STEP = 1e-3  # rad, of the differences of q in the torque
+# Decimals of what the solver and the functions of the program tell each other. A solver that is
+# stopped before it converges ends elsewhere after a change in the last bit of one number.
+_MOTION_DECIMALS, _VALUE_DECIMALS, _GRADIENT_DECIMALS = 9, 8, 6
 
 
 _MAX_SHRINKS, _MAX_SHRINKS_PATIENT = 4, 9  # of a random motion, by .6 each
@@ -285,7 +288,8 @@ class ExcitationProgram:
             "Function precision": 1e-7,  # of the distances between curved shapes, found iteratively
         }.items():
             settings.SetOption(solver.solver_id(), name, value)
-        self.program.SetInitialGuess(self._x, self._coefficients(start))
+        guess = np.round(self._coefficients(start), _MOTION_DECIMALS)
+        self.program.SetInitialGuess(self._x, guess)
         result = solver.Solve(self.program, None, settings)
         x = np.asarray(result.GetSolution(self._x), dtype=np.float64)
         if not np.isfinite(x).all():
@@ -356,18 +360,17 @@ class ExcitationProgram:
         program.AddCost(lambda x: cost(x)[0], vars=all_x)
 
     def _cost(self, x: Array) -> tuple[Array, Array]:
-        x = x.reshape(self._x.shape)
-        motion = [basis @ x.T for basis in self._basis]
+        motion = self._motion(x, slice(None))
         value, *by_motion = self.information.cost(self.measure, *motion)
         self._evaluations += 1
         self._on_evaluation(self._evaluations, value)
         gradient = sum(by.T @ basis for by, basis in zip(by_motion, self._basis, strict=True))
-        return np.array([value]), np.asarray(gradient).reshape(1, -1)
+        return _rounded(np.array([value]), np.asarray(gradient).reshape(1, -1))
 
     def _torque(self, x: Array) -> tuple[Array, Array]:
         """Torque over its limit, sample by sample."""
         bases = [basis[self._torque_rows] for basis in self._basis]
-        q, v, vdot = (basis @ x.reshape(self._x.shape).T for basis in bases)
+        q, v, vdot = self._motion(x, self._torque_rows)
         tau = self.chain.inverse_dynamics(q, v, vdot) / self.bounds.torque
         n = self.chain.num_joints
         by_motion = torque_gradients(self.chain, q, v, vdot)  # (N, n, 3 n)
@@ -376,18 +379,28 @@ class ExcitationProgram:
             for i, basis in enumerate(bases)
         )
         gradient = np.asarray(gradient) / self.bounds.torque[:, None, None]
-        return tau.ravel(), gradient.reshape(tau.size, -1)
+        return _rounded(tau.ravel(), gradient.reshape(tau.size, -1))
 
     def _slacks(self, x: Array) -> tuple[Array, Array]:
         basis = self._basis[0][self._coarse]
         assert self._slack is not None
         slacks, gradients = [], []
-        for q in basis @ x.reshape(self._x.shape).T:
+        for q in self._motion(x, self._coarse)[0]:
             slack, by_q = self._slack(q)
             slacks.append(slack)
             gradients.append(by_q)
         gradient = np.array(gradients)[:, :, None] * basis[:, None, :]
-        return np.array(slacks), gradient.reshape(len(slacks), -1)
+        return _rounded(np.array(slacks), gradient.reshape(len(slacks), -1))
+
+    def _motion(self, x: Array, rows: slice) -> list[Array]:
+        """q, v, vdot (N, n) at some of the samples, rounded, for x of the solver."""
+        of_joints = x.reshape(self._x.shape).T
+        return [np.round(basis[rows] @ of_joints, _MOTION_DECIMALS) for basis in self._basis]
+
+
+def _rounded(values: Array, gradient: Array) -> tuple[Array, Array]:
+    """What a function of the program tells the solver, without the last bits."""
+    return np.round(values, _VALUE_DECIMALS), np.round(gradient, _GRADIENT_DECIMALS)
 
 
 def torque_gradients(chain: SerialChain, q: Array, v: Array, vdot: Array) -> Array:
