@@ -40,12 +40,14 @@ class PackageArm:
         package: distribution.
         file: below the package's folder.
         options: of `robot`, as a message of an earlier try or the documentation has them.
+        answer: what robot.yaml gets where a message asks for it: joint, key and value.
     """
 
     name: str
     package: str
     file: str
     options: str = ""
+    answer: tuple[tuple[str, str, float], ...] = ()
 
 
 _DIFFERENTIABLE = "differentiable_robot_model"
@@ -65,7 +67,12 @@ ARMS = (
         "sawyer", "robosuite", f"{_ROBOSUITE}/bullet_data/sawyer_description/urdf/sawyer_arm.urdf"
     ),
     PackageArm("arx5", "robosuite_models", f"{_ROBOSUITE_MODELS}/arx5/robot.xml"),
-    PackageArm("vx300s_mjcf", "robosuite_models", f"{_ROBOSUITE_MODELS}/vx300s/robot.xml"),
+    PackageArm(
+        "vx300s_mjcf",
+        "robosuite_models",
+        f"{_ROBOSUITE_MODELS}/vx300s/robot.xml",
+        answer=(("right/wrist_angle", "effort_limit", 10.6),),  # stall torque of its XM540-W270
+    ),
     PackageArm(
         "yumi", "robosuite_models", f"{_ROBOSUITE_MODELS}/yumi/robot.xml", "--flange yumi_link_7_r"
     ),
@@ -73,6 +80,11 @@ ARMS = (
         "fetch",
         _DIFFERENTIABLE,
         f"{_DATA}/fetch_description/urdf/fetch.urdf",
+        # of the order of harmonic drives of this size
+        answer=(
+            ("upperarm_roll_joint", "rotor_inertia", 0.2),
+            ("forearm_roll_joint", "rotor_inertia", 0.2),
+        ),
     ),
     PackageArm(
         "fetch_arm",
@@ -101,7 +113,12 @@ ARMS = (
     PackageArm(
         "px100", "rtb_data", f"{_RTB}/trossen_descriptions/urdf/px100.urdf.xacro", "--trust-xacro"
     ),
-    PackageArm("kr210", "rtb_data", f"{_RTB}/kuka_description/kuka_kr210/urdf/kr210l150.urdf"),
+    PackageArm(
+        "kr210",
+        "rtb_data",
+        f"{_RTB}/kuka_description/kuka_kr210/urdf/kr210l150.urdf",
+        answer=(("joint_a6", "rotor_inertia", 20.0),),  # 1.3 g m^2 behind a gear of 125
+    ),
     PackageArm(
         "kr6",
         "rtb_data",
@@ -166,8 +183,35 @@ COMMANDS = {
 
 
 def run_arm(arm: PackageArm, packages: Path, folder: Path) -> dict[str, Any]:
-    """The row of an arm: figures, or the line that refused it. Goes on where it was stopped."""
+    """The row of an arm: figures, or the line that refused it. Goes on where it was stopped.
+
+    `after` is the row with the answer to that line, where the arm has one.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    row = _run_commands(arm, packages, folder)
+    if row["refused"] and arm.answer:
+        answered = folder / "answered"
+        answered.mkdir(exist_ok=True)
+        draft = (folder / "robot.yaml").read_text(encoding="utf-8")
+        (answered / "robot.yaml").write_text(_answered(draft, arm), encoding="utf-8")
+        row["after"] = _run_commands(arm, packages, answered)
+    return row
+
+
+def _answered(draft: str, arm: PackageArm) -> str:
+    """The text of a robot.yaml with the arm's answer in its drives."""
+    for joint, key, value in arm.answer:
+        begin, end = rf"(\{{joint: {re.escape(joint)},[^}}\n]*?)", r"(?=[,}])"
+        text, count = re.subn(rf"{begin}{key}: [^,}}\n]*{end}", rf"\g<1>{key}: {value:g}", draft)
+        if not count:  # the draft does not state it
+            text, count = re.subn(begin + end, rf"\g<1>, {key}: {value:g}", draft, count=1)
+        assert count == 1, f"{joint} is not in the draft once"
+        draft = text
+    return draft
+
+
+def _run_commands(arm: PackageArm, packages: Path, folder: Path) -> dict[str, Any]:
+    """The row of an arm by the commands in a folder, of which those are left out that are done."""
     os.chdir(folder)
     file = shlex.quote(str(packages / arm.package / arm.file))
     for made, command in COMMANDS.items():
@@ -256,6 +300,7 @@ def inside(wrench_csv: Path, log_csv: Path) -> float | None:
 def section(rows: list[dict[str, Any]], versions: dict[str, str]) -> str:
     """The section of docs/arms.md."""
     through = [row for row in rows if not row["refused"]]
+    answered = [row for row in rows if "after" in row and not row["after"]["refused"]]
     packages = ", ".join(f"{name} {versions[name]}" for name in sorted(versions))
     lines = [
         SECTION,
@@ -267,7 +312,8 @@ def section(rows: list[dict[str, Any]], versions: dict[str, str]) -> str:
         "`identify --consistent`, `estimate` of the same log, `simulate` of the default scenario "
         "with that model (its push is a quarter of the payload's weight at most), and `estimate` "
         "of that log.",
-        f"The drafts are taken as they are. {len(through)} of {len(rows)} reach a wrench.",
+        f"The drafts are taken as they are. {len(through)} of {len(rows)} reach a wrench, and "
+        f"{len(answered)} more with what a message asks for.",
         "",
         "- **contacts**: those that `estimate` finds in the first log, in which nothing touches "
         "the arm",
@@ -289,11 +335,26 @@ def section(rows: list[dict[str, Any]], versions: dict[str, str]) -> str:
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     refused = [row for row in rows if row["refused"]]
     if refused:
-        lines += ["", "| refused | package | at | why |", "|---|---|---|---|"]
+        lines += ["", "With what the message asks for in `robot.yaml`, where it is given below:"]
+        lines += ["", "| refused | package | at | why | given | valid [%] | inside [%] |"]
+        lines += ["|---|---|---|---|---|---|---|"]
+    answers = {arm.name: arm.answer for arm in ARMS}
     for row in refused:
         why = row["refused"].replace("|", "/").replace("<", "&lt;")
-        lines.append(f"| {row['arm']} | {row['package']} | `{row['command']}` | {why} |")
+        cells = [row["arm"], row["package"], f"`{row['command']}`", why, "", "", ""]
+        if "after" in row:
+            given = ", ".join(f"{key} of {joint}: {x:g}" for joint, key, x in answers[row["arm"]])
+            cells[4:] = [given, *_shares(row["after"])]
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _shares(row: dict[str, Any]) -> list[str]:
+    """Shares of valid readings and of forces inside, in %; where it was refused again."""
+    if row["refused"]:
+        return [f"refused at `{row['command']}`", ""]
+    inside_pct = row["inside_pct"]
+    return [f"{row['valid_pct']:.0f}", "–" if inside_pct is None else f"{inside_pct:.0f}"]
 
 
 def with_section(page: str, text: str) -> str:

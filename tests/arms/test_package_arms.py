@@ -4,10 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from package_arms import (
     ARMS,
     SECTION,
     PackageArm,
+    _answered,
     inside,
     run_arm,
     section,
@@ -59,7 +61,26 @@ def test_a_refused_arm_is_the_line_of_its_command(
     text = section([_ROW, row], {"nothing": "1.0", "airo_models": "0.0.12"})
     assert "1 of 2 reach a wrench" in text
     assert "| ur3e | airo_models |  | 6 | 5.93 | 0 | 84 | 97 | 93 |" in text
-    assert f"| none | nothing | `robot` | {row['refused']} |" in text
+    assert f"| none | nothing | `robot` | {row['refused']} |  |  |  |" in text
+
+
+def test_the_answer_to_a_message_has_a_row_of_its_own() -> None:
+    draft = (
+        "drives:\n"
+        "  - {joint: joint_a5, rotor_inertia: 0.0}  # FILL IN\n"
+        "  - {joint: joint_a6, rotor_inertia: 0.0, current_noise_sd: 12}  # FILL IN\n"
+    )
+    key = "rotor_inertia"
+    arm = PackageArm("kr210", "", "", answer=(("joint_a6", key, 20.0), ("joint_a5", "effort", 7)))
+    text = _answered(draft, arm)
+    assert "{joint: joint_a6, rotor_inertia: 20, current_noise_sd: 12}  # FILL IN" in text
+    assert "effort: 7" in text
+    drives = yaml.safe_load(text)["drives"]
+    assert drives[0] == {"joint": "joint_a5", "rotor_inertia": 0.0, "effort": 7}
+    refused = _ROW | {"arm": "kr210", "package": "p", "command": "simulate", "refused": "open"}
+    text = section([_ROW, refused | {"after": _ROW}], {"airo_models": "0.0.12"})
+    assert "1 of 2 reach a wrench, and 1 more with what a message asks for" in text
+    assert "| kr210 | p | `simulate` | open | rotor_inertia of joint_a6: 20 | 84 | 97 |" in text
 
 
 def test_the_section_is_the_last_of_the_page() -> None:
