@@ -48,18 +48,20 @@ class UncertainForce:
         """
         robot, reading = estimator.robot, estimator.reading.reconstruction
         limit, _, force_sd, moment_sd = reading.limits
-        moment_prior = [1.0 / max(moment_sd, 1e-9) ** 2] * 3
 
         def worst_sd(factor: Array, force_sd: float) -> float:
             """N, the force's sd where the joints' errors are `factor` (n,) times as large."""
-            prior = np.diag(moment_prior + [1.0 / force_sd**2] * 3)
             # A joint without an error to speak of leaves no information that numbers can hold.
             s = np.maximum(
                 torque_sd * factor, _ROUNDING_SHARE * torque_sd.max(axis=1, keepdims=True)
             )
             noise = s[:, :, None] * reading.torque_covariance * s[:, None, :]
-            information = J @ np.linalg.solve(noise, J.swapaxes(1, 2)) + prior
-            values = np.linalg.eigvalsh(np.linalg.inv(information)[:, 3:, 3:])
+            # Information W^T W by the square root W: squared, rounding loses the prior's share.
+            felt = np.linalg.solve(np.linalg.cholesky(noise), J.swapaxes(1, 2))
+            prior = np.diag([1.0 / max(moment_sd, 1e-9)] * 3 + [1.0 / force_sd] * 3)
+            W = np.concatenate([felt, np.broadcast_to(prior, (len(felt), 6, 6))], axis=1)
+            of_force = np.linalg.inv(np.linalg.qr(W, mode="r"))[:, 3:]
+            values = np.linalg.eigvalsh(of_force @ of_force.swapaxes(1, 2))
             return float(np.sqrt(np.median(values[:, -1])))
 
         n = robot.num_joints

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.uncertain_force import UncertainForce
@@ -74,6 +75,22 @@ def test_the_payload_that_would_be_enough_is_said(robot):
     assert 0.8 < judged(heavy, sd, None)[0].sd / (9.81 * payload / 6.0) < 1.0
     # An error that only another arm could have is no matter of the payload.
     assert "rated payload" not in judged(robot, 100.0 * sd)[0].sentence(0.0)
+
+
+def test_a_force_that_no_joint_feels_has_the_prior_alone(robot):
+    """As of an arm of two joints: what they do not feel must not be lost to rounding."""
+    estimator = WrenchEstimator(robot, IdentifiedModel.nominal(robot))
+    J = np.zeros((5, 6, 6))
+    J[:, :, :2] = 1e3 * np.random.default_rng(0).normal(size=(6, 2))
+    judgement = UncertainForce.of(estimator, J, np.full((5, 6), 1e-3))
+    _, _, force_sd, moment_sd = estimator.reading.reconstruction.limits
+    # Torques without an error leave what they do not feel, N, to the prior: N (N^T P N)^-1 N^T.
+    N = null_space(J[0, :, :2].T)
+    P = np.diag([moment_sd**-2.0] * 3 + [force_sd**-2.0] * 3)
+    left = N @ np.linalg.inv(N.T @ P @ N) @ N.T
+    expected = np.sqrt(np.linalg.eigvalsh(left[3:, 3:])[-1])
+    assert judgement.sd == pytest.approx(expected, rel=1e-3)  # of 1e-6 N of the torques' error
+    assert np.isfinite(judgement.enough_payload)
 
 
 def test_a_joint_without_an_error_to_speak_of_is_judged(robot):
