@@ -12,7 +12,8 @@ from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceInd
 from pydrake.systems.framework import Context
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import (
     NOMINAL_RESIDUAL_SHARE,
     IdentifiedModel,

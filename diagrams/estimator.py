@@ -16,8 +16,8 @@ from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
-from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserver
 from wrenchsight.models.observers.observer import Observer

@@ -21,8 +21,9 @@ from wrenchsight.systems.sampled_block import SampledBlock
 class FrictionLawSystem(SampledBlock):
     """Predicts the friction torque of every joint with any law of `models.friction`.
 
-    The article's semi-parametric law (Lu et al., eq. 12; `models.friction.velocity_friction`) and
-    the one with memory (`models.friction.presliding_friction`) are
+    The article's semi-parametric law (Lu et al., eq. 12;
+    `models.friction.semi_parametric_friction`) and the one with memory
+    (`models.friction.presliding_friction`) are
 
         tau_f = network(v) + bias + slope v             |v| ≤ v_crit
                 coulomb sgn(v) + viscous v + offset     |v| > v_crit

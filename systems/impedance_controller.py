@@ -16,7 +16,7 @@ from wrenchsight.models.control.impedance import (
     impedance_law,
 )
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST

@@ -18,7 +18,7 @@ from wrenchsight.models.control.joint_tracking import (
     write_holding_torque,
 )
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms

@@ -1,6 +1,6 @@
 """Joint friction without memory as a block."""
 
-from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.systems.friction_law import FrictionLawSystem
 
 

@@ -29,7 +29,7 @@ from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidenc
 from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
 from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.planning.excitation.excitation_information import ExcitationInformation
 from wrenchsight.models.planning.excitation.excitation_limits import ExcitationLimits
 from wrenchsight.models.planning.excitation.excitation_program import (

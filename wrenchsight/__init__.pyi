@@ -66,10 +66,10 @@ from wrenchsight.models.estimation.wrench import (
     WrenchReconstructionConfig as WrenchReconstructionConfig,
 )
 from wrenchsight.models.files.input_error import InputError as InputError
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous as CoulombViscous
 from wrenchsight.models.friction.friction_law import FrictionLaw as FrictionLaw
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction as PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous as CoulombViscous
-from wrenchsight.models.friction.velocity_friction import (
+from wrenchsight.models.friction.semi_parametric_friction import (
     SemiParametricFriction as SemiParametricFriction,
 )
 from wrenchsight.models.identification.identified_model import IdentifiedModel as IdentifiedModel

@@ -136,7 +136,10 @@ def _scale(settings: IdentifySettings, out: Path) -> None:
             torque_per_unit = f"{scale.torque_per_unit[j]:.3g} ± {scale.standard_error[j]:.2g}"
         note = "" if scale.is_determined[j] else " (not determined)"
         table.add_row(
-            name, torque_per_unit + note, f"{result.stated[j]:.3g}", f"{scale.gravity[j]:.2g}"
+            name,
+            torque_per_unit + note,
+            f"{result.stated[j]:.3g}",
+            f"{scale.known_torque_sd[j]:.2g}",
         )
     show(
         table,

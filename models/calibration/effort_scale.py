@@ -45,13 +45,13 @@ class EffortScale:
     Attributes:
         torque_per_unit: (n,) N m (N) per unit of effort, with its sign; nan where not known.
         standard_error: (n,) of it.
-        gravity: (n,) N m, sd of the known torque over the rows.
+        known_torque_sd: (n,) N m, sd over the rows of the known torque, gravity or the weight.
         count: rows, or pairs of postures.
     """
 
     torque_per_unit: Array
     standard_error: Array
-    gravity: Array
+    known_torque_sd: Array
     count: int
 
     @property

@@ -31,7 +31,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift, FrictionRefresh
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array, Flags
 
 SEGMENT_TIME = 0.5  # s

@@ -6,6 +6,9 @@ residual of the known model by generalised least squares
 (`wrenchsight.models.calibration.residual_noise`), with the old values as a prior. The prior's width
 is the change of friction from one month to another. A joint that hardly moves therefore keeps its
 coefficients, and its standard errors show this.
+
+`friction_drift_criterion` judges whether the new coefficients contradict the model;
+`friction_beside_contact` finds them in a log with contacts, `friction_tracking` sample by sample.
 """
 
 from dataclasses import dataclass
@@ -15,7 +18,7 @@ from scipy.special import erfcinv
 
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
 LEAST_LOG_TAIL = -700.0  # logarithm of the least probability that is a number; 37 standard errors

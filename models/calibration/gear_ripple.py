@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.residual_noise import V_REST, ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
 PERIODS_RANGE = (20.0, 400.0)  # a turn, of the ripples that are looked for

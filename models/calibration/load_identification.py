@@ -27,7 +27,7 @@ from wrenchsight.models.calibration.load_parameters import (
 )
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot import rotational_inertia
 

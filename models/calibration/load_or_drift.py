@@ -34,7 +34,7 @@ from wrenchsight.models.calibration.load_identification import (
 )
 from wrenchsight.models.calibration.mass_across_joints import mass_sd_across_joints
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
 MAX_OTHER_PROBABILITY = 0.01
@@ -217,63 +217,87 @@ def _begin_evidence(
     places: Array,
     every: int,
 ) -> Array:
-    """Log evidence (K,) of a load from each of the rows `places` (K,) on, against none.
+    """Log evidence (K,) of a load that is taken up at each of K rows, against no load.
+
+    The K loads share the whitened rows. Their columns are the ten of the load from places[0] on,
+    then those of the load from places[1] on, and so on; behind all loads stand the columns of every
+    fit (drift, model, residual). A fit takes one load's ten, or none, and the latter.
 
     Args:
+        log: m rows, of which log.load is (m, n, 10).
+        law: the friction coefficients behind the rows.
+        prior: of the load.
+        places: (K,) indices of rows of `log`, of the begin of a load.
         every: stride of the rows that are used.
     """
-    later = np.arange(len(log.rows.t))[::every, None] >= places
-    log = log[::every]
-    spread = vague_spread(prior.mass)
-    K, size = len(places), len(spread)
+    used_rows = np.arange(len(log.rows.t))[::every]  # their indices in `log`, as `places` has them
+    used = log[::every]
+    is_loaded = used_rows[:, None] >= places  # (rows, K)
+    load_sd = vague_spread(prior.mass)  # (10,)
+    num_loads, size = len(places), len(load_sd)
 
-    def load(j: int) -> Array:
-        return (later[:, :, None] * log.load[:, j, None]).reshape(len(later), -1)
+    def loads_columns(joint: int) -> Array:
+        columns = is_loaded[:, :, None] * used.load[:, joint, None]  # (rows, K, 10)
+        return columns.reshape(len(used_rows), num_loads * size)
 
-    blocks, sd = _blocks(log, law, load, spread)
-    other_columns = np.arange(K * size, blocks[0].shape[1], dtype=np.int64)
+    blocks, common_sd = _whitened_columns(used, law, loads_columns)
+    common_columns = np.arange(num_loads * size, blocks[0].shape[1])
 
-    def evidence(use: NDArray[np.int64], sd: Array) -> float:
-        fit = fit_with_prior([block[:, use] for block in blocks], sd, np.zeros(len(sd)))
-        return fit.log_evidence
+    def evidence(columns: NDArray[np.int64], prior_sd: Array) -> float:
+        rows = [block[:, columns] for block in blocks]
+        return fit_with_prior(rows, prior_sd, np.zeros(len(prior_sd))).log_evidence
 
-    without_load = evidence(other_columns, sd[size:])
-    loaded = [evidence(np.r_[k * size : (k + 1) * size, other_columns], sd) for k in range(K)]
-    return np.array(loaded) - without_load
+    without_load = evidence(common_columns, common_sd)
+    prior_sd = np.concatenate([load_sd, common_sd])
+    with_load = [
+        evidence(np.r_[k * size : (k + 1) * size, common_columns], prior_sd)
+        for k in range(num_loads)
+    ]
+    return np.array(with_load) - without_load
 
 
-def _blocks(
-    log: LoadRows,
-    law: CoulombViscous,
-    load: Callable[[int], Array],
-    load_sd: Array,
+def _whitened_columns(
+    log: LoadRows, law: CoulombViscous, load_columns: Callable[[int], Array]
 ) -> tuple[list[Array], Array]:
-    """Whitened rows of each joint, columns of load, drift and model; and the sds of the prior."""
+    """Whitened rows of each joint, and the prior's sds of the columns that every fit may use.
+
+    Args:
+        log: m rows.
+        law: the friction coefficients behind the rows.
+        load_columns: gives of a joint's index the (m, L) torque per parameter of one load or more.
+
+    Returns:
+        n arrays (m, L + 3 n + c + 1), one a joint, with the columns of load, drift (3 a joint),
+        model (c) and residual; and the sds (3 n + c,) of drift and model. The load's are the
+        caller's.
+    """
     rows, n = log.rows, log.rows.num_joints
     blocks = []
     for j in range(n):
+        # A joint's rows depend on its own three changes of friction alone.
         drift = np.zeros((len(rows.t), 3 * n))
         drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
-        blocks.append(rows.whitened(j, np.hstack([load(j), drift, log.model[:, j]])))
+        blocks.append(rows.whitened(j, np.hstack([load_columns(j), drift, log.model[:, j]])))
     drift_sd = FrictionDrift().deviation(rows, law)
-    return blocks, np.concatenate([load_sd, drift_sd.ravel(), log.model_sd])
+    return blocks, np.concatenate([drift_sd.ravel(), log.model_sd])
 
 
 def _evidence(log: LoadRows, law: CoulombViscous, load_sd: Array) -> dict[str, float]:
     """Log evidence of the four, by name; load_sd (10,) of the load in the flange's frame."""
-    n, model = log.rows.num_joints, log.model.shape[2]
-    blocks, sd = _blocks(log, law, lambda j: log.load[:, j], load_sd)
+    n, num_model = log.rows.num_joints, log.model.shape[2]
+    blocks, common_sd = _whitened_columns(log, law, lambda j: log.load[:, j])
+    sd = np.concatenate([load_sd, common_sd])
     evidence = {}
     for loaded in (False, True):
         for drifted in (False, True):
-            is_used = np.repeat([loaded, drifted, True], [len(load_sd), 3 * n, model])
-            if not is_used.any():  # none of the three: a placeholder column
-                is_used[0] = True
-            columns = np.append(np.flatnonzero(is_used), -1)
-            prior_sd = sd[is_used] if (loaded or drifted or model) else np.full(1, 1e-9)
-            fit = fit_with_prior(
-                [block[:, columns] for block in blocks], prior_sd, np.zeros(is_used.sum())
-            )
+            # Columns of load, drift and model; the model's are unknown in all four.
+            is_used = np.repeat([loaded, drifted, True], [len(load_sd), 3 * n, num_model])
+            prior_sd = sd[is_used]
+            if not is_used.any():  # none of the three: a column that the prior holds at zero
+                is_used[0], prior_sd = True, np.full(1, 1e-9)
+            columns = np.append(np.flatnonzero(is_used), -1)  # the residual is the last
+            rows = [block[:, columns] for block in blocks]
+            fit = fit_with_prior(rows, prior_sd, np.zeros(len(prior_sd)))
             evidence[_CAUSE_NAMES.get((loaded, drifted), "both")] = fit.log_evidence
     return evidence
 

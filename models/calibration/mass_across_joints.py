@@ -25,7 +25,7 @@ from wrenchsight.models.calibration.load_identification import (
     LoadRows,
     estimate_load,
 )
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.signals.bands import SIGMA_95
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrenchsight.models.friction.velocity_friction import friction_torque
+from wrenchsight.models.friction.semi_parametric_friction import friction_torque
 from wrenchsight.models.numerics.arrays import Array, Record, record
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import plain

@@ -14,7 +14,15 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
-_STEP_SHAPE, _RAMP_SHAPE, _SINE_SHAPE, _PUSH_SHAPE = 0.0, 1.0, 2.0, 3.0
+_STEP_SHAPE, _RAMP_SHAPE, _SINE_SHAPE, _PUSH_SHAPE = 0.0, 1.0, 2.0, 3.0  # values of column _KIND
+# Columns of the table of segments, one row a segment; times in s since the start of the script's
+# time, lengths in s, frequency in Hz, phase in rad. Columns of other kinds are zero.
+_KIND, _START, _END = 0, 1, 2  # of every segment
+_RISE, _FREQUENCY, _FADE = 3, 3, 3  # of a ramp, a sine, a push
+_PHASE, _PUSH_INDEX = 4, 4  # of a sine; of a push: its row of the tones
+_WRENCH = 5  # first of six: the wrench, amplitude or sd, N m and N
+_PUSH_LENGTH, _PUSH_PERIOD = 11, 12  # length of one push, and from the begin of one to the next
+_NUM_COLUMNS = 13
 _NUM_TONES = 24  # enough for a nearly Gaussian amplitude; few enough for one microsecond a sample
 _ENDLESS_TIME = 1e12  # s; finite, so that it survives YAML
 
@@ -108,46 +116,47 @@ def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
     """Writes the wrench (6,) of a script at time t, s; rotation first, N m, N.
 
     Args:
-        table: (segments, 13) kind, start, end, rise or frequency or fade, phase or first tone, 6
-            amplitudes, length of one push, time from one to the next.
-        tones: (pushes, 6 axes, tones, 2) angular frequency and phase.
+        table: (segments, _NUM_COLUMNS), columns _KIND to _PUSH_PERIOD.
+        tones: (pushes, 6 axes, tones, 2) angular frequency rad/s and phase rad of each push.
         t: s.
         wrench: written.
     """
     wrench[:] = 0.0
     for i in range(table.shape[0]):
-        start, end = table[i, 1], table[i, 2]
+        start, end = table[i, _START], table[i, _END]
         if t < start or t >= end:
             continue
-        kind = table[i, 0]
-        elapsed = t - start
+        kind = table[i, _KIND]
+        elapsed = t - start  # since the segment's start: the tones run on from push to push
         if kind == _PUSH_SHAPE:
-            push = int(table[i, 4])
-            fade = table[i, 3]
-            push_time = elapsed % table[i, 12]
-            edge = min(push_time, table[i, 11] - push_time, end - t)
+            push = int(table[i, _PUSH_INDEX])
+            fade = table[i, _FADE]
+            push_time = elapsed % table[i, _PUSH_PERIOD]  # since the start of the present push
+            # To the nearer end of the push, or of the segment; negative in the pause.
+            edge = min(push_time, table[i, _PUSH_LENGTH] - push_time, end - t)
             if edge < 0.0:
                 continue
             window = 1.0
             if edge < fade:
                 window = 0.5 * (1.0 - np.cos(np.pi * edge / fade))
             for axis in range(6):
-                if table[i, 5 + axis] != 0.0:
+                if table[i, _WRENCH + axis] != 0.0:
                     value = 0.0
                     for k in range(tones.shape[2]):
                         value += np.sin(tones[push, axis, k, 0] * elapsed + tones[push, axis, k, 1])
+                    # The sum of so many sines has the variance tones / 2.
                     wrench[axis] += (
-                        window * table[i, 5 + axis] * value * np.sqrt(2.0 / tones.shape[2])
+                        window * table[i, _WRENCH + axis] * value * np.sqrt(2.0 / tones.shape[2])
                     )
             continue
         if kind == _STEP_SHAPE:
             gain = 1.0
         elif kind == _RAMP_SHAPE:
-            gain = min(elapsed / table[i, 3], 1.0)
+            gain = min(elapsed / table[i, _RISE], 1.0)
         else:
-            gain = np.sin(2.0 * np.pi * table[i, 3] * elapsed + table[i, 4])
+            gain = np.sin(2.0 * np.pi * table[i, _FREQUENCY] * elapsed + table[i, _PHASE])
         for axis in range(6):
-            wrench[axis] += gain * table[i, 5 + axis]
+            wrench[axis] += gain * table[i, _WRENCH + axis]
 
 
 class WrenchScript:
@@ -171,14 +180,14 @@ class WrenchScript:
         self, segments: Sequence[WrenchSegment], seed: int = 0, source: str = "wrench"
     ) -> None:
         self.segments = tuple(segments)
-        rows: list[tuple[float, ...]] = []
-        tones: list[Array] = []
+        rows: list[Array] = []
+        tones: list[Array] = []  # one entry a push
         for i, segment in enumerate(segments):
             _check(segment, i, source)
-            rows.append(_table_row(segment, first_tone=len(tones)))
+            rows.append(_table_row(segment, push_index=len(tones)))
             if isinstance(segment, HandPush):
                 tones.append(_random_tones(segment, np.random.default_rng([seed, segment.seed, i])))
-        self.table = np.array(rows, dtype=np.float64).reshape(-1, 13)
+        self.table = np.array(rows, dtype=np.float64).reshape(-1, _NUM_COLUMNS)
         self.tones = np.array(tones, dtype=np.float64).reshape(-1, 6, _NUM_TONES, 2)
 
     def sample(self, t: float) -> Array:
@@ -188,27 +197,28 @@ class WrenchScript:
         return wrench
 
 
-def _table_row(segment: WrenchSegment, first_tone: int) -> tuple[float, ...]:
-    """The (13,) numbers of a segment, of `sample_script`.
+def _table_row(segment: WrenchSegment, push_index: int) -> Array:
+    """The (_NUM_COLUMNS,) numbers of a segment, of `sample_script`.
 
     Args:
-        first_tone: index of its tones, of a HandPush.
+        push_index: row of its tones, of a HandPush.
     """
-    rise_or_rate, phase_or_tone, push_length, push_period = 0.0, 0.0, 0.0, 1.0
+    row = np.zeros(_NUM_COLUMNS)
+    row[_START], row[_END] = segment.start, segment.start + segment.duration
+    row[_WRENCH : _WRENCH + 6] = (*segment.moment, *segment.force)
+    row[_PUSH_PERIOD] = 1.0  # a divisor
     if isinstance(segment, WrenchStep):
-        kind = _STEP_SHAPE
+        row[_KIND] = _STEP_SHAPE
     elif isinstance(segment, WrenchRamp):
-        kind, rise_or_rate = _RAMP_SHAPE, segment.rise
+        row[_KIND], row[_RISE] = _RAMP_SHAPE, segment.rise
     elif isinstance(segment, WrenchSine):
-        kind, rise_or_rate, phase_or_tone = _SINE_SHAPE, segment.frequency, segment.phase
+        row[_KIND] = _SINE_SHAPE
+        row[_FREQUENCY], row[_PHASE] = segment.frequency, segment.phase
     else:
-        kind, rise_or_rate, phase_or_tone = _PUSH_SHAPE, segment.fade, float(first_tone)
-        push_length = segment.each if segment.each > 0.0 else segment.duration
-        push_period = push_length + segment.pause
-    end = segment.start + segment.duration
-    wrench = (*segment.moment, *segment.force)
-    times = (segment.start, end, rise_or_rate, phase_or_tone)
-    return (kind, *times, *wrench, push_length, push_period)
+        row[_KIND], row[_FADE], row[_PUSH_INDEX] = _PUSH_SHAPE, segment.fade, push_index
+        row[_PUSH_LENGTH] = segment.each if segment.each > 0.0 else segment.duration
+        row[_PUSH_PERIOD] = row[_PUSH_LENGTH] + segment.pause
+    return row
 
 
 def _random_tones(push: HandPush, random: np.random.Generator) -> Array:

@@ -1,4 +1,8 @@
-"""Contact and misfit along a log or tick by tick: `contact_statistic` for one estimator."""
+"""Contact and misfit along a log or tick by tick: `contact_statistic` for one estimator.
+
+The detector sets the levels and runs the kernels. The rule when a contact begins and when it ends
+is `contact_decision`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wrenchsight.models.detection.contact_decision import MAX_RELEASE_SHARE, RELEASE_SHARE
 from wrenchsight.models.detection.contact_statistic import (
     CHANGE,
     CHANGE_LEVEL,
@@ -15,7 +20,6 @@ from wrenchsight.models.detection.contact_statistic import (
     FITTED_SPEED,
     JUMP_POLE,
     LINK,
-    MAX_RELEASE_SHARE,
     MEAN_LEVEL,
     MEAN_RELEASE,
     MEAN_SCALE,
@@ -31,7 +35,6 @@ from wrenchsight.models.detection.contact_statistic import (
     PERIOD,
     POWER_LEVEL,
     PRESENT,
-    RELEASE_SHARE,
     REST,
     SAMPLE_LEVEL,
     SAMPLE_RELEASE,
@@ -145,7 +148,8 @@ class ContactDetector:
         reconstruction: its method and moment prior define a contact at E.
         time_step: s.
         config: the stated rate.
-        reads_present_torque: whether the observer's reading rests on the same sample's torque.
+        reads_present_torque: whether a sample's tau_ext depends on the motor torque of that sample;
+            otherwise on that of the samples before alone. A jump of torque counts accordingly.
 
     Raises:
         ValueError: a rate beyond LEAST_RATE to LARGEST_RATE.
@@ -170,71 +174,27 @@ class ContactDetector:
         self.config, self.stage, self.chain, self.time_step = config, stage, chain, time_step
         self._noise, self._reconstruction = noise, reconstruction
         self.reads_present_torque = reads_present_torque
-        error, K_0 = stage.error, stage.rates
-        self.knows_error = not isinstance(error, ConstantTorqueError)
-        self.num_joints = error.num_joints
-        # Behind the observer no error is quicker than 1 / K_0, s.
-        self._correlation_time = np.maximum(error.correlation_time, 1.0 / K_0)
-        self.settings = self._settings()
-        # All constants of `detect_tick`; they follow from what is set above.
+        self.knows_error = not isinstance(stage.error, ConstantTorqueError)
+        self.num_joints = stage.error.num_joints
+        # s, of each joint: behind an observer of gain K_0 no error is quicker than 1 / K_0.
+        observer_gain = stage.rates
+        correlation_time = np.maximum(stage.error.correlation_time, 1.0 / observer_gain)
+        self.settings = _settings(
+            stage,
+            noise,
+            shortest_correlation_time=float(correlation_time.min()),
+            moment_sd=_moment_sd(reconstruction),
+            false_alarms_per_hour=rate,
+            time_step=time_step,
+            reads_present_torque=reads_present_torque,
+        )
         self._tables = DetectorTables(
             error=stage.table,
-            joints=self._joint_rows(),
+            joints=_joint_rows(stage, noise, correlation_time, time_step),
             settings=self.settings,
-            white=upper_whitening(error.correlation),
+            # U of y = U z: makes the joints' correlated errors independent, each of sd 1.
+            white=upper_whitening(stage.error.correlation),
         )
-
-    def _joint_rows(self) -> Array:
-        """(NUM_JOINT_ROWS, n): the table `joints` of `detect_tick`."""
-        error, rates, noise = self.stage.error, self.stage.rates, self._noise
-        time_step, correlation_time = self.time_step, self._correlation_time
-        joints = np.empty((NUM_JOINT_ROWS, self.num_joints))
-        joints[JUMP_POLE] = np.exp(-rates * time_step)
-        for row, fitted in ((FITTED_SPEED, error.fitted_speed), (FITTED_LOAD, error.fitted_load)):
-            joints[row] = np.where(fitted > 0.0, fitted, np.inf)
-        if noise is None:
-            joints[USUAL_JUMP] = np.inf
-            # Of an exponentially correlated error through a low-pass.
-            joints[MEAN_SCALE] = np.sqrt(correlation_time / (correlation_time + MEAN_TIME))
-            joints[CHANGE:] = 0.0
-        else:
-            # White noise of speed acts as a torque jump that shrinks with the root of the period.
-            jump_factor = np.sqrt(max(noise.time_step / time_step, 1.0))
-            joints[USUAL_JUMP] = jump_factor * np.asarray(noise.usual_jolt)
-            joints[MEAN_SCALE] = noise.mean_scale
-            joints[CHANGE:] = 0.0
-            if noise.change_sd:
-                # A change is as quick as the observer lets it be: of correlation time 1 / K_0.
-                change_factor = 2.0 * rates / (rates + error.K_0)
-                joints[CHANGE:] = change_factor * np.transpose(noise.change_sd) ** 2
-                joints[CHANGE + NUM_FEATURES] /= jump_factor**2
-        return joints
-
-    def _settings(self) -> Array:
-        """(NUM_SETTINGS,): the levels and constants of `detect_tick`."""
-        noise, rate = self._noise, self.config.false_alarms_per_hour
-        settings = np.empty(NUM_SETTINGS)
-        settings[PERIOD] = self.time_step
-        settings[MOMENT_SD] = _moment_sd(self._reconstruction)
-        settings[SCALE] = self.stage.error.scale
-        settings[PRESENT] = float(self.reads_present_torque)
-        tails = _tails(noise, self.num_joints, float(self._correlation_time.min()))
-        misfit_rate = max(rate, MISFIT_RATE)
-        settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]] = np.inf
-        if self.knows_error:
-            settings[SAMPLE_LEVEL] = tails.sample.level_at(0.5 * rate)
-            settings[MEAN_LEVEL] = tails.mean.level_at(0.5 * rate)
-            settings[POWER_LEVEL] = tails.power.level_at(misfit_rate)
-            if noise is not None and noise.change is not None and noise.change_sd:
-                settings[CHANGE_LEVEL] = np.sqrt(noise.change.level_at(0.5 * rate))
-        settings[MISFIT_LEVEL] = settings[POWER_LEVEL]
-        if noise is not None and noise.misfit is not None and self.knows_error:
-            settings[MISFIT_LEVEL] = OTHER_DAYS * noise.misfit.level_at(misfit_rate)
-        settings[SAMPLE_RELEASE] = _release_level(settings[SAMPLE_LEVEL], tails.sample)
-        settings[MEAN_RELEASE] = _release_level(settings[MEAN_LEVEL], tails.mean)
-        if noise is not None:
-            settings[[MEAN_LEVEL, MEAN_RELEASE]] *= OTHER_DAYS
-        return settings
 
     @classmethod
     def of(
@@ -333,6 +293,90 @@ def upper_whitening(R: Array) -> Array:
     """U (n, n), upper triangular, with U R U^T = 1."""
     flipped = np.linalg.cholesky(R[::-1, ::-1])
     return np.ascontiguousarray(np.linalg.inv(flipped)[::-1, ::-1])
+
+
+def _joint_rows(
+    stage: TorqueErrorStage, noise: ContactNoise | None, correlation_time: Array, time_step: float
+) -> Array:
+    """(NUM_JOINT_ROWS, n): the table `joints` of `detect_tick`.
+
+    Args:
+        stage: torque error of the estimator; its `rates` (n,) 1/s are the observer's gains K_0.
+        noise: of the model's whitened torque; None: Gaussian, and jumps and changes do not count.
+        correlation_time: (n,) s, of the errors behind the observer.
+        time_step: s.
+    """
+    error, observer_gain = stage.error, stage.rates
+    joints = np.empty((NUM_JOINT_ROWS, error.num_joints))
+    joints[JUMP_POLE] = np.exp(-observer_gain * time_step)
+    for row, fitted in ((FITTED_SPEED, error.fitted_speed), (FITTED_LOAD, error.fitted_load)):
+        joints[row] = np.where(fitted > 0.0, fitted, np.inf)
+    joints[CHANGE:] = 0.0
+    if noise is None:
+        joints[USUAL_JUMP] = np.inf
+        # Sd of an exponentially correlated error of sd 1 behind a low-pass of MEAN_TIME.
+        joints[MEAN_SCALE] = np.sqrt(correlation_time / (correlation_time + MEAN_TIME))
+        return joints
+    # White noise of speed acts as a torque jump that shrinks with the root of the period.
+    jump_factor = np.sqrt(max(noise.time_step / time_step, 1.0))
+    joints[USUAL_JUMP] = jump_factor * np.asarray(noise.usual_jolt)
+    joints[MEAN_SCALE] = noise.mean_scale
+    if noise.change_sd:
+        # A change is as quick as the observer lets it be: of correlation time 1 / K_0.
+        change_factor = 2.0 * observer_gain / (observer_gain + error.K_0)
+        joints[CHANGE:] = change_factor * np.transpose(noise.change_sd) ** 2
+        joints[CHANGE + NUM_FEATURES] /= jump_factor**2  # the share of the torque jump
+    return joints
+
+
+def _settings(
+    stage: TorqueErrorStage,
+    noise: ContactNoise | None,
+    *,
+    shortest_correlation_time: float,
+    moment_sd: float,
+    false_alarms_per_hour: float,
+    time_step: float,
+    reads_present_torque: bool,
+) -> Array:
+    """(NUM_SETTINGS,): the levels and constants of `detect_tick`.
+
+    A model that states no torque error has infinite levels: it detects no contact.
+
+    Args:
+        stage: torque error of the estimator.
+        noise: of the model's whitened torque; None: Gaussian.
+        shortest_correlation_time: s, of the errors behind the observer.
+        moment_sd: N m, prior of the moment of a contact at E.
+        false_alarms_per_hour: stated rate; each of the two norms that begin a contact has half.
+        time_step: s.
+        reads_present_torque: as of the detector.
+    """
+    error, half_rate = stage.error, 0.5 * false_alarms_per_hour
+    misfit_rate = max(false_alarms_per_hour, MISFIT_RATE)
+    tails = _tails(noise, error.num_joints, shortest_correlation_time)
+    settings = np.empty(NUM_SETTINGS)
+    settings[PERIOD] = time_step
+    settings[MOMENT_SD] = moment_sd
+    settings[SCALE] = error.scale
+    settings[PRESENT] = float(reads_present_torque)
+    settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]] = np.inf
+    knows_error = not isinstance(error, ConstantTorqueError)
+    if knows_error:
+        settings[SAMPLE_LEVEL] = tails.sample.level_at(half_rate)
+        settings[MEAN_LEVEL] = tails.mean.level_at(half_rate)
+        settings[POWER_LEVEL] = tails.power.level_at(misfit_rate)
+        if noise is not None and noise.change is not None and noise.change_sd:
+            # Its tail is that of the square |U c|^2, the others' of the norms themselves.
+            settings[CHANGE_LEVEL] = np.sqrt(noise.change.level_at(half_rate))
+    settings[MISFIT_LEVEL] = settings[POWER_LEVEL]
+    if noise is not None and noise.misfit is not None and knows_error:
+        settings[MISFIT_LEVEL] = OTHER_DAYS * noise.misfit.level_at(misfit_rate)
+    settings[SAMPLE_RELEASE] = _release_level(settings[SAMPLE_LEVEL], tails.sample)
+    settings[MEAN_RELEASE] = _release_level(settings[MEAN_LEVEL], tails.mean)
+    if noise is not None:
+        settings[[MEAN_LEVEL, MEAN_RELEASE]] *= OTHER_DAYS
+    return settings
 
 
 class _Tails(NamedTuple):

@@ -1,5 +1,8 @@
 """Contact statistic: detects contact, and contact away from E, from tau_ext, sample by sample.
 
+Here are the whitening, the norms and the misfit; the rule itself, when a contact begins and when it
+ends, is `contact_decision`.
+
 **Whitened torque.** The torque of joint j over its standard deviation without contact:
 
     z = sign(tau) (|tau| - hidden)+ / (g s),    s^2 = sd^2 - w stiction^2 + jump^2
@@ -82,6 +85,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrenchsight.models.detection.contact_decision import (
+    BEGUN,
+    ENDED,
+    IN_CONTACT,
+    NUM_MEMORY,
+    RATIO,
+    ContactLevels,
+    ContactNorms,
+    decide_contact,
+)
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
@@ -101,11 +114,6 @@ MISFIT_WINDOW = 0.1  # s
 LOCAL_TIME = 10.0  # s
 UNIT_SCALE_TIME = 1.0  # s
 MAX_SCALE_RATIO = 3.0
-RELEASE_SHARE, MAX_RELEASE_SHARE = 0.5, 0.8
-MIN_MEAN_SHARE = 0.3
-RELEASE_TIME = 0.1  # s
-MEAN_PAUSE = 0.5  # s
-SINGLE_SAMPLE_RATIO = 1.5  # times the level, from which on a single sample begins a contact
 ONE_SIDED_SHARE = 0.15  # share of a reading's mean square, beyond which its mean is not chance
 _STICTION_PART = NUM_FEATURES - 1  # among the parts of a variance
 MAX_UNTOUCHED_RMS = 2.0  # root mean square over MEAN_TIME
@@ -117,8 +125,8 @@ _MOMENTUM, _PREVIOUS_MOMENTUM, _TORQUE, _BASE, _JUMP2, _LOCAL2 = range(6)
 _SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(6, 13)
 NUM_UNKNOWN = _JUMP2  # rows before it are not known before the first sample
 _SINGLE_ROW = _START + 1  # first of the rows that hold single numbers
-_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN = range(7)
-_NOT_BEFORE, _LAST_QUICK, NUM_SINGLE = range(7, 10)
+# The single numbers: the memory of `decide_contact`, then these.
+_MISFIT, _RESTING, _TOUCHED, _SEEN, NUM_SINGLE = range(NUM_MEMORY, NUM_MEMORY + 5)
 
 # Rows of `joints`; JUMP_POLE: the observer's pole, per tick.
 JUMP_POLE, USUAL_JUMP, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(6)
@@ -265,22 +273,22 @@ def detect_tick(
 
     # Contact, which stays as it was where tau_ext is not of this sample.
     is_read = sample.fresh and np.all(np.isfinite(tau_ext))
-    lengths = _Lengths(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    norms = ContactNorms(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if is_read:
         _whiten(detector, error, tau_ext, change_variance, whitened)
-        lengths = _lengths(detector, whitened)
-        _decide(detector, lengths, whitened)
-    out[SAMPLE_LENGTH], out[MEAN_LENGTH] = lengths.sample, lengths.mean
-    out[POWER_LENGTH], out[CHANGE_LENGTH] = lengths.power, lengths.change
-    out[STATISTIC], out[CONTACT] = single[_RATIO], single[_CONTACT]
+        norms = _norms(detector, whitened)
+        _take_contact(detector, norms, whitened)
+    out[SAMPLE_LENGTH], out[MEAN_LENGTH] = norms.sample, norms.mean
+    out[POWER_LENGTH], out[CHANGE_LENGTH] = norms.power, norms.change
+    out[STATISTIC], out[CONTACT] = single[RATIO], single[IN_CONTACT]
 
     # Where the contact is: at E, or else on which link.
     out[MISFIT], out[LINK] = 0.0, 0.0
-    if single[_CONTACT] == 1.0 and is_read:
+    if single[IN_CONTACT] == 1.0 and is_read:
         gain = 1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)
         D = _unexplained(tables, error.J_seen, tau_ext, whitened)
         single[_MISFIT] += gain * (D - single[_MISFIT])
-    if single[_CONTACT] == 1.0 and np.sqrt(single[_MISFIT]) > settings[MISFIT_LEVEL]:
+    if single[IN_CONTACT] == 1.0 and np.sqrt(single[_MISFIT]) > settings[MISFIT_LEVEL]:
         out[MISFIT] = 1.0
         out[LINK] = _link(state[_POWER], settings[POWER_LEVEL])
 
@@ -298,26 +306,6 @@ class _Detector(NamedTuple):
     keep: float
     state: Array
     single: Array
-
-
-class _Lengths(NamedTuple):
-    """Norms of one sample; the module describes the first four.
-
-    Attributes:
-        sample: |y|.
-        mean: |U LP(z) / mean_scale|.
-        power: sqrt(LP(|y|^2)).
-        change: |U c|.
-        square_of_mean: |U LP(z)|^2.
-        along_mean: y . U LP(z).
-    """
-
-    sample: float
-    mean: float
-    power: float
-    change: float
-    square_of_mean: float
-    along_mean: float
 
 
 @kernel
@@ -381,7 +369,7 @@ def _whiten(
 ) -> None:
     """Writes all of `whitened` but y; takes the sample into the local scales, base and LP(z)."""
     keep, state, single = detector.keep, detector.state, detector.single
-    T, in_contact = detector.tables.settings[PERIOD], single[_CONTACT] == 1.0
+    T, in_contact = detector.tables.settings[PERIOD], single[IN_CONTACT] == 1.0
     follows = _follows_noise(state, single, tau_ext.shape[0])
     single[_SEEN] += T
     if in_contact:
@@ -436,7 +424,7 @@ def _follows_noise(state: Array, single: Array, n: int) -> bool:
 
     A contact is an error where it outlasts LOCAL_TIME and its mean over that time vanishes.
     """
-    if single[_CONTACT] == 0.0:
+    if single[IN_CONTACT] == 0.0:
         return True
     follows = single[_TOUCHED] > LOCAL_TIME
     for j in range(n):
@@ -453,7 +441,7 @@ def _excess_square(x: float, mean_square: float) -> float:
 
 
 @kernel
-def _lengths(detector: _Detector, whitened: Whitened) -> _Lengths:
+def _norms(detector: _Detector, whitened: Whitened) -> ContactNorms:
     """The norms of the whitened sample; writes its y and takes it into the power."""
     joints, white = detector.tables.joints, detector.tables.white
     keep, state = detector.keep, detector.state
@@ -462,7 +450,7 @@ def _lengths(detector: _Detector, whitened: Whitened) -> _Lengths:
     scaled_mean = white @ (state[_MEAN] / joints[MEAN_SCALE])
     change = white @ whitened.scaled_change
     state[_POWER] = keep * state[_POWER] + (1.0 - keep) * whitened.y**2
-    return _Lengths(
+    return ContactNorms(
         sample=np.sqrt(np.sum(whitened.y**2)),
         mean=np.sqrt(np.sum(scaled_mean**2)),
         power=np.sqrt(np.sum(state[_POWER])),
@@ -473,36 +461,23 @@ def _lengths(detector: _Detector, whitened: Whitened) -> _Lengths:
 
 
 @kernel
-def _decide(detector: _Detector, lengths: _Lengths, whitened: Whitened) -> None:
-    """Begins and ends contact."""
+def _take_contact(detector: _Detector, norms: ContactNorms, whitened: Whitened) -> None:
+    """Applies the rule of contact; restarts misfit and duration, or mean, power and base."""
     settings, state, single = detector.tables.settings, detector.state, detector.single
-    T, in_contact = settings[PERIOD], single[_CONTACT] == 1.0
-    single[_NOT_BEFORE] -= T
-    # The mean does not outlast a contact, nor begin one before it is a mean again.
-    mean = lengths.mean
-    if in_contact and lengths.along_mean < MIN_MEAN_SHARE * lengths.square_of_mean:
-        mean = 0.0
-    if not in_contact and single[_NOT_BEFORE] > 0.0:
-        mean = 0.0
-    quick = lengths.sample / settings[SAMPLE_LEVEL]
-    if not in_contact and settings[CHANGE_LEVEL] < np.inf:
-        quick = lengths.change / settings[CHANGE_LEVEL] if single[_SEEN] > MEAN_TIME else 0.0
-    last, single[_LAST_QUICK] = single[_LAST_QUICK], quick
-    quick = max(min(quick, last), quick / SINGLE_SAMPLE_RATIO)
-    single[_RATIO] = max(quick, mean / settings[MEAN_LEVEL])
-    if single[_RATIO] > 1.0:
-        if not in_contact:
-            single[_MISFIT], single[_TOUCHED] = 0.0, 0.0
-        single[_CONTACT], single[_QUIET] = 1.0, 0.0
-    elif in_contact:
-        if mean >= settings[MEAN_RELEASE] or lengths.sample >= settings[SAMPLE_RELEASE]:
-            single[_QUIET] = 0.0
-        else:
-            single[_QUIET] += T
-        if single[_QUIET] >= RELEASE_TIME:
-            single[_CONTACT], single[_NOT_BEFORE] = 0.0, MEAN_PAUSE
-            state[_MEAN], state[_POWER] = whitened.z, whitened.y**2
-            state[_BASE] += whitened.change
+    levels = ContactLevels(
+        sample=settings[SAMPLE_LEVEL],
+        mean=settings[MEAN_LEVEL],
+        change=settings[CHANGE_LEVEL],
+        sample_release=settings[SAMPLE_RELEASE],
+        mean_release=settings[MEAN_RELEASE],
+    )
+    has_mean = single[_SEEN] > MEAN_TIME
+    event = decide_contact(norms, levels, has_mean, settings[PERIOD], single[:NUM_MEMORY])
+    if event == BEGUN:
+        single[_MISFIT], single[_TOUCHED] = 0.0, 0.0
+    elif event == ENDED:
+        state[_MEAN], state[_POWER] = whitened.z, whitened.y**2
+        state[_BASE] += whitened.change
 
 
 @kernel

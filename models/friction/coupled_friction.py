@@ -14,13 +14,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.slip_elements import SlipElements
-from wrenchsight.models.friction.velocity_friction import (
-    CoulombViscous,
-    SemiParametricFriction,
-)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.sparse_products import products
 

@@ -6,10 +6,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_terms import FrictionTerm
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.slip_elements import SlipElements, run_friction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array
 
 

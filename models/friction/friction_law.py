@@ -10,8 +10,9 @@ from typing import Protocol, Self
 
 from numpy.typing import ArrayLike
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.slip_elements import SlipElements
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array
 
 

@@ -2,8 +2,10 @@
 
     f_i(v) = b2_i + sum_h W2_ih tanh(W1_ih v_i / v_scale_i + b1_ih)
 
-(Lu et al., section 3.1: 1-10-1, hyperbolic tangent, linear output). Training lives elsewhere; a
-trained network runs here on numpy alone.
+(Lu et al., section 3.1: 1-10-1, hyperbolic tangent, linear output). Here are the weights, and a
+numpy evaluation from which the law is corrected at +-v_crit. Logs and ticks evaluate the network in
+the kernel `semi_parametric_friction.friction_torque`, from the table of `SemiParametricFriction`.
+`analyses.methods.identify.friction_training` trains it.
 """
 
 from dataclasses import dataclass

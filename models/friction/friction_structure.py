@@ -12,12 +12,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.extended_friction import ExtendedFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.friction_terms import TERMS, FrictionTerm, term_of
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction, slip_path
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array
 
 # Terms of each law that is linear in its coefficients; z is the slip, sgn v where the law has no

@@ -40,6 +40,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.slip_elements import (
     COULOMB,
     CUBIC,
@@ -57,10 +59,6 @@ from wrenchsight.models.friction.slip_elements import (
     add_slip_torque,
     run_friction,
     update_slip,
-)
-from wrenchsight.models.friction.velocity_friction import (
-    CoulombViscous,
-    SemiParametricFriction,
 )
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.numerics.kernel import kernel

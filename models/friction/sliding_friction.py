@@ -11,10 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.slip_elements import (
     COULOMB,
     CUBIC,
@@ -25,7 +27,6 @@ from wrenchsight.models.friction.slip_elements import (
     STRIBECK,
     held_stribeck,
 )
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Flags
 
 TERMS = ("coulomb", "viscous", "offset")

@@ -1,4 +1,8 @@
-"""Hypothesis: friction is not the model's any more. No fault of the log: the band holds it."""
+"""Hypothesis on a suspicious log: friction that is not the model's any more explains it.
+
+That is no fault of the log, and the band holds it. Whether a usual log's friction has drifted is
+judged by `models.calibration.friction_drift_criterion`.
+"""
 
 import math
 from dataclasses import replace

@@ -18,6 +18,12 @@ MAX_SHIFT = 1.0  # s
 MEAN_TIMES = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0)  # s, of averages
 WINDOW_ODDS = 10.0  # of an average against none, or a shorter one, from which on it counts
 _COARSE_STEP = 0.05  # s, between shifts
+_FINE_STEP = 2e-3  # s, at which the search ends: far below MIN_SHIFT
+_SHIFT_DECIMALS = 4  # of s; shifts that are the same to 0.1 ms are fitted once
+# s, from the best shift to the neighbours of the parabola through it: at ten times _FINE_STEP the
+# difference of their evidence is curvature, not the error of the search.
+_PARABOLA_STEP = 0.02
+_FLAT_CURVATURE = 1e-6  # 1/s^2; at or below it the log does not determine the shift
 
 
 def explain(case: Case) -> Explanation | None:
@@ -96,15 +102,21 @@ class _Shift(NamedTuple):
 
 
 def _best_shift(case: Case, window: float, around: float | None = None) -> _Shift:
-    """The most likely shift, with the model averaged over `window` s.
+    """The most likely shift of the drives' signals, with the model averaged over `window` s.
+
+    Shifts on a coarse grid are tried first; then the best one's neighbours at half the step again
+    and again, down to _FINE_STEP. The vertex of a parabola through the best shift and two others
+    is the result, its curvature the standard error.
 
     Args:
-        around: s, near which it is looked for; None: within MAX_SHIFT.
+        case: the log.
+        window: s; 0: no average.
+        around: s, within two coarse steps of which it is looked for; None: within MAX_SHIFT.
     """
-    tried: dict[float, float] = {}
+    tried: dict[float, float] = {}  # log evidence by shift
 
     def score(shift: float) -> float:
-        shift = round(shift, 4)
+        shift = round(shift, _SHIFT_DECIMALS)
         if shift not in tried:
             tried[shift] = case.fit(_view(case, shift, window), quick=True).log_evidence
         return tried[shift]
@@ -116,22 +128,22 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
     for shift in coarse:
         score(float(shift))
     step = _COARSE_STEP if around is None else 0.5 * _COARSE_STEP
-    while step > 2e-3:
+    while step > _FINE_STEP:
         best = max(tried, key=lambda shift: tried[shift])
         for shift in (best - step, best + step):
             score(shift)
         step *= 0.5
     best = max(tried, key=lambda shift: tried[shift])
-    # A parabola through the best and its neighbours: vertex and standard error.
-    width = 0.02
-    left, right = score(best - width), score(best + width)
-    curvature = (2.0 * tried[best] - left - right) / width**2
-    sd = 1.0 / math.sqrt(curvature) if curvature > 1e-6 else MAX_SHIFT
-    if curvature > 1e-6:
-        vertex = best + 0.5 * (right - left) / (width**2 * curvature)
-        if abs(vertex - best) < width:
+    # The parabola: log evidence ~ -1/2 curvature (shift - vertex)^2.
+    left, right = score(best - _PARABOLA_STEP), score(best + _PARABOLA_STEP)
+    curvature = (2.0 * tried[best] - left - right) / _PARABOLA_STEP**2
+    sd = MAX_SHIFT
+    if curvature > _FLAT_CURVATURE:
+        sd = min(1.0 / math.sqrt(curvature), MAX_SHIFT)
+        vertex = best + 0.5 * (right - left) / (_PARABOLA_STEP**2 * curvature)
+        if abs(vertex - best) < _PARABOLA_STEP:
             best = vertex
-    return _Shift(float(best), max(tried.values()), min(sd, MAX_SHIFT))
+    return _Shift(float(best), max(tried.values()), sd)
 
 
 def _view(case: Case, shift: float, window: float) -> View:

@@ -14,6 +14,7 @@ import numpy as np
 from wrenchsight.models.files.configuration import REQUIRED, load_configuration, save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.extended_friction import ExtendedFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
@@ -21,11 +22,7 @@ from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.friction_terms import TERMS, term_of
 from wrenchsight.models.friction.path_friction import PathFriction, PathPlaces
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import (
-    CoulombViscous,
-    Handover,
-    SemiParametricFriction,
-)
+from wrenchsight.models.friction.semi_parametric_friction import Handover, SemiParametricFriction
 from wrenchsight.models.identification.contact_noise import ContactNoise, check_contact_noise
 from wrenchsight.models.identification.fitted_robot import FittedRobot
 from wrenchsight.models.identification.gravity_spread import NUM_PARAMETERS

@@ -56,7 +56,10 @@ class KalmanTable(NamedTuple):
 
 
 class KalmanState(NamedTuple):
-    """The state of the filter; N = 2 n + 6 and x = [p, F, x].
+    """The state of the filter, N = 2 n + 6 numbers in the order [p, F, x].
+
+    p: entries 0 to n - 1, momentum; F: n to n + 5, wrench on the robot at E, rotation first;
+    x: n + 6 to 2 n + 5, smooth part of the torque error, of sd 1.
 
     Attributes:
         x, gain, P, C: (N,), (N, n), (N, N), (N, n) of the coming sample, before it is measured.
@@ -394,7 +397,17 @@ def renew(decay: Array, mixing: Array, x: Array, P: Array) -> None:
 
 @kernel
 def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> None:
-    """Propagates x, P and C over a period, in place; u is added elsewhere."""
+    """Propagates x, P and C over a period, in place; u is added elsewhere.
+
+    Order of the state, of rows and columns alike: momentum p (entries 0 to n - 1), wrench F (n to
+    n + 5), smooth part of the torque error (n + 6 to 2 n + 5).
+
+    Args:
+        t: constants.
+        s: state, of which x (N,), P (N, N) and C (N, n) are changed.
+        J: (6, n), rows [angular; linear], as F.
+        error: parts of the torque error, of the period.
+    """
     x, P, C, T = s.x, s.P, s.C, t.numbers[PERIOD]
     n = J.shape[1]
     N = 2 * n + 6

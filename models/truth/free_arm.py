@@ -21,7 +21,7 @@ from wrenchsight.models.control.joint_tracking import (
     tracking_torque,
 )
 from wrenchsight.models.control.wrench_script import WrenchScript, sample_script
-from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised

@@ -22,7 +22,8 @@ from wrenchsight.diagrams.closed_loop import LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.robot_cell import RobotCell
 from wrenchsight.diagrams.scenario import Scenario, load_scenario
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.numerics.arrays import Array

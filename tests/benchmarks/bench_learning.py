@@ -10,7 +10,7 @@ import numpy as np
 
 from wrenchsight.analyses.methods.excite.excitation import excite
 from wrenchsight.analyses.methods.identify.friction_training import train_networks
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.robot.robot import Robot
 
 NUM_SAMPLES = 3000  # of friction, each joint

@@ -23,7 +23,8 @@ from wrenchsight.diagrams.scenario import (
 )
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig

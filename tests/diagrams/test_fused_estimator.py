@@ -13,9 +13,10 @@ from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstim
 from wrenchsight.models.estimation.invalid import UNSEEN_REST
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_methods import METHODS
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 

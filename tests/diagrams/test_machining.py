@@ -15,7 +15,8 @@ from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.diagrams.workpiece import pose_of_workpiece
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_prior import live_prior
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_phases import Fault, Phase
 from wrenchsight.models.robot.robot_config import PoseConfig

@@ -24,7 +24,8 @@ from wrenchsight.diagrams.scenario import HoldMotion, Scenario, load_scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.estimation.estimator import Correction, WrenchEstimator
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import AirPassCorrection
 from wrenchsight.models.machining.freed_feedforward import FADE_TIME

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.numerics.arrays import Array

@@ -9,7 +9,8 @@ from sample_models import harmonic_motion
 from wrenchsight.models.calibration.load_identification import LoadRows
 from wrenchsight.models.calibration.load_parameters import load_columns
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording

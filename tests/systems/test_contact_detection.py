@@ -14,8 +14,9 @@ from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig

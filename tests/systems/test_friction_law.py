@@ -8,10 +8,11 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.slip_elements import add_slip_torque, update_slip
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.systems.presliding_friction import PreslidingFrictionSystem
 from wrenchsight.systems.semi_parametric_friction import SemiParametricFrictionSystem
 

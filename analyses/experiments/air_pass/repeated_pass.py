@@ -72,15 +72,15 @@ class LoadedPass:
     Attributes:
         plain: uncorrected.
         corrected: less the correction learnt on the pass without load.
-        first_pass: (M, n) N m, what that pass read.
-        alignment: s that its log is ahead.
+        empty_tau_ext: (M, n) N m, reading of the pass without load at the same places.
+        alignment: s, from the time of the loaded pass to that of the empty one at the same place.
         load_growth: (M, n) N m, the increase of the drives' |torque| with the load.
         v: (M, n) rad/s.
     """
 
     plain: PassErrors
     corrected: PassErrors
-    first_pass: Array
+    empty_tau_ext: Array
     alignment: float
     load_growth: Array
     v: Array
@@ -117,7 +117,7 @@ class LoadedPass:
     @property
     def correlation(self) -> Array:
         """(n,) of the torque errors of both passes."""
-        pairs = zip(self.first_pass.T, self.plain.torque_error.T, strict=True)
+        pairs = zip(self.empty_tau_ext.T, self.plain.torque_error.T, strict=True)
         return np.array([np.corrcoef(a, b)[0, 1] for a, b in pairs])
 
 
@@ -142,14 +142,18 @@ class Pass:
         return cls(recording, batch.tau_ext, batch.J)
 
 
-def alignment(early: Recording, late: Recording) -> float:
-    """s by which the pass `early` is ahead of the pass `late`, by their positions."""
+def alignment(empty: Recording, loaded: Recording) -> float:
+    """Shift of time, s: at t + shift `empty` is where `loaded` is at t, each since its own start.
+
+    Positive where `empty` begins its motion later after its log's start. Found from the positions
+    alone.
+    """
     margin = round(END_MARGIN / TIME_STEP)
     inner = slice(margin, -margin)
-    t = late.t[inner] - late.t[0]
+    t = loaded.t[inner] - loaded.t[0]
 
     def difference(shift: float) -> float:
-        return float(np.mean((late.q[inner] - _at(early, early.q, t + shift)) ** 2))
+        return float(np.mean((loaded.q[inner] - interpolated(empty, empty.q, t + shift)) ** 2))
 
     bounds = (-_LARGEST_SHIFT, _LARGEST_SHIFT)
     result = minimize_scalar(
@@ -163,48 +167,60 @@ def loaded_pass(
 ) -> LoadedPass:
     """Reads the loaded pass at the point where the load acts, as read and corrected.
 
+    The correction is the empty pass's tau_ext at the same place of the motion.
+
     Args:
         Sigma_tau: (n, n) (N m)^2, of the model.
         empty: the pass without load.
-        loaded: the one with it.
-        p_EP: (3,) m from E, where the load acts.
+        loaded: the one with it, N samples.
+        p_EP: (3,) m from E in axes of E, to the point P where the load acts.
         mass: kg.
     """
     recording = loaded.recording
-    rows = slice(round(LEARNING_TIME / TIME_STEP), -round(END_MARGIN / TIME_STEP))
-    t = recording.t - recording.t[0]
-    lead = alignment(empty.recording, recording)
-    first_pass = _at(empty.recording, empty.tau_ext, t + lead)
-    carried = robot.joint_torque(recording.current)
-    carried_empty = _at(empty.recording, robot.joint_torque(empty.recording.current), t + lead)
+    rows = slice(round(LEARNING_TIME / TIME_STEP), -round(END_MARGIN / TIME_STEP))  # judged
+
+    # The empty pass, at the places where the loaded one is at its N samples.
+    shift = alignment(empty.recording, recording)
+    t_empty = recording.t - recording.t[0] + shift
+    correction = interpolated(empty.recording, empty.tau_ext, t_empty)
+    drive_torque = robot.joint_torque(recording.current)
+    empty_drive_torque = interpolated(
+        empty.recording, robot.joint_torque(empty.recording.current), t_empty
+    )
+
+    # The truth: the load's force at P and its torque on the joints, without a moment about P.
     R_WE, _ = robot.chain.pose(recording.q)
-    J = jacobian_at(loaded.J, R_WE, p_EP)
-    truth = mass * payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)
-    torque = np.einsum("kij,ki->kj", J[:, 3:], truth)
+    J_P = jacobian_at(loaded.J, R_WE, p_EP)  # (N, 6, n), rows [angular; linear] in axes of W
+    acceleration = payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)  # g - a_P, in W
+    force_W = mass * acceleration  # (N, 3) N on the robot
+    load_torque = np.einsum("kij,ki->kj", J_P[:, 3:], force_W)
     reading = WrenchReconstruction(WrenchReconstructionConfig("force_only"), Sigma_tau)
 
     def errors(tau_ext: Array) -> PassErrors:
-        result = reading.reconstruct(J[rows], tau_ext[rows])
+        result = reading.reconstruct(J_P[rows], tau_ext[rows])
         judged = []
         for force, sd, true in zip(
-            result.wrench[:, 3:].T, result.standard_deviation[:, 3:].T, truth[rows].T, strict=True
+            result.wrench[:, 3:].T, result.standard_deviation[:, 3:].T, force_W[rows].T, strict=True
         ):
             judgement = ForceJudgement.of(ForceReading(force, sd, result.valid), true)
             assert judgement is not None
             judged.append(judgement)
-        return PassErrors(tuple(judged), (tau_ext - torque)[rows])
+        return PassErrors(tuple(judged), (tau_ext - load_torque)[rows])
 
     return LoadedPass(
         plain=errors(loaded.tau_ext),
-        corrected=errors(loaded.tau_ext - first_pass),
-        first_pass=first_pass[rows],
-        alignment=lead,
-        load_growth=(np.abs(carried) - np.abs(carried_empty))[rows],
+        corrected=errors(loaded.tau_ext - correction),
+        empty_tau_ext=correction[rows],
+        alignment=shift,
+        load_growth=(np.abs(drive_torque) - np.abs(empty_drive_torque))[rows],
         v=recording.v[rows],
     )
 
 
-def _at(recording: Recording, signal: Array, t: Array) -> Array:
-    """The signal (N, n) at times since the log's start."""
-    entry = recording.t - recording.t[0]
-    return np.stack([np.interp(t, entry, column) for column in signal.T], axis=1)
+def interpolated(recording: Recording, signal: Array, t: Array) -> Array:
+    """A signal (N, n) of the recording at times t (M,), s since its start: (M, n), linear between.
+
+    Beyond the recording's ends the signal keeps its first and last value.
+    """
+    t_signal = recording.t - recording.t[0]
+    return np.stack([np.interp(t, t_signal, column) for column in signal.T], axis=1)

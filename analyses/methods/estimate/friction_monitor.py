@@ -2,7 +2,7 @@
 
 The observer's reading there is the model's error. About ten rows a second of it are gathered, each
 with the torque that friction's coefficients add through the observer's pole. They are judged by
-`wrenchsight.models.calibration.friction_disagreement`, and by
+`wrenchsight.models.calibration.friction_drift_criterion`, and by
 `wrenchsight.models.calibration.load_or_drift` for a load, and by
 `wrenchsight.models.calibration.gear_ripple` for what repeats with a joint's angle. Where something
 touches, friction and contact are found together
@@ -16,7 +16,7 @@ import numpy as np
 
 from wrenchsight.analyses.methods.estimate.estimate_config import LARGEST_DRIFT
 from wrenchsight.models.calibration.friction_beside_contact import refresh_beside_contact
-from wrenchsight.models.calibration.friction_disagreement import (
+from wrenchsight.models.calibration.friction_drift_criterion import (
     FrictionDisagreement,
     friction_disagreements,
 )

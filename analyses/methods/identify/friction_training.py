@@ -2,7 +2,7 @@
 
 One 1-10-1 network a joint (tanh, linear; Lu et al., section 3.1), all joints in one batch, on the
 samples with |v| <= v_crit. Outside it the velocity law holds; a correction closes the gap between
-the two at +-v_crit (wrenchsight.models.friction.velocity_friction).
+the two at +-v_crit (wrenchsight.models.friction.semi_parametric_friction).
 
 The rule for v_crit, joint by joint: the samples' deviation from the law, counted positive against
 the motion, is averaged over `NUM_BINS` ranges of |v| with as many samples each. v_crit is the speed
@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.friction_network import FrictionNetworks
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
 NUM_BINS = 40

@@ -268,6 +268,8 @@ def identify(
             too low for the cutoff; joints that hardly move.
     """
     config = checked_config(IdentificationConfig() if config is None else config)
+    # The key of the shared result: all that the fit depends on, and hence not `progress`. An
+    # argument that changes the fit and is not in it would give back the fit of another value.
     fitted, validated = tuple(recordings), tuple(validation)
     return shared(
         "identify",

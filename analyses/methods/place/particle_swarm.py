@@ -161,6 +161,10 @@ class ParticleCost:
     def __call__(self, x: Array) -> tuple[Array, Callable[[int], Placement]]:
         """The costs (N,) of N particles, and a function that gives the placement of one of them.
 
+        A particle's cost is that of its best branch of the inverse kinematics: the mean of the
+        measure along the path, at most UNREACHED_COST, which stands for a path that cannot be
+        followed, breaks a bound or collides.
+
         Args:
             x: (N, 10) direction of the path n (3), its midpoint m (3) in m, and the tool's rotation
                 by theta rad (1) about an axis r (3) of any length.
@@ -190,7 +194,9 @@ class ParticleCost:
             path_costs[reached] = np.minimum(mean, UNREACHED_COST)
         costs = np.full(len(x), UNREACHED_COST)
         chosen = np.zeros(len(x), dtype=int)  # path of each particle
-        # The best first: of each particle the first that does not collide is looked for.
+        # The best path first, so that each particle takes its first path that does not collide.
+        # Costs that differ by rounding alone are equal: the one of the lower branch comes first,
+        # and a path that is not better than the chosen one is not even checked for collisions.
         for path in in_order(path_costs):
             particle = particle_of[path]
             if not better(path_costs[path], costs[particle]):

@@ -48,7 +48,8 @@ from wrenchsight.models.estimation.invalid import UNCERTAIN_FORCE
 from wrenchsight.models.estimation.invalid_shares import InvalidShares
 from wrenchsight.models.estimation.uncertain_force import UncertainForce
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES, Fault, Phase

@@ -54,7 +54,7 @@ def test_several_logs_have_a_smaller_standard_error(ur10e):
 def test_a_vertical_axis_has_no_scale(ur10e):
     scale = scale_from_gravity([_moving(ur10e, 1)], ur10e)
     assert np.isnan(scale.torque_per_unit[[0, 5]]).all()
-    assert scale.gravity[0] == pytest.approx(0.0, abs=1e-9)
+    assert scale.known_torque_sd[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def _held(postures: np.ndarray, tau: np.ndarray, rng: np.random.Generator) -> Recording:

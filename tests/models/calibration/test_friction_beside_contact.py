@@ -7,10 +7,10 @@ import pytest
 
 from wrenchsight.models.calibration import friction_beside_contact
 from wrenchsight.models.calibration.friction_beside_contact import refresh_beside_contact
-from wrenchsight.models.calibration.friction_disagreement import MIN_STANDARD_ERRORS
+from wrenchsight.models.calibration.friction_drift_criterion import MIN_STANDARD_ERRORS
 from wrenchsight.models.calibration.friction_refresh import FrictionRefresh
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 
 N = 6
 LAW = CoulombViscous(

@@ -8,7 +8,7 @@ import pytest
 from wrenchsight.models.calibration import residual_noise
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift, refresh_friction
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 
 LAW = CoulombViscous(np.array([15.0, 3.0]), np.array([20.0, 3.0]), np.array([0.1, 0.0]))
 SD = np.array([1.0, 0.2])

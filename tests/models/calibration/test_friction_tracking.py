@@ -8,9 +8,10 @@ from sample_models import knowing_model, torque_error
 from scipy.signal import lfilter
 
 from wrenchsight.models.calibration.friction_tracking import FrictionTracker
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.sliding_friction import sliding_columns
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.signals.first_order import low_pass
 

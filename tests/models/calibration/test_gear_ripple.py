@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from wrenchsight.models.calibration import gear_ripple
 from wrenchsight.models.calibration.gear_ripple import GearRipple, find_ripple
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
 N = 3

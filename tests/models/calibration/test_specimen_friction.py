@@ -10,8 +10,9 @@ from wrenchsight.models.calibration.specimen_friction import (
     SpecimenPrior,
     fit_specimen,
 )
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 
 _KNOWN = PreslidingFriction(
     SemiParametricFriction(CoulombViscous(np.zeros(2), np.array([20.0, 3.0]), np.zeros(2))),

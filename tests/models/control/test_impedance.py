@@ -12,7 +12,8 @@ from wrenchsight.models.control.impedance import (
     impedance_wrench,
     pose_error,
 )
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
 RANDOM = np.random.default_rng(4)

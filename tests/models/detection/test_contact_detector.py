@@ -7,6 +7,11 @@ import pytest
 from sample_models import torque_error
 from scipy.signal import lfilter
 
+from wrenchsight.models.detection.contact_decision import (
+    MEAN_PAUSE,
+    RELEASE_TIME,
+    SINGLE_SAMPLE_RATIO,
+)
 from wrenchsight.models.detection.contact_detector import (
     MISFIT_RATE,
     OTHER_DAYS,
@@ -17,20 +22,18 @@ from wrenchsight.models.detection.contact_detector import (
 from wrenchsight.models.detection.contact_noise_fit import fit_contact_noise
 from wrenchsight.models.detection.contact_statistic import (
     MEAN_LEVEL,
-    MEAN_PAUSE,
     MEAN_TIME,
     MISFIT_LEVEL,
     POWER_LEVEL,
-    RELEASE_TIME,
     SAMPLE_LENGTH,
     SAMPLE_RELEASE,
-    SINGLE_SAMPLE_RATIO,
     ArmSamples,
 )
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading

@@ -16,10 +16,11 @@ from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig

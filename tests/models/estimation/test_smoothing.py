@@ -15,7 +15,8 @@ from wrenchsight.models.estimation.estimator import (
 )
 from wrenchsight.models.estimation.smoothing import DRIFT_TIME, WrenchSmoother, smoothed_estimate
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.fixed_interval import BLOW_GAIN, LIKELIER
 from wrenchsight.models.observers.force_changes import IntervalSmoother

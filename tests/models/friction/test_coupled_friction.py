@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import (
-    CoulombViscous,
-    SemiParametricFriction,
-)
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 
 D = np.array([[1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 1.0, 1.0]])
 SLIDING = CoulombViscous(np.array([3.0, 2.0, 1.0]), np.array([5.0, 4.0, 2.0]), np.full(3, 0.1))

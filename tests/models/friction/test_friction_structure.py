@@ -5,7 +5,7 @@ import pytest
 
 from wrenchsight.models.friction.friction_structure import STRUCTURES, FrictionStructure
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 
 N = 3
 

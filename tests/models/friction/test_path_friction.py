@@ -8,6 +8,7 @@ import pytest
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.path_friction import (
     PLACE_REACH,
     PRIOR_SAMPLES,
@@ -16,9 +17,9 @@ from wrenchsight.models.friction.path_friction import (
     PathPlaces,
 )
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.sliding_friction import sliding_columns, stiction
 from wrenchsight.models.friction.slip_elements import COULOMB
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.presliding_friction import (
     RELAXATION_TIME,
@@ -13,7 +14,7 @@ from wrenchsight.models.friction.presliding_friction import (
     slip_path,
     update_slip,
 )
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 
 N = 2
 VISCOUS, OFFSET = np.array([3.0, 1.0]), np.array([0.2, -0.1])

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from numba import njit
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.extended_friction import ExtendedFriction
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.friction_terms import FrictionTerm
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.sliding_friction import (
     TERMS,
     dry_and_viscous,
@@ -19,7 +21,6 @@ from wrenchsight.models.friction.sliding_friction import (
     with_sliding,
 )
 from wrenchsight.models.friction.slip_elements import COULOMB
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 SLIDING = CoulombViscous(np.array([5.0, 2.0]), np.array([3.0, 1.0]), np.array([0.3, -0.2]))
 OTHER = CoulombViscous(np.array([6.0, 1.5]), np.array([4.0, 0.5]), np.array([0.1, 0.4]))

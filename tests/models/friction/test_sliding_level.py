@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 
 def test_level_and_side_together_are_the_law() -> None:

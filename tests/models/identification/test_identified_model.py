@@ -8,9 +8,10 @@ import pytest
 import yaml
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.identified_model import (
     BaseParameterTable,

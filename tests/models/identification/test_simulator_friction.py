@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.simulator_friction import simulator_friction
 
 COULOMB, VISCOUS = np.array([14.0, 2.5]), np.array([20.0, 4.0])

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from sample_models import torque_sds
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification import torque_error_fit
 from wrenchsight.models.identification.torque_error_fit import (
     HeldOutReading,

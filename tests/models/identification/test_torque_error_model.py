@@ -8,8 +8,9 @@ import pytest
 from sample_models import sample_torque_error, torque_sds
 
 from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.torque_error_model import (
     REST_ROW,
     TORQUE_ERROR_ROWS,

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.identification.base_parameters import find_base_parameters
 from wrenchsight.models.identification.torque_regression import (
     JointMotion,

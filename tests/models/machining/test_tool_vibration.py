@@ -10,7 +10,8 @@ from scipy.stats import multivariate_normal, norm
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
 from wrenchsight.models.machining.air_pass import CorrectionSample
 from wrenchsight.models.machining.tool_vibration import (

@@ -8,7 +8,8 @@ from sample_models import torque_error, torque_sds
 from scipy.linalg import solve_discrete_are
 from scipy.stats import chi2
 
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.observers.kalman_observer import (
     CHANGE_ODDS,

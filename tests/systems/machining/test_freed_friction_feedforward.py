@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.control.impedance import SpringDamper, impedance_law
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.machining.freed_feedforward import (
     JointVibration,
     take_off_freed_friction,

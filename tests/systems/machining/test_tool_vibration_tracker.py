@@ -9,7 +9,8 @@ from pydrake.common.value import AbstractValue
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import CorrectionSample
 from wrenchsight.models.machining.machining_phases import Phase

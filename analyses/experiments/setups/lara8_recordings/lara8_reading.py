@@ -36,8 +36,9 @@ from wrenchsight.models.estimation.estimator import (
     WrenchEstimatorConfig,
 )
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Provenance
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.numerics.arrays import Array, Flags

@@ -21,7 +21,7 @@ from wrenchsight.analyses.methods.identify.friction_training import (
 )
 from wrenchsight.analyses.methods.identify.identification import IdentificationResult
 from wrenchsight.analyses.methods.simulate.simulated_logs import simulate_motion
-from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.excitation.friction_reversal import (

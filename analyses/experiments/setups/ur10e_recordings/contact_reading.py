@@ -41,8 +41,9 @@ from wrenchsight.models.estimation.contact_filter import ContactConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.invalid import InvalidCodes
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -234,8 +235,13 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
     """The article's chain: observer with Coulomb-viscous friction, then F = J^-T tau_ext.
 
     Args:
-        law: Coulomb-viscous.
+        prepared: a run.
+        law: Coulomb-viscous friction, as of `plain_law`: a PreslidingFriction whose Stribeck, load
+            and cubic parts are zero.
         torque_sd: (6,) N m, of the law's residual: the noise that eq. 22 passes on.
+
+    Returns:
+        The force along the tool's z axis, N, mean over each block.
     """
     model = replace(
         prepared.model,
@@ -246,15 +252,15 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
     log = prepared.run.log
     config = WrenchEstimatorConfig(
         MomentumObserverConfig([OBSERVER_GAIN], log.time_step, "trapezoidal"),
-        WrenchReconstructionConfig("bayesian"),
+        WrenchReconstructionConfig(),  # not used: `observe` ends with tau_ext
         position_resolution=[ANGLE_RESOLUTION] * prepared.robot.num_joints,
         check_samples=False,  # velocities are rebuilt, and jump
     )
     estimator = WrenchEstimator(prepared.robot, model, config)
     observation = estimator.observe(log.q, log.v, log.current)
-    inverse = _normal_rows(prepared)
-    force = np.einsum("kj,kj->k", inverse, observation.tau_ext)
-    sd = np.sqrt(np.einsum("kj,j->k", inverse**2, torque_sd**2))
+    force_per_torque = _normal_rows(prepared)  # (T, 6) 1/m
+    force = np.einsum("kj,kj->k", force_per_torque, observation.tau_ext)
+    sd = np.sqrt(np.einsum("kj,j->k", force_per_torque**2, torque_sd**2))
     valid = block_mean((observation.fresh & np.isfinite(force)).astype(float)) == 1.0
     return ForceReading(block_mean(force), block_mean(sd), valid)
 

@@ -53,7 +53,7 @@ class ScaleResult:
             "torque_per_unit_nm": scale.torque_per_unit,
             "standard_error_nm": scale.standard_error,
             "stated_nm": self.stated,
-            "known_torque_sd_nm": scale.gravity,
+            "known_torque_sd_nm": scale.known_torque_sd,
             "seen": scale.is_determined,
             "rows": scale.count,
             "of_torque": self.of_torque,

@@ -40,11 +40,12 @@ from wrenchsight.models.calibration.specimen_friction import (
 )
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.path_friction import SAMPLE_PERIOD, PathFriction, PathPlaces
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
 from wrenchsight.models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig

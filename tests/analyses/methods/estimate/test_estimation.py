@@ -33,7 +33,8 @@ from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.estimation.wrench_table import COLUMNS, columns_of
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, LogSource, Validity
 from wrenchsight.models.recordings import resampling, text_table
 from wrenchsight.models.recordings.recording import Recording

@@ -9,7 +9,8 @@ from scipy.signal import lfilter
 
 from wrenchsight.analyses.methods.estimate.estimate_config import LARGEST_DRIFT
 from wrenchsight.analyses.methods.estimate.friction_monitor import FrictionMonitor
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import (
     IdentifiedModel,
     LogSource,

@@ -13,7 +13,8 @@ from scipy.signal import lfilter
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.estimate.estimation import EstimateResult, estimate_log
 from wrenchsight.models.estimation.wrench_table import columns_of
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import (
     IdentifiedModel,
     LogSource,

@@ -9,7 +9,8 @@ from wrenchsight.analyses.methods.identify.friction_training import (
     train_networks,
 )
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 
 LAW = CoulombViscous(np.array([6.0, 2.0]), np.array([8.0, 1.0]), np.array([0.5, 0.0]))
 EXTRA = np.array([4.0, -1.0])  # N m, above the level that is left at high velocity

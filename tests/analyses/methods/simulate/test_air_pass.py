@@ -18,8 +18,9 @@ from wrenchsight.analyses.methods.simulate.air_pass import (
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.estimation.estimator import Correction, WrenchEstimator
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD
 from wrenchsight.models.machining.air_pass import LEAD_TIME, raised_motion

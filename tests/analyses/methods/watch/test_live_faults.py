@@ -34,7 +34,8 @@ from wrenchsight.analyses.methods.watch.start_checks import StartChecks
 from wrenchsight.analyses.methods.watch.watch_config import WatchConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
 from wrenchsight.models.live.reading import Reading

@@ -16,7 +16,8 @@ from wrenchsight.analyses.methods.watch.reader_process import read_stream
 from wrenchsight.analyses.methods.watch.rtde_controller import RtdeController
 from wrenchsight.analyses.methods.watch.sources import open_source
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
 from wrenchsight.models.live.reading import Reading

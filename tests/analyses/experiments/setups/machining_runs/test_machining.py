@@ -43,7 +43,8 @@ from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.closed_loop import make_closed_loop, uses_sensor
 from wrenchsight.diagrams.machining import longest_duration, make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_phases import Fault, Phase
 from wrenchsight.models.recordings.recording import Recording

@@ -13,7 +13,8 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import (
 from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 

@@ -11,7 +11,8 @@ from wrenchsight.analyses.methods.identify.friction_training import (
     TrainingConfig,
     train_networks,
 )
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.truth.true_joints import TrueJoints

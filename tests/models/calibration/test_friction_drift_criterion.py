@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from wrenchsight.models.calibration.friction_disagreement import friction_disagreements
+from wrenchsight.models.calibration.friction_drift_criterion import friction_disagreements
 from wrenchsight.models.calibration.friction_refresh import FrictionRefresh, refresh_friction
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 
 LAW = CoulombViscous(np.array([15.0, 3.0]), np.array([20.0, 3.0]), np.zeros(2))
 NAMES = ("shoulder", "wrist")

@@ -1,13 +1,13 @@
-"""Coulomb-viscous and semi-parametric friction: values, hand-over, signs."""
+"""Semi-parametric friction: values, hand-over, signs."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.friction_network import FrictionNetworks
-from wrenchsight.models.friction.velocity_friction import (
-    CoulombViscous,
+from wrenchsight.models.friction.semi_parametric_friction import (
     SemiParametricFriction,
     friction_torque,
 )
@@ -25,14 +25,6 @@ def networks(seed: int = 4) -> FrictionNetworks:
         b2=rng.normal(size=3),
         v_scale=V_CRIT,
     )
-
-
-def test_coulomb_viscous_values_and_sign() -> None:
-    v = np.array([[0.2, -0.1, 0.0], [-0.2, 0.0, 1e-9]])
-    expected = [[11.1, -5.8, -1.0], [-10.1, 0.0, 1.0 + 5e-10]]
-    np.testing.assert_allclose(LAW.torque(v), expected, rtol=1e-14)
-    # Friction takes energy out of motion, whichever way the joint turns.
-    assert np.all((LAW.torque(v) - LAW.offset) * v >= 0.0)
 
 
 def test_without_networks_the_law_is_coulomb_viscous_everywhere() -> None:
@@ -110,10 +102,6 @@ def test_bad_configuration_is_refused(arguments: dict[str, Any], message: str) -
         SemiParametricFriction(LAW, **arguments)
 
 
-def test_bad_parameters_and_shapes_are_refused() -> None:
-    with pytest.raises(ValueError, match="viscous must have one value"):
-        CoulombViscous(np.ones(3), np.ones(2), np.zeros(3))
-    with pytest.raises(ValueError, match="coulomb has a value"):
-        CoulombViscous(np.array([1.0, np.inf]), np.ones(2), np.zeros(2))
+def test_velocities_of_another_arm_are_refused() -> None:
     with pytest.raises(ValueError, match="3 joints"):
         SemiParametricFriction(LAW).torque(np.zeros(2))

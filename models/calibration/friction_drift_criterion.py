@@ -1,4 +1,7 @@
-"""Friction disagreement: a log's friction contradicts the model's, judged from contact-free motion.
+"""Criterion of friction drift: whether contact-free motion contradicts the model's friction.
+
+`friction_refresh` estimates the coefficients that this criterion judges. `friction_monitor`
+(`analyses.methods.estimate`) applies it to a log.
 
 A force at the tool does not depend on the direction in which a joint turns; friction does. The
 reading is therefore regressed on the torque of Coulomb, viscous and offset coefficients. This is
@@ -26,8 +29,8 @@ import numpy as np
 
 from wrenchsight.models.calibration.friction_refresh import FrictionRefresh, refresh_friction
 from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.sliding_friction import TERMS, UNITS
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 # standard errors; of six joints: a false alarm in 2600 logs
 MIN_STANDARD_ERRORS = 4.0
