@@ -28,6 +28,7 @@ USUAL_PAYLOAD_SHARE = 0.2
 """Rated payload over moving mass, where none is stated: ur5e 0.27, ur10e 0.35, Panda 0.18."""
 SIMULATED_RESIDUAL_SHARE = 1e-3
 """Torque error over effort limit of a simulated arm, whose model the plant itself is."""
+_MIN_PAYLOAD = 1e-3  # kg, of an arm without mass
 _GRAVITY_POSTURES = 200  # random ones, in which the torque of gravity is looked at
 
 
@@ -84,6 +85,7 @@ class ArmInPlant(Arm):
         )
         source = Path(plant.GetModelInstanceName(instance))
         self.frame_E = frame_E = _last_frame(plant, instance) if frame_E is None else frame_E
+        # Joints that are not between base and E stand still as they are in this context.
         context = plant.CreateDefaultContext() if context is None else context
         self._base = base = _base(plant, instance, frame_E) if base is None else base
         self.X_WB: RigidTransform = base.EvalPoseInWorld(context)
@@ -93,17 +95,26 @@ class ArmInPlant(Arm):
         self.joints: tuple[Joint, ...] = tuple(
             _joint_on_chain(plant, base, frame_E, joint) for joint in self._chain_in_W.joint_names
         )
-        self._actuators = _actuators(plant)
+        self._actuators = _actuators(plant)  # by the index of the joint; some have none
         limits = [_limits(joint, self._actuators.get(int(joint.index()))) for joint in self.joints]
         self._is_simulated = drives is None
-        if drives is None:
+        if drives is None:  # the current is then the motor torque, at 1 N m/A
             drives = [_simulated_drive(joint, self._actuators) for joint in self.joints]
         mass = float(self._chain_in_W.inertial_parameters[:, 0].sum())
         if payload is None:
-            payload = max(USUAL_PAYLOAD_SHARE * mass, 1e-3)
+            payload = max(USUAL_PAYLOAD_SHARE * mass, _MIN_PAYLOAD)
         self._gravity_bound = _largest_gravity(self._chain_in_W, limits)
-        self._is_in_W = True
-        Arm.__init__(self, name or str(source), source, limits, drives, [], payload)
+        self._is_in_W = True  # `in_base_axes` makes a copy where it is not
+        Arm.__init__(
+            self,
+            name=name or str(source),
+            source=source,
+            limits=limits,
+            drives=drives,
+            coupling=[],  # of drives that move several joints: none
+            payload=payload,
+        )
+        # Arm.__init__ has found the rotors' inertia at the joints, from the drives.
         self._chain_in_W = replace(self._chain_in_W, reflected_inertia=self.reflected_inertia)
         self.gravity = frozen(self._chain_in_W.gravity)
 

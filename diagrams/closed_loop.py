@@ -147,30 +147,30 @@ class _LoopParts:
     Attributes:
         builder: of the loop's diagram; the cell is in it.
         scenario, robot: as given.
-        model: of the controller.
-        estimator: that it gets; None: there is none.
+        controller_model: of the controller.
+        requested_estimator: that it gets; None: there is none.
         cell: the robot cell.
     """
 
     builder: DiagramBuilder
     scenario: Scenario
     robot: Robot
-    model: IdentifiedModel
-    estimator: LoopEstimator | None
+    controller_model: IdentifiedModel
+    requested_estimator: LoopEstimator | None
     cell: RobotCell
 
 
 @dataclass(frozen=True)
-class _Control:
-    """A controller in the loop, with its estimator.
+class _ControlPorts:
+    """A controller that is in the loop with its estimator, and ports that the loop goes on with.
 
     Attributes:
         controller: JointTrackingController or ImpedanceController.
         tau_command: (n,) N m.
         terms: RigidBodyTerms of the model.
-        signals: to be logged, of controller and reference.
-        readings: to be logged, of the estimator.
-        estimator: its diagram, where it is one.
+        signals: of controller and reference, to be logged, by the names of the log.
+        readings: of the estimator, to be logged, by the same.
+        estimator: its diagram; None: there is none.
     """
 
     controller: LeafSystem
@@ -236,11 +236,15 @@ def make_closed_loop(
     if estimator is None and (has_impedance or meshcat is not None):
         raise ValueError("closed loop: impedance control and drawings need the estimator")
     planned = _planned_motion(scenario, robot, motion)
+    # Blocks that are made within update in the same phase of a tick as the plant, where they can.
     with _update_phase(scenario):
         builder = DiagramBuilder()
-        cell = make_robot_cell(scenario, robot, planned.q_0, meshcat, planned.clear_links)
+        cell = make_robot_cell(
+            scenario, robot, planned.q_0, meshcat=meshcat, clear_links=planned.clear_links
+        )
         builder.AddSystem(cell.diagram)
-        if scenario.applied_spatial_force:  # for diagrams of one's own; in the loop nothing uses it
+        # The cell then has an input for forces of one's own diagrams. Here none comes through it.
+        if scenario.applied_spatial_force:
             none = ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]())
             source = builder.AddNamedSystem("no_applied_force", none)
             port = cell.diagram.GetInputPort("applied_spatial_force")
@@ -249,14 +253,14 @@ def make_closed_loop(
             builder=builder,
             scenario=scenario,
             robot=robot,
-            model=model,
-            estimator=estimator,
+            controller_model=model,
+            requested_estimator=estimator,
             cell=cell,
         )
-        control = _add_control(parts, planned)
+        control = _add_control(parts, planned)  # with reference and estimator
         _connect_drives(builder, robot, control.tau_command, cell)
         signals = _logged_signals(control, cell, log)
-        signal_log = _add_log(builder, signals, log.period or scenario.time_step)
+        signal_log = _add_log(builder, signals, period=log.period or scenario.time_step)
         if meshcat is not None:
             _add_force_arrows(parts, control, meshcat)
         diagram = builder.Build()
@@ -294,16 +298,16 @@ def _planned_motion(
     return _PlannedMotion(path.trajectory, path.q_start, path, clear_links)
 
 
-def _add_control(parts: _LoopParts, planned: _PlannedMotion) -> _Control:
+def _add_control(parts: _LoopParts, planned: _PlannedMotion) -> _ControlPorts:
     """Adds the scenario's controller, with the estimator and the reference motion."""
-    if planned.machining_path is not None and parts.estimator is not None:
-        return _add_machining(parts, planned.machining_path, parts.estimator)
+    if planned.machining_path is not None and parts.requested_estimator is not None:
+        return _add_machining(parts, planned.machining_path, parts.requested_estimator)
     if isinstance(parts.scenario.controller, ImpedanceConfig):
         return _add_impedance(parts, planned.trajectory)
     return _add_tracking(parts, planned.trajectory)
 
 
-def _add_force_arrows(parts: _LoopParts, control: _Control, meshcat: Meshcat) -> None:
+def _add_force_arrows(parts: _LoopParts, control: _ControlPorts, meshcat: Meshcat) -> None:
     """Draws the force at the tool, true and estimated."""
     recording = parts.scenario.recording
     forces = {
@@ -335,7 +339,9 @@ def _connect_drives(
     builder.Connect(to_current.get_output_port(), cell.diagram.GetInputPort("current_command"))
 
 
-def _logged_signals(control: _Control, cell: RobotCell, log: LogRequest) -> dict[str, OutputPort]:
+def _logged_signals(
+    control: _ControlPorts, cell: RobotCell, log: LogRequest
+) -> dict[str, OutputPort]:
     """The ports that are logged, by the names of their signals."""
     signals = control.signals | {"tau_command": control.tau_command}
     for name in ("q", "v", "current", "tau_ext_true", "wrench_true", "ft_wrench", *log.also):
@@ -357,7 +363,7 @@ def _add_loop_estimator(
     return add_estimator_to_ports(
         parts.builder,
         parts.robot,
-        estimator.model or parts.model,
+        estimator.model or parts.controller_model,
         config or _estimator_config(parts.scenario),
         q=cell.GetOutputPort("q"),
         v=cell.GetOutputPort("v"),
@@ -367,23 +373,26 @@ def _add_loop_estimator(
     )
 
 
-def _readings(estimator: Diagram) -> dict[str, OutputPort]:
+def _logged_estimator_ports(estimator: Diagram) -> dict[str, OutputPort]:
     """The estimator's outputs that are logged, by their names."""
     return {name: estimator.GetOutputPort(name) for name in _READING_SIGNALS}
 
 
-def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
-    """Adds a joint tracking controller, with the estimator or, without it, the model's terms."""
+def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPorts:
+    """Adds a joint tracking controller, with the estimator or, without it, the model's terms.
+
+    The terms are rigid-body terms (M, Cv, G...) of the controller's model at the measured q and v.
+    """
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert isinstance(scenario.controller, JointTrackingConfig)
     estimator: Diagram | None = None
     readings: dict[str, OutputPort] = {}
-    if parts.estimator is not None:
-        estimator = _add_loop_estimator(parts, parts.estimator)
-        readings = _readings(estimator)
+    if parts.requested_estimator is not None:
+        estimator = _add_loop_estimator(parts, parts.requested_estimator)
+        readings = _logged_estimator_ports(estimator)
         terms = estimator.GetOutputPort("terms")
     else:
-        model_terms = RigidBodyTermsSystem(parts.model.chain(robot))
+        model_terms = RigidBodyTermsSystem(parts.controller_model.chain(robot))
         builder.AddNamedSystem("terms", model_terms)
         for name in ("q", "v"):
             source = parts.cell.diagram.GetOutputPort(name)
@@ -392,16 +401,16 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     controller = builder.AddNamedSystem(
         "controller",
         JointTrackingController(
-            parts.model.friction.feedforward,
-            robot.effort_limit,
-            scenario.time_step,
-            scenario.controller,
+            friction=parts.controller_model.friction.feedforward,
+            effort_limit=robot.effort_limit,
+            time_step=scenario.time_step,
+            config=scenario.controller,
         ),
     )
     reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
     builder.Connect(terms, controller.GetInputPort("terms"))
     builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
-    return _Control(
+    return _ControlPorts(
         controller=controller,
         tau_command=controller.GetOutputPort("tau_command"),
         terms=terms,
@@ -411,7 +420,9 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     )
 
 
-def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstimator) -> _Control:
+def _add_machining(
+    parts: _LoopParts, plan: MachiningPath, requested: LoopEstimator
+) -> _ControlPorts:
     """Adds the reference of a pass, the estimator and an impedance controller.
 
         feed_time --> air_pass --> correction --+
@@ -428,49 +439,54 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstima
     """
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
-    air_pass, model = requested.air_pass, requested.model or parts.model
+    air_pass = requested.air_pass  # None: nothing was learnt beforehand, without contact
     config = _estimator_config(scenario)
     config = replace(config, reconstruction=with_planned_force(config.reconstruction, robot, plan))
-    known = WrenchEstimator(robot, model, config)  # what the estimator's blocks are made of
-    if known.observer.reads_present_torque:
+    # The same estimator as the blocks', without them: for its numbers.
+    estimator_numbers = WrenchEstimator(robot, requested.model or parts.controller_model, config)
+    if estimator_numbers.observer.reads_present_torque:
         raise ValueError("machining: an observer that reads the present torque closes a loop")
     estimator = _add_loop_estimator(parts, requested, config)
-    readings, terms = _readings(estimator), estimator.GetOutputPort("terms")
-    wrench = readings["wrench"]
+    readings, terms = _logged_estimator_ports(estimator), estimator.GetOutputPort("terms")
+    fed_back_wrench = readings["wrench"]
     if uses_sensor(scenario):
-        wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
+        fed_back_wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
 
-    # After an air pass force feedback counts where its correction is valid.
+    # Force feedback counts where the plan is steady; after an air pass, where its correction is
+    # valid.
     steady = plan.steady if air_pass is None else air_pass.steady_at(plan.trajectory.t)
-    reference = _add_reference(parts, replace(plan, steady=steady), terms, wrench)
+    reference = _add_reference(parts, replace(plan, steady=steady), terms, fed_back_wrench)
     controller = builder.AddNamedSystem(
         "controller",
         ImpedanceController(
-            parts.model.friction.feedforward,
-            robot.effort_limit,
-            scenario.time_step,
-            scenario.controller,
+            friction=parts.controller_model.friction.feedforward,
+            effort_limit=robot.effort_limit,
+            time_step=scenario.time_step,
+            config=scenario.controller,
         ),
     )
-    _check_damping(controller, robot, plan.q_start)
-    _connect_all(builder, controller, reference | {"terms": terms, "wrench": wrench})
-    action = split_outputs(builder, controller)
-    tau_command = action["tau_command"]
-    signals = {name: reference[name] for name in _PASS_SIGNALS} | {
-        "pose_error": action["pose_error"]
-    }
+    _check_that_damper_is_stable(controller, robot, plan.q_start)
+    _connect_by_name(builder, controller, reference | {"terms": terms, "wrench": fed_back_wrench})
+    controller_outputs = split_outputs(builder, controller)
+    tau_command = controller_outputs["tau_command"]
+    signals = {name: reference[name] for name in _PASS_SIGNALS}
+    signals["pose_error"] = controller_outputs["pose_error"]
 
     if air_pass is not None:
-        tracked = _add_correction(parts, known, air_pass, estimator, reference)
+        tracked = _add_correction(parts, estimator_numbers, air_pass, estimator, reference)
         signals |= {name: tracked[name] for name in _FREED_SIGNALS}
-        if not uses_sensor(scenario):  # a sensor's feedback makes up for friction that is freed
-            viscous = known.friction.feedforward.coulomb_viscous.viscous
+        # The controller feeds friction forward in full, also what the vibration frees. A sensor's
+        # feedback makes up for that; without a sensor it is taken off the command.
+        if not uses_sensor(scenario):
+            viscous = estimator_numbers.friction.feedforward.coulomb_viscous.viscous
             less_freed = builder.AddNamedSystem(
                 "freed_friction", FreedFrictionFeedforward(controller.law, viscous)
             )
-            _connect_all(builder, less_freed, reference | tracked | {"tau_command": tau_command})
+            _connect_by_name(
+                builder, less_freed, reference | tracked | {"tau_command": tau_command}
+            )
             tau_command = less_freed.get_output_port()
-    return _Control(
+    return _ControlPorts(
         controller=controller,
         tau_command=tau_command,
         terms=terms,
@@ -483,53 +499,66 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstima
 def _add_reference(
     parts: _LoopParts, plan: MachiningPath, terms: OutputPort, wrench: OutputPort
 ) -> dict[str, OutputPort]:
-    """Adds the reference of a pass; returns its ports by their names.
+    """Adds the reference of a pass: poses, set-point and phase over time, as the pass goes on.
 
     Args:
-        terms: of the model.
-        wrench: of the force feedback.
+        terms: rigid-body terms of the model at the measured q and v.
+        wrench: (6,) of the force feedback, by which the pass goes from phase to phase.
+
+    Returns:
+        The output ports of the block `MachiningReference` by their names.
     """
     builder, robot, machining = parts.builder, parts.robot, parts.scenario.machining
     assert machining is not None
-    chain = parts.model.chain(robot)
+    chain = parts.controller_model.chain(robot)
     planned = plan_pass(
         robot,
         chain,
         plan,
         machining.phases,
         parts.scenario.time_step,
+        # A sensor is right where joints rest. An estimate is not: a joint at rest carries any
+        # torque within its stiction, so that the approach has to push on.
         reads_at_rest=uses_sensor(parts.scenario),
     )
     block = builder.AddNamedSystem(
         "reference", MachiningReference(planned, initial_memory(chain, plan))
     )
-    _connect_all(builder, block, {"terms": terms, "wrench": wrench})
+    _connect_by_name(builder, block, {"terms": terms, "wrench": wrench})
     return split_outputs(builder, block)
 
 
 def _add_correction(
     parts: _LoopParts,
-    known: WrenchEstimator,
+    estimator_numbers: WrenchEstimator,
     air_pass: AirPassCorrection,
     estimator: Diagram,
     reference: dict[str, OutputPort],
 ) -> dict[str, OutputPort]:
     """Adds the air pass and the tracker of the tool's vibration, which correct the estimator.
 
+    An air pass, along the same path without contact, has taught what torque the model lacks. The
+    tool's vibration frees part of the joints' friction, which the model takes off in full.
+
     Args:
-        known: what `estimator` is made of.
-        reference: ports of the pass.
+        estimator_numbers: the same estimator as `estimator`, without blocks.
+        air_pass: what was learnt in it.
+        estimator: has inputs for a correction.
+        reference: output ports of the pass by their names.
 
     Returns:
-        The tracker's ports by their names.
+        The tracker's output ports by their names.
     """
     builder, n = parts.builder, parts.robot.num_joints
-    taught = builder.AddNamedSystem("air_pass", AirPassCorrectionSystem(air_pass))
-    _connect_all(builder, taught, reference)
+    air_pass_block = builder.AddNamedSystem("air_pass", AirPassCorrectionSystem(air_pass))
+    _connect_by_name(builder, air_pass_block, reference)
     tracker = builder.AddNamedSystem(
-        "vibration", ToolVibrationTracker(vibration_constants(known), parts.scenario.time_step)
+        "vibration",
+        ToolVibrationTracker(vibration_constants(estimator_numbers), parts.scenario.time_step),
     )
-    correction, tracked = split_outputs(builder, taught), split_outputs(builder, tracker)
+    correction = split_outputs(builder, air_pass_block)
+    tracked = split_outputs(builder, tracker)
+    # Sources of the tracker's inputs, by the names of these.
     learnt = {
         "correction": correction["correction"],
         "correction_spread": correction["spread"],
@@ -539,8 +568,8 @@ def _add_correction(
         name: estimator.GetOutputPort(name)
         for name in ("terms", "tau_ext", "tau_ext_valid", "torque_error", "tau_f", "fault")
     }
-    _connect_all(builder, tracker, reference | learnt | observed)
-    # tau_correction = correction - freed_torque, at the speed that was planned.
+    _connect_by_name(builder, tracker, reference | learnt | observed)
+    # The estimator's input tau_correction = correction - freed_torque.
     freed_sign = builder.AddNamedSystem("less_freed", Gain(-1.0, n))
     total = builder.AddNamedSystem("tau_correction", Adder(2, n))
     planned_motion = builder.AddNamedSystem("reference_joints", Demultiplexer(3 * n, n))
@@ -552,6 +581,7 @@ def _add_correction(
         "tau_correction": total.get_output_port(),
         "correction_valid": correction["valid"],
         "correction_sd": tracked["freed_sd"],
+        # The correction was learnt with friction at the planned speed.
         "v_planned": planned_motion.get_output_port(1),  # of q_d, v_d, vdot_d
     }
     for name, port in sources.items():
@@ -560,7 +590,7 @@ def _add_correction(
     return tracked
 
 
-def _connect_all(
+def _connect_by_name(
     builder: DiagramBuilder, block: LeafSystem, sources: Mapping[str, OutputPort]
 ) -> None:
     """Connects the inputs of a block to the sources of their names."""
@@ -574,15 +604,21 @@ def uses_sensor(scenario: Scenario) -> bool:
     return scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
 
 
-def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
-    """Adds an impedance controller along a motion of the joints, with its estimator."""
+def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPorts:
+    """Adds an impedance controller along a motion of the joints, with its estimator.
+
+    trajectory --> path_reference --> pose_reference --> controller --> tau_command
+    terms and wrench of the estimator ----------------------^
+    """
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     config = scenario.controller
-    assert isinstance(config, ImpedanceConfig) and parts.estimator is not None
-    estimator = _add_loop_estimator(parts, parts.estimator)
-    readings, terms = _readings(estimator), estimator.GetOutputPort("terms")
+    assert isinstance(config, ImpedanceConfig) and parts.requested_estimator is not None
+    estimator = _add_loop_estimator(parts, parts.requested_estimator)
+    readings, terms = _logged_estimator_ports(estimator), estimator.GetOutputPort("terms")
     reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
-    pose = builder.AddNamedSystem("pose_reference", PoseReference(parts.model.chain(robot)))
+    pose = builder.AddNamedSystem(
+        "pose_reference", PoseReference(parts.controller_model.chain(robot))
+    )
     builder.Connect(reference.get_output_port(), pose.get_input_port())
     # The pose follows from the joints' reference: it need not be in the log.
     signals = {"reference": reference.get_output_port()}
@@ -592,24 +628,27 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
         )
         signals["force_setpoint"] = setpoint.get_output_port()
     controller = ImpedanceController(
-        parts.model.friction.feedforward, robot.effort_limit, scenario.time_step, config
+        friction=parts.controller_model.friction.feedforward,
+        effort_limit=robot.effort_limit,
+        time_step=scenario.time_step,
+        config=config,
     )
     builder.AddNamedSystem("controller", controller)
-    _check_damping(controller, robot, trajectory.q[0])
+    _check_that_damper_is_stable(controller, robot, trajectory.q[0])
     builder.Connect(pose.get_output_port(), controller.GetInputPort("pose_reference"))
     builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
     builder.Connect(terms, controller.GetInputPort("terms"))
-    action = split_outputs(builder, controller)
-    signals["pose_error"] = action["pose_error"]
-    if config.force is not None:
-        wrench = readings["wrench"]
+    controller_outputs = split_outputs(builder, controller)
+    signals["pose_error"] = controller_outputs["pose_error"]
+    if config.force is not None:  # force control along one direction, with a fed back wrench
+        fed_back_wrench = readings["wrench"]
         if uses_sensor(scenario):
-            wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
+            fed_back_wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
         builder.Connect(signals["force_setpoint"], controller.GetInputPort("force_setpoint"))
-        builder.Connect(wrench, controller.GetInputPort("wrench"))
-    return _Control(
+        builder.Connect(fed_back_wrench, controller.GetInputPort("wrench"))
+    return _ControlPorts(
         controller=controller,
-        tau_command=action["tau_command"],
+        tau_command=controller_outputs["tau_command"],
         terms=terms,
         signals=signals,
         readings=readings,
@@ -617,7 +656,7 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     )
 
 
-def _check_damping(controller: ImpedanceController, robot: Robot, q: Array) -> None:
+def _check_that_damper_is_stable(controller: ImpedanceController, robot: Robot, q: Array) -> None:
     """Raises InputError where the damper would chatter at q.
 
     The stated inertias count: a wrist's, where rotors matter most, are identified poorly.

@@ -204,51 +204,56 @@ def _staged(
     """The estimator as a block a stage; the arguments are those of `make_estimator`."""
     _check_stages(name, own_stages)
     builder = DiagramBuilder()
-    # With the correction of an air pass, a law of speed alone takes the speed that was planned.
+    # The correction of an air pass was learnt at the planned speed: a law of speed alone takes it.
     at_planned_speed = corrected and estimator.friction.is_of_speed_alone
-    reading_has_error = estimator.learnt or corrected or "torque_error" in own_stages
+    has_learnt_error = estimator.learnt  # a model whose torque error was fitted to logs
+    reading_has_error = has_learnt_error or corrected or "torque_error" in own_stages
     has_detection = detection is not None or "detection" in own_stages
     stages = _add_stages(
         builder,
         estimator,
         own_stages,
-        knows_rest=estimator.learnt and not at_planned_speed,
+        # A joint that rests has dry friction of any value, which only a learnt error knows.
+        knows_rest=has_learnt_error and not at_planned_speed,
         has_error=reading_has_error or has_detection,
     )
-    sources = _sources(builder, estimator, stages, own_stages.get("samples"))
+    # By the names of the inputs that take them. A stage is connected to all that it has inputs for.
+    sources = _signal_sources(builder, estimator, stages, own_stages.get("samples"))
     if estimator.observer.reads_wrench and "observer" not in own_stages:
         sources["observed"] = stages.observer.GetOutputPort("wrench")
 
-    _connect(builder, [stages.terms, stages.motor, stages.observer], sources)
+    _connect_by_name(builder, [stages.terms, stages.motor, stages.observer], sources)
     if stages.torque_error is not None:
         _connect_torque_error(builder, stages.torque_error, sources, corrected)
     _connect_friction(builder, stages.friction, sources, at_planned_speed)
     reading_sources = dict(sources)
     if corrected:
         correction = _add_correction(builder, estimator.num_joints, sources)
+        # Outputs and detection have the corrected torque, too.
         for signal in ("tau_ext", "tau_ext_valid"):
             sources[signal] = correction.GetOutputPort(signal)
         # The reading takes the observer's valid, not the correction's, and `corrected` beside it:
         # so it tells which of the two is the reason against it.
         for signal in ("tau_ext", "corrected"):
             reading_sources[signal] = correction.GetOutputPort(signal)
-    if not reading_has_error:  # one covariance, and no lag
+    if not reading_has_error:  # left open: the reading then has one covariance, and no lag
         reading_sources.pop("torque_error", None)
         del reading_sources["pole"]
-    _connect(builder, [stages.reconstruction], reading_sources)
+    _connect_by_name(builder, [stages.reconstruction], reading_sources)
 
     readings = _reading_ports(builder, stages.reconstruction)
     known_terms = None if "terms" in own_stages else sources["terms"]
     outputs = {signal: sources[signal] for signal in ("tau_ext", "tau_f", "tau_ext_valid")}
     outputs |= readings
+    # For a controller: of q and v as they come, also of a sample that the estimator leaves out.
     outputs["terms"] = _terms_as_read(builder, estimator, known_terms)
     outputs["fault"] = sources["fault"]
     for signal, port in outputs.items():
         builder.ExportOutput(port, signal)
     if "detection" in own_stages:
-        _detect_by(builder, own_stages["detection"], sources | readings)
+        _add_own_detector(builder, own_stages["detection"], sources | readings)
     elif detection is not None:
-        _detect(builder, ContactDetector.of(estimator, detection), sources)
+        _add_detector(builder, ContactDetector.of(estimator, detection), sources)
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
@@ -261,7 +266,7 @@ def _connect_torque_error(
     corrected: bool,
 ) -> None:
     """Connects the torque error and exports it, and the input of what a correction adds to it."""
-    _connect(builder, [torque_error], sources)
+    _connect_by_name(builder, [torque_error], sources)
     if corrected and torque_error.HasInputPort("added_sd"):
         builder.ExportInput(torque_error.GetInputPort("added_sd"), "correction_sd")
     builder.ExportOutput(sources["torque_error"], "torque_error")
@@ -277,13 +282,13 @@ def _connect_friction(
     if at_planned_speed:
         builder.ExportInput(friction.GetInputPort("v"), "v_planned")
         sources = {signal: port for signal, port in sources.items() if signal != "v"}
-    _connect(builder, [friction], sources)
+    _connect_by_name(builder, [friction], sources)
 
 
 def _reading_ports(builder: DiagramBuilder, reconstruction: LeafSystem) -> dict[str, OutputPort]:
     """The outputs of the reconstruction, by name."""
     signals = _STAGE_OUTPUTS["reconstruction"]
-    ports = _signals(builder, "reading", reconstruction, signals)
+    ports = _output_ports(builder, "reading", reconstruction, signals)
     return dict(zip(signals, ports, strict=True))
 
 
@@ -301,6 +306,9 @@ def _add_stages(
         own_stages: blocks that take the place of ours, by the name of the stage.
         knows_rest: whether the friction is told which joints rest.
         has_error: whether a block besides the observer reads the torque error.
+
+    Returns:
+        The blocks; torque_error is None where no block reads it.
     """
     period = estimator.observer.time_step
 
@@ -312,7 +320,8 @@ def _add_stages(
     motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
     friction = add("friction", _friction_system(estimator.friction, period, knows_rest))
     observer = add("observer", _observer_system(estimator.observer))
-    # Errors of one covariance leave the reading nothing to remember: a function without ticks.
+    # `learnt`: the model's torque error was fitted to logs. Else it is one covariance, which leaves
+    # the reading nothing to remember: period 0, a function without ticks.
     reading_period = period if estimator.learnt else 0.0
     reconstruction = add(
         "reconstruction", JacobianWrenchReconstruction(estimator.reading, reading_period)
@@ -320,10 +329,17 @@ def _add_stages(
     torque_error = None  # not added where nothing reads it
     if has_error or (isinstance(observer, ExternalTorqueObserver) and observer.uses_sd):
         torque_error = add("torque_error", TorqueErrorSystem(estimator.error, period))
-    return _Stages(terms, motor, friction, observer, reconstruction, torque_error)
+    return _Stages(
+        terms=terms,
+        motor=motor,
+        friction=friction,
+        observer=observer,
+        reconstruction=reconstruction,
+        torque_error=torque_error,
+    )
 
 
-def _sources(
+def _signal_sources(
     builder: DiagramBuilder,
     estimator: WrenchEstimator,
     stages: _Stages,
@@ -331,11 +347,16 @@ def _sources(
 ) -> dict[str, OutputPort]:
     """The port that each signal comes from, by the name of the inputs that take it.
 
+    Adds the check of the samples q, v and current, whose outputs are sources too, and exports its
+    inputs.
+
     Args:
-        own_samples: block in the place of the check of samples.
+        own_samples: block in the place of that check.
     """
-    observer_signals = _STAGE_OUTPUTS["observer"]
-    tau_ext, tau_ext_valid = _signals(builder, "observed", stages.observer, observer_signals)
+    # The observer's output `valid` is tau_ext_valid elsewhere: `valid` is that of the wrench.
+    tau_ext, tau_ext_valid = _output_ports(
+        builder, "observed", stages.observer, ("tau_ext", "valid")
+    )
     sources = _checked_inputs(builder, estimator, own_samples) | {
         "terms": stages.terms.GetOutputPort("terms"),
         "tau_J": stages.motor.GetOutputPort("tau_J"),
@@ -357,7 +378,7 @@ def _add_correction(
     correction = builder.AddNamedSystem("correction", TorqueCorrection(num_joints))
     for signal in ("tau_correction", "correction_valid"):
         builder.ExportInput(correction.GetInputPort(signal), signal)
-    _connect(builder, [correction], sources)
+    _connect_by_name(builder, [correction], sources)
     return correction
 
 
@@ -380,10 +401,10 @@ def _terms_as_read(
     return block.GetOutputPort("terms")
 
 
-def _signals(
+def _output_ports(
     builder: DiagramBuilder, name: str, block: LeafSystem, signals: Sequence[str]
 ) -> list[OutputPort]:
-    """The output ports of a block by their names.
+    """The output ports of a block that carry `signals`, in their order.
 
     Those of our blocks are joined in one port and split up by Drake: a port of its own for each
     signal is as many calls into Python at a tick.
@@ -411,7 +432,7 @@ def _pole_port(builder: DiagramBuilder, observer: LeafSystem, num_joints: int) -
     return builder.AddNamedSystem("no_pole", no_pole).get_output_port()
 
 
-def _connect(
+def _connect_by_name(
     builder: DiagramBuilder, blocks: Sequence[LeafSystem], sources: Mapping[str, OutputPort]
 ) -> None:
     """Connects the inputs of blocks to the sources of their names; others are left open."""
@@ -455,23 +476,23 @@ def _checked_inputs(
     return {"q": q, "v": v, "current": check.GetOutputPort("checked_current"), "fault": fault}
 
 
-def _detect_by(
+def _add_own_detector(
     builder: DiagramBuilder, block: LeafSystem, sources: Mapping[str, OutputPort]
 ) -> None:
     """Adds a user's detector, and exports those of its outputs that ours would have."""
     detector = builder.AddNamedSystem("detection", block)
-    _connect(builder, [detector], sources)
+    _connect_by_name(builder, [detector], sources)
     for signal in DETECTION:
         if detector.HasOutputPort(signal):
             builder.ExportOutput(detector.GetOutputPort(signal), signal)
 
 
-def _detect(
+def _add_detector(
     builder: DiagramBuilder, detector: ContactDetector, sources: Mapping[str, OutputPort]
 ) -> None:
     """Adds the detector, and exports its output signal by signal."""
     detector_block = builder.AddNamedSystem("detection", ContactDetection(detector))
-    _connect(builder, [detector_block], sources)
+    _connect_by_name(builder, [detector_block], sources)
     parts = builder.AddNamedSystem("detected", Demultiplexer([1] * len(DETECTION)))
     builder.Connect(detector_block.GetOutputPort("detection"), parts.get_input_port())
     for k, signal in enumerate(DETECTION):
@@ -508,7 +529,8 @@ def _fused(
     for k in range(block.num_input_ports()):
         port = block.get_input_port(k)
         builder.ExportInput(port, port.get_name())
-    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
+    # Signals come in one port, which Drake splits up: a port of its own for each is as many calls
+    # into Python at a tick.
     signal_sizes = block.reading_sizes
     reading = builder.AddNamedSystem("reading", Demultiplexer(list(signal_sizes.values())))
     builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
@@ -517,11 +539,12 @@ def _fused(
         sources[signal] = block.GetOutputPort(signal)
     for signal in _FUSED_OUTPUTS:
         builder.ExportOutput(sources[signal], signal)
+    # The same output as that of the staged estimator: of a learnt error, or with a correction.
     if estimator.learnt or corrected:
         builder.ExportOutput(sources["torque_error"], "torque_error")
     if detection is not None:
-        sources["tau_J"] = block.GetOutputPort("tau_J")
-        _detect(builder, ContactDetector.of(estimator, detection), sources)
+        sources["tau_J"] = block.GetOutputPort("tau_J")  # which the detector alone takes
+        _add_detector(builder, ContactDetector.of(estimator, detection), sources)
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
@@ -562,7 +585,7 @@ def add_estimator_to_ports(
     sources = {"q": q, "v": v, "current": current}
     for signal, port in sources.items():
         if port is None:
-            continue
+            continue  # to be connected later
         label = f"{port.get_system().get_name()}.{port.get_name()}"
         if port.get_data_type() != PortDataType.kVectorValued:
             raise ValueError(f"{name}: {signal} must be a vector, and {label} is abstract")
@@ -572,7 +595,16 @@ def add_estimator_to_ports(
                 f"{robot.name}, and {label} has {port.size()}"
             )
     estimator = builder.AddSystem(
-        make_estimator(robot, model, config, name, fused, detection, stages, corrected)
+        make_estimator(
+            robot,
+            model,
+            config,
+            name=name,
+            fused=fused,
+            detection=detection,
+            stages=stages,
+            corrected=corrected,
+        )
     )
     for signal, port in sources.items():
         if port is not None:

@@ -90,20 +90,23 @@ def add_estimator(
     if in_base_axes:
         arm = arm.in_base_axes()
     state = plant.get_state_output_port(arm.model_instance)
-    q_rows, v_rows = arm.state_selector()
+    # Matrices of zeros and ones that take the arm's joints out of the state of the instance.
+    q_selector, v_selector = arm.state_selector()
     selected = {}
-    for signal, rows in (("q", q_rows), ("v", v_rows)):
-        selector = builder.AddNamedSystem(f"{name}_{signal}", MatrixGain(rows))
+    for signal, selector_matrix in (("q", q_selector), ("v", v_selector)):
+        selector = builder.AddNamedSystem(f"{name}_{signal}", MatrixGain(selector_matrix))
         builder.Connect(state, selector.get_input_port())
         selected[signal] = selector.get_output_port()
+    if current is None:  # the motor torque that drives the plant, at 1 N m/A
+        current = _motor_current(builder, arm, actuation, name)
     return add_estimator_to_ports(
         builder,
         arm,
         arm.nominal_model() if model is None else model,
-        _config(plant, config, name),
+        _config_at_plant_rate(plant, config, name),
         q=selected["q"],
         v=selected["v"],
-        current=_motor_current(builder, arm, actuation, name) if current is None else current,
+        current=current,
         name=name,
         fused=fused,
         detection=detection,
@@ -111,7 +114,7 @@ def add_estimator(
     )
 
 
-def _config(
+def _config_at_plant_rate(
     plant: MultibodyPlant, config: WrenchEstimatorConfig | None, name: str
 ) -> WrenchEstimatorConfig:
     """The configuration, at a period that the plant can be sampled with."""

@@ -11,7 +11,7 @@ from wrenchsight.models.robot.robot import Robot
 
 _ROOM_SHARE = 0.8  # of the way from home to the nearer limit
 _SPEED_SHARE = 0.5  # of the velocity limit
-_PUSH_SHARE = 0.25  # of the payload's weight, sd of a push along each axis
+_PUSH_SHARE = 0.25  # of the payload's weight, sd of a push along each axis; named in a notice
 _STANDARD_GRAVITY = 9.81  # m/s^2
 
 
@@ -24,7 +24,7 @@ def fitted_to(scenario: Scenario, robot: Robot) -> tuple[Scenario, tuple[str, ..
     notices: list[str] = []
     motion = scenario.motion
     if isinstance(motion, JointSineMotion):
-        amplitude, is_less = _amplitude(motion, robot)
+        amplitude, is_less = _possible_amplitude(motion, robot)
         if is_less.any():
             motion = replace(motion, amplitude=amplitude.tolist())
             units = np.where(robot.chain.prismatic, "m", "rad")
@@ -33,12 +33,13 @@ def fitted_to(scenario: Scenario, robot: Robot) -> tuple[Scenario, tuple[str, ..
                 for j in np.flatnonzero(is_less)
             )
             notices.append(f"the swing keeps within the joints' limits and speeds: {changes}")
-    most = _PUSH_SHARE * robot.payload * _STANDARD_GRAVITY
+    max_push_sd = _PUSH_SHARE * robot.payload * _STANDARD_GRAVITY  # N
     pushes = [segment for segment in scenario.wrench if isinstance(segment, HandPush)]
-    force = max((max(map(abs, push.force)) for push in pushes), default=0.0)
+    # A push is random; its `force` and `moment` are the sds along the axes.
+    push_sd = max((max(map(abs, push.force)) for push in pushes), default=0.0)
     wrench = scenario.wrench
-    if force > most:
-        scale = most / force
+    if push_sd > max_push_sd:
+        scale = max_push_sd / push_sd  # of moments too: the same push, but weaker
         wrench = [
             replace(
                 segment,
@@ -50,12 +51,12 @@ def fitted_to(scenario: Scenario, robot: Robot) -> tuple[Scenario, tuple[str, ..
             for segment in wrench
         ]
         notices.append(
-            f"the push is a quarter of the payload's weight: sd {most:.2g} N along each axis"
+            f"the push is a quarter of the payload's weight: sd {max_push_sd:.2g} N along each axis"
         )
     return replace(scenario, motion=motion, wrench=wrench), tuple(notices)
 
 
-def _amplitude(motion: JointSineMotion, robot: Robot) -> tuple[Array, Flags]:
+def _possible_amplitude(motion: JointSineMotion, robot: Robot) -> tuple[Array, Flags]:
     """Amplitudes (n,) that the arm can swing, and where they are less than the scenario's."""
     n = robot.num_joints
     stated = np.broadcast_to(np.array(motion.amplitude, dtype=np.float64), n)

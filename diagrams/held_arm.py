@@ -103,7 +103,8 @@ def make_held_arm(
         ValueError: no estimator, or time steps that differ.
     """
     time_step = _common_time_step(estimators)
-    model, q_start = IdentifiedModel.nominal(robot), np.asarray(q, float)
+    model = IdentifiedModel.nominal(robot)  # the parameters of the robot file: here the true ones
+    q_start = np.asarray(q, float)
     builder = DiagramBuilder()
     arm = _add_arm(builder, robot, q_start)
     wrench_true = _add_wrench(builder, script, arm)
@@ -115,10 +116,12 @@ def make_held_arm(
         )
         for name, config in estimators.items()
     }
-    # All estimators have the same model: one of them lends the controller its terms.
+    # The controller needs rigid-body terms at the measured q and v. All estimators have one model
+    # and put out the same: those of the first are taken.
     terms = next(iter(estimator_diagrams.values())).GetOutputPort("terms")
     tau_command = _add_holding_controller(builder, robot, model, q_start, terms, time_step)
     _add_drives(builder, robot, arm, tau_command, time_step)
+    # The current that the commanded torque takes; the sensor samples it at the drives' ticks.
     current_true = _add_drive_current(builder, robot, tau_command)
     builder.Connect(current_true, sensor.GetInputPort("current_true"))
 

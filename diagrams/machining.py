@@ -34,6 +34,7 @@ from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.robot.robot import Robot
 
 NUM_ANGLES = 36
+_TOOL_AXIS_E = (0.0, 0.0, 1.0)  # working direction of the tool, held into the surface
 _MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next
 _LIMIT_MARGIN = math.radians(5.0)  # kept from every joint limit
 # N per rad^2: a smooth motion matters more here than the last millinewton
@@ -85,6 +86,8 @@ def posture_problem(
 ) -> RedundancyProblem:
     """The problem of the best postures: the least stated sd of the force, with the nominal model.
 
+    Postures differ by the angle about the tool's axis, which the work leaves free.
+
     Raises:
         InputError: narrower limits of a joint that the robot does not have, or that are no range.
     """
@@ -93,10 +96,11 @@ def posture_problem(
     return RedundancyProblem(
         robot=robot,
         path=path,
-        tool_axis_E=np.array([0.0, 0.0, 1.0]),
+        tool_axis_E=np.array(_TOOL_AXIS_E),
         measure=ForceSd(
             robot.chain,
             IdentifiedModel.nominal(robot).residual_covariance,
+            # Without a prior, which would hide how poorly a posture tells the force.
             WrenchReconstructionConfig(method="inverse"),
         ),
         lower=lower,
@@ -115,22 +119,26 @@ def postures(robot: Robot, path: SurfacePath, machining: MachiningConfig, source
         InputError: a sample is out of reach.
     """
     problem = posture_problem(robot, path, machining, source)
-    if machining.angle_deg is None:
+    if machining.angle_deg is None:  # the angle about the tool's axis is free: the best one counts
         grid_path = best_on_grid(problem, candidates(problem))
         return refine(problem, grid_path.q).q
+    # The angle is stated, and may turn evenly along the path. What is left to choose is the branch
+    # of the inverse kinematics (elbow up or down, ...) that the path is followed in.
     turn = math.radians(machining.turn_deg) * np.linspace(0.0, 1.0, path.num_samples)
     R_WE = path.orientations(problem.first_angle + turn)
     best_cost, best_q = math.inf, None
-    for q_first in all_branches(robot, R_WE[:1], path.p_WS[:1])[0]:
+    first_postures = all_branches(robot, R_WE[:1], path.p_WS[:1])[0]  # (branches, n)
+    for q_first in first_postures:
         if not np.all((q_first >= problem.lower) & (q_first <= problem.upper)):
             continue
         try:
             q = follow_path(robot, R_WE, path.p_WS, q_first)
-        except InputError:
+        except InputError:  # the branch ends before the path does
             continue
         if problem.violation(q) > 0.0:
             continue
         cost = problem.cost(q)
+        # Beyond rounding: of branches with one cost the first is taken, on every machine.
         if best_q is None or better(cost, best_cost):
             best_cost, best_q = cost, q
     if best_q is None:

@@ -149,7 +149,7 @@ def make_robot_cell(
             that Drake cannot follow.
     """
     robot = with_true_friction(robot, scenario.friction)
-    true_model = true_robot(robot)
+    true_model = true_robot(robot)  # true joint frames and tool weight
     cell = _add_surroundings_and_arm(scenario, robot, true_model, is_drawn=meshcat is not None)
     joints = TrueJoints.of(robot, scenario.time_step)
     # The encoders read q_0, their gears bent by the arm's weight.
@@ -207,15 +207,21 @@ def _add_surroundings_and_arm(
 
 
 def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
-    """Adds the true arm, connects it with drives and plant, and exports the cell's ports."""
+    """Adds the true arm, connects it with drives and plant, and exports the cell's ports.
+
+    current_command --> drives --> true_arm --> actuation, forces --> plant
+                                      ^------- state, contacts ---------+
+    """
     builder, plant, instance = cell.builder, cell.plant, cell.arm.model_instance
     builder.AddNamedSystem("true_arm", true_arm)
-    for name, port in _arm_inputs(cell).items():
+    for name, port in _add_drives_and_get_sources(cell).items():
         builder.Connect(port, true_arm.GetInputPort(name))
-    motion = _split_up(builder, true_arm, "motion", true_arm.motion_sizes)
-    drives = _split_up(builder, true_arm, "drives", true_arm.drive_sizes)
+    # The parts of two outputs of the true arm, each a port, by their names.
+    motion = _add_demultiplexer(builder, true_arm, "motion", true_arm.motion_sizes)
+    drives = _add_demultiplexer(builder, true_arm, "drives", true_arm.drive_sizes)
     builder.Connect(drives["tau_J"], plant.get_actuation_input_port(instance))
-    # The plant's port is of all bodies: those that the arm does not carry get none of it.
+    # Friction and gears act on the arm's joints. The plant's port takes the generalized force of
+    # all bodies: those that are not the arm's get none.
     to_plant = np.zeros((plant.num_velocities(), cell.robot.num_joints))
     for i, joint in enumerate(cell.arm.joints):
         to_plant[joint.velocity_start(), i] = 1.0
@@ -223,7 +229,7 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
     builder.Connect(drives["generalized_force"], spread.get_input_port())
     builder.Connect(spread.get_output_port(), plant.get_applied_generalized_force_input_port())
     _connect_spatial_forces(cell, true_arm)
-    outputs = _external_forces(cell, true_arm, motion) | {
+    outputs = _truth_outputs(cell, true_arm, motion) | {
         "q": motion["q_read"],
         "v": motion["v_read"],
         "state": plant.get_state_output_port(instance),
@@ -270,8 +276,8 @@ def _follow_directives(plant: MultibodyPlant, scenario: Scenario) -> None:
         raise InputError("scenario", "directives", f"Drake cannot follow them: {error}") from error
 
 
-def _arm_inputs(cell: _CellParts) -> dict[str, OutputPort]:
-    """The sources of the true arm's inputs, by their names; adds the drives, which are one."""
+def _add_drives_and_get_sources(cell: _CellParts) -> dict[str, OutputPort]:
+    """The sources of the true arm's inputs, by their names. One of them, the drives, is added."""
     plant, instance = cell.plant, cell.arm.model_instance
     limit = cell.robot.current_limit
     drives = cell.builder.AddNamedSystem("drives", Saturation(-limit, limit))
@@ -289,10 +295,10 @@ def _arm_inputs(cell: _CellParts) -> dict[str, OutputPort]:
     return sources
 
 
-def _split_up(
+def _add_demultiplexer(
     builder: DiagramBuilder, true_arm: TrueArm, name: str, sizes: dict[str, int]
 ) -> dict[str, OutputPort]:
-    """The parts of an output of the true arm, by their names.
+    """The parts of an output of the true arm, each a port, by their names.
 
     Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
     """
@@ -301,13 +307,13 @@ def _split_up(
     return {part: demultiplexer.get_output_port(i) for i, part in enumerate(sizes)}
 
 
-def _external_forces(
+def _truth_outputs(
     cell: _CellParts, true_arm: TrueArm, motion: dict[str, OutputPort]
 ) -> dict[str, OutputPort]:
     """The ports of the cell with the true wrench and the true external torque."""
     builder = cell.builder
     if cell.has_contact:
-        truth = _split_up(builder, true_arm, "truth", true_arm.truth_sizes)
+        truth = _add_demultiplexer(builder, true_arm, "truth", true_arm.truth_sizes)
         return {"wrench_true": truth["wrench"], "tau_ext_true": truth["tau_ext"]}
     if true_arm.has_spatial_forces:
         return {"wrench_true": motion["wrench"], "tau_ext_true": motion["torque"]}
@@ -437,7 +443,7 @@ def _prepare_contact(
     """
     plant, arm = cell.plant, cell.arm
     source, inspector = plant.get_source_id(), scene_graph.model_inspector()
-    links = GeometrySet()
+    links = GeometrySet()  # shapes of the arm that keep a role in contact
     for index in plant.GetBodyIndices(arm.model_instance):
         body = plant.get_body(index)
         for geometry in plant.GetCollisionGeometriesForBody(body):

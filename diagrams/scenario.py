@@ -52,6 +52,7 @@ TIME_LAWS: dict[str, TimeLaw] = {
 FRICTIONS = ("full", "coulomb_viscous", "none")
 _TRAJECTORY_STEP = 0.01  # s between the samples of a motion in joint space
 _SAME_TIME = 1e-9  # s; two samples nearer than that are one
+_MAX_SEED = 2**31 - 1
 MOST_TICKS = 3_600_000  # of a simulation: an hour at 1 kHz
 LIMITS = {  # of counts and sizes that time and memory depend on, by key at any depth
     "time_step": (1e-5, 0.01),  # s
@@ -311,11 +312,12 @@ def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenar
         hint = nearest(scenario_name, scenarios) or f"there are {', '.join(scenarios)}"
         raise InputError(path, "", f'there is no scenario "{scenario_name}"', hint)
     scenario = scenarios[scenario_name]
+    # Paths in the file are relative to it. A robot without ending and folder is a bundled one.
     if Path(scenario.robot).suffix or Path(scenario.robot).parent != Path():
         scenario = replace(scenario, robot=str(path.parent / scenario.robot))
     for directive in scenario.directives:
         model = directive.add_model
-        if model is not None and ":" not in model.file:
+        if model is not None and ":" not in model.file:  # else package:// or file://
             model.file = f"file://{(path.parent / model.file).resolve()}"
     check_scenario(scenario, f"{path}: {scenario_name}")
     return scenario
@@ -343,7 +345,8 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     ):
         if not (np.isfinite(value) and value > 0):
             raise InputError(source, key, f"{value}, expected a positive number")
-    # The observer's time_step is not used here, and a wrench segment may last for ever (inf).
+    # Every number must be finite and within LIMITS, but for the observer's time_step, for which the
+    # scenario's is used, and wrench segments, which may last for ever (inf).
     estimator = replace(
         scenario.estimator, observer=replace(scenario.estimator.observer, time_step=1e-3)
     )
@@ -352,7 +355,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     if not 1 <= ticks <= MOST_TICKS:
         problem = f"{scenario.duration:g} s make {ticks:.3g} steps, expected 1 to {MOST_TICKS}"
         raise InputError(source, "duration", problem, "simulate parts of it, one after another")
-    if not 0 <= scenario.seed < 2**31:
+    if not 0 <= scenario.seed <= _MAX_SEED:
         raise InputError(source, "seed", f"{scenario.seed}, expected 0 or more")
     for key, word, choices in (
         ("friction", scenario.friction, FRICTIONS),
@@ -372,6 +375,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
             "add force_torque_sensor, or feed back the estimate",
         )
     _check_observer(scenario, source)
+    # Left out in the file, plant_config.time_step is Drake's default, and the scenario's is used.
     if scenario.plant_config.time_step not in (
         scenario.time_step,
         MultibodyPlantConfig().time_step,
@@ -390,6 +394,7 @@ def _check_observer(scenario: Scenario, source: str) -> None:
     wrench itself and an option does not fit.
     """
     observer = scenario.estimator.observer
+    # Left out in the file, it is the default of the observer's kind, and the scenario's is used.
     if observer.time_step not in (scenario.time_step, type(observer)().time_step):
         raise InputError(
             source,
@@ -400,9 +405,9 @@ def _check_observer(scenario: Scenario, source: str) -> None:
         )
     kind = kind_of(scenario.estimator.observer)
     if kind is None or not kind.reads_wrench:
-        return
+        return  # what follows is of an observer that estimates the wrench, not joint torques
     name, reconstruction = kind_name(kind), scenario.estimator.reconstruction
-    if observer_prior(reconstruction) is None:
+    if observer_prior(reconstruction) is None:  # the prior of the wrench, which it starts from
         raise InputError(
             source,
             "estimator.reconstruction.method",
@@ -460,8 +465,9 @@ def _check_machining(scenario: Scenario, source: str) -> None:
             source, "machining.air_pass", f"{machining.air_pass:g} m, expected 0 or more"
         )
     check_phases(machining.phases, f"{source}: machining")
-    process_key = f"{source}: machining.process"
-    MachiningProcess(machining.process, process_key, time_step=scenario.time_step)
+    # Its constructor checks the process's numbers, and names this source.
+    process_source = f"{source}: machining.process"
+    MachiningProcess(machining.process, process_source, time_step=scenario.time_step)
 
 
 def make_trajectory(scenario: Scenario, robot: Robot) -> JointTrajectory:
@@ -541,21 +547,23 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     _check_line(motion)
     R_home, p_home = robot.chain.pose(robot.home)
     path = StraightPath(
-        np.array(motion.n_W),
-        np.array(motion.p_WM) if motion.p_WM else p_home,
-        np.array(motion.R_WE) if motion.R_WE else R_home,
-        motion.path_length,
+        n_W=np.array(motion.n_W),
+        p_WM=np.array(motion.p_WM) if motion.p_WM else p_home,
+        R_WE=np.array(motion.R_WE) if motion.R_WE else R_home,
+        path_length=motion.path_length,
     )
     q_seed = _joints(motion.q_seed or list(robot.home), robot, "motion.q_seed")
-    law = TIME_LAWS[motion.time_law]
-    if law is constant_speed:
+    law = TIME_LAWS[motion.time_law]  # place on the line, 0 to 1, from time, 0 to 1
+    if law is constant_speed:  # which would jump to its speed
         law = steady_speed(motion.ramp)
     # A whole number of steps one way, so that the turning point is one of the samples.
     step = motion.one_way / max(1, round(motion.one_way / _TRAJECTORY_STEP))
     cycle_duration = motion.one_way
     if motion.passes > 1:  # a cycle is there and back; the last one may end at the turning point
         law, cycle_duration = there_and_back(law), 2 * motion.one_way
-    cycle = joint_trajectory(robot, path, law, cycle_duration, q_seed, step)
+    cycle = joint_trajectory(
+        robot, path, law, duration=cycle_duration, q_seed=q_seed, time_step=step
+    )
 
     # Whole cycles one after another, of which the time of the motion is cut out. A lead-in is the
     # end of one more cycle, before the first.

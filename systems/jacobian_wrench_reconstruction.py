@@ -213,7 +213,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         # Of an observer that reads the wrench itself; None of any other.
         observed_wrench, observed_covariance = self._observed_wrench(context)
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
-        if not abs(fault) < _LARGEST_INPUT:
+        if not abs(fault) < _LARGEST_INPUT:  # NaN among them: no sum of codes
             is_usable, fault = False, 0.0
 
         tau_ext = self._tau_ext.Eval(context)[None] if is_usable else self._no_torque
@@ -234,7 +234,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         )
         state = self.memory(context)  # a copy, which `run` changes in place; the update stores it
         estimate = tuned.reading.run(state, error, samples)
-        if tuned.unseen_rests is not None:
+        if tuned.unseen_rests is not None:  # a rest that no log has shown is a reason against it
             estimate = with_unseen_rests(estimate, tuned.unseen_rests, error.rows, tau_ext)
         return _Tick(reading_parts(estimate), state)
 

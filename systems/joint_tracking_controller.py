@@ -103,9 +103,8 @@ class JointTrackingController(SampledBlock):
         )
         SampledBlock.__init__(
             self,
-            period=time_step
-            if ki.any()
-            else 0.0,  # without an integral nothing to remember: no ticks
+            # Without an integral there is nothing to remember: no ticks.
+            period=time_step if ki.any() else 0.0,
             initial_memory=np.zeros(n),  # rad s, the integral of the error
             held_sizes={"tau_command": n, "valid": 1},
         )

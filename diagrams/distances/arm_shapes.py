@@ -34,12 +34,13 @@ class ArmShapes:
     ) -> None:
         builder = DiagramBuilder()
         plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        # Hulls: distances of meshes are those of their convex hulls.
         self.plant, self.parts = plant, robot.add_to_plant(plant, hulls=True)
         add(plant)
         plant.Finalize()
         self.diagram = builder.Build()  # owns plant and context
         self.inspector = self._scene_graph.model_inspector()
-        self.body = {
+        self.body = {  # in the order of the ids, which is the same in every run
             geometry: plant.GetBodyFromFrameId(self.inspector.GetFrameId(geometry))
             for geometry in sorted(
                 self.inspector.GetAllGeometryIds(Role.kProximity), key=GeometryId.get_value

@@ -32,6 +32,8 @@ _MAX_PROTRUSION = 3e-3  # m, by which a shape may stand out beyond the part that
 _MAX_SUNK_BASE = 0.01  # m, by which the shape of a base may reach into the table it stands on
 _SAME_DISTANCE = 1e-6  # m; distances of curved shapes are exact to that
 _BOX_CORNERS = tuple(itertools.product((-1.0, 1.0), repeat=3))  # of a box
+_MAX_SAMPLE_PERIOD = 0.1  # s, between the times at which a motion is looked at first
+_MIN_REQUIRED = 1e-9  # m, in a quotient, in the place of nothing
 _LARGEST_SCALE = 10.0  # of a pair that must keep little, so that its gradient stays smooth
 _MIN_GRADIENT_SHARE = 1e-6  # of a pair in the gradient
 
@@ -111,7 +113,7 @@ class Clearance:
 
         self.shapes = shapes = ArmShapes(robot, add_all)
         self.margin = margin
-        self._own = {
+        self._arm_shapes = {  # shapes of the arm and its tool
             geometry
             for geometry, body in shapes.body.items()
             if body.model_instance() == shapes.parts.model_instance
@@ -122,24 +124,30 @@ class Clearance:
         self._may_touch_workpiece = (
             _working_shapes(shapes, margin)
             if tip_only
-            else {shape for shape in self._own if shapes.body[shape].index() == shapes.tool.index()}
+            else {
+                shape
+                for shape in self._arm_shapes
+                if shapes.body[shape].index() == shapes.tool.index()
+            }
         )
+        # Distance in m that a pair of shapes must keep, where it is not `margin`; -inf: the pair is
+        # left out. The two calls below fill it.
         self._required: dict[tuple[Any, Any], float] = {}
-        # Pairs within the arm, and of the arm with the floor.
-        counted = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
-        self.overlapping = self._require_at_home(robot, counted)
+        arm_and_floor = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
+        self.overlapping = self._require_at_home(robot, arm_and_floor)
         self._require_of_others()
-        near: dict[str, float] = {}
-        for key, required in self._required.items():
-            if np.isfinite(required) and required < margin and counted.issuperset(key):
-                near[self._names(key)] = min(required, near.get(self._names(key), np.inf))
+        near: dict[str, float] = {}  # the least that a pair must keep, by the names of its links
+        for pair, required in self._required.items():
+            if np.isfinite(required) and required < margin and arm_and_floor.issuperset(pair):
+                names = self._names(pair)
+                near[names] = min(required, near.get(names, np.inf))
         self.near_at_home = tuple(near.items())
-        self.has_shapes = bool(self._own)
-        self._speed_radius = _speed_radius(robot, shapes)
+        self.has_shapes = bool(self._arm_shapes)
+        self._speed_radius = _speed_radius(robot, shapes)  # (n,) m
 
     def _others_named(self, names: set[str]) -> set[Any]:
         """Shapes of these names that are none of the arm's."""
-        others = self.shapes.body.keys() - self._own
+        others = self.shapes.body.keys() - self._arm_shapes
         return {shape for shape in others if self.shapes.name(shape) in names}
 
     def base_in_obstacles(self, robot: Robot) -> dict[tuple[str, str], float]:
@@ -147,7 +155,7 @@ class Clearance:
         depths: dict[tuple[str, str], float] = {}
         still = [shape for shape in self.shapes.body if self._level(shape) == 0]
         for shape, obstacle in itertools.product(still, still):
-            if shape not in self._own or obstacle not in self._obstacle_shapes:
+            if shape not in self._arm_shapes or obstacle not in self._obstacle_shapes:
                 continue
             depth = -self.shapes.distance(robot.home, shape, obstacle)
             key = (self.shapes.name(shape), self.shapes.name(obstacle))
@@ -193,11 +201,11 @@ class Clearance:
             is_workpiece = shape in self._workpiece_shapes
             is_fixed = self.shapes.body[shape].index() == self.shapes.plant.world_body().index()
             for other in self.shapes.body:
-                if other in self._own and is_workpiece:
+                if other in self._arm_shapes and is_workpiece:
                     is_left_out = other in self._may_touch_workpiece
                     is_left_out |= is_fixed and self._level(other) == 0
                     required = -np.inf if is_left_out else self.margin
-                elif other in self._own:
+                elif other in self._arm_shapes:
                     required = -np.inf if self._level(other) == 0 else self.margin
                 elif is_workpiece and not is_fixed:
                     required = -np.inf if other in self._workpiece_shapes else 0.0
@@ -301,17 +309,18 @@ class Clearance:
         pairs = [
             p for p in self.shapes.pairs(q, INFLUENCE_DISTANCE) if np.isfinite(self._requirement(p))
         ]
-        # The last entry is that of the pair that is always at INFLUENCE_DISTANCE.
+        # The last entry is that of the pair that is always at INFLUENCE_DISTANCE: its slack is that
+        # distance, its gradient 0.
         required = np.array([self._requirement(pair) for pair in pairs] + [self.margin])
         distance = np.array([pair.distance for pair in pairs] + [INFLUENCE_DISTANCE + self.margin])
-        scale = np.clip(self.margin / np.maximum(required, 1e-9), 1.0, _LARGEST_SCALE)
+        scale = np.clip(self.margin / np.maximum(required, _MIN_REQUIRED), 1.0, _LARGEST_SCALE)
         slack = scale * (distance - required)
         lowest = float(slack.min())  # taken out of the sum, which would underflow
         weight = np.exp(-MINIMUM_SHARPNESS * (slack - lowest))
         total = float(weight.sum())
-        weight *= scale
+        weight *= scale  # d slack / d distance
         gradient = np.zeros(self.shapes.plant.num_velocities())
-        for pair, share in zip(pairs, weight / total, strict=False):
+        for pair, share in zip(pairs, weight / total, strict=False):  # but the last entry
             if share >= _MIN_GRADIENT_SHARE:
                 gradient += share * self._distance_gradient(pair)
         return lowest - float(np.log(total)) / MINIMUM_SHARPNESS, gradient[self.shapes.order]
@@ -364,9 +373,9 @@ class Clearance:
         Returns:
             Whether it keeps clear, and the pair with the least slack; None where nothing is near.
         """
-        fastest = 2.0 * float(speed @ self._speed_radius)
+        fastest = 2.0 * float(speed @ self._speed_radius)  # m/s, of two moving links to each other
         required = [value for value in self._required.values() if np.isfinite(value)]
-        allowance = 0.5 * min([self.margin, *required])
+        allowance = 0.5 * min([self.margin, *required])  # m, by which a slack may be below 0
         worst: ClosestPair | None = None
 
         def lowest_slack(t: float) -> float:
@@ -379,18 +388,19 @@ class Clearance:
                 worst = replace(pair, time=t)
             return pair.slack
 
-        times = np.linspace(0.0, duration, max(2, round(duration / 0.1) + 1))
+        times = np.linspace(0.0, duration, max(2, round(duration / _MAX_SAMPLE_PERIOD) + 1))
         slacks = [lowest_slack(float(t)) for t in times]
         intervals = [
             _Interval(times[k], times[k + 1], slacks[k], slacks[k + 1])
             for k in range(len(times) - 1)
         ]
         is_clear = min(slacks) >= 0.0
-        while intervals and is_clear:
+        while intervals and is_clear:  # intervals are still to be proved, in any order
             interval = intervals.pop()
             length = interval.end - interval.start
+            # The least slack between the ends is (first + last - fastest length) / 2.
             if interval.first_slack + interval.last_slack + 2.0 * allowance >= fastest * length:
-                continue
+                continue  # proved
             if length < _MIN_INTERVAL:
                 is_clear = False
                 break

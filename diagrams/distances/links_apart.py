@@ -22,11 +22,13 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
     any case.
     """
     machining, plate = scenario.machining, scenario.workpiece
+    # No links are left out where a floor or a push may bring them to touch after all.
     if not isinstance(plate, PlateConfig) or machining is None or scenario.floor or scenario.wrench:
         return frozenset()
     try:
-        parts = postures_of_pass(robot, plan, machining.phases)
-    except InputError:
+        # (N, n) joint positions by the part of the pass: approach, pass and lift
+        postures_by_part = postures_of_pass(robot, plan, machining.phases)
+    except InputError:  # a part cannot be planned
         return frozenset()
     shapes = ArmShapes(robot, lambda plant: add_plate(plant, plate))
     links = {
@@ -34,7 +36,7 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
         for shape, body in shapes.body.items()
         if body.model_instance() == shapes.parts.model_instance
     }
-    for q in np.vstack(list(parts.values())):
+    for q in np.vstack(list(postures_by_part.values())):
         for pair in shapes.pairs(q, CLEAR_DISTANCE):
             names = {shapes.name(pair.id_A), shapes.name(pair.id_B)}
             if "workpiece" in names:

@@ -15,6 +15,8 @@ from wrenchsight.models.robot.robot import Robot
 
 _TUBE_RADIUS = 0.006  # m, of the tube along the path
 _TUBE_CORNERS = 8  # its corners
+_SCALE_END_QUANTILE = 0.99  # of the measure, where the scale of colours ends
+_MIN_SCALE_RATIO = 1.01  # of the scale's end to its beginning
 _PAUSE_TIME = 0.7  # s, between two motions
 
 
@@ -60,8 +62,8 @@ def write_path_page(
     """
     measures = np.concatenate([motion.measure for motion in motions])
     # The scale ends below the few largest: near a singular posture a measure has no bound.
-    low, high = float(np.min(measures)), float(np.quantile(measures, 0.99))
-    high = max(high, 1.01 * low)
+    low, high = float(np.min(measures)), float(np.quantile(measures, _SCALE_END_QUANTILE))
+    high = max(high, _MIN_SCALE_RATIO * low)
     tips = [robot.chain.pose(motion.q)[1] for motion in motions]
     meshcat = make_meshcat(robot, np.mean(np.concatenate(tips), axis=0))
     picture = ArmPicture(robot, meshcat, fps)
@@ -71,14 +73,17 @@ def write_path_page(
         _draw_tube(meshcat, _meshcat_path(motion), tip, colour_scale(motion.measure, low, high))
     start_animation(meshcat, fps)
     num_frames = max(2, round(seconds * fps))
-    start = 0.0
+    start = 0.0  # s, of the motion in the page's time
     for index, motion in enumerate(motions):
         _show_one_path(meshcat, motions, motion, start)
+        # Where in q each frame is: between two postures where it is no whole number.
         indices = np.linspace(0.0, len(motion.q) - 1.0, num_frames)
         for frame in range(num_frames):
             picture.show(_between(motion.q, float(indices[frame])), start + frame / fps)
         start += seconds + _PAUSE_TIME
-        if index + 1 < len(motions):  # the arm waits for the next motion
+        # The last posture, one frame before the next motion: the arm waits, and then jumps there
+        # instead of drifting to it through the pause.
+        if index + 1 < len(motions):
             picture.show(motion.q[-1], start - 1.0 / fps)
     names = ", then ".join(motion.name for motion in motions)
     write_page(meshcat, path, f"{title}: {names}", scale_legend(label, low, high))

@@ -23,6 +23,8 @@ FORCE_ARROWS: dict[str, ArrowStyle] = {
 _SIDE_ANGLE = 1.0  # rad about the vertical, from the tool's direction to the camera's
 _CAMERA_RISE = 0.35  # of the camera, over its horizontal distance
 _MIN_DISTANCE = 1.2  # of the camera, over the size of arm and path
+_MIN_SIZE = 0.5  # m, of arm and path
+_TARGET_SHARE = 0.45  # of the way from the base to the tool, where the camera looks
 _HALF_VIEW = 0.58  # rad about the camera's axis within which things are shown; Meshcat has 0.65
 
 
@@ -51,12 +53,13 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
     meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
     for object_path in ("/Axes", "/Grid"):
         meshcat.SetProperty(object_path, "visible", False)
-    # The camera looks at a point between base and tool, from where all that moves is in its view.
+    # The camera looks at a point between base and tool, from a distance at which its view holds all
+    # that moves.
     path = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
     tool = 0.5 * (path.min(axis=0) + path.max(axis=0))  # middle of the path
     _, home = robot.chain.pose(robot.home)
-    size = max(0.5, float(np.linalg.norm(home)), float(np.linalg.norm(path, axis=1).max()))
-    target = np.array([0.45 * tool[0], 0.45 * tool[1], 0.5 * size])
+    size = max(_MIN_SIZE, float(np.linalg.norm(home)), float(np.linalg.norm(path, axis=1).max()))
+    target = np.array([_TARGET_SHARE * tool[0], _TARGET_SHARE * tool[1], 0.5 * size])
     if view_direction is None:
         azimuth = np.arctan2(tool[1], tool[0]) - _SIDE_ANGLE
         direction = np.array([np.cos(azimuth), np.sin(azimuth), _CAMERA_RISE])
@@ -64,6 +67,7 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
         direction = np.array(view_direction, dtype=np.float64)
     direction /= np.linalg.norm(direction)
     shown = np.vstack([np.zeros(3), home, path]) - target
+    # Each point must lie within the cone of the view: as far aside as its depth allows.
     towards = shown @ direction
     aside = np.linalg.norm(shown - towards[:, None] * direction, axis=1)
     distance = max(_MIN_DISTANCE * size, float(np.max(towards + aside / np.tan(_HALF_VIEW))))

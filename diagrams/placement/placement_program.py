@@ -49,6 +49,7 @@ from wrenchsight.models.planning.placement.placements import (
 from wrenchsight.models.robot.robot import Robot
 
 SOLVERS = ("snopt", "ipopt")
+_DISTANCE_PRECISION = 1e-9  # relative, of distances between curved shapes
 _SNOPT_OPTIONS = {
     "Major feasibility tolerance": 1e-9,
     "Major optimality tolerance": 2e-5,
@@ -304,6 +305,7 @@ class PlacementProgram:
             options: options of the solver, beside or in place of the defaults.
             measure: in place of the program's own.
         """
+        # The program's callbacks use these two: the number of their calls, and what they minimize.
         self._evaluations = 0
         self._solved_measure = self.measure if measure is None else measure
         engine: Any = SnoptSolver() if solver == "snopt" else IpoptSolver()
@@ -311,13 +313,14 @@ class PlacementProgram:
         if self.cell is not None and solver == "snopt":
             # Distances between curved shapes are found iteratively. Taken as exact, the last digits
             # of their differences stop the solver short of a place that keeps them.
-            settings.SetOption(engine.solver_id(), "Function precision", 1e-9)
+            settings.SetOption(engine.solver_id(), "Function precision", _DISTANCE_PRECISION)
         for name, value in (
             (_SNOPT_OPTIONS if solver == "snopt" else _IPOPT_OPTIONS) | (options or {})
         ).items():
             settings.SetOption(engine.solver_id(), name, value)
         guess = np.empty(len(self._variables))
-        guess[self._order] = self._pack(start)  # Drake numbers matrices column by column
+        # `_pack` has q row by row, but Drake numbers a matrix of variables column by column.
+        guess[self._order] = self._pack(start)
         try:
             result = engine.Solve(self.program, guess, settings)
         except RuntimeError as error:
@@ -325,11 +328,11 @@ class PlacementProgram:
                 raise KeyboardInterrupt from error
             raise
         x = np.asarray(result.GetSolution(self._variables), dtype=np.float64)
-        if not np.all(np.isfinite(x)):
+        if not np.all(np.isfinite(x)):  # the solver gave up: the start stands
             x = self._pack(start)
         placement = self._unpack(x)
         details = result.get_solver_details()
-        code = getattr(details, "info", getattr(details, "status", ""))
+        code = getattr(details, "info", getattr(details, "status", ""))  # SNOPT's, or IPOPT's
         return PlacementSolution(
             placement=placement,
             cost=self.cost(placement.q),
