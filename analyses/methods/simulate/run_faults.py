@@ -19,6 +19,8 @@ _NUM_POSTURES = 60  # of the motion, in which a model's inertias are compared wi
 _MAX_RATIO = 15.0  # of a model's inertia to the arm's: beyond it held torques overshoot
 _NAMED_SHARE = 0.5  # of the joint that moves most in a direction, from which on one is named
 _AT_LIMIT = 1.0 - 1e-6  # of the effort limit
+_LEAST_TRAVEL = 0.02  # rad (m) of the planned motion, from which a joint is held against it
+_STUCK_SHARE = 0.1  # of the planned travel, below which a joint does not follow
 
 
 def require_controllable(
@@ -85,6 +87,34 @@ def divergence_remedy(robot: Robot, model: IdentifiedModel) -> str:
             "--consistent"
         )
     return "lower the controller's gains, the wrench or the time_step"
+
+
+def require_following(robot: Robot, planned: Array, q: Array) -> None:
+    """Refuses a run in which a joint stands still that was to move.
+
+    Args:
+        planned, q: (T, n) rad (m), positions as planned and as they were.
+
+    Raises:
+        InputError: there is such a joint.
+    """
+    travel, wanted = np.ptp(q, axis=0), np.ptp(planned, axis=0)
+    stuck = np.flatnonzero((wanted > _LEAST_TRAVEL) & (travel < _STUCK_SHARE * wanted))
+    if not len(stuck):
+        return
+    names = " and ".join(robot.joint_names[j] for j in stuck)
+    rotorless = [robot.joint_names[j] for j in stuck if not robot.reflected_inertia[j]]
+    remedy = "state the joint's friction in simulated_truth"
+    if rotorless:
+        remedy = (
+            f"state rotor_inertia of {' and '.join(rotorless)} (data sheet; 0 is no geared "
+            f"drive's), or {remedy}"
+        )
+    problem = (
+        f"{names} stood still, but {wanted[stuck].max():.2g} rad (or m) were planned: its friction "
+        "at rest is more than a controller gives so small an inertia"
+    )
+    raise InputError("simulate", "", problem, f"{remedy}, in {robot.source.name}")
 
 
 def saturation_notices(robot: Robot, signals: Mapping[str, Array], refuses: bool) -> list[str]:

@@ -22,6 +22,7 @@ from wrenchsight.analyses.methods.simulate.air_pass import LearntCorrection, lea
 from wrenchsight.analyses.methods.simulate.run_faults import (
     divergence_remedy,
     require_controllable,
+    require_following,
     saturation_notices,
 )
 from wrenchsight.analyses.methods.simulate.simulate_settings import SimulateSettings
@@ -308,6 +309,8 @@ def simulate(
     t, signals = recorder.logged()
     notices += _retreat_notices(t, signals)
     notices += saturation_notices(robot, signals, refuses=work.plan is None)
+    if work.plan is None:
+        require_following(robot, work.trajectory.sample(t)[0], signals["q"])
     result = _result_of(scenario, robot, t, signals, float(t[-1]) / elapsed)
     if result.valid.mean() < _FEW_VALID:
         notices += _why_not_valid(result, estimator.model or model)

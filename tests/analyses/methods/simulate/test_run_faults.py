@@ -8,6 +8,7 @@ import pytest
 from wrenchsight.analyses.methods.simulate.run_faults import (
     divergence_remedy,
     require_controllable,
+    require_following,
     saturation_notices,
 )
 from wrenchsight.analyses.methods.simulate.simulation import simulate
@@ -53,6 +54,22 @@ def test_the_joint_whose_inertia_the_logs_leave_open_is_named(sts):
     drives = [replace(drive, rotor_inertia=0.0) for drive in sts.config.drives]
     with pytest.raises(InputError, match=f"state rotor_inertia of {sts.joint_names[4]} in"):
         require_controllable(sts.with_drives(drives), wrong, resting(sts), "model.yaml")
+
+
+def test_a_joint_that_stiction_holds_is_named(sts):
+    t = np.linspace(0.0, 5.0, 200)
+    planned = sts.home + 0.05 * np.sin(t)[:, None] * np.ones(6)
+    require_following(sts, planned, planned)
+    q = planned.copy()
+    q[:, 4] = q[0, 4] + 1e-5 * np.sin(t)
+    with pytest.raises(InputError, match=f"{sts.joint_names[4]} stood still.*friction") as error:
+        require_following(sts, planned, q)
+    assert "rotor_inertia" not in str(error.value)  # it is stated
+    drives = [replace(drive, rotor_inertia=0.0) for drive in sts.config.drives]
+    with pytest.raises(InputError, match=f"rotor_inertia of {sts.joint_names[4]} "):
+        require_following(sts.with_drives(drives), planned, q)
+    planned[:, 4] = q[:, 4]  # a joint that is to stand still
+    require_following(sts, planned, q)
 
 
 def test_what_helps_against_a_divergence_depends_on_the_model(sts):
