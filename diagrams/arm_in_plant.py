@@ -83,6 +83,7 @@ class ArmInPlant(Arm):
         self.model_instance = instance = (
             _actuated_instance(plant) if model_instance is None else model_instance
         )
+        # Messages of errors name the model instance where they name the file of another arm.
         source = Path(plant.GetModelInstanceName(instance))
         self.frame_E = frame_E = _last_frame(plant, instance) if frame_E is None else frame_E
         # Joints that are not between base and E stand still as they are in this context.
@@ -100,9 +101,10 @@ class ArmInPlant(Arm):
         self._is_simulated = drives is None
         if drives is None:  # the current is then the motor torque, at 1 N m/A
             drives = [_simulated_drive(joint, self._actuators) for joint in self.joints]
-        mass = float(self._chain_in_W.inertial_parameters[:, 0].sum())
         if payload is None:
+            mass = float(self._chain_in_W.inertial_parameters[:, 0].sum())  # kg, column 0
             payload = max(USUAL_PAYLOAD_SHARE * mass, _MIN_PAYLOAD)
+        # N m by joint; ten times that is the effort limit of a joint whose plant states none.
         self._gravity_bound = _largest_gravity(self._chain_in_W, limits)
         self._is_in_W = True  # `in_base_axes` makes a copy where it is not
         Arm.__init__(

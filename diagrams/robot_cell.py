@@ -451,7 +451,7 @@ def _prepare_contact(
             if cell.has_contact:
                 material = _material_of(cell, body, inspector.GetShape(geometry), clear_links)
             if material is None:
-                # With nothing to touch, contact need not be computed at every tick.
+                # A shape that touches nothing costs no time at a tick without this role.
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
             else:
                 scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
@@ -464,7 +464,7 @@ def _prepare_contact(
         floor = [
             geometry
             for geometry in inspector.GetAllGeometryIds(Role.kProximity)
-            if inspector.GetName(geometry).endswith("floor")
+            if inspector.GetName(geometry).endswith("floor")  # Drake puts a model name before it
         ]
         filters.Apply(CollisionFilterDeclaration().ExcludeBetween(foot, GeometrySet(floor)))
 

@@ -319,7 +319,8 @@ class PlacementProgram:
         ).items():
             settings.SetOption(engine.solver_id(), name, value)
         guess = np.empty(len(self._variables))
-        # `_pack` has q row by row, but Drake numbers a matrix of variables column by column.
+        # `_pack` has q row by row, but Drake numbers a matrix of variables column by column:
+        # `_order` is where in Drake's numbering each entry of `_pack` is.
         guess[self._order] = self._pack(start)
         try:
             result = engine.Solve(self.program, guess, settings)

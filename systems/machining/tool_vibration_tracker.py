@@ -89,7 +89,7 @@ class ToolVibrationTracker(SampledBlock):
         )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
-        self._reference = self.DeclareVectorInputPort("reference", 3 * n)
+        self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._feed_time = self.DeclareVectorInputPort("feed_time", 1)
         self._correction = self.DeclareVectorInputPort("correction", n)
@@ -100,7 +100,7 @@ class ToolVibrationTracker(SampledBlock):
         self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._fault = self.DeclareVectorInputPort("fault", 1)
-        # The outputs depend on these two inputs and the memory. The update alone reads the others:
+        # The outputs depend on two of the inputs and the memory. The update alone reads the others:
         # the estimator's tau_ext may be corrected by the outputs without an algebraic loop.
         motion = {self._terms.ticket(), self._pose.ticket()}
         self._all_outputs = declare_outputs(
