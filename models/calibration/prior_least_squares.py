@@ -71,6 +71,8 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
     reach = np.sqrt(sum((joint_rows[:, :-1] ** 2).sum(axis=0) for joint_rows in rows))
     unit = np.where(np.isfinite(prior_sd), prior_sd, 1.0 / np.maximum(reach, 1e-300))
     has_prior = np.isfinite(prior_sd).astype(float)
+    # Of each joint's rows the triangular factor of [A_j unit, b_j - A_j mean]: the same least
+    # squares in k + 1 rows.
     factors = []
     for joint_rows in rows:
         shifted = np.column_stack(
@@ -93,7 +95,7 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
         y = lstsq(stacked[:, :-1], stacked[:, -1])[0]
         errors = np.array([np.sum((R[:, :-1] @ y - R[:, -1]) ** 2) for R in factors])
         scale = np.sqrt((COVARIANCE_ROWS + errors) / (COVARIANCE_ROWS + counts))
-    R = triangular_factor(stacked[:, :-1])
+    R = triangular_factor(stacked[:, :-1])  # the posterior's information is R^T R
     if np.abs(np.diag(R)).min() < 1e-9 * np.abs(R).max():
         raise ValueError("least squares: neither rows nor prior determine a value")
     spread = solve_triangular(R, np.eye(k)) * unit[:, None]

@@ -108,6 +108,9 @@ def fit_specimen(
 ) -> SpecimenFit:
     """Fits the parameters of each joint; a joint without rows keeps the known robot's.
 
+    Stribeck and cubic part and the slip stay those of the known robot; a network near zero velocity
+    is left out.
+
     Args:
         law_of_known: law of the known robot.
         rows: rows of each joint.
@@ -121,7 +124,7 @@ def fit_specimen(
         raise ValueError(f"{len(rows)} joints with rows, expected {law_of_known.num_joints}")
     gain, gain_sd = _gain(law_of_known, rows, prior)
     fitted = _fitted(law_of_known, rows, prior, gain)
-    coulomb, load, viscous, offset, _ = fitted.values.T
+    coulomb, load, viscous, offset, _ = fitted.values.T  # the last is the gain
     law = replace(
         law_of_known,
         coulomb=coulomb,

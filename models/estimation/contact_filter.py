@@ -247,24 +247,30 @@ class ContactFilter:
     def __init__(
         self, config: ContactConfig, force_sd: float, num_joints: int, period: float
     ) -> None:
+        # Order of the state: F (force along the axis, two across, three moments), errors e (n),
+        # offsets o (n), and F of the last `lag` blocks, the newest first.
         n, self._n = num_joints, num_joints
         self._config, self._force_sd, self._period = config, force_sd, period
-        self.lag = round(config.lag / period)
+        self.lag = round(config.lag / period)  # blocks
         self._errors = slice(WRENCH_SIZE, WRENCH_SIZE + n)
         self._offsets = slice(WRENCH_SIZE + n, WRENCH_SIZE + 2 * n)
         across, moments = [config.standing_across_sd] * 2, [config.moment_sd] * 3
         wrench_sd = [force_sd, *across, *moments]
         sd = [*wrench_sd, *np.zeros(n), *[config.offset_sd] * n, *wrench_sd * self.lag]
+        # Where each entry of the next block's state comes from: F also becomes the newest past F,
+        # past ones move on by one, and the oldest is dropped.
         self._order = np.arange(len(sd))
         if self.lag:
             first = self._offsets.stop
             self._order[first:] = np.r_[0:WRENCH_SIZE, first : len(sd) - WRENCH_SIZE]
         self._x: Array = np.zeros(len(sd))
         self._P: Array = np.diag(np.square(sd))
-        self._variance: Array | None = None  # of the errors of the last block
+        self._variance: Array | None = None  # (n,) (N m)^2, of the errors of the last block
         self._vibration = np.zeros(n)  # N m
         self._drive_error = np.zeros(n)  # N m
-        self._rigid: Array | None = None  # N m, of the last block
+        self._rigid: Array | None = None  # (n,) N m, of the last block
+        # Mean squares of innovations over what the filter expects, of all joints and along the
+        # force; 1: as expected.
         self._misfit, self._force_misfit = 1.0, 1.0
         self._innovation_variance = 0.0  # N^2, along the force
         self._resting_blocks = 0  # blocks since a joint moved

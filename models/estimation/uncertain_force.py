@@ -39,7 +39,7 @@ class UncertainForce:
 
     @classmethod
     def of(cls, estimator: WrenchEstimator, J: Array, torque_sd: Array) -> "UncertainForce":
-        """Judges N samples.
+        """Judges N samples: the sd as it is, and with one joint's error at a time made small.
 
         Args:
             estimator: estimator of the samples.
@@ -57,9 +57,11 @@ class UncertainForce:
             )
             noise = s[:, :, None] * reading.torque_covariance * s[:, None, :]
             # Information W^T W by the square root W: squared, rounding loses the prior's share.
+            # W: the torques' rows (n), then the prior's (6); columns [moment; force] at E.
             felt = np.linalg.solve(np.linalg.cholesky(noise), J.swapaxes(1, 2))
             prior = np.diag([1.0 / max(moment_sd, 1e-9)] * 3 + [1.0 / force_sd] * 3)
             W = np.concatenate([felt, np.broadcast_to(prior, (len(felt), 6, 6))], axis=1)
+            # The covariance is R^-1 R^-T; its lower right 3 x 3 block is that of the force.
             of_force = np.linalg.inv(np.linalg.qr(W, mode="r"))[:, 3:]
             values = np.linalg.eigvalsh(of_force @ of_force.swapaxes(1, 2))
             return float(np.sqrt(np.median(values[:, -1])))

@@ -212,9 +212,10 @@ def slip_rows(
                 tau_f[k, i] += rest[k, i] * (offset[i] + viscous[i] * v[k, i] - tau_f[k, i])
         if not has_slip:
             continue
+        # The load of the next sample, of each motor: the joints' where none is coupled.
         for i in range(n):
             load[i] = tau_J[k, i] - tau_f[k, i]
-        if is_coupled:
+        if is_coupled:  # slip_torque is used for the joints' load
             for i in range(n):
                 slip_torque[i] = load[i]
                 load[i] = 0.0

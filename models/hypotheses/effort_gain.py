@@ -18,6 +18,8 @@ LOG_GAIN_TOLERANCE = 0.3  # of the logarithm, within which a gain is that of a k
 ALL_SMALL = 0.2  # gains of another unit; a single drive of less has the error of the others
 RATED_UNITS = {1e3: PER_MILLE, 1e2: PER_CENT}  # by the parts of a rated torque that they count
 _NUM_PASSES = 3
+_NUM_FORMS = 6.0  # of gains that `explain` tries, equally likely beforehand
+_LEAST_UNIT_GAIN = 3.0  # of all joints, from which on the signal is in another unit
 
 
 def explain(case: Case) -> Explanation | None:
@@ -52,15 +54,18 @@ def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
     """The explanation of the log by gains of the drives.
 
     Args:
+        case: the log, its model and the fit of the log as it is.
         gains: (n,) by which the logged signal is too large.
-        num_free: gains that were fitted.
+        num_free: gains that were fitted; each costs half the logarithm of the number of
+            independent samples, as in the Bayesian information criterion.
     """
     view = _view(case, gains)
     fit = case.fit(view)
     N = case.num_independent
-    # The density of what was measured, not of what is made of it; and half a log for each gain.
+    # The density of what was measured, not of what is made of it: a signal divided by d has a
+    # density that is d times as large at each sample.
     log_evidence = fit.log_evidence - N * float(np.log(_divisor(gains)).sum())
-    log_evidence -= 0.5 * num_free * math.log(max(N, 2.0)) + math.log(6.0)
+    log_evidence -= 0.5 * num_free * math.log(max(N, 2.0)) + math.log(_NUM_FORMS)
     word, key = case.word, case.key
     factor = numbers_text(1.0 / gains)
     cause, remedy = _named(case, gains)
@@ -70,7 +75,7 @@ def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
         listed = ", ".join(f"{case.robot.joint_names[j]} {gains[j]:.3g}" for j in off)
         cause = f"{word}s that are a multiple of what the arm needs ({listed} times)"
         remedy = f"set {key}: {{gain: {factor}}} in a description"
-        if len(off) == case.num_joints and (gains > 3.0).all():
+        if len(off) == case.num_joints and (gains > _LEAST_UNIT_GAIN).all():
             cause = (
                 f"{word}s in another unit, such as per cent or per mille of each drive's rated "
                 f"torque ({listed} of it a N m)"

@@ -20,6 +20,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     """The order of the joints that explains the log best; None: that which it has.
 
     Args:
+        case: the log, its model and the fit of the log as it is.
         with_effort: whether the drives' signals are in that order, too.
     """
     n = case.num_joints
@@ -29,17 +30,21 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     def score(order: Order) -> float:
         return case.fit(_view(case, order, with_effort), quick=True).log_evidence
 
+    # Each pass exchanges one pair. Where the log suits its model as it is, one pass is enough to
+    # see that no exchange is better; a log in a wrong order takes some.
     passes = 1 if case.base_is_good else 3
     order = best_order(n, usual_orders(case.robot), score, case.quick_base_evidence, passes)
     if order is None:
         return None
     view = _view(case, order, with_effort)
     fit = case.fit(view)
+    # Odds beforehand: all n! orders are equally likely, with or without the drives' signals.
+    log_prior = -math.lgamma(n + 1) - math.log(2.0)
     listed, places = order_text(order), [k + 1 for k in order]
     what = "all signals" if with_effort else "positions and velocities"
     return Explanation(
         name=NAME,
-        log_evidence=fit.log_evidence - math.lgamma(n + 1) - math.log(2.0),
+        log_evidence=fit.log_evidence + log_prior,
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
         cause=f"{what} in the order {listed}",

@@ -23,6 +23,7 @@ _SHIFT_DECIMALS = 4  # of s; shifts that are the same to 0.1 ms are fitted once
 # s, from the best shift to the neighbours of the parabola through it: at ten times _FINE_STEP the
 # difference of their evidence is curvature, not the error of the search.
 _PARABOLA_STEP = 0.02
+_LEAST_SD = 1e-3  # s, of a shift: no log is believed to show it more exactly
 _FLAT_CURVATURE = 1e-6  # 1/s^2; at or below it the log does not determine the shift
 
 
@@ -30,7 +31,7 @@ def explain(case: Case) -> Explanation | None:
     """The shift, or the average with its shift, that explains the log best."""
     window, best = 0.0, _best_shift(case, 0.0)
     for tried_window in MEAN_TIMES:
-        if tried_window < 3.0 * case.rows.step:
+        if tried_window < 3.0 * case.rows.step:  # of fewer rows: the rows do not show it
             continue
         # An average of what lies before is late by half its window.
         tried = _best_shift(case, tried_window, around=best.shift)
@@ -41,13 +42,16 @@ def explain(case: Case) -> Explanation | None:
     view = _view(case, best.shift, window)
     fit = case.fit(view)
     cause, remedy = _sentences(case, best, window)
-    # The prior of the shift is as wide as MAX_SHIFT to either side.
-    volume = math.log(max(best.sd, 1e-3) * math.sqrt(2.0 * math.pi) / (2.0 * MAX_SHIFT))
+    # The evidence of a fit at the best shift is that of its peak. The integral over all shifts
+    # within MAX_SHIFT, equally likely beforehand, is the peak times its width over that range.
+    peak_width = max(best.sd, _LEAST_SD) * math.sqrt(2.0 * math.pi)
+    log_width_share = math.log(peak_width / (2.0 * MAX_SHIFT))
+    # Half of the odds beforehand for a shift alone, half for all averages.
     num_forms = 2.0 * len(MEAN_TIMES) if window else 2.0
     log_evidence = fit.log_evidence - _known_of_friction(case, best.shift, window)
     return Explanation(
         name=NAME,
-        log_evidence=log_evidence + volume - math.log(num_forms),
+        log_evidence=log_evidence + log_width_share - math.log(num_forms),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
         cause=cause,

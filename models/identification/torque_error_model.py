@@ -515,14 +515,17 @@ def torque_sd_rows(
             _low_pass(table, rows[k], state, i, v[k, i])
             speed = v[k, i] if np.isfinite(v[k, i]) else 0.0
             fast = abs(speed)
-            load = abs(state[_TRANSMITTED, i])
+            load = abs(state[_TRANSMITTED, i])  # of the sample before
             gain = row[_GAIN] * (speed - state[_SLOW_SPEED, i])
             viscous = row[VISCOUS] * speed + bounded_cubic(
                 speed, row[_CUBIC], row[_SPEED_LIMIT], row[_BEYOND]
             )
+            # Stiction: what friction at rest hides, and what a reversal leaves, which is at most
+            # the whole step of friction from one direction to the other.
             largest = 2.0 * (breakaway(table, state, i) + max(-row[_S], 0.0))
             turned = min(row[_REVERSAL2] * state[_TURNING, i] ** 2, largest * largest)
             held = state[_UNKNOWN, i] ** 2 + turned
+            # Variances, N^2 m^2; sd[k, i] still holds that of the posture's gravity.
             total = row[_CONSTANT2] + row[_SPEED2] * speed**2 + row[_LOAD2] * load**2
             total += row[_ACCELERATION2] * gain**2 + held + row[_DRIFT2] * viscous**2 + sd[k, i]
             if fast > row[_FITTED_SPEED]:

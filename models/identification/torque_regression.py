@@ -336,24 +336,33 @@ def realisation(
 
 
 def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[Array, Array]:
-    """Prior of all parameters: the values in the robot's files, and their plausible errors.
+    """Prior of all parameters: the values in the robot's files, and their plausible errors (sds).
+
+    A link's error is as large as the link itself: its mass m, m times its size, m times its size
+    squared. Friction has the prior zero, and a hundredth of the joint's effort limit for its error.
 
     Args:
         robot: the robot.
         counts: friction terms per joint; None: three each.
+
+    Returns:
+        Values and sds, in the order of the regressor: ten inertial parameters a link, link by link;
+        then joint by joint the rotor's inertia and the friction terms.
     """
     chain, n = robot.chain, robot.num_joints
     reach = np.linalg.norm(chain.p_PJ, axis=1).sum() + float(np.linalg.norm(chain.p_LE))
-    size = max(0.5 * float(reach) / n, 0.01)
+    size = max(0.5 * float(reach) / n, 0.01)  # m, half of a link's mean length
     mass = np.maximum(chain.inertial_parameters[:, 0], 0.0)
+    # A link that the file gives no mass has the error of a tenth of the mean link.
     mass = np.maximum(mass, 0.1 * max(float(mass.mean()), 1e-3))
-    spread = np.empty((n, _INERTIAL))
+    spread = np.empty((n, _INERTIAL))  # columns: mass, m c (3), inertia (6)
     spread[:, 0] = mass
     spread[:, 1:4] = (mass * size)[:, None]
     spread[:, 4:] = (mass * size**2)[:, None]
     drive_prior, drive_spread = [], []
     rotor_spread = np.maximum(chain.reflected_inertia, mass * size**2)
-    for j, count in enumerate([_JOINT - 1] * n if counts is None else counts):
+    num_friction = [_JOINT - 1] * n if counts is None else counts  # a joint's first is its rotor
+    for j, count in enumerate(num_friction):
         drive_prior.append(np.r_[chain.reflected_inertia[j], np.zeros(count)])
         drive_spread.append(np.r_[rotor_spread[j], np.full(count, 0.01 * robot.effort_limit[j])])
     return (

@@ -226,29 +226,28 @@ class ProcessVariations:
     ) -> None:
         check_variations(config, spindle_frequency, time_step, source)
         chatter = config.chatter
-        turn = 1.0 / (spindle_frequency * time_step) if chatter.ratio > 0.0 else 0.0
-        self.table = np.array(
-            [
-                contact.stiffness,
-                contact.exponent,
-                contact.friction,
-                config.patches.spread,
-                config.run_out.amplitude,
-                2.0 * math.pi * spindle_frequency,
-                config.engagement.zone,
-                config.engagement.margin,
-                chatter.ratio,
-                chatter.overlap,
-                -math.expm1(-2.0 * math.pi * chatter.corner * time_step),
-                turn,
-            ]
-        )
+        turn = 0.0  # ticks of a turn of the spindle
+        if chatter.ratio > 0.0:
+            turn = 1.0 / (spindle_frequency * time_step)
+        table = np.empty(_TURN + 1)
+        table[_STIFFNESS], table[_EXPONENT] = contact.stiffness, contact.exponent
+        table[_FRICTION], table[_SPREAD] = contact.friction, config.patches.spread
+        table[_RUN_OUT] = config.run_out.amplitude
+        table[_OMEGA] = 2.0 * math.pi * spindle_frequency
+        table[_ZONE], table[_MARGIN] = config.engagement.zone, config.engagement.margin
+        table[_CHATTER], table[_OVERLAP] = chatter.ratio, chatter.overlap
+        table[_SLOW] = -math.expm1(-2.0 * math.pi * chatter.corner * time_step)  # gain a tick
+        table[_TURN] = turn
+        self.table = table
+        # Surface and material have random numbers of their own: one keeps its when the other's
+        # settings change.
         surface, material = np.random.SeedSequence(config.seed).spawn(2)
-        w, m = config.waviness, config.patches
-        self.waviness = plane_waves(surface, w.height, w.shortest, w.longest)
-        self.patches = plane_waves(material, 1.0, m.shortest, m.longest)
+        waviness, patches = config.waviness, config.patches
+        self.waviness = plane_waves(surface, waviness.height, waviness.shortest, waviness.longest)
+        self.patches = plane_waves(material, 1.0, patches.shortest, patches.longest)
         self.pose = np.vstack([contact.R_WP, contact.p_WP])
         self.ends = np.ascontiguousarray(contact.ends, dtype=np.float64)
+        # The memory: some numbers, then the trace of a turn; none without chatter.
         self.memory_size = _TRACE + math.ceil(turn) + _MEMORY_ENTRIES if chatter.ratio > 0.0 else 0
 
     @property

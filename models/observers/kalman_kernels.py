@@ -342,7 +342,14 @@ def error_parts(t: KalmanTable, previous_smooth: Array, signals: Array, parts: E
 
 @kernel
 def _measure(s: KalmanState, rounding: Array, arrived: Array) -> None:
-    """Updates x, P and C with y, in place (Joseph's form, since the gain also depends on C)."""
+    """Updates x, P and C with y, in place (Joseph's form, since the gain also depends on C).
+
+    Args:
+        s: state; x (N,), P (N, N) and C (N, n) are changed, gain K (N, n) is read. The measurement
+            H x is the momentum, the first n entries of x.
+        rounding: (n,) variance R of the measured momentum.
+        arrived: (n,) y, the measured momentum.
+    """
     x, gain, P, C = s.x, s.gain, s.P, s.C
     N, n = gain.shape
     innovation = np.empty(n)

@@ -158,7 +158,9 @@ def lag_tick(
     Returns:
         Whether the reading keeps pace with the force.
     """
-    fast_power, slow_power, force_variance = 0.0, 0.0, 0.0
+    fast_power, slow_power, force_variance = 0.0, 0.0, 0.0  # of the three forces, N^2
+    # f: what the reading lags by, from its rate, as seen through the corner w (rate) and through
+    # omega (slow_rate); N m and N. `lateness` holds g, f without the power of the noise.
     for i in range(6):
         rate, slow_rate = 0.0, 0.0
         if np.isfinite(state[_FAST, i]) and np.isfinite(wrench[i]):
@@ -170,14 +172,15 @@ def lag_tick(
             fast_power += rate * rate
             slow_power += slow_rate * slow_rate
             force_variance += covariance[i, i]
-    decay = settings[_SLOW_POLE]
+    decay = settings[_SLOW_POLE]  # L = LP_omega(g g^T)
     for i in range(6):
         for j in range(6):
             product = lateness[i] * lateness[j]
             state[_POWER + i, j] = decay * state[_POWER + i, j] + (1.0 - decay) * product
-    decay = settings[_PACE_POLE]
+    decay = settings[_PACE_POLE]  # powers over PACE_TIME, which tell a force faster than stated
     state[_RATES, 0] = decay * state[_RATES, 0] + (1.0 - decay) * fast_power
     state[_RATES, 1] = decay * state[_RATES, 1] + (1.0 - decay) * slow_power
+    # From here on `lateness` holds h, the part of g that L does not contain.
     for i in range(6):
         missing = lateness[i] * lateness[i] - state[_POWER + i, i] / LAG_POWER_SHARE
         lateness[i] = np.copysign(np.sqrt(missing), lateness[i]) if missing > 0.0 else 0.0

@@ -78,8 +78,10 @@ class ParquetTable:
             self.num_rows = file.metadata.num_rows
             self._types = dict(zip(schema.names, schema.types, strict=True))
             self._repeated = {name for name in schema.names if schema.names.count(name) > 1}
+            # A column of the file holds numbers, or lists of one length: its width. The table has a
+            # column for each entry of the lists, and `_places` where it is in the file.
             self._places: list[_Place] = []  # by column of the table
-            widths: dict[str, int] = {}
+            widths: dict[str, int] = {}  # by name, of the columns that can be read
             if self.num_rows:
                 widths = self._widths(file)
                 for name, width in widths.items():
@@ -88,7 +90,7 @@ class ParquetTable:
             raise self._damaged("near row 1", error) from error
         finally:
             file.close()
-        self._begin = 0
+        self._begin = 0  # row of the file, from 0, that is the table's first
         if part is not None:
             if part.stop > self.num_rows:
                 problem = f"has {self.num_rows} rows, expected {part.stop} or more"

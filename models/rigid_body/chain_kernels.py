@@ -365,7 +365,8 @@ def all_terms(table: Array, terms: Record, links: Array) -> None:
     Args:
         table: SerialChain.table, (n + 1, TABLE_COLUMNS).
         terms: (1,) of `terms_type`; q and v are read.
-        links: written; (n, SCRATCH_COLUMNS).
+        links: written; (n, SCRATCH_COLUMNS). `observer_terms` fills it with the links' poses and
+            velocities, which the kernels after it read: it has to come first.
     """
     sample = terms[0]
     q, v, p_WE, V_WE = plain(sample.q), plain(sample.v), plain(sample.p_WE), plain(sample.V_WE)
@@ -383,6 +384,7 @@ def all_terms(table: Array, terms: Record, links: Array) -> None:
     )
     composite_mass_matrix(table, plain(sample.M), links)
     coriolis_torque(table, v, plain(sample.Cv), links)
+    # V_WE, [angular; linear] in W. V_LINEAR is that of the body's point at W's origin; E is at p.
     last = q.shape[0] - 1
     angular, p = vector_at(links, last, V_ANGULAR), (p_WE[0], p_WE[1], p_WE[2])
     V_WE[0], V_WE[1], V_WE[2] = angular

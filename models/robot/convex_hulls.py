@@ -78,17 +78,20 @@ def convex_hull(points: Array) -> tuple[Array, Any]:
     try:
         hull = ConvexHull(points)
         if len(hull.vertices) > _MOST_VERTICES:
+            # A plane touches the hull in each direction; behind all of them lies the outer hull.
             corners = points[hull.vertices]
-            normals = _spread_directions(_MAX_DIRECTIONS)
+            normals = _spread_directions(_MAX_DIRECTIONS)  # (D, 3) unit
             heights = (normals @ corners.T).max(axis=1)
             inner_point = corners.mean(axis=0)
-            planes = np.column_stack([normals, -heights])
+            planes = np.column_stack([normals, -heights])  # normal . x - height <= 0 inside
             outer = HalfspaceIntersection(planes, inner_point).intersections
             hull = ConvexHull(outer)
             points = outer
     except (QhullError, ValueError) as error:
         raise UnusableMeshError("its points lie in a plane") from error
-    index = np.full(len(points), -1)
+    # The triangles of scipy count all points, in either sense of rotation: they are to count the
+    # vertices alone, with their normals outwards.
+    index = np.full(len(points), -1)  # of a point: its place among the vertices
     index[hull.vertices] = np.arange(len(hull.vertices))
     faces = hull.simplices.copy()
     corners = points[faces]

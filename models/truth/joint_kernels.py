@@ -322,8 +322,19 @@ def _set_elements(
 ) -> float:
     """Writes joint i's slip elements; returns the damper of grease, N m s/rad.
 
-    Where dry friction is a function of velocity, as in grease, it is that damper and no element
-    slides.
+    An element k is a spring that slides at its share of the dry friction. Its torque at the
+    period's end, with the velocity v+ there, is spring + stiffness v+, within low and high. Where
+    dry friction is a function of velocity, as in grease (TRANSITION > 0),
+    it is the returned damper, and no element has a share.
+
+    Args:
+        i: index of the joint.
+        table: (n, columns), one row a joint; elements begin at FIRST_ELEMENT, ELEMENT_COLUMNS each.
+        time_step: s.
+        v: rad/s of the joint.
+        limits: of its dry friction, N m.
+        state: rows of the joints' memory, read.
+        elements: (K, n) each, column i written.
     """
     element_share, dry_damper = 1.0, 0.0
     if table[i, TRANSITION] > 0.0:

@@ -339,6 +339,10 @@ class _Scaled:
 def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None = None) -> World:
     """Draws a world.
 
+    The same seed, number and source give the same world for ever: the order in which numbers are
+    drawn (seeds, the fields of WorldRanges in their order, the arm) is part of the result. A new
+    draw changes all that are drawn after it.
+
     Args:
         seed: seed of the campaign, 0 or more.
         number: number of the world, 0 or more.

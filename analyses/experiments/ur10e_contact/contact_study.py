@@ -148,7 +148,18 @@ def read_runs(
 
 
 def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
-    """Bias, scatter and band by scene, controller, speed, interval and method, and pooled."""
+    """Bias, scatter and band by scene, controller, speed, interval and method, and pooled.
+
+    Each judgement of a run counts on several paths of keys; a path's judgements are pooled:
+
+        <scene and controller>, <speed>, <interval or "all">, <method>
+        "by_force", <force>, <interval>, <method>
+        "summary", <method>, <"slide", "rest", CONTACT, or scene and speed of a slide>
+        "settled" or "checked", <"slide" or "rest">, <method>
+
+    "settled": the runs on which the constants were chosen; "checked": the others.
+    """
+    # `_paths` lists those that a table always has, whether or not a run has them.
     judged: dict[tuple[str, ...], list[ForceJudgement]] = {path: [] for path in _paths()}
     for read in runs:
         name = read.prepared.run.name
@@ -173,7 +184,7 @@ def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
                 judged.setdefault(path, []).append(judgement)
     metrics: dict[str, Any] = {}
     for path, judgements in judged.items():
-        node = metrics
+        node = metrics  # nested dictionaries, a level a key
         for key in path[:-1]:
             node = node.setdefault(key, {})
         node[path[-1]] = pooled_judgement(judgements)

@@ -55,6 +55,7 @@ SOLVE_RESERVES = (
 # Where all of the solver's ends break a limit: parts of the way to the last one, from the random
 # motion that it came from. Where a solver ends depends on rounding; whether it finds one must not.
 RETREAT_SHARES = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
+_EVALUATIONS_PER_ITERATION = 1.6  # as the solver usually needs; for the progress shown alone
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
 LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
 MIN_PIVOT_RATIO = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
@@ -310,21 +311,26 @@ def _candidates(
     config: ExcitationConfig,
     progress: ProgressCallback,
 ) -> Iterator[_Candidate]:
-    """The solver's ends, one for each of SOLVE_RESERVES, then parts of the way back
-    (RETREAT_SHARES).
+    """Motions to check against the limits, in the order of preference, until one is accepted.
+
+    First the solver's ends: the second solve goes on from the first one's end, each later one
+    starts from the next random motion. Then, for the last solve, motions on the way back from its
+    end to its random motion (RETREAT_SHARES), which is within the limits.
 
     Args:
-        programs: to solve, one for each of SOLVE_RESERVES.
-        ranked: random motions, the best first.
+        programs: to solve, one for each of SOLVE_RESERVES; one or more.
+        ranked: random motions within the limits, the best first.
+        config: iterations and measure.
+        progress: called with the share done, from 0.2 to 0.95 here.
     """
-    expected_evaluations = 1.6 * config.iterations
+    expected_evaluations = _EVALUATIONS_PER_ITERATION * config.iterations
 
     def report(evaluations: int, cost: float) -> None:
         share = min(1.0, evaluations / expected_evaluations)
         value = f"condition number {np.exp(cost):.3g}" if config.measure == MEASURES[0] else ""
         progress(0.2 + 0.75 * share, f"optimising {value}")
 
-    origin = start = ranked[0]
+    origin = start = ranked[0]  # origin: the random motion that the present solves began with
     for attempt, program in enumerate(programs):
         if attempt > 1:
             origin = start = ranked[min(attempt - 1, len(ranked) - 1)]

@@ -119,7 +119,15 @@ def best_free(
     grid: Candidates,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Trajectory | None:
-    """The best way that is free from end to end; None where the search finds none."""
+    """The best way that is free from end to end; None where the search finds none.
+
+    Args:
+        cell: of what must not be hit; states how far E comes and goes along the normal.
+        problem: path and limits.
+        grid: postures on the path, q (N, K, B, n): samples, angles, branches, joints; NaN where
+            there is none. It is not changed.
+        progress: called with the share done.
+    """
     q = grid.q.copy()
     N, K = q.shape[:2]
     # Where postures at every few samples and angles collide, those around them are left out, too.
@@ -153,6 +161,7 @@ def best_free(
         if not bad:
             refined = refine(problem, way.q)
             return refined if clear_of_all(cell, problem, refined).is_free else way
+        # Of a sample that collides the posture nearest to the way is left out, with its equals.
         for i in bad:
             same = np.nanmin(np.abs(q[i] - way.q[i]).max(axis=-1), initial=np.inf)
             q[i][np.abs(q[i] - way.q[i]).max(axis=-1) <= same + 1e-12] = np.nan

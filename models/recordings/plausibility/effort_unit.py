@@ -90,7 +90,10 @@ class EffortUnit:
 
 
 def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
-    """The unit of the effort of logs of a robot.
+    """The unit of the effort of logs of a robot, from its ratio to the gravity torque.
+
+    The ratio is 1 for torque in N m, and 1 / K for amperes, with K the torque per ampere. A joint
+    tells which where gravity loads it, its effort follows gravity, and K is not near 1.
 
     Args:
         recordings: parts of the logs, with their effort in `tau_J`; samples that lack a number are
@@ -115,6 +118,7 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     is_telling = loaded & telling_joints(robot) & (np.abs(sums.cosine()) > MIN_COSINE)
     if not is_telling.any():
         return unknown
+    # How far the ratio is from either, by its logarithm; the mean of the joints that tell.
     K = robot.torque_per_ampere
     distance_to_amperes = np.abs(np.log((ratio * K)[is_telling]))
     distance_to_newton_metres = np.abs(np.log(ratio[is_telling]))

@@ -29,18 +29,27 @@ def raw_words(columns: Array) -> RawWords | None:
         return None
     if columns.min() < 0.0 or (columns != np.rint(columns)).any():
         return None
-    bits = int(columns.max()).bit_length()
+    bits = int(columns.max()).bit_length()  # a number below zero sets the highest bit of a word
     if not _LEAST_BITS <= bits <= _MOST_BITS:
         return None
     half = 2.0 ** (bits - 1)
     changes = np.abs(np.diff(columns >= half, axis=0)).sum()
     if changes < _LEAST_CHANGES:
         return None
-    path = np.abs(np.diff(columns, axis=0)).sum()
-    lengths = {}
+    # The sum of all steps from row to row, of the words as they are and decoded in either way.
+    plain_travel = np.abs(np.diff(columns, axis=0)).sum()
+    travels = {}
     for encoding in (TWOS_COMPLEMENT, SIGN_BIT):
         scale = np.ones(columns.shape[1])
-        signal = Signal("", (), scale, 0.0 * scale, (), encoding=encoding, bits=bits)
-        lengths[encoding] = np.abs(np.diff(signal.numbers(columns), axis=0)).sum()
-    best = min(lengths, key=lambda encoding: lengths[encoding])
-    return RawWords(best, bits) if _SMOOTHER_RATIO * lengths[best] < path else None
+        signal = Signal(
+            name="",
+            columns=(),
+            scale=scale,
+            offset=0.0 * scale,
+            shape=(),
+            encoding=encoding,
+            bits=bits,
+        )
+        travels[encoding] = np.abs(np.diff(signal.numbers(columns), axis=0)).sum()
+    best = min(travels, key=lambda encoding: travels[encoding])
+    return RawWords(best, bits) if _SMOOTHER_RATIO * travels[best] < plain_travel else None

@@ -91,14 +91,18 @@ class RepeatedCycles:
 
 
 def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCycles:
-    """Simulates two cycles on each path, and reads the second one with every variant."""
+    """Simulates two cycles on each path, and reads the second one with every variant.
+
+    A cycle is one way forth and back. Eq. 4 subtracts the torque of the first cycle from that of
+    the second, sample by sample.
+    """
     robot = context.robot(ROBOT)
     scenario = planned_task(context, scenario_name, ONE_WAY_QUICK)
     motion = line_of(scenario)
-    period = round(2 * motion.one_way / scenario.time_step)
+    period = round(2 * motion.one_way / scenario.time_step)  # samples of a cycle
     context.progress(0.0, "the error of eq. 4")
     learnt = repetition_errors(robot, (None, K_0), context.seed, context.quick)
-    errors = {error.K_0: error for error in learnt}
+    errors = {error.K_0: error for error in learnt}  # by K_0; None: raw
     prior = live_prior(robot.payload)
     runs: dict[str, TaskRun] = {}
     readings: dict[str, VariantReading] = {}
@@ -120,6 +124,7 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
         read = read_repetition(run, robot, period, readers)
         for variant, reading in zip(path_variants, read, strict=True):
             readings[variant.key] = reading
+    # One entry a variant, by its key in VARIANTS; then comparisons of two variants each.
     metrics: dict[str, Any] = {variant.key: readings[variant.key].metrics() for variant in VARIANTS}
     initial, optimised = metrics[BEFORE], metrics[AFTER]
     metrics["found_against_initial"] = reductions(initial, metrics["found"])
