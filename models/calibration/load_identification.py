@@ -205,12 +205,24 @@ def _solve(
     law: CoulombViscous,
     prior: LoadPrior,
 ) -> _Solution:
-    """The fit with the load's parameters in a frame from which `frame` leads to the flange's."""
+    """The fit with the load's parameters in a frame from which `frame` leads to the flange's.
+
+    Unknowns, in the order of the columns: the load (10), friction's drift (3 a joint), and, beside
+    empty logs, what the model misses of the weight at the flange in all logs (10). The c parameters
+    of the arm's model are not unknowns; their columns give the covariance that they add.
+
+    Args:
+        logs: the log with the load first; then logs of the arm without it.
+        frame: (10, 10), the flange's parameters per parameter in the frame of the fit.
+        spread, mean: (10,) prior of the load in the frame of the fit.
+        law: the friction coefficients behind the rows.
+        prior: of the load's mass and of the torques per ampere.
+    """
     n = logs[0].rows.num_joints
     drift = FrictionDrift().deviation(logs[0].rows, law).ravel()
     missed = [vague_spread(prior.mass)] if len(logs) > 1 else []
     prior_sd = np.concatenate([spread, drift, *missed])
-    k = len(prior_sd)
+    k = len(prior_sd)  # unknowns
     blocks, considered = [], []
     for j in range(n):
         parts = []
@@ -222,7 +234,7 @@ def _solve(
             if missed:
                 columns[:, -_NUM_LOAD:] = log.load[:, j]
             parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
-        whole = np.vstack(parts)
+        whole = np.vstack(parts)  # (m, k + c + 1): unknowns, the model's parameters, residual
         blocks.append(np.delete(whole, np.s_[k:-1], axis=1))
         considered.append(whole[:, k:-1] * logs[0].model_sd)
     fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _NUM_LOAD)]))
@@ -230,6 +242,7 @@ def _solve(
     responses = [
         fit.covariance @ block[:, :-1].T / s**2 for block, s in zip(blocks, fit.scale, strict=True)
     ]
+    # A gain that is wrong by prior.gain: the joint's torque of the load is wrong by that share.
     gain_effects = [
         prior.gain * response @ (block[:, :_NUM_LOAD] @ fit.values[:_NUM_LOAD])
         for response, block in zip(responses, blocks, strict=True)

@@ -17,7 +17,7 @@ _BLOCK_SAMPLES = 2048  # samples whose regressor is held at once
 
 
 class ObservedRegressor:
-    """Observed regressor of a log, chunk by chunk.
+    """Observed regressor of a log, chunk by chunk: torque per parameter behind the observer's pole.
 
     Args:
         robot: kinematics and gravity.
@@ -33,10 +33,12 @@ class ObservedRegressor:
         self, robot: Robot, model: IdentifiedModel, pole: Array | None, time_step: float
     ) -> None:
         self._chain, self._time_step = robot.chain, time_step
+        # (10, 10): the last link's parameters per parameter of a load in the flange's frame.
         self._flange = flange_map(robot)
         self._places, self.model_sd = uncertain_parameters(model)
         n = robot.num_joints
         self._decay = np.zeros(n) if pole is None else np.exp(-pole * time_step)
+        # Low-pass and velocity of the sample before; NaN: there was none.
         self._memory = np.full((n, 10 + len(self._places)), np.nan)
         self._v = np.full((1, n), np.nan)
 
@@ -45,7 +47,7 @@ class ObservedRegressor:
 
         Args:
             q, v: (N, n).
-            at: rising.
+            at: rising indices among these N samples.
 
         Returns:
             (m, n, 10) of a load in the flange's frame, (m, n, c) of the model's uncertain
@@ -59,6 +61,7 @@ class ObservedRegressor:
             self._v = velocities[-1:]
             vdot = np.where(np.isfinite(vdot), vdot, 0.0)
             Y = np.asarray(self._chain.regressor(q[rows], v[rows], vdot))
+            # A load is a part of the last link, whose ten columns are the last.
             columns = np.concatenate([Y[:, :, -10:] @ self._flange, Y[:, :, self._places]], axis=2)
             low_pass(self._decay, self._memory, columns)
             wanted = at[(at >= begin) & (at < rows.stop)] - begin

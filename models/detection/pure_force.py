@@ -21,12 +21,16 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 
 MEAN_TIME = 0.3  # s
 MAX_MISFIT_RATIO = 3.0
+_SINGULAR_SHARE = 1e-9  # of the information of all directions, added to that of each
 
 
 def force_alone_explains(
     t: Array, J: ArrayLike, tau_ext: ArrayLike, sd: ArrayLike, correlation: ArrayLike
 ) -> Flags:
     """Tests at N samples whether a force at E alone explains the torques around each (N,).
+
+    The misfit of the best force, which is n - 3 on average where a force explains the torque, is
+    averaged over MEAN_TIME about each sample. Samples with numbers that are not finite have none.
 
     Args:
         t: (N,) s.
@@ -39,13 +43,14 @@ def force_alone_explains(
     N, n = tau.shape
     is_finite = np.asarray(np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
     misfit = np.zeros(N)
+    # Least squares of y = A^T f, torques over their sds and made independent, each of sd 1.
     white = np.linalg.inv(np.linalg.cholesky(np.asarray(correlation, float)))
     y = (tau[is_finite] / sd[is_finite]) @ white.T
     A = (J[is_finite, 3:] / sd[is_finite][:, None]) @ white.T
     # A floor keeps singular postures solvable; the directions that they hide are not misfit.
-    gram = A @ A.swapaxes(1, 2) + 1e-9 * np.trace(A @ A.swapaxes(1, 2), axis1=1, axis2=2)[
-        :, None, None
-    ] * np.eye(3)
+    gram = A @ A.swapaxes(1, 2)  # (N, 3, 3)
+    floor = _SINGULAR_SHARE * np.trace(gram, axis1=1, axis2=2)
+    gram = gram + floor[:, None, None] * np.eye(3)
     projected = (A @ y[..., None])[..., 0]
     explained = (projected * np.linalg.solve(gram, projected[..., None])[..., 0]).sum(axis=1)
     misfit[is_finite] = np.maximum((y**2).sum(axis=1) - explained, 0.0)

@@ -67,7 +67,17 @@ def evidence_prior_and_noise(
 def _maximum_evidence(
     J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike, scale_range: tuple[float, float]
 ) -> ScaledPrior:
-    """The most evident prior, its noise scale within `scale_range`."""
+    """The most evident prior, its noise scale within `scale_range`.
+
+    Args:
+        J: (N, 6, n) at E, rows [angular; linear].
+        tau_ext: (N, n) N m; samples that are not finite are left out.
+        torque_covariance: (n, n) (N m)^2.
+        scale_range: least and largest factor on the sds of the noise; equal: it is given.
+
+    Raises:
+        ValueError: other shapes, or no finite sample.
+    """
     J, tau_ext = np.asarray(J, float), np.asarray(tau_ext, float)
     Sigma = np.asarray(torque_covariance, float)
     if J.ndim != 3 or J.shape[1] != 6 or tau_ext.shape != (J.shape[0], J.shape[2]):
@@ -82,6 +92,7 @@ def _maximum_evidence(
     W = whitening_matrix(Sigma)
     B = J[chosen] @ W.T
     white_tau = tau_ext[chosen] @ W.T
+    # All that the likelihood needs of the samples, with noise of covariance 1.
     gram = np.ascontiguousarray(B @ B.transpose(0, 2, 1))
     projected = np.ascontiguousarray((B @ white_tau[..., None])[..., 0])
     power = float(np.mean(np.sum(white_tau**2, axis=1)))
@@ -95,6 +106,8 @@ def _maximum_evidence(
         """
         force_sd, moment_sd, c = np.exp(log_sds)
         evidence = _log_evidence(gram, projected, moment_sd / c, force_sd / c, 1.0 / c)
+        # c divides both sds and the torque: its derivative is minus the sum of theirs, beside that
+        # of the terms written here.
         by_c = n - power / c**2 + evidence.by_moment + evidence.by_force + evidence.by_weight
         value = float(0.5 * power / c**2 + n * np.log(c) - evidence.value)
         return value, np.array([-evidence.by_force, -evidence.by_moment, by_c])

@@ -32,6 +32,7 @@ def explain(case: Case) -> Explanation | None:
         remedy += ", or turn current_sign of these joints in robot.yaml"
     return Explanation(
         name=NAME,
+        # All 2^n signs are equally likely beforehand.
         log_evidence=fit.log_evidence - case.num_joints * math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,

@@ -28,6 +28,7 @@ def explain(case: Case) -> Explanation | None:
     worst = int(np.argmax(np.abs(change)))
     return Explanation(
         name=NAME,
+        # Half as likely beforehand as the log as it is.
         log_evidence=fit.log_evidence - math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,

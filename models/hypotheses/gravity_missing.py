@@ -18,6 +18,7 @@ def explain(case: Case) -> Explanation | None:
     fit = case.fit(view)
     return Explanation(
         name=NAME,
+        # Half as likely beforehand as the log as it is.
         log_evidence=fit.log_evidence - math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,

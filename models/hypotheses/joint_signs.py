@@ -23,6 +23,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     """The signs that explain the log best; None: those that it has.
 
     Args:
+        case: the log, its model and the fit of the log as it is.
         with_effort: whether the drives' signals have the sign, too.
     """
 
@@ -39,6 +40,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     what = f"positions, velocities and {case.word}s" if with_effort else "positions and velocities"
     return Explanation(
         name=NAME,
+        # All 2^n signs are equally likely beforehand, with or without the drives' signals.
         log_evidence=fit.log_evidence - (case.num_joints + 1) * math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,

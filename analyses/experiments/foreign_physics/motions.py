@@ -11,6 +11,7 @@ from wrenchsight.models.robot.robot import Robot
 
 MAX_DEPARTURE = 0.35  # rad, of joints about home
 _LIMIT_MARGIN = 0.1  # rad, from the joints' limits
+_RISE_TIME, _FALL_TIME = 1.5, 1.0  # s, in which `wave` begins and ends
 _VIA_STEP = 0.02  # s, between the postures that a path is made of
 
 
@@ -35,7 +36,11 @@ def smooth_step(x: Array) -> tuple[Array, Array, Array]:
 
 
 def wave(robot: Robot, duration: float, seed: int, reach: float = MAX_DEPARTURE) -> Motion:
-    """All joints on sines of two incommensurate periods about home, from rest and to it."""
+    """All joints on sines of two incommensurate periods about home, from rest and to it.
+
+    q = home + w x: x the sum of both sines, w a window that rises from 0 within _RISE_TIME and
+    falls to 0 within _FALL_TIME. v and a are its derivatives by the product rule.
+    """
     rng = np.random.default_rng([seed, 2])
     n, t = robot.num_joints, grid(duration)
     low, high = _room(robot, reach)
@@ -51,15 +56,18 @@ def wave(robot: Robot, duration: float, seed: int, reach: float = MAX_DEPARTURE)
             size * np.sin(angle), size * omega * np.cos(angle), -size * omega**2 * np.sin(angle)
         )
 
+    # The shares of the room of a joint add up to 1: the sum stays within it.
     one, two = part(0.65, slow, phase[0]), part(0.35, fast, phase[1])
     x, v, a = (one[k] + two[k] for k in range(3))
-    begin = smooth_step(t / 1.5)
-    end = smooth_step((t[-1] - t) / 1.0)
-    w = begin[0] * end[0]
-    w1 = begin[1] / 1.5 * end[0] - begin[0] * end[1]
-    w2 = begin[2] / 1.5**2 * end[0] - 2.0 * begin[1] / 1.5 * end[1] + begin[0] * end[2]
-    w, w1, w2 = w[:, None], w1[:, None], w2[:, None]
-    return Motion(robot.home + w * x, w1 * x + w * v, w2 * x + 2.0 * w1 * v + w * a)
+    # Rise and fall with two derivatives each by time; the fall's argument runs backwards.
+    rise, rise_1, rise_2 = smooth_step(t / _RISE_TIME)
+    rise_1, rise_2 = rise_1 / _RISE_TIME, rise_2 / _RISE_TIME**2
+    fall, fall_1, fall_2 = smooth_step((t[-1] - t) / _FALL_TIME)
+    fall_1, fall_2 = -fall_1 / _FALL_TIME, fall_2 / _FALL_TIME**2
+    w = (rise * fall)[:, None]
+    w_1 = (rise_1 * fall + rise * fall_1)[:, None]
+    w_2 = (rise_2 * fall + 2.0 * rise_1 * fall_1 + rise * fall_2)[:, None]
+    return Motion(robot.home + w * x, w_1 * x + w * v, w_2 * x + 2.0 * w_1 * v + w * a)
 
 
 def slow_reversals(robot: Robot, duration: float, seed: int) -> Motion:

@@ -23,6 +23,7 @@ from wrenchsight.models.truth.log_clock import clocked
 from wrenchsight.models.truth.true_robot import true_robot
 
 TIME_STEP = 0.01  # s, of the reference
+_SIMULATION_STEP = 1e-3  # s
 REFERENCE_CUTOFF = 8.0  # Hz, of the reference: more than twice what the motions hold
 
 
@@ -43,7 +44,11 @@ def twin_log(
 ) -> Recording:
     """What the simulated arm records along the motion of a real log.
 
+    The arm is simulated in steps of _SIMULATION_STEP. The log's rows are the simulated ones nearest
+    to its times, with angles rounded as the real encoders round them.
+
     Args:
+        recording: the real log.
         robot: with its simulated truth.
         day: seed of what differs from day to day.
         payload: on the flange, unknown to the controller.
@@ -59,6 +64,7 @@ def twin_log(
         drive_servo(robot, IdentifiedModel.nominal(robot)),
         seed=seed,
         payload=true_robot(carrying).chain,
+        time_step=_SIMULATION_STEP,
     )
     t = recording.t - recording.t[0]
     exact = Recording(
@@ -66,14 +72,11 @@ def twin_log(
     )
     if mechanisms is not None:
         exact = clocked(exact, mechanisms.clock, seed)
-    rows = np.clip(np.rint(t / 1e-3).astype(int), 0, len(log.t) - 1)
-    steps = position_resolution(recording.q)
-    steps = np.where(steps > 0.0, steps, 1.0)
-    q = np.where(
-        position_resolution(recording.q) > 0.0,
-        np.rint(exact.q[rows] / steps) * steps,
-        exact.q[rows],
-    )
+    rows = np.clip(np.rint(t / _SIMULATION_STEP).astype(int), 0, len(log.t) - 1)
+    encoder_step = position_resolution(recording.q)  # (n,) rad; 0: the log does not show one
+    divisor = np.where(encoder_step > 0.0, encoder_step, 1.0)
+    rounded = np.rint(exact.q[rows] / divisor) * divisor
+    q = np.where(encoder_step > 0.0, rounded, exact.q[rows])
     return replace(
         recording, q=q, v=exact.v[rows], current=exact.current[rows], tau_J=None, extra={}
     )
