@@ -270,7 +270,7 @@ def page(rows: list[dict[str, Any]]) -> str:
 
 def _why_none_is_valid(row: dict[str, Any]) -> str:
     notes = [str(note) for note in row["doubts"]]
-    reason = next((note for note in notes if note.startswith(_NONE_VALID)), "it does not say")
+    reason = next((note for note in notes if note.startswith(_NONE_VALID)), "only shares by reason")
     return reason.removeprefix(_NONE_VALID)
 
 
