@@ -144,6 +144,7 @@ ARMS = (
         "dexmate_urdf",
         "dexmate_urdf/robots/humanoid/vega_1/vega_1.urdf",
         "--flange L_ee",
+        (("L_arm_j5", "rotor_inertia", 0.05), ("L_arm_j7", "rotor_inertia", 0.05)),
     ),
     PackageArm(
         "gr1t2, left arm",
