@@ -30,7 +30,9 @@ def test_the_figures_to_reach(sts):
     assert result.ratio_to_random > 5.0
     assert result.num_parameters == 58 and result.undetermined == ()
     assert result.warnings == ()
-    assert result.closest is None or result.closest.slack > 0.0
+    # Samples keep all of the clearance, the motion between them half of it (`Clearance.certify`).
+    if result.closest is not None:
+        assert result.closest.distance > 0.5 * result.config.limits.clearance
 
 
 @pytest.mark.slow
