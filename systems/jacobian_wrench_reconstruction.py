@@ -166,7 +166,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         # from them): made anew when one of these changes, not at every tick.
         tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
         self._tuned = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
-        self._no_torque = np.full((1, n), np.nan)  # N m, of a sample that cannot be used
+        self._no_torque = np.full((1, n), np.nan)  # in the place of what cannot be used
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._corrected, self._fault]
         ports += [self._observed, self._torque_error]
         prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
@@ -200,20 +200,27 @@ class JacobianWrenchReconstruction(SampledBlock):
         return stage.table if stage.may_rest_unseen else None
 
     def _calc_tick(self, context: Context) -> _Tick:
-        """Reads the present sample; one that cannot be used gives a zero wrench, not valid."""
+        """Reads the present sample; one that cannot be used gives a zero wrench, not valid.
+
+        `WrenchReading.run` reads logs: all arrays here are logs of one row. A row whose torque or
+        motion is NaN is one that it marks as missing, with a wrench of zero.
+        """
         tuned: _TunedReading = self._tuned.EvalAbstract(context).get_value()
         is_usable = tuned.is_usable
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         J = terms["J"]
         if self._torque_error.HasValue(context):
             error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
-        else:  # the constant error, which no lag delays: J_seen is the sample's own J
+        else:
+            # J_seen is J as it was when the forces acted that a lagging observer shows now. The
+            # constant error knows of no lag: it is the sample's own J.
             error = tuned.error._replace(J_seen=J)
         is_usable &= are_readable(_LARGEST_INPUT, terms["q"], J, *error)
         # Of an observer that reads the wrench itself; None of any other.
         observed_wrench, observed_covariance = self._observed_wrench(context)
+        # A sum of integer codes, which arrives as a double: NaN or a huge number is none.
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
-        if not abs(fault) < _LARGEST_INPUT:  # NaN among them: no sum of codes
+        if not abs(fault) < _LARGEST_INPUT:
             is_usable, fault = False, 0.0
 
         tau_ext = self._tau_ext.Eval(context)[None] if is_usable else self._no_torque
@@ -234,7 +241,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         )
         state = self.memory(context)  # a copy, which `run` changes in place; the update stores it
         estimate = tuned.reading.run(state, error, samples)
-        if tuned.unseen_rests is not None:  # a rest that no log has shown is a reason against it
+        if tuned.unseen_rests is not None:  # a joint rests that rested in no log of the model
             estimate = with_unseen_rests(estimate, tuned.unseen_rests, error.rows, tau_ext)
         return _Tick(reading_parts(estimate), state)
 

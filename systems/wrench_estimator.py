@@ -85,7 +85,8 @@ class WrenchEstimatorSystem(SampledBlock):
             self,
             period=estimator.observer.time_step,
             initial_memory=estimator.initial_state(),
-            # `terms` is not held: it is of q and v as they are now.
+            # Outputs whose last values stand between two ticks, in the order in which `take_sample`
+            # returns them. The output `terms` is not among them: it is of q and v as they are now.
             held_sizes={"reading": sum(self.reading_sizes.values()), "tau_J": n},
         )
         self._estimator = estimator
@@ -98,7 +99,8 @@ class WrenchEstimatorSystem(SampledBlock):
             | _with_prefix("reconstruction.", estimator.reading.parameters),
         )
         self.parameters = self._parameters.indices
-        # The estimator with them: made anew when one changes, not at every tick.
+        # Drake computes a cache entry anew only when one of its prerequisites has changed. The
+        # estimator with these parameters: when one of them changes, not at every tick.
         self._tuned = declare_cached(self, "estimator", self._calc_tuned, self._parameters.tickets)
 
         self._q = self.DeclareVectorInputPort("q", n)
@@ -117,7 +119,7 @@ class WrenchEstimatorSystem(SampledBlock):
         self._unread = np.zeros(n)  # stands for an input that the outputs do without
         prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
         prerequisites.add(self._tuned.ticket())
-        # The reading and the state after it, so that the update need not compute them again.
+        # The reading and the state after it: once a tick, whichever output or update asks first.
         self._tick = declare_cached(self, "tick", self._calc_tick, prerequisites)
         self._declare_outputs()
 

@@ -20,7 +20,7 @@ _STEP_SHAPE, _RAMP_SHAPE, _SINE_SHAPE, _PUSH_SHAPE = 0.0, 1.0, 2.0, 3.0  # value
 _KIND, _START, _END = 0, 1, 2  # of every segment
 _RISE, _FREQUENCY, _FADE = 3, 3, 3  # of a ramp, a sine, a push
 _PHASE, _PUSH_INDEX = 4, 4  # of a sine; of a push: its row of the tones
-_WRENCH = 5  # first of six: the wrench, amplitude or sd, N m and N
+_WRENCH_BEGIN = 5  # first of six: the wrench, amplitude or sd, N m and N
 _PUSH_LENGTH, _PUSH_PERIOD = 11, 12  # length of one push, and from the begin of one to the next
 _NUM_COLUMNS = 13
 _NUM_TONES = 24  # enough for a nearly Gaussian amplitude; few enough for one microsecond a sample
@@ -140,13 +140,16 @@ def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
             if edge < fade:
                 window = 0.5 * (1.0 - np.cos(np.pi * edge / fade))
             for axis in range(6):
-                if table[i, _WRENCH + axis] != 0.0:
+                if table[i, _WRENCH_BEGIN + axis] != 0.0:
                     value = 0.0
                     for k in range(tones.shape[2]):
                         value += np.sin(tones[push, axis, k, 0] * elapsed + tones[push, axis, k, 1])
                     # The sum of so many sines has the variance tones / 2.
                     wrench[axis] += (
-                        window * table[i, _WRENCH + axis] * value * np.sqrt(2.0 / tones.shape[2])
+                        window
+                        * table[i, _WRENCH_BEGIN + axis]
+                        * value
+                        * np.sqrt(2.0 / tones.shape[2])
                     )
             continue
         if kind == _STEP_SHAPE:
@@ -156,7 +159,7 @@ def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
         else:
             gain = np.sin(2.0 * np.pi * table[i, _FREQUENCY] * elapsed + table[i, _PHASE])
         for axis in range(6):
-            wrench[axis] += gain * table[i, _WRENCH + axis]
+            wrench[axis] += gain * table[i, _WRENCH_BEGIN + axis]
 
 
 class WrenchScript:
@@ -205,7 +208,7 @@ def _table_row(segment: WrenchSegment, push_index: int) -> Array:
     """
     row = np.zeros(_NUM_COLUMNS)
     row[_START], row[_END] = segment.start, segment.start + segment.duration
-    row[_WRENCH : _WRENCH + 6] = (*segment.moment, *segment.force)
+    row[_WRENCH_BEGIN : _WRENCH_BEGIN + 6] = (*segment.moment, *segment.force)
     row[_PUSH_PERIOD] = 1.0  # a divisor
     if isinstance(segment, WrenchStep):
         row[_KIND] = _STEP_SHAPE

@@ -27,7 +27,7 @@ SINGLE_SAMPLE_RATIO = 1.5  # times the level, from which on a single sample begi
 # Entries of the rule's memory, zero before the first sample.
 IN_CONTACT = 0  # 1: contact, 0: none
 QUIET_TIME = 1  # s, since the norms are below their release levels
-RATIO = 2  # the statistic: largest norm over its level; contact begins above 1
+LARGEST_RATIO = 2  # the statistic: largest norm over its level; contact begins above 1
 PAUSE_LEFT = 3  # s, until the mean may begin a contact; negative: it may
 LAST_QUICK_RATIO = 4  # of the sample before: its quick norm over its level
 NUM_MEMORY = 5
@@ -98,8 +98,8 @@ def decide_contact(
         quick = norms.change / levels.change if has_mean else 0.0
     last, memory[LAST_QUICK_RATIO] = memory[LAST_QUICK_RATIO], quick
     quick = max(min(quick, last), quick / SINGLE_SAMPLE_RATIO)
-    memory[RATIO] = max(quick, mean / levels.mean)
-    if memory[RATIO] > 1.0:
+    memory[LARGEST_RATIO] = max(quick, mean / levels.mean)
+    if memory[LARGEST_RATIO] > 1.0:
         memory[IN_CONTACT], memory[QUIET_TIME] = 1.0, 0.0
         return UNCHANGED if in_contact else BEGUN
     if in_contact:

@@ -89,8 +89,8 @@ from wrenchsight.models.detection.contact_decision import (
     BEGUN,
     ENDED,
     IN_CONTACT,
+    LARGEST_RATIO,
     NUM_MEMORY,
-    RATIO,
     ContactLevels,
     ContactNorms,
     decide_contact,
@@ -280,7 +280,7 @@ def detect_tick(
         _take_contact(detector, norms, whitened)
     out[SAMPLE_LENGTH], out[MEAN_LENGTH] = norms.sample, norms.mean
     out[POWER_LENGTH], out[CHANGE_LENGTH] = norms.power, norms.change
-    out[STATISTIC], out[CONTACT] = single[RATIO], single[IN_CONTACT]
+    out[STATISTIC], out[CONTACT] = single[LARGEST_RATIO], single[IN_CONTACT]
 
     # Where the contact is: at E, or else on which link.
     out[MISFIT], out[LINK] = 0.0, 0.0

@@ -7,7 +7,7 @@ from scipy.optimize import linear_sum_assignment
 
 from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation
-from wrenchsight.models.hypotheses.joint_orders import Order, best_order, order_text, usual_orders
+from wrenchsight.models.hypotheses.order_search import Order, best_order, order_text, usual_orders
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.log_words import DRIVES, ORDER, correction_word
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation, joint_remedy, likeliest
-from wrenchsight.models.hypotheses.joint_orders import Order, best_order, order_text, usual_orders
+from wrenchsight.models.hypotheses.order_search import Order, best_order, order_text, usual_orders
 from wrenchsight.models.recordings.log_words import ORDER
 
 NAME = "order of the joints"

@@ -13,7 +13,7 @@ period T, a = exp(-K_0 T) and K' = (1 - a)/T the recursion
 
 is the same filter, with the mean of the true tau_ext over each period as its input. The bracket is
 that mean times T for any period, as long as ubar_k is the mean of u. A constant tau_ext is
-therefore estimated without a steady error, and the pole is exp(-K_0 T) for every K_0 T.
+therefore estimated without a steady error, and decays by a = exp(-K_0 T) a tick for every K_0 T.
 
 ubar_k: the model's part of u (CTv - G - tau_f) changes along the period and is averaged over its
 two ends. The drive holds the motor torque from one tick to the next. Its mean over the period is
@@ -48,8 +48,8 @@ HELD_SHARE = START_SHARE / 50.0  # a gap of up to 4 / K_0 costs its own rows, a 
 LEAST_K_0 = 0.01  # 1/s; below, a reading is never fresh
 MAX_MOMENTUM = 1e100  # kg m^2/s; more counts as not finite, as sums of it would not be
 
-# Columns of MomentumObserver.table.
-_GAIN, _POLE, _MOTOR_AFTER, _MOTOR_BEFORE, _HALF = range(5)
+# Columns of MomentumObserver.table: K' and a of the recursion, and the weights in T ubar_k.
+_GAIN, _DECAY, _MOTOR_AFTER, _MOTOR_BEFORE, _HALF = range(5)
 
 
 @dataclass
@@ -102,12 +102,12 @@ def observe_momentum(
             arrived = arrived_momentum(
                 table[i, _HALF], table[i, _MOTOR_BEFORE], momentum[k, i], model, tau_J[k, i]
             )
-            estimate, pole, gain = state[1, i], table[i, _POLE], table[i, _GAIN]
+            estimate, decay, gain = state[1, i], table[i, _DECAY], table[i, _GAIN]
             if abs(arrived) < MAX_MOMENTUM and np.isfinite(state[0, i]):
-                estimate = pole * state[1, i] + gain * (arrived - state[0, i])
+                estimate = decay * state[1, i] + gain * (arrived - state[0, i])
                 # The second: the output of a filter that hardly moves does not depend on the
                 # present.
-                if pole * state[2, i] > START_SHARE or gain < LEAST_K_0:
+                if decay * state[2, i] > START_SHARE or gain < LEAST_K_0:
                     is_fresh[k] = False
             else:
                 is_fresh[k] = False
@@ -116,9 +116,9 @@ def observe_momentum(
             predicted += table[i, _MOTOR_AFTER] * tau_J[k, i]
             is_known = abs(predicted) < MAX_MOMENTUM
             if is_known and np.isfinite(state[0, i]):
-                state[2, i] *= pole
+                state[2, i] *= decay
             elif not is_known and np.isnan(state[0, i]):  # a held estimate ages
-                state[2, i] = min(1.0, max(state[2, i], HELD_SHARE) / pole)
+                state[2, i] = min(1.0, max(state[2, i], HELD_SHARE) / decay)
             state[0, i] = predicted if is_known else np.nan
             state[1, i] = estimate
 
@@ -128,8 +128,8 @@ class MomentumObserver:
 
     Its state is one (3, n) array. Row 0 is momentum_hat in kg m^2/s, row 1 is tau_ext in N m. Row 2
     is the share of the initial value that tau_ext still has. The observer starts at zero whatever
-    acts. That share, a power of the pole, must fall to START_SHARE before a reading counts as
-    fresh.
+    acts. That share, a power of a = exp(-K_0 T), must fall to START_SHARE before a reading counts
+    as fresh.
 
     A momentum_hat of inf means "not started": the first sample starts it with momentum_hat =
     momentum and tau_ext = 0. NaN means "lost", after a sample that is not finite: the next finite
@@ -160,14 +160,14 @@ class MomentumObserver:
         share_after = 1.0 if config.torque_samples == "held" else 0.5
         self.table = np.empty((num_joints, 5))
         self.table[:, _GAIN] = one_minus_a / T
-        self.table[:, _POLE] = np.exp(-self.K_0 * T)
+        self.table[:, _DECAY] = np.exp(-self.K_0 * T)
         self.table[:, _MOTOR_AFTER] = T * share_after
         self.table[:, _MOTOR_BEFORE] = T * (1.0 - share_after)
         self.table[:, _HALF] = 0.5 * T
 
     @property
     def pole(self) -> Array | None:
-        """(n,) K_0, 1/s."""
+        """(n,) K_0, 1/s: of the low-pass K_0 / (s + K_0), the pole without its sign."""
         return self.K_0
 
     @property

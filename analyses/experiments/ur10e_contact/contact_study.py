@@ -127,7 +127,7 @@ def read_runs(
             others = [other for other in of_controller(prepared, controller) if other is not run]
             refit = air[controller]
             if others:
-                refit = refit_rows([other.measured for other in others], run.robot, identified)
+                refit = refit_rows([other.sensor_rows for other in others], run.robot, identified)
             once = folder / f"{file.stem}_once"
             save_model(once, refit.robot or run.robot, refit.model)
             command = command_reading(run, file, air[controller].model)

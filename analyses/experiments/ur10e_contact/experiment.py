@@ -152,7 +152,7 @@ def _force_figure(reads: Sequence[ReadRun]) -> Figure:
             t, by_hand, color=COLOUR["article"], lw=0.7, label="K (i - i_target), joints 2 and 3"
         )
         axis.plot(t, ours.force, color=COLOUR["estimate"], lw=1.2, label="ours, never a sensor")
-        axis.plot(t, read.prepared.truth, color=COLOUR["truth"], lw=1.0, label="sensor")
+        axis.plot(t, read.prepared.block_force, color=COLOUR["truth"], lw=1.0, label="sensor")
         limit_y(axis, -40.0, _FULL_SCALE, "N")
         axis.set_ylabel("force [N]")
         axis.set_title(run.name.stem)

@@ -21,7 +21,7 @@ from wrenchsight.models.calibration.friction_drift_criterion import (
     friction_disagreements,
 )
 from wrenchsight.models.calibration.friction_refresh import FrictionRefresh, refresh_friction
-from wrenchsight.models.calibration.gear_ripple import GearRipple, find_ripple
+from wrenchsight.models.calibration.gear_ripple import MIN_ROWS, GearRipple, find_ripple
 from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
 from wrenchsight.models.calibration.load_or_drift import (
     LoadOrDrift,
@@ -229,6 +229,8 @@ class FrictionMonitor:
         """
         rows, error = self._friction_rows(), self._model.torque_error
         if rows is None or self._regressor is None or error is None or self._chain.prismatic.any():
+            return None
+        if len(rows.t) < MIN_ROWS:  # something touches the arm nearly all the time
             return None
         t = np.concatenate([part.t for part in self._rows])
         judged = np.searchsorted(t, rows.t)

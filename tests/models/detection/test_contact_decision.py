@@ -7,9 +7,9 @@ from wrenchsight.models.detection.contact_decision import (
     BEGUN,
     ENDED,
     IN_CONTACT,
+    LARGEST_RATIO,
     MEAN_PAUSE,
     NUM_MEMORY,
-    RATIO,
     RELEASE_TIME,
     SINGLE_SAMPLE_RATIO,
     UNCHANGED,
@@ -40,7 +40,7 @@ def test_two_successive_changes_begin_a_contact_and_one_does_not():
 def test_a_single_change_begins_a_contact_at_its_own_level(ratio, event):
     memory = np.zeros(NUM_MEMORY)
     assert events(memory, norms(change=3.0 * SINGLE_SAMPLE_RATIO * ratio)) == [event]
-    assert memory[RATIO] == pytest.approx(ratio)
+    assert memory[LARGEST_RATIO] == pytest.approx(ratio)
 
 
 def test_a_contact_ends_after_the_release_time_and_the_mean_pauses():

@@ -69,12 +69,15 @@ class PreparedRun:
         model: model of its rigid body, masses as published; the methods add their friction.
         torque_per_newton: (T, 6) N m/N on the joints, of a force that pushes the tool back along
             its z axis; zero where q is not known.
-        R_WE: (T, 3, 3).
+        R_WE: (T, 3, 3); where q is not known that of joints at zero, to be used with J, which says
+            so.
         J: (T, 6, 6) at E in axes of W; NaN where q is not known.
-        excess: (T, 6) N m, torque of the rigid body less the motors'; it includes friction.
-        air: rows of its motion in the air, for a fit of the friction.
-        measured: the same rows and those of the steady slide, with the sensor's force.
-        truth: (N,) N, the sensor's force, mean over each block.
+        unexplained_torque: (T, 6) N m, torque of the rigid body less the motors': external torque
+            less friction; NaN where it is not known.
+        air_rows: those of its motion in the air, for a fit of the friction.
+        sensor_rows: the same and those of the steady slide, with the sensor's force as external
+            torque.
+        block_force: (N,) N, the sensor's force, mean over each block of BLOCK_SAMPLES.
     """
 
     run: ContactRun
@@ -83,10 +86,10 @@ class PreparedRun:
     torque_per_newton: Array
     R_WE: Array
     J: Array
-    excess: Array
-    air: LogRows
-    measured: LogRows
-    truth: Array
+    unexplained_torque: Array
+    air_rows: LogRows
+    sensor_rows: LogRows
+    block_force: Array
 
     def windows(self, interval: str) -> NDArray[np.int64]:
         """(M, W) blocks of each average in an interval; (0, W) if the run lacks it.
@@ -121,11 +124,13 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
     # The masses that the robot states are those of any specimen, the identified ones are not.
     published = replace(identified, inertial_parameters=robot.chain.inertial_parameters)
     terms = joint_torques(run.log, robot, published)
-    excess = np.where(terms.known[:, None], terms.rigid - terms.tau_J, np.nan)
+    # M vdot + C v + G = tau_J + tau_ext - tau_f
+    unexplained_torque = np.where(terms.known[:, None], terms.rigid - terms.tau_J, np.nan)
     is_slide = np.zeros(len(run.t), np.bool_)
     if "slide" in run.intervals:
         begin, end = run.intervals["slide"]
         is_slide = (run.t >= begin) & (run.t <= end) & ~run.corners
+    # A fit of friction rests on the identified masses; they lack this run's tool.
     with_tool = with_tool_of(identified, robot)
     external = torque_per_newton * run.sensor_force[:, None]
     return PreparedRun(
@@ -135,10 +140,10 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
         torque_per_newton=torque_per_newton,
         R_WE=R_WE,
         J=J,
-        excess=excess,
-        air=LogRows.of(run.log, run.is_free, robot, with_tool),
-        measured=LogRows.of(run.log, run.is_free | is_slide, robot, with_tool, external),
-        truth=block_mean(run.sensor_force),
+        unexplained_torque=unexplained_torque,
+        air_rows=LogRows.of(run.log, run.is_free, robot, with_tool),
+        sensor_rows=LogRows.of(run.log, run.is_free | is_slide, robot, with_tool, external),
+        block_force=block_mean(run.sensor_force),
     )
 
 
@@ -161,7 +166,7 @@ def air_refits(
     robots = {run.run.name.controller: run.robot for run in prepared}
     return {
         controller: refit_rows(
-            [run.air for run in of_controller(prepared, controller)], robot, identified
+            [run.air_rows for run in of_controller(prepared, controller)], robot, identified
         )
         for controller, robot in robots.items()
     }
@@ -169,7 +174,7 @@ def air_refits(
 
 def plain_law(prepared: Sequence[PreparedRun]) -> tuple[PreslidingFriction, Array]:
     """Coulomb-viscous friction of the motion in the air, and the sd (6,) N m of its residual."""
-    fit = fit_rows([run.air.level for run in prepared], plain_friction())
+    fit = fit_rows([run.air_rows.level for run in prepared], plain_friction())
     return fit.law, np.where(np.isfinite(fit.scatter), fit.scatter, _UNKNOWN_SCATTER)
 
 
@@ -195,7 +200,7 @@ def judge_interval(
     windows = prepared.windows(interval)
     if not len(windows):
         return None
-    truth = prepared.truth[windows].mean(axis=1)
+    truth = prepared.block_force[windows].mean(axis=1)
     return ForceJudgement.of(averaged(reading, windows), truth)
 
 
@@ -278,7 +283,7 @@ def read_two_joints(prepared: PreparedRun) -> ForceReading:
 
 def read_gravity(prepared: PreparedRun) -> ForceReading:
     """K i less the torque of the rigid body, of joints 2 and 3 by least squares on the force."""
-    return _of_two_joints(prepared, prepared.excess)
+    return _of_two_joints(prepared, prepared.unexplained_torque)
 
 
 def _of_two_joints(prepared: PreparedRun, tau_ext: Array) -> ForceReading:

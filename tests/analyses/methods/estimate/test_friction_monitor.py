@@ -204,3 +204,16 @@ def test_a_model_without_logs_is_not_judged(sts, model):
 def test_an_empty_log_gives_no_disagreement(sts, model):
     monitor = FrictionMonitor(model, model.chain(sts), None, T)
     assert monitor.disagreements() == []
+
+
+def test_a_log_that_is_all_contact_shows_no_ripple(sts, model):
+    """No row is left to look at: a force of 100 N, in another direction each second."""
+    t, q, v, noise = signals(sts)
+    directions = np.random.default_rng(1).normal(size=(ROWS // 100, 3)).repeat(100, axis=0)
+    force = 100.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    J = model.chain(sts).jacobian(q)
+    tau_ext = noise + np.einsum("kaj,ka->kj", J[:, 3:], force)
+    with_error = replace(model, torque_error=torque_error())
+    monitor = FrictionMonitor(with_error, with_error.chain(sts), np.full(6, K_0), T, sts)
+    monitor.add(t, q, v, tau_ext, np.ones(ROWS, bool), np.zeros(ROWS, bool))
+    assert monitor.ripple() is None
