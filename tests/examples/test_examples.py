@@ -91,6 +91,8 @@ def test_the_quickstart_goes_from_nothing_to_a_wrench(tmp_path):
     assert len(axes) == 3
     for rmse, inside in axes:
         assert 0.5 < float(rmse) < 12.0  # N; the push has an sd of 15 N an axis
-        assert 90 <= int(inside) <= 99  # a band from 10 s of log has few independent samples
+        assert int(inside) >= 90
+    # A log of 10 s has few independent samples: one axis may be inside all the time, not all three.
+    assert sum(int(inside) for _, inside in axes) <= 3 * 98
     assert (tmp_path / "quickstart.png").stat().st_size > 10_000
     assert (tmp_path / "model.yaml").exists()
