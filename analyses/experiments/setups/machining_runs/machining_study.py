@@ -298,8 +298,8 @@ def broken_off(metrics: Mapping[str, Any]) -> list[str]:
 def machining_notes(task: MachiningTask) -> list[str]:
     """Notes for the report, to be filled by the metrics.
 
-    `<a.b:spec>` stands for the entry metrics["a"]["b"], written with a format; "100 .0f" is a
-    hundred times it.
+    `<a.b:spec>` stands for entry b of entry a of the metrics, written with a format; "100 .0f" is
+    a hundred times it.
     """
 
     def each(path: str, spec: str = ".2f") -> str:
