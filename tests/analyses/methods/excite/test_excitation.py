@@ -47,9 +47,13 @@ def test_files_and_their_content(sts, tmp_path):
     table = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)
     header = (tmp_path / "trajectory.csv").read_text().splitlines()[0].split(",")
     assert header[:2] == ["t", "q1"] and header[-1] == "vdot6" and len(header) == 19
-    assert table.shape == (15001, 19)  # 1 kHz; 10 s and two stops of 2.5 s, ramps included
+    stops = first.trajectory.stops
+    assert stops.number == 2 and stops.rest == config.stop_time
+    duration = 10.0 + stops.number * (stops.rest + stops.ramp)  # s, at 1 kHz
+    assert table.shape == (round(1000.0 * duration) + 1, 19)
     series = FourierTrajectory.load(tmp_path / "trajectory.yaml", sts.name)
-    expected = np.hstack([table[:, :1], *series.sample(table[:, 0])])
+    motion = series.joint_trajectory(config.num_periods, config.time_step)  # with its stops
+    expected = np.column_stack([motion.t, motion.q, motion.v, motion.vdot])
     np.testing.assert_allclose(table, expected, rtol=1e-7, atol=1e-7)
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics["condition_number"] == pytest.approx(first.condition_number)
