@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
+from wrenchsight.models.calibration.prior_least_squares import COVARIANCE_ROWS
 from wrenchsight.models.calibration.residual_noise import V_REST, ResidualRows
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
@@ -54,7 +55,6 @@ MAX_RATE = 15.0  # rad/s of the ripple's phase, half of what rows of 10 Hz can t
 MIN_SLOW_SHARE = 0.5  # of the rows in which a joint moves: its least share of slow ones
 MAX_ROWS = 600  # rows of a long log that are used, in stretches of STRETCH_ROWS
 STRETCH_ROWS = 50
-_COVARIANCE_ROWS = 30.0  # rows that the stated covariance is worth (`prior_least_squares`)
 _SCALE_PASSES = 5
 
 
@@ -265,6 +265,6 @@ def _fitted(A: Array, r: Array) -> tuple[float, Array]:
     basis, _ = np.linalg.qr(np.vstack([A, prior]))
     for _ in range(_SCALE_PASSES):
         left = float(np.sum((padded - basis @ (basis.T @ padded)) ** 2))
-        scale = float(np.sqrt((_COVARIANCE_ROWS + left) / (_COVARIANCE_ROWS + m)))
+        scale = float(np.sqrt((COVARIANCE_ROWS + left) / (COVARIANCE_ROWS + m)))
         basis, _ = np.linalg.qr(np.vstack([A / scale, prior]))
     return scale, basis

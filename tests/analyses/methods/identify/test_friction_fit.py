@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from wrenchsight.analyses.methods.identify.friction_fit import SHAPE_STRETCHES, FrictionFit
 from wrenchsight.analyses.methods.identify.identification import identify
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.models.recordings.recording import Recording
@@ -50,6 +51,25 @@ def test_a_joint_that_creeps_has_its_coulomb_friction_where_it_slides(sts):
     # 3 %: the noise of a tenth of the friction, over the slow samples of 60 s.
     np.testing.assert_allclose(0.5 * slow[0], 1.02 * COULOMB, rtol=0.03)
     assert (at_rest < 0.6 * COULOMB).all()
+
+
+@pytest.mark.parametrize(("num_logs", "num_folds"), [(2, SHAPE_STRETCHES), (3, 3)])
+def test_a_shape_is_chosen_by_folds_enough_for_a_standard_error(
+    sts, monkeypatch, num_logs, num_folds
+):
+    """The spread of two folds is their difference: it says nothing of how sure their mean is."""
+    error_rows = set()
+    held_out = FrictionFit.held_out
+
+    def watched(self, *args):
+        errors = held_out(self, *args)
+        error_rows.add(len(errors))
+        return errors
+
+    monkeypatch.setattr(FrictionFit, "held_out", watched)
+    logs = [creeping_log(sts, seed, lambda v: np.tanh(v / CREEP)) for seed in range(num_logs)]
+    identify(logs, sts, config=IdentificationConfig(friction="stribeck"))
+    assert error_rows == {num_folds}
 
 
 def test_no_friction_drives_a_joint(sts):
