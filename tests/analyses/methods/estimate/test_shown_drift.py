@@ -1,67 +1,34 @@
 """A log whose friction is not the model's: its band holds what the log itself shows."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio
 import pytest
-from sample_models import torque_error
-from scipy.signal import lfilter
+from viscous_arm import VISCOUS, save_viscous_model, untouched_log
 
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.estimate.estimation import EstimateResult, estimate_log
 from wrenchsight.models.estimation.wrench_table import columns_of
-from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
-from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
-from wrenchsight.models.identification.identified_model import (
-    IdentifiedModel,
-    LogSource,
-    Provenance,
-)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
-T, ROWS, VISCOUS, MORE = 0.01, 3000, 20.0, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0])
-NOISE = 0.2  # N m
-
+MORE = np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0])  # N m s/rad
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 
 
 def free_motion(robot: Robot, more: Array) -> Recording:
-    """Untouched; viscous friction of `more` N m s/rad above the model's, torque by pinocchio."""
-    model = pinocchio.buildModelFromXML(robot.urdf_text)
-    model.armature = np.asarray(robot.reflected_inertia)
-    data = model.createData()
-    t = np.asarray(T * np.arange(ROWS), float)
-    rate = np.array([1.1, 1.3, 1.7, 1.9, 2.3, 2.9])
-    phase = t[:, None] * rate + np.arange(6)
-    q = robot.home + 0.3 * np.sin(phase)
-    v, vdot = 0.3 * rate * np.cos(phase), -0.3 * rate**2 * np.sin(phase)
-    tau = np.array([pinocchio.rnea(model, data, *row) for row in zip(q, v, vdot, strict=True)])
-    white = np.random.default_rng(0).normal(size=(ROWS, 6))
-    noise = NOISE * np.sqrt(1.0 - 0.9**2) * lfilter([1.0], [1.0, -0.9], white, axis=0)
-    tau += (VISCOUS + more) * v + noise
-    current = tau / (robot.torque_per_ampere * robot.current_sign)
-    return Recording(t=t, q=q, v=v, current=current, source="synthetic")
+    """Untouched; viscous friction of `more` N m s/rad above the model's."""
+    rate = [1.1, 1.3, 1.7, 1.9, 2.3, 2.9]
+    return untouched_log(robot, 3000, 0.3, rate, lambda _, v: more * v)
 
 
 @pytest.fixture(scope="module")
 def model_file(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    one, zero = np.ones(6), np.zeros(6)
-    path = tmp_path_factory.mktemp("model") / "model.yaml"
-    replace(
-        IdentifiedModel.nominal(sts),
-        friction=SemiParametricFriction(CoulombViscous(zero, VISCOUS * one, zero)),
-        residual_covariance=NOISE**2 * np.eye(6),
-        torque_error=torque_error(constant=NOISE),
-        provenance=Provenance(logs=[LogSource(name="a.csv")]),
-    ).save(path)
-    return path
+    return save_viscous_model(sts, tmp_path_factory.mktemp("model") / "model.yaml")
 
 
 def read(log: Path, model_file: Path, out: Path, **settings: Any) -> tuple[EstimateResult, Array]:

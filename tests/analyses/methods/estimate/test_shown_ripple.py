@@ -1,64 +1,32 @@
 """A log whose gears ripple as the model's did not: the band holds it, and the user is told."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio
 import pytest
-from sample_models import torque_error
-from scipy.signal import lfilter
+from viscous_arm import save_viscous_model, untouched_log
 
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.estimate.estimation import EstimateResult, estimate_log
-from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
-from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
-from wrenchsight.models.identification.identified_model import (
-    IdentifiedModel,
-    LogSource,
-    Provenance,
-)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
-T, ROWS, VISCOUS, NOISE = 0.01, 2000, 20.0, 0.2  # s, -, N m s/rad, N m
 PERIODS, RIPPLE = 60.0, np.array([0.0, 0.8, 0.6, 0.0, 0.0, 0.0])  # a turn; N m
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 
 
 def slow_motion(robot: Robot, ripple: Array) -> Recording:
-    """Untouched, with viscous friction as the model has it; torque by pinocchio."""
-    model = pinocchio.buildModelFromXML(robot.urdf_text)
-    model.armature = np.asarray(robot.reflected_inertia)
-    data = model.createData()
-    t = np.asarray(T * np.arange(ROWS), float)
-    rate = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
-    phase = t[:, None] * rate + np.arange(6)
-    q = robot.home + 0.2 * np.sin(phase)
-    v, vdot = 0.2 * rate * np.cos(phase), -0.2 * rate**2 * np.sin(phase)
-    tau = np.array([pinocchio.rnea(model, data, *row) for row in zip(q, v, vdot, strict=True)])
-    white = np.random.default_rng(0).normal(size=(ROWS, 6))
-    tau += NOISE * np.sqrt(1.0 - 0.9**2) * lfilter([1.0], [1.0, -0.9], white, axis=0)
-    tau += VISCOUS * v + ripple * np.sin(PERIODS * q)
-    current = tau / (robot.torque_per_ampere * robot.current_sign)
-    return Recording(t=t, q=q, v=v, current=current, source="synthetic")
+    """Untouched, with viscous friction as the model has it and gears that ripple."""
+    rate = [0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
+    return untouched_log(robot, 2000, 0.2, rate, lambda q, _: ripple * np.sin(PERIODS * q))
 
 
 @pytest.fixture(scope="module")
 def model_file(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    one, zero = np.ones(6), np.zeros(6)
-    path = tmp_path_factory.mktemp("model") / "model.yaml"
-    replace(
-        IdentifiedModel.nominal(sts),
-        friction=SemiParametricFriction(CoulombViscous(zero, VISCOUS * one, zero)),
-        residual_covariance=NOISE**2 * np.eye(6),
-        torque_error=torque_error(constant=NOISE),
-        provenance=Provenance(logs=[LogSource(name="a.csv")]),
-    ).save(path)
-    return path
+    return save_viscous_model(sts, tmp_path_factory.mktemp("model") / "model.yaml")
 
 
 def read(robot: Robot, ripple: Array, model_file: Path, out: Path) -> tuple[EstimateResult, Array]:
