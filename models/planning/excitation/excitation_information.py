@@ -113,7 +113,12 @@ class ExcitationInformation:
     def cost(
         self, measure: Measure, q: Array, v: Array, vdot: Array
     ) -> tuple[float, Array, Array, Array]:
-        """The measure to minimise, and its gradients (N, n) by q, v and vdot (N, n)."""
+        """The measure to minimise, and its gradients (N, n) by q, v and vdot (N, n).
+
+        In the two measures (see the module's docstring) W are the columns of the weighted regressor
+        (N n, 14 n) that determine the base parameters, A = W D^-1 the same scaled to length 1, and
+        lambda, V the eigenvalues and eigenvectors of A^T A. `by_X` is the gradient by X.
+        """
         n, b = self.chain.num_joints, len(self.columns)
         W = self.regressor(q, v, vdot)[:, self.columns]
         lengths = np.maximum(np.linalg.norm(W, axis=0), 1e-12)
@@ -125,17 +130,18 @@ class ExcitationInformation:
         if measure == "condition_number":
             largest, by_largest = _log_sum(eigenvalues, _BOUND_POWER)
             smallest, by_smallest = _log_sum(eigenvalues, -_BOUND_POWER)
-            value = 0.5 * (largest + smallest)
+            value = 0.5 * (largest + smallest)  # bound above ln cond(A)
             by_eigenvalue = 0.5 * (by_largest - by_smallest)
             by_A = 2.0 * A @ ((V * by_eigenvalue) @ V.T)
+            # A column of unit length changes only across itself.
             by_W = (by_A - A * (A * by_A).sum(axis=0)) / lengths
         else:
             value = -float(0.5 * np.log(eigenvalues).sum() + np.log(lengths).sum()) / b
             by_W = -(A @ ((V / eigenvalues) @ V.T)) / lengths / b
-        weights = np.zeros((len(q), n, 14 * n))
-        weights.reshape(-1, 14 * n)[:, self.columns] = by_W
-        weights *= self.weight[:, None]
-        by_q, by_v, by_vdot = self._pull_back(weights, q, v, vdot)
+        by_regressor = np.zeros((len(q), n, 14 * n))  # by the regressor without the weights
+        by_regressor.reshape(-1, 14 * n)[:, self.columns] = by_W
+        by_regressor *= self.weight[:, None]
+        by_q, by_v, by_vdot = self._pull_back(by_regressor, q, v, vdot)
         return float(value), by_q, by_v, by_vdot
 
     def _pull_back(

@@ -65,12 +65,17 @@ class MotionBounds:
     def of_robot(cls, robot: Robot, limits: ExcitationLimits) -> "MotionBounds":
         """Joint limits of a robot, reduced as `limits` says.
 
+        Positions keep `position_margin` (rad or m) from both ends; speed and torque are held to the
+        shares `velocity_share` and `torque_share` of the robot's; `acceleration` is one number for
+        all joints, or one each.
+
         Raises:
             InputError: a limit that leaves no motion, or lists of a wrong length.
         """
         n = robot.num_joints
 
         def positive(name: str, values: Array, unit: str) -> Array:
+            """The values (n,) of the setting `name`, once each is found finite and above 0."""
             for joint, value in zip(robot.joint_names, values, strict=True):
                 if not (np.isfinite(value) and value > 0.0):
                     raise InputError(
@@ -208,9 +213,10 @@ class ExcitationProgram:
         # Position, velocity and acceleration (num_samples, 1 + 2 H) by the scaled coefficients.
         self._basis = [b * self._scale for b in fourier_basis(t, settings.base_frequency, H)]
         # Clearance is checked at few samples, torque at every other one; motion at all of them.
-        self._coarse = slice(0, None, max(1, num_samples // settings.num_postures))
+        self._slack_rows = slice(0, None, max(1, num_samples // settings.num_postures))
         self._torque_rows = slice(0, None, 2)
-        self._share = between_samples(H, num_samples)
+        # What samples keep to this share of a linear limit, all times keep to the limit.
+        self._share_at_samples = between_samples(H, num_samples)
         self.program = MathematicalProgram()
         self._x = self.program.NewContinuousVariables(chain.num_joints, 1 + 2 * H, "x")
         self._add_constraints()
@@ -218,8 +224,13 @@ class ExcitationProgram:
     def random_feasible(self, rng: np.random.Generator, num_draws: int = 60) -> FourierTrajectory:
         """A random motion within all limits (at the samples), as large as its shape allows.
 
-        Where none of `num_draws` is found, postures that cannot be held at rest no longer count as
-        draws, and the motions may be smaller.
+        Each draw is a posture and the shape of a motion about it, as large as the limits of
+        position, speed and acceleration let it be; it is made smaller until torque and clearance
+        hold, too. Where none of `num_draws` is found, as many more are drawn: then postures that
+        cannot be held at rest no longer count as draws, and the motions may be smaller.
+
+        The coefficients x (n, 1 + 2 H) are a joint's centre, its sines k A_k and its cosines
+        k B_k, with A_k, B_k the amplitudes of harmonic k = 1 to H.
 
         Raises:
             NoTrajectoryError: none was found; the line names the limit that most draws broke.
@@ -235,31 +246,34 @@ class ExcitationProgram:
             centre = middle + rng.uniform(-0.5, 0.5, n) * np.minimum(half, np.pi)
             x = rng.normal(size=(n, 1 + 2 * H))
             x[:, 0] = 0.0
-            x[:, 1 : 1 + H] -= x[:, 1 : 1 + H].mean(axis=1, keepdims=True)  # sum k A_k = 0
-            k = np.arange(1, H + 1)  # sum k^2 B_k = sum k y_k = 0
+            # At rest at the start, without velocity, sum k A_k = 0, and without acceleration,
+            # sum k^2 B_k = 0.
+            x[:, 1 : 1 + H] -= x[:, 1 : 1 + H].mean(axis=1, keepdims=True)
+            k = np.arange(1, H + 1)
             x[:, 1 + H :] -= np.outer(x[:, 1 + H :] @ k, k) / (k @ k)
             q, v, vdot = (basis @ x.T for basis in self._basis)
-            room = self._share * half - np.abs(centre - middle)
+            room = self._share_at_samples * half - np.abs(centre - middle)
             size = np.min(
                 [
                     room / np.abs(q).max(axis=0),
-                    self._share * self.bounds.velocity / np.abs(v).max(axis=0),
-                    self._share * self.bounds.acceleration / np.abs(vdot).max(axis=0),
+                    self._share_at_samples * self.bounds.velocity / np.abs(v).max(axis=0),
+                    self._share_at_samples * self.bounds.acceleration / np.abs(vdot).max(axis=0),
                 ],
                 axis=0,
             )
             x *= 0.999 * size[:, None]
             x[:, 0] = centre
             is_patient = num_tried >= num_draws
+            # Another posture, where this one alone breaks a limit.
             if is_patient and self._broken(np.hstack([x[:, :1], np.zeros((n, 2 * H))])):
                 continue
             num_tried += 1
             for _ in range(_MAX_SHRINKS_PATIENT if is_patient else _MAX_SHRINKS):
-                broken = self._broken(x)
-                if not broken:
+                broken_limit = self._broken(x)
+                if not broken_limit:
                     return self._trajectory(x)
                 x[:, 1:] *= 0.6
-            num_broken[broken] += 1
+            num_broken[broken_limit] += 1
         worst = max(num_broken, key=lambda name: num_broken[name])
         raise NoTrajectoryError(worst, num_tried)
 
@@ -273,8 +287,12 @@ class ExcitationProgram:
 
         Args:
             start: motion of the same harmonics.
-            iterations: major ones of SNOPT.
+            iterations: major ones of SNOPT, at most.
             watch: called with the number of evaluations and the cost at each.
+
+        Returns:
+            The motion at which SNOPT ended, converged or not (`status`); the start, where it
+            returned none. The limits are not checked here.
         """
         self._on_evaluation, self._evaluations = watch, 0
         settings = SolverOptions()
@@ -317,7 +335,7 @@ class ExcitationProgram:
         if (np.abs(self.chain.inverse_dynamics(q, v, vdot)) > self.bounds.torque).any():
             return "torque"
         if self._slack is not None and any(
-            self._slack(row)[0] < self._reserve.slack for row in q[self._coarse]
+            self._slack(row)[0] < self._reserve.slack for row in q[self._slack_rows]
         ):
             return "clearance"
         return ""
@@ -327,10 +345,12 @@ class ExcitationProgram:
 
         Of a joint's variables the first is the constant; those of H sines and of H cosines follow,
         harmonic k as k times its amplitude. The two equalities are those of a motion that begins
-        without velocity and acceleration.
+        without velocity and acceleration. `_basis` times a joint's variables is its position,
+        velocity and acceleration at the samples; where these keep to `share` of a limit, the motion
+        between them keeps to the limit. Torques are in shares of their limits.
         """
         program, x, H = self.program, self._x, self.num_harmonics
-        bounds, share = self.bounds, self._share
+        bounds, share = self.bounds, self._share_at_samples
         k = np.arange(1.0, H + 1.0)
         middle = 0.5 * (bounds.position_lower + bounds.position_upper)
         half = 0.5 * (bounds.position_upper - bounds.position_lower)
@@ -352,7 +372,7 @@ class ExcitationProgram:
         upper -= self._reserve.torque_share
         program.AddConstraint(differentiable(self._torque), -upper, upper, all_x)
         if self._slack is not None:
-            count = len(self._basis[0][self._coarse])
+            count = len(self._basis[0][self._slack_rows])
             lower = np.full(count, self._reserve.slack)
             upper = np.full(count, np.inf)
             program.AddConstraint(differentiable(self._slacks), lower, upper, all_x)
@@ -382,10 +402,10 @@ class ExcitationProgram:
         return _rounded(tau.ravel(), gradient.reshape(tau.size, -1))
 
     def _slacks(self, x: Array) -> tuple[Array, Array]:
-        basis = self._basis[0][self._coarse]
+        basis = self._basis[0][self._slack_rows]
         assert self._slack is not None
         slacks, gradients = [], []
-        for q in self._motion(x, self._coarse)[0]:
+        for q in self._motion(x, self._slack_rows)[0]:
             slack, by_q = self._slack(q)
             slacks.append(slack)
             gradients.append(by_q)

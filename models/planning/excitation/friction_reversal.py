@@ -16,23 +16,22 @@ with any chosen speed, however small, and half a period later with the opposite 
 without acceleration.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
 TIME_STEP = 1e-3  # s, of the trajectory
-LEAST_POINTS = 4  # samples of a pass
-OTHER_JOINTS = 0.05  # rad, by which the others may differ between the two passes
+MIN_PASS_SAMPLES = 4  # samples of a pass
+MAX_POSTURE_DIFFERENCE = 0.05  # rad, of any joint between the two passes
 SPEED_TOLERANCE = 0.2  # of the speed, by which the two passes may differ in it
 
 
@@ -78,8 +77,8 @@ def reversal_motion(
         robot: sets the limits.
         direction: (n,) share of the motion that each joint makes.
         posture: (n,) rad, where the passes meet.
-        speeds: rad/s, positive, times direction.
-        period: s.
+        speeds: rad/s, positive; a joint passes with the speed times its entry of `direction`.
+        period: s, from one pass to the next in the same direction.
 
     Raises:
         InputError: a posture or motion beyond the joint's limits, or a speed that is not positive.
@@ -97,23 +96,24 @@ def reversal_motion(
         name = ", ".join(robot.joint_names[j] for j in np.flatnonzero(joint_shares))
         raise InputError("reversal", name, "speeds must be positive")
     omega = 2.0 * np.pi / period
-    # Amplitudes at the end of each period; the motion starts and ends at rest.
-    ends = np.append(0.0, levels / omega)
-    steps = np.append(np.repeat(ends, 2)[1:], 0.0)
-    count = len(steps) - 1
-    # p = size sin(omega t) and its derivatives. The size goes from step to step along a quintic
-    # that starts and ends without velocity or acceleration; u is the share of the period that is
-    # over.
-    t = np.arange(round(count * period / TIME_STEP) + 1) * TIME_STEP
-    index = np.minimum((t / period).astype(int), count - 1)
+    # Amplitude in rad where each period begins and where the last ends: 0, a_0, a_0, a_1, a_1, ...
+    # 0, so that every second period keeps its amplitude and the motion starts and ends at rest.
+    amplitudes = np.append(0.0, levels / omega)
+    at_period_ends = np.append(np.repeat(amplitudes, 2)[1:], 0.0)
+    num_periods = len(at_period_ends) - 1
+    # p = a sin(omega t) and its derivatives. The amplitude a goes from one period's end to the next
+    # along a quintic that starts and ends without velocity or acceleration; u is the share of the
+    # period that is over.
+    t = np.arange(round(num_periods * period / TIME_STEP) + 1) * TIME_STEP
+    index = np.minimum((t / period).astype(int), num_periods - 1)
     u = t / period - index
-    change = steps[index + 1] - steps[index]
-    size = steps[index] + change * (u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
-    rate = change * (30.0 * u**2 * (1.0 - u) ** 2 / period)
-    bend = change * (60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / period**2)
-    s, c = np.sin(omega * t), omega * np.cos(omega * t)
-    p, dp = size * s, rate * s + size * c
-    d2p = bend * s + 2.0 * rate * c + size * (-(omega**2) * s)
+    change = at_period_ends[index + 1] - at_period_ends[index]
+    a = at_period_ends[index] + change * (u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
+    da = change * (30.0 * u**2 * (1.0 - u) ** 2 / period)
+    d2a = change * (60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / period**2)
+    sine, dsine = np.sin(omega * t), omega * np.cos(omega * t)
+    p, dp = a * sine, da * sine + a * dsine
+    d2p = d2a * sine + 2.0 * da * dsine + a * (-(omega**2) * sine)
     q = np.outer(p, joint_shares) + posture
     v, vdot = np.outer(dp, joint_shares), np.outer(d2p, joint_shares)
     for values, low, high, quantity in (
@@ -172,37 +172,21 @@ def separate(
         The samples of all pairs; none where no two passes meet.
     """
     passes = _passes(motion.t, motion.v[:, joint], rest_speed, settle)
-    n = motion.q.shape[1]
-    signals = np.hstack([motion.q, motion.v, motion.vdot, motion.tau])
-    rows: list[Array] = []
-    for first, second in pairwise(passes):
-        rows += _pair(signals, n, joint, first, second, spacing)
-    if not rows:
-        return ReversalSamples(
-            joint=joint,
-            position=np.zeros(0),
-            speed=np.zeros(0),
-            acceleration=np.zeros(0),
-            symmetric=np.zeros(0),
-            asymmetric=np.zeros(0),
-        )
-    pairs = np.stack(rows)  # (K, 2, 4 n): q, v, vdot, tau of the pass upwards, then downwards
-    middle = pairs[:, :, :n].mean(axis=1)
-    rigid = [
-        chain.inverse_dynamics(
-            middle, pairs[:, k, n : 2 * n].copy(), pairs[:, k, 2 * n : 3 * n].copy()
-        )
-        for k in range(2)
-    ]
-    torque_left = np.stack([pairs[:, k, 3 * n + joint] - rigid[k][:, joint] for k in range(2)])
-    speeds, accelerations = pairs[:, :, n + joint], pairs[:, :, 2 * n + joint]
+    pairs = [_pair(motion, joint, *neighbours, spacing) for neighbours in pairwise(passes)]
+    none = _at_rows(motion, slice(0, 0))
+    up = _joined([none, *(pair.up for pair in pairs)])
+    down = _joined([none, *(pair.down for pair in pairs)])
+    posture = 0.5 * (up.q + down.q)
+    # What the rigid body leaves of the joint's torque, up and down.
+    tau_up = up.tau[:, joint] - chain.inverse_dynamics(posture, up.v, up.vdot)[:, joint]
+    tau_down = down.tau[:, joint] - chain.inverse_dynamics(posture, down.v, down.vdot)[:, joint]
     return ReversalSamples(
         joint=joint,
-        position=middle[:, joint],
-        speed=0.5 * (speeds[:, 0] - speeds[:, 1]),
-        acceleration=0.5 * (accelerations[:, 0] - accelerations[:, 1]),
-        symmetric=0.5 * (torque_left[0] - torque_left[1]),
-        asymmetric=0.5 * (torque_left[0] + torque_left[1]),
+        position=posture[:, joint],
+        speed=0.5 * (up.v[:, joint] - down.v[:, joint]),
+        acceleration=0.5 * (up.vdot[:, joint] - down.vdot[:, joint]),
+        symmetric=0.5 * (tau_up - tau_down),
+        asymmetric=0.5 * (tau_up + tau_down),
     )
 
 
@@ -215,36 +199,67 @@ def _passes(t: Array, v: Array, rest_speed: float, settle: float) -> list[slice]
     for a, b in pairwise(bounds):
         first = int(np.searchsorted(t, t[a] + settle, "left"))
         end = int(np.searchsorted(t, t[b - 1] - settle, "right"))
-        if direction[a] != 0.0 and end - first >= LEAST_POINTS:
+        if direction[a] != 0.0 and end - first >= MIN_PASS_SAMPLES:
             passes.append(slice(first, end))
     return passes
 
 
-def _pair(
-    signals: Array, n: int, joint: int, first: slice, second: slice, spacing: float
-) -> Sequence[Array]:
-    """Rows (2, 4 n) of signals (T, 4 n), upwards first, where two opposite passes agree."""
-    q, v = signals[:, :n], signals[:, n : 2 * n]
-    if v[first, joint][0] * v[second, joint][0] > 0.0:
-        return []
-    up, down = (first, second) if v[first, joint][0] > 0.0 else (second, first)
-    low = max(q[up, joint].min(), q[down, joint].min())
-    high = min(q[up, joint].max(), q[down, joint].max())
+class _Pair(NamedTuple):
+    """Two passes of a joint at the same K positions: one upwards (v > 0), one downwards."""
+
+    up: FilteredMotion
+    down: FilteredMotion
+
+
+def _pair(motion: FilteredMotion, joint: int, first: slice, second: slice, spacing: float) -> _Pair:
+    """Two successive passes of a joint where they agree in the other joints and in speed.
+
+    Args:
+        motion: the log.
+        joint: index.
+        first, second: rows of the passes; in each the joint moves one way.
+        spacing: rad, of the positions.
+
+    Returns:
+        Both, interpolated to positions that they share; no samples where they share none, or go the
+        same way.
+    """
+    no_pair = _Pair(_at_rows(motion, slice(0, 0)), _at_rows(motion, slice(0, 0)))
+    q, v = motion.q[:, joint], motion.v[:, joint]
+    if v[first][0] * v[second][0] > 0.0:
+        return no_pair
+    up, down = (first, second) if v[first][0] > 0.0 else (second, first)
+    low = max(q[up].min(), q[down].min())
+    high = min(q[up].max(), q[down].max())
     if high <= low:
-        return []
+        return no_pair
     positions = np.linspace(low, high, max(2, int((high - low) / spacing) + 1))
-    sides = []
-    for part in (up, down):
-        order = np.argsort(q[part, joint], kind="stable")
-        positions_of_part = q[part, joint][order]
-        values = signals[part][order]
-        sides.append(
-            np.stack(
-                [np.interp(positions, positions_of_part, column) for column in values.T], axis=1
-            )
-        )
-    rows = np.stack(sides, axis=1)
-    speeds = rows[:, :, n + joint]
+    pair = _Pair(*(_at_positions(_at_rows(motion, rows), joint, positions) for rows in (up, down)))
+    speeds = np.stack([pair.up.v[:, joint], pair.down.v[:, joint]], axis=1)
     is_speed_equal = np.abs(speeds.sum(axis=1)) <= SPEED_TOLERANCE * np.abs(speeds).min(axis=1)
-    joint_distance = np.abs(rows[:, 0, :n] - rows[:, 1, :n]).max(axis=1)
-    return list(rows[is_speed_equal & (joint_distance <= OTHER_JOINTS)])
+    posture_difference = np.abs(pair.up.q - pair.down.q).max(axis=1)
+    is_alike = is_speed_equal & (posture_difference <= MAX_POSTURE_DIFFERENCE)
+    return _Pair(_at_rows(pair.up, is_alike), _at_rows(pair.down, is_alike))
+
+
+def _at_positions(one_pass: FilteredMotion, joint: int, positions: Array) -> FilteredMotion:
+    """A pass, interpolated over the joint's position to positions (K,) within it."""
+    order = np.argsort(one_pass.q[:, joint], kind="stable")
+    rising = _at_rows(one_pass, order)
+
+    def interpolated(signal: Array) -> Array:
+        columns = [np.interp(positions, rising.q[:, joint], c) for c in signal.T]
+        return np.stack(columns, axis=1)
+
+    t = np.interp(positions, rising.q[:, joint], rising.t)
+    return FilteredMotion(t, *(interpolated(signal) for signal in rising[1:]))
+
+
+def _at_rows(motion: FilteredMotion, rows: slice | Flags | NDArray[np.intp]) -> FilteredMotion:
+    """Some samples of a motion."""
+    return FilteredMotion(*(signal[rows] for signal in motion))
+
+
+def _joined(motions: list[FilteredMotion]) -> FilteredMotion:
+    """Motions one after another."""
+    return FilteredMotion(*(np.concatenate(signals) for signals in zip(*motions, strict=True)))

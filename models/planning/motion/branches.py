@@ -90,11 +90,12 @@ def all_branches(
     Args:
         R_WE: (N, 3, 3) rotations of E in W.
         p_WE: (N, 3) positions of E in W, m.
-        turns_of: (n,) joints of which an angle that fits within the limits a full turn further on
-            is another solution; of the others it is the one nearest to the middle of the limits,
-            half a turn above it where another lies half a turn below.
-        seeds: (S, n) or (N, S, n) starting points for an arm that is not solved in closed form;
-            without it a fixed set.
+        turns_of: (n,) flags of the joints of which an angle and the same a full turn further on are
+            two solutions where both lie within the limits. Of the other joints (None: of all) only
+            the one nearest to the middle of the limits is a solution; of two at half a turn from
+            it the upper.
+        seeds: (S, n) or (N, S, n) starting points for an arm that is not solved in closed form, NaN
+            in rows that hold none (they start at home); None: a fixed set.
 
     Returns:
         (N, B, n) with B the largest number of solutions of a pose; NaN in the rows beyond a pose's
@@ -106,23 +107,23 @@ def all_branches(
     lower, upper = np.array(robot.position_lower), np.array(robot.position_upper)
     solver = closed_form(robot)
     if solver is not None:
-        q, row = _from_closed_form(robot, solver, R, p)
+        q, pose_of = _from_closed_form(robot, solver, R, p)  # (M, n); (M,) index of each one's pose
         q = _nearest_to_middle(robot, q)
-        errors = approach(robot.chain, R[row], p[row], q, _POLISH_SETTINGS)
+        errors = approach(robot.chain, R[pose_of], p[pose_of], q, _POLISH_SETTINGS)
         q = _nearest_to_middle(robot, q)
     else:
         starts = np.array(_starts(robot) if seeds is None else seeds, float)
         starts = np.broadcast_to(starts, (len(p), *starts.shape[-2:]))
-        row = np.repeat(np.arange(len(p)), starts.shape[1])
+        pose_of = np.repeat(np.arange(len(p)), starts.shape[1])
         q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
         q[~np.all(np.isfinite(q), axis=1)] = robot.home
         limits = lower, upper
-        errors = approach(robot.chain, R[row], p[row], q, _SEARCH_SETTINGS, limits)
+        errors = approach(robot.chain, R[pose_of], p[pose_of], q, _SEARCH_SETTINGS, limits)
     is_reached = errors < _POSE_TOLERANCE
     if turns_of is not None:
-        q, row, is_reached = _with_turns(robot, q, row, is_reached, turns_of)
+        q, pose_of, is_reached = _with_turns(robot, q, pose_of, is_reached, turns_of)
     is_valid = is_reached & np.all((q >= lower - _AT_LIMIT) & (q <= upper + _AT_LIMIT), axis=1)
-    return _by_pose(np.clip(q[is_valid], lower, upper), row[is_valid], len(p))
+    return _by_pose(np.clip(q[is_valid], lower, upper), pose_of[is_valid], len(p))
 
 
 def _from_closed_form(

@@ -145,23 +145,30 @@ def _approach_one(
     settings: ApproachSettings,
     q: Array,
 ) -> float:
-    """Moves one q (n,) in place towards its pose; returns the remaining error, as `approach`."""
+    """Moves one q (n,) in place towards its pose; returns the remaining error, as `approach`.
+
+    Args:
+        table: SerialChain.table.
+        R_goal, p_goal: (3, 3), and (3,) in m, pose of E in W.
+        bounds: each step ends within them.
+        settings: after `max_steps`, or below `aim`, the search ends.
+    """
     n = q.shape[0]
     R, p, J, links = np.empty((3, 3)), np.empty(3), np.empty((6, n)), np.empty((n, SCRATCH_COLUMNS))
     error, step = np.empty(6), np.empty(n)
     pose_and_jacobian(table, q, R, p, J, links)
-    size = goal_minus_pose(R, p, R_goal, p_goal, error)
+    error_size = goal_minus_pose(R, p, R_goal, p_goal, error)
     for _ in range(settings.max_steps):
-        if size < settings.aim or not math.isfinite(size):
+        if error_size < settings.aim or not math.isfinite(error_size):
             break
-        damping = min(_MAX_DAMPING, size * size) if settings.damped else 0.0
+        damping = min(_MAX_DAMPING, error_size * error_size) if settings.damped else 0.0
         if not damped_step(J, error, damping, step):
             return math.inf
-        largest = np.max(np.abs(step))
-        if largest < _MIN_STEP:
+        largest_step = np.max(np.abs(step))
+        if largest_step < _MIN_STEP:
             break
-        step *= min(1.0, _MAX_STEP / largest)
+        step *= min(1.0, _MAX_STEP / largest_step)
         q[:] = np.minimum(np.maximum(q + step, bounds.lower), bounds.upper)
         pose_and_jacobian(table, q, R, p, J, links)
-        size = goal_minus_pose(R, p, R_goal, p_goal, error)
-    return float(size)
+        error_size = goal_minus_pose(R, p, R_goal, p_goal, error)
+    return float(error_size)

@@ -39,11 +39,11 @@ def follow_path(robot: Robot, R_WE: Array, p_WE: Array, q_seed: Array) -> Array:
     """
     p_WE = np.atleast_2d(np.asarray(p_WE, dtype=np.float64))
     R_WE = np.broadcast_to(np.asarray(R_WE, dtype=np.float64), (len(p_WE), 3, 3))
-    q = np.empty((len(p_WE), robot.num_joints))
-    q[0] = _first(robot, R_WE[0], p_WE[0], np.asarray(q_seed, dtype=np.float64))
-    for i in range(1, len(q)):
-        start, end = _Pose(R_WE[i - 1], p_WE[i - 1]), _Pose(R_WE[i], p_WE[i])
-        q[i] = _advance(robot, q[i - 1], start, end, i, _MAX_BISECTIONS)
+    poses = [_Pose(R, p) for R, p in zip(R_WE, p_WE, strict=True)]
+    q = np.empty((len(poses), robot.num_joints))
+    q[0] = _nearest_at(robot, poses[0], np.asarray(q_seed, dtype=np.float64), sample=0)
+    for i in range(1, len(poses)):
+        q[i] = _advance(robot, q[i - 1], poses[i - 1], poses[i], i, _MAX_BISECTIONS)
     return q
 
 
@@ -54,10 +54,11 @@ class _Pose(NamedTuple):
     p_WE: Array
 
 
-def _first(robot: Robot, R_WE: Array, p_WE: Array, q_seed: Array) -> Array:
-    q = _nearest(robot, R_WE, p_WE, q_seed)
+def _nearest_at(robot: Robot, pose: _Pose, reference: Array, sample: int) -> Array:
+    """`_nearest`, but with an InputError that names the sample where there is no posture."""
+    q = _nearest(robot, pose.R_WE, pose.p_WE, reference)
     if q is None:
-        raise _unreachable(robot, 0, p_WE)
+        raise _unreachable(robot, sample, pose.p_WE)
     return q
 
 
@@ -67,16 +68,20 @@ def _advance(
     start: _Pose,
     end: _Pose,
     sample: int,
-    bisections: int,
+    bisections_left: int,
 ) -> Array:
-    """The solution at `end` that continues the solution `q` at `start`."""
-    q_end = _nearest(robot, end.R_WE, end.p_WE, q)
-    if q_end is None:
-        raise _unreachable(robot, sample, end.p_WE)
+    """The solution (n,) at `end` that continues the solution q (n,) at `start`.
+
+    Args:
+        sample: index of `end` on the path, for error lines.
+        bisections_left: how often the way from start to end may still be halved; after that a step
+            of a joint beyond _MAX_JOINT_STEP is an error.
+    """
+    q_end = _nearest_at(robot, end, q, sample)
     step = np.abs(q_end - q)
     if np.max(step) <= _MAX_JOINT_STEP:
         return q_end
-    if bisections == 0:
+    if bisections_left == 0:
         joint = robot.joint_names[int(np.argmax(step))]
         raise InputError(
             "path",
@@ -86,8 +91,8 @@ def _advance(
         )
     rotations = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([start.R_WE, end.R_WE])))
     middle = _Pose(rotations(0.5).as_matrix(), 0.5 * (start.p_WE + end.p_WE))
-    q = _advance(robot, q, start, middle, sample, bisections - 1)
-    return _advance(robot, q, middle, end, sample, bisections - 1)
+    q = _advance(robot, q, start, middle, sample, bisections_left - 1)
+    return _advance(robot, q, middle, end, sample, bisections_left - 1)
 
 
 def _unreachable(robot: Robot, sample: int, p_WE: Array) -> InputError:

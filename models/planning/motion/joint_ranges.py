@@ -21,7 +21,8 @@ def narrowed_limits(
     """The limits (n,) in rad (m), each no wider than the range of its joint.
 
     Args:
-        ranges: [lower, upper] by the joint's name, deg (m).
+        ranges: [lower, upper] by the joint's name; deg, of sliding joints m.
+        lower, upper: (n,) rad (m).
         source: the file that names them.
 
     Raises:

@@ -46,7 +46,8 @@ def track_paths(
         max_joint_step: rad or m from one point to the next; a path that needs more is given up.
 
     Returns:
-        q (N, k + 1, n), and (N,) whether every point was reached. Joint limits are not checked.
+        q (N, k + 1, n), and (N,) whether every point was reached; where not, the points from the
+        first failure outwards hold no numbers of use. Joint limits are not checked.
     """
     q_mid, n_W = np.asarray(q_mid, dtype=np.float64), np.asarray(n_W, dtype=np.float64)
     k = num_segments
@@ -67,6 +68,7 @@ def track_paths(
             is_reached[rows] = (errors < _POSE_TOLERANCE) & np.all(step <= max_joint_step, axis=1)
             last_but_one, previous = previous, previous.copy()
             previous[rows] = q[rows, i] = q_point
+            # Of an odd k the first step is half as long as the next.
             step_ratio = 2.0 if i == side[0] and k % 2 == 1 else 1.0
     return q, is_reached
 

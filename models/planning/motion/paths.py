@@ -228,7 +228,14 @@ class JointTrajectory:
 
 @kernel
 def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Array) -> None:
-    """Quintic Hermite interpolation at one time; out (3, n) takes q, v, vdot."""
+    """Quintic Hermite interpolation at one time; beyond the ends the arm rests at the last posture.
+
+    Args:
+        t: (T,) s, rising.
+        q, v, vdot: (T, n) at t.
+        time: s.
+        out: (3, n), written: q, v, vdot at that time.
+    """
     last_row = t.shape[0] - 1
     if time <= t[0] or time >= t[last_row]:
         end = 0 if time <= t[0] else last_row
@@ -242,7 +249,8 @@ def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Arra
     h = t[k + 1] - t[k]
     x = (time - t[k]) / h
     for j in range(q.shape[1]):
-        # q = c0 + c1 x + ... + c5 x^5 on [0, 1]; c3 to c5 meet the far end.
+        # q = c0 + c1 x + ... + c5 x^5 on [0, 1]; c0 to c2 meet q, v, vdot at the near end, c3 to c5
+        # at the far end what is left there: a of q, b of v h, c of vdot h^2.
         c0, c1, c2 = q[k, j], h * v[k, j], 0.5 * h * h * vdot[k, j]
         a = q[k + 1, j] - c0 - c1 - c2
         b = h * v[k + 1, j] - c1 - 2.0 * c2

@@ -153,6 +153,7 @@ class ForceSd:
                 f"is of {reconstruction.num_joints} joints, the arm has {chain.num_joints}",
             )
         self._chain, self._reconstruction = chain, reconstruction
+        # (n, n) Sigma_tau^-1 of the posterior; the plain inverse has a formula of its own.
         self._torque_precision = np.linalg.inv(reconstruction.torque_covariance)
         self._is_inverse = config.method == "inverse"
 

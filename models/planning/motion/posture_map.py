@@ -83,25 +83,27 @@ def best_postures(
     turns = 1 if turns_with_last_joint(robot, cone.tool_axis_E) else _NUM_TURNS
     spread = _cap(_NUM_DIRECTIONS if cone.angle > 0.0 else 1, cone.angle)
     rounds = 1 + (_NUM_REFINEMENTS if cone.angle > 0.0 or turns > 1 else 0)
-    size = cone.angle / math.sqrt(_NUM_DIRECTIONS)
-    turn_size = 2.0 * math.pi / turns
+    # The steps about the best direction and turn in the next round, rad: at first the spacing of
+    # the spread.
+    tilt_step = cone.angle / math.sqrt(_NUM_DIRECTIONS)
+    turn_step = 2.0 * math.pi / turns
     N = len(points)
-    for index in range(rounds):
-        if index == 0:
-            rows = np.arange(N)
+    for round_number in range(rounds):
+        if round_number == 0:
+            rows = np.arange(N)  # of the points; tilts (N, D, 2) and angles (N, D): D tries of each
             tilts = np.tile(np.repeat(spread, turns, axis=0), (N, 1, 1))
-            angles = np.tile(np.arange(turns) * turn_size, (N, len(spread)))
+            angles = np.tile(np.arange(turns) * turn_step, (N, len(spread)))
         else:
             rows = np.flatnonzero(np.isfinite(search.best))
             tilts, angles = _around(
-                search.tilt[rows], search.turn[rows], size, turn_size, cone.angle, turns
+                search.tilt[rows], search.turn[rows], tilt_step, turn_step, cone.angle, turns
             )
-            size, turn_size = 0.5 * size, 0.5 * turn_size
+            tilt_step, turn_step = 0.5 * tilt_step, 0.5 * turn_step
         per_block = max(1, _BLOCK_POSES // tilts.shape[1])
         for start in range(0, len(rows), per_block):
             block = slice(start, start + per_block)
             search.try_orientations(rows[block], tilts[block], angles[block])
-            progress((index + min(start + per_block, len(rows)) / len(rows)) / rounds)
+            progress((round_number + min(start + per_block, len(rows)) / len(rows)) / rounds)
     return search.result()
 
 
@@ -137,17 +139,17 @@ class _Search:
         self._is_reached = np.zeros(N, dtype=np.bool_)
 
     def try_orientations(self, rows: NDArray[np.intp], tilts: Array, angles: Array) -> None:
-        """Tries D orientations at each of M points, on all branches.
+        """Tries D orientations at each of M points, on all branches, and keeps what is better.
 
         Args:
             rows: (M,) of the points.
-            tilts: (M, D, 2), as `tilt`.
-            angles: (M, D), as `turn`.
+            tilts: (M, D, 2) rotation vectors of the tool from the cone's axis, in the cone's frame.
+            angles: (M, D) turns of the tool about its axis, rad.
         """
         num_tries = tilts.shape[1]
         R = self._R_WC @ _tilted(tilts, angles) @ self._R_ET.T
         p = np.repeat(self._points[rows], num_tries, axis=0)
-        postures = all_branches(self._robot, R.reshape(-1, 3, 3), p)
+        postures = all_branches(self._robot, R.reshape(-1, 3, 3), p)  # (M D, branches, n)
         is_posture = np.isfinite(postures[..., 0])
         all_values: Array = np.full(is_posture.shape, np.inf)
         all_values[is_posture] = self._measure.values(postures[is_posture])

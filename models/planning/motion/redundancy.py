@@ -114,7 +114,11 @@ class Trajectory(NamedTuple):
 def candidates(
     problem: RedundancyProblem, progress: Callable[[float], None] = lambda fraction: None
 ) -> Candidates:
-    """All postures within the limits on a grid of angles about the normal.
+    """All postures within the limits on a grid of K angles about the normal.
+
+    Returns:
+        psi (K,) and q (N, K, B, n) of N samples, with B the largest number of postures that one
+        pose has; rows of NaN fill up where a pose has fewer.
 
     Raises:
         InputError: a sample has none; the line names the first such sample.
@@ -124,7 +128,7 @@ def candidates(
     R = path.orientations(
         np.broadcast_to(psi[:, np.newaxis], (len(psi), path.num_samples)), problem.tool_axis_E
     )
-    layers: list[Array] = []
+    layers: list[Array] = []  # of each sample (K, its B, n)
     has_closed_form = is_closed_form(robot)
     turns, seeds = ~_turns_freely(robot) if has_closed_form else None, None
     for i in range(path.num_samples):
@@ -204,24 +208,25 @@ def refine(
         q: keeps to the bounds and to the task.
     """
     q, cost, radius = q.copy(), problem.cost(q), _FIRST_RADIUS
+    # What must fall from step to step; the best trajectory so far is the cheapest within bounds.
     merit = cost + _VIOLATION_PENALTY * problem.violation(q)
     best, best_cost = q.copy(), cost
     model = _Quadratic(problem, q)
     for iteration in range(max_iterations):
         progress(iteration / max_iterations)
-        step, predicted = model.step(radius)
+        step, predicted_fall = model.step(radius)
         if step is None:  # the solver gave up; a smaller region is easier
             radius *= 0.3
             if radius < _LAST_RADIUS:
                 break
             continue
-        if predicted < 1e-7 * merit:
+        if predicted_fall < 1e-7 * merit:
             break
-        q_trial, on_task = onto_task(problem, q + step)
+        q_trial, is_on_task = onto_task(problem, q + step)
         trial_merit = math.inf
-        if on_task:
+        if is_on_task:
             trial_merit = problem.cost(q_trial) + _VIOLATION_PENALTY * problem.violation(q_trial)
-        gain = (merit - trial_merit) / predicted
+        gain = (merit - trial_merit) / predicted_fall  # 1 where the quadratic program was exact
         radius = radius * (0.3 if gain < 0.25 else 2.0 if gain > 0.75 else 1.0)
         if gain > 0.05:
             q, merit = q_trial, trial_merit
@@ -253,9 +258,9 @@ def local_descent(problem: RedundancyProblem, q_start: Array, num_inner: int = 5
         largest_step = math.inf if i == 0 else problem.max_step
         low = np.maximum(problem.lower, q_last - largest_step)
         high = np.minimum(problem.upper, q_last + largest_step)
-        q_here, on_task = onto_task(problem, q_last[np.newaxis], i)
+        q_here, is_on_task = onto_task(problem, q_last[np.newaxis], i)
         if (
-            not on_task
+            not is_on_task
             or np.any(q_here[0] < low - _BOUND_SLACK)
             or np.any(q_here[0] > high + _BOUND_SLACK)
         ):
@@ -318,15 +323,20 @@ def null_space(A: Array) -> Array:
 
 
 class _Quadratic:
-    """The objective around a trajectory, in coordinates z (N, m) of the null spaces."""
+    """The objective around a trajectory, in coordinates z (N, m) of the null spaces.
+
+    objective(q + B z) = objective(q) + b.z + z.Q z / 2, with dq = B z the motion that keeps the
+    task to first order.
+    """
 
     def __init__(self, problem: RedundancyProblem, q: Array) -> None:
+        """Expands the objective about q (N, n)."""
         N, n = q.shape
-        basis = null_space(task(problem, q)[1])
+        basis = null_space(task(problem, q)[1])  # (N, n, m) of each sample, m = n - 5
         m = basis.shape[2]
         _, gradient = problem.measure.values_and_gradients(q)
         slope = np.einsum("ijk,ij->ik", basis, gradient) / N
-        h = 1e-5
+        h = 1e-5  # rad, of the differences of the gradient
         curvature = np.empty((N, m, m))
         for k in range(m):
             _, gradient_plus = problem.measure.values_and_gradients(q + h * basis[:, :, k])
@@ -334,17 +344,20 @@ class _Quadratic:
             curvature[:, :, k] = np.einsum("ijk,ij->ik", basis, gradient_plus - gradient_minus) / (
                 2 * h * N
             )
+        # The mean of the measure: gradient (N, m) and curvature (N, m, m) by z, sample by sample.
         values, vectors = np.linalg.eigh(0.5 * (curvature + np.swapaxes(curvature, 1, 2)))
         # Made convex, so that it has a minimum; the trust region limits the error of that.
-        size = np.clip(np.abs(values), 1e-6 / N, None)
-        curvature = (vectors * size[:, np.newaxis]) @ np.swapaxes(vectors, 1, 2)
+        positive_values = np.clip(np.abs(values), 1e-6 / N, None)
+        curvature = (vectors * positive_values[:, np.newaxis]) @ np.swapaxes(vectors, 1, 2)
 
         self._problem, self._q, self._basis = problem, q, basis
-        blocks = scipy.sparse.block_diag(list(basis), format="csr")  # z to q, (N n, N m)
+        # From z, sample after sample, to q (N n, N m) and to the steps of q ((N - 1) n, N m).
+        blocks = scipy.sparse.block_diag(list(basis), format="csr")
         identity = scipy.sparse.eye(n)
         change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(N - 1, N))
         self._to_q = blocks
         self._to_steps = (scipy.sparse.kron(change, identity) @ blocks).tocsr()
+        # The cost of the steps is quadratic in z as it stands.
         weight = 2.0 * problem.smoothness * (N - 1)
         steps = np.diff(q, axis=0).ravel()
         self._Q = (
@@ -353,14 +366,19 @@ class _Quadratic:
         self._b = slope.ravel() + weight * (self._to_steps.T @ steps)
 
     def step(self, radius: float) -> tuple[Array | None, float]:
-        """The program's step of q (N, n), None if it fails, and the predicted fall of the merit."""
+        """The program's step of q (N, n), None if it fails, and the predicted fall of the merit.
+
+        Args:
+            radius: rad, bound of each coordinate z.
+        """
         problem, q = self._problem, self._q
         program = MathematicalProgram()
         z = program.NewContinuousVariables(len(self._b))
         program.AddQuadraticCost(self._Q, self._b, z, is_convex=True)
         program.AddBoundingBoxConstraint(-radius, radius, z)
-        # Where the trajectory is beyond a bound, by the curvature of the last step, back to it.
-        # The bounds are needed only where the trust region reaches them.
+        # Where the trajectory is beyond a bound, by the curvature of the last step, back to it, by
+        # half of what the region allows at most: so the program stays feasible. The bounds are
+        # needed only where the trust region reaches them.
         reach = radius * math.sqrt(self._basis.shape[2])
         limits = np.concatenate([(problem.lower - q).ravel(), (problem.upper - q).ravel()])
         low, high = limits[: q.size], limits[q.size :]
@@ -395,26 +413,35 @@ class _Quadratic:
 def _descend(
     problem: RedundancyProblem, q: Array, sample: int, low: Array, high: Array, num_inner: int
 ) -> Array:
-    """The end of a descent along the projected gradient from q (n,), within [low, high]."""
+    """The end of a descent of the measure along the projected gradient from q (n,).
+
+    Args:
+        q: holds the task of the sample (position and direction of the tool).
+        sample: index on the path.
+        low, high: (n,) bounds of the joints, which q keeps.
+        num_inner: steps, at most.
+    """
     value = float(problem.measure.values(q))
-    length = 0.05  # rad
+    step_length = 0.05  # rad, of the joint that moves most; longer after a success, else shorter
     for _ in range(num_inner):
         _, gradient = problem.measure.values_and_gradients(q)
         basis = null_space(task(problem, q[np.newaxis], sample)[1])[0]
         direction = -basis @ (basis.T @ gradient)
-        size = float(np.max(np.abs(direction)))
-        if size < 1e-9:
+        steepest = float(np.max(np.abs(direction)))
+        if steepest < 1e-9:
             break
-        q_trial, on_task = onto_task(problem, (q + length * direction / size)[np.newaxis], sample)
-        is_inside = np.all(q_trial[0] >= low) and np.all(q_trial[0] <= high)
-        lower_value = (
-            float(problem.measure.values(q_trial[0])) if on_task and is_inside else math.inf
+        q_trial, is_on_task = onto_task(
+            problem, (q + step_length * direction / steepest)[np.newaxis], sample
         )
-        if lower_value < value:
-            q, value, length = q_trial[0], lower_value, 1.5 * length
+        is_inside = np.all(q_trial[0] >= low) and np.all(q_trial[0] <= high)
+        trial_value = (
+            float(problem.measure.values(q_trial[0])) if is_on_task and is_inside else math.inf
+        )
+        if trial_value < value:
+            q, value, step_length = q_trial[0], trial_value, 1.5 * step_length
         else:
-            length *= 0.4
-            if length < 1e-6:
+            step_length *= 0.4
+            if step_length < 1e-6:
                 break
     return q
 
@@ -422,17 +449,28 @@ def _descend(
 def _cheapest(
     problem: RedundancyProblem, grid: Candidates, cost: Array, smoothness: float
 ) -> Trajectory:
-    """The cheapest trajectory through candidates of cost (N, K, B)."""
+    """The cheapest trajectory through the candidates, by dynamic programming over the samples.
+
+    Args:
+        grid: q (N, K, B, n): at N samples, K angles about the normal, of each B branches.
+        cost: (N, K, B) of each candidate; inf where there is none.
+        smoothness: cost of squared joint steps, as in the module's docstring.
+
+    Raises:
+        InputError: no candidate of a sample can be reached in joint steps below the largest.
+    """
     N, K, B, n = grid.q.shape
-    free = _turns_freely(problem.robot)
+    # Joints of which a step counts modulo a whole turn; only a closed form knows all turns.
+    is_free = _turns_freely(problem.robot)
     if not is_closed_form(problem.robot):
-        free = np.zeros(n, dtype=np.bool_)
+        is_free = np.zeros(n, dtype=np.bool_)
     # The tool turns from one sample to the next no further than all joints together.
     normals = problem.path.n_W
     turn = float(np.sum(problem.max_step[~problem.robot.chain.prismatic]))
     turn += float(np.max(np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1, 1))))
     window = min(K // 2, math.ceil(turn / (2.0 * math.pi / max(problem.num_angles, 1))))
-    step_costs = _StepCosts(problem.max_step, free, smoothness * (N - 1), window)
+    step_costs = _StepCosts(problem.max_step, is_free, smoothness * (N - 1), window)
+    # Of the cheapest way to each candidate: the candidate before, k B + b; and its cost, (K, B).
     parent = np.full((N, K, B), -1, dtype=np.int32)
     value = cost[0].copy()
     for i in range(1, N):
@@ -447,13 +485,13 @@ def _cheapest(
                 "sample the path more finely, move the workpiece, or raise max_joint_step",
             )
         value = next_value
-    node = int(first_of_least(value.ravel()))
+    candidate = int(first_of_least(value.ravel()))
     q, psi = np.empty((N, n)), np.empty(N)
     for i in range(N - 1, -1, -1):
-        k, b = divmod(node, B)
+        k, b = divmod(candidate, B)
         q[i], psi[i] = grid.q[i, k, b], grid.psi[k]
-        node = int(parent[i, k, b])
-    return Trajectory(_within_turns(problem, q, free), np.unwrap(psi))
+        candidate = int(parent[i, k, b])
+    return Trajectory(_within_turns(problem, q, is_free), np.unwrap(psi))
 
 
 def _within_turns(problem: RedundancyProblem, q: Array, free: NDArray[np.bool_]) -> Array:
@@ -516,7 +554,14 @@ class _StepCosts(NamedTuple):
 def _advance(
     layers: _Layers, step_costs: _StepCosts, next_value: Array, parent: NDArray[np.int32]
 ) -> None:
-    """Takes one step of the dynamic program: writes next_value (K, B) and parent (K, B)."""
+    """Takes one step of the dynamic program, from K angles of B branches to the next such layer.
+
+    Args:
+        layers: candidates before and now, cost of each now, and of the cheapest way to each before.
+        step_costs: what a step may be and costs.
+        next_value: (K, B), inf, written: cost of the cheapest way to each candidate now.
+        parent: (K, B), written: the candidate before on that way, as angle * B + branch.
+    """
     q_previous, q_now, value, cost = layers.q_previous, layers.q_now, layers.value, layers.cost
     max_step, free = step_costs.max_step, step_costs.free
     weight, window = step_costs.weight, step_costs.window
@@ -526,7 +571,8 @@ def _advance(
             if not cost[k, b] < np.inf:
                 continue
             best = np.inf
-            # The cheapest way here from the previous point: from angles near enough, on any branch.
+            # The cheapest way here from the previous point: from angles near enough (d steps of the
+            # grid, which goes round), on any branch c.
             for d in range(-window, window + 1):
                 if K - window <= window and d + window >= K:
                     break  # all the way round already

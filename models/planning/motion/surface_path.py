@@ -99,6 +99,7 @@ class SurfacePath:
             raise InputError(
                 source, "start, end", f"{ends.tolist()} leaves the surface, (u, v) in [0, 1]"
             )
+        # Even in (u, v) is not even in length: s where the length along the path is even.
         s = np.linspace(0.0, 1.0, _EVALUATIONS_PER_SAMPLE * num_samples)
         u, v = ends[0][:, np.newaxis] + np.outer(ends[1] - ends[0], s)
         dense = surface.at(u, v)
@@ -240,7 +241,11 @@ def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
 
 
 def _read_rows(path: Path) -> tuple[list[list[float]], list[int]]:
-    """Points and normals, six numbers a row, and the lines that they stand in."""
+    """Rows of x, y, z (m), nx, ny, nz, and the line of the file that each stands in.
+
+    Raises:
+        InputError: no CSV, a missing column, a cell that is no number, or too many points.
+    """
     data = read_limited(path, LARGEST_FILE, "a CSV of points and normals")
     try:
         with io.StringIO(data.decode("utf-8-sig"), newline="") as file:

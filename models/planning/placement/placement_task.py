@@ -168,7 +168,7 @@ def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
                 f"(from {lower:.3f} to {upper:.3f})",
                 "make it smaller",
             )
-    centre, reach = reach_ball(robot)
+    centre, reach = reach_ball(robot)  # W; all that E can reach lies within it, m
     if task.path_length > 2.0 * reach:
         raise InputError(
             source,
@@ -324,20 +324,28 @@ def _check_path_angle(
 def _check_directions(task: PlacementTask, source: Path) -> None:
     """Checks that some rotation of the tool and some direction of the path keep all angles.
 
-    A rotation that takes z to an angle beta from z is by beta or more, up to half a turn. Two
-    directions at angles zeta and alpha from a third can be perpendicular to each other where alpha
-    is at most |90 - zeta| from 90 degrees.
+    The tool points along its z within a cone of `tool_tilt_deg` about `tool_direction` (W), turned
+    from W by `angle_upper_deg` at most. A rotation that takes z to an angle beta from z is by beta
+    or more.
+
+    With `path_in_surface` the path is perpendicular to the tool, and it is at
+    `path_angle_lower_deg` to `path_angle_upper_deg` from `path_direction`. If the tool is at an
+    angle zeta from that direction, paths perpendicular to it are at |90 - zeta| to
+    180 - |90 - zeta| degrees from the direction.
+
+    Raises:
+        InputError: the angles contradict each other.
     """
     if task.tool_direction is None:
         return
     tool, tilt = _unit(task.tool_direction), task.tool_tilt_deg
-    least = _degrees_between(tool, np.array([0.0, 0.0, 1.0])) - tilt
-    if task.angle_upper_deg < least - _DEGREES_ROUNDING:
+    least_turn = _degrees_between(tool, np.array([0.0, 0.0, 1.0])) - tilt
+    if task.angle_upper_deg < least_turn - _DEGREES_ROUNDING:
         raise InputError(
             source,
             "angle_upper_deg, tool_direction",
-            f"contradict each other: in the cone the tool is turned by {least:g} degrees or more "
-            f"from W, angle_upper_deg allows {task.angle_upper_deg:g}",
+            f"contradict each other: in the cone the tool is turned by {least_turn:g} degrees or "
+            f"more from W, angle_upper_deg allows {task.angle_upper_deg:g}",
             "raise angle_upper_deg or tool_tilt_deg, or turn tool_direction",
         )
     if not task.path_in_surface or task.path_direction is None:
