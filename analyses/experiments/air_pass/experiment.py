@@ -55,7 +55,11 @@ _PLAIN_TOOLS = "plain tools"
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """Fits every law, reads both passes with it, and judges them against the payload."""
+    """Fits every law, reads both passes with it, and judges them against the payload.
+
+    Models, passes and metrics are kept by the keys of LAWS, and NONE: the model of the first law
+    with no friction at all.
+    """
     robot = Robot.load("ur10e")
     models: dict[str, IdentifiedModel] = {}
     for k, (key, law) in enumerate(LAWS.items()):
@@ -63,36 +67,40 @@ def run(context: ExperimentContext) -> ExperimentResult:
         config = IdentificationConfig(friction=law, cross_validate=False)
         models[key] = identify_ur10e(context.data, robot, config, report).model
     first_model = next(iter(models.values()))
-    unknown = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
-    models = {NONE: replace(first_model, friction=unknown), **models}
+    no_friction = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
+    models = {NONE: replace(first_model, friction=no_friction), **models}
     context.progress(0.8, "both passes")
     folder = data_set_folder(FOLDER, context.data)
-    pairs = {
-        key: (
-            Pass.of(folder / VALIDATION_LOGS["14harm50sec"], robot, model),
-            Pass.of(folder / LOADED_LOG, robot, model),
-        )
-        for key, model in models.items()
-    }
+    empty_passes, loaded_passes = (
+        {key: Pass.of(folder / log, robot, model) for key, model in models.items()}
+        for log in (VALIDATION_LOGS["14harm50sec"], LOADED_LOG)
+    )
+    # The point at which the load acts is found once, with the richest law, for all laws.
     richest = list(LAWS)[-1]
-    loaded_richest, Sigma_tau = pairs[richest][1], models[richest].residual_covariance
     p_EP, _ = force_of_load(
         robot,
-        loaded_richest.recording,
-        loaded_richest.J,
-        loaded_richest.tau_ext,
-        Sigma_tau,
+        loaded_passes[richest].recording,
+        loaded_passes[richest].J,
+        loaded_passes[richest].tau_ext,
+        models[richest].residual_covariance,
         PAYLOAD_MASS,
     )
     passes = {
-        key: loaded_pass(robot, models[key].residual_covariance, empty, loaded, p_EP, PAYLOAD_MASS)
-        for key, (empty, loaded) in pairs.items()
+        key: loaded_pass(
+            robot,
+            model.residual_covariance,
+            empty_passes[key],
+            loaded_passes[key],
+            p_EP,
+            PAYLOAD_MASS,
+        )
+        for key, model in models.items()
     }
     metrics: dict[str, Any] = {key: _metrics(entry) for key, entry in passes.items()}
     metrics["point_m"] = p_EP
     metrics["alignment_s"] = passes[richest].alignment
     context.progress(0.95, "figures")
-    series = {
+    torque_rmse = {
         f"{law}{words}": metrics[key][state]["torque_rmse_nm"]
         for key, law in LAWS.items()
         for state, words in (("plain", ""), ("taught", ", corrected"))
@@ -102,7 +110,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=[
             (
                 "errors",
-                bar_rows({"RMSE of tau_ext [N m]": series}, [f"joint {j + 1}" for j in range(6)]),
+                bar_rows(
+                    {"RMSE of tau_ext [N m]": torque_rmse}, [f"joint {j + 1}" for j in range(6)]
+                ),
                 "Error of the joint torques, as read and less the correction learnt on the pass "
                 "without load.",
             ),
@@ -129,8 +139,11 @@ def _metrics(loaded_pass: LoadedPass) -> dict[str, Any]:
 
 
 def _comparison() -> list[ComparisonRow]:
-    """The rows of the report: what plain tools read, N, and the share of the error that repeats."""
-    stated = {
+    """The rows of the report: what plain tools read, N, and the share of the error that repeats.
+
+    "plain" is the reading as it is, "taught" the one less the correction of the empty pass.
+    """
+    rmse_of_plain_tools = {  # N, axes X Y Z
         "coulomb_viscous": {"plain": [2.2, 2.8, 4.3], "taught": [1.8, 1.8, 2.2]},
         "presliding": {"plain": [1.8, 3.9, 3.2], "taught": [1.7, 5.2, 1.9]},
     }
@@ -142,7 +155,7 @@ def _comparison() -> list[ComparisonRow]:
             "",
             _PLAIN_TOOLS,
         )
-        for law, states in stated.items()
+        for law, states in rmse_of_plain_tools.items()
         for state, values in states.items()
     ]
     rows += [

@@ -197,6 +197,7 @@ def loaded_pass(
     reading = WrenchReconstruction(WrenchReconstructionConfig("force_only"), Sigma_tau)
 
     def errors(tau_ext: Array) -> PassErrors:
+        """Those of the judged rows, where tau_ext (N, n) is read as a force at P."""
         result = reading.reconstruct(J_P[rows], tau_ext[rows])
         judged = []
         for force, sd, true in zip(

@@ -177,6 +177,9 @@ def measure_response(
         lowest_frequency: Hz; its period is the length of the fit.
         time_step: s, of drives and observers.
         seed: seed of the tones' phases.
+
+    Returns:
+        One response for each of `gains`, in their order.
     """
     frequency = sweep_frequencies(gains, lowest_frequency)
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, frequency.size)
@@ -190,16 +193,17 @@ def measure_response(
     settling = SETTLING_TIME_CONSTANTS / min(gains)
     context = _simulate(arm, settling + 1.0 / lowest_frequency, progress, smooth=True)
     q, wrench = _log(arm.q, context), _log(arm.wrench_true, context)
-    late = slice(round(settling / time_step), None)
-    t = _ticks(len(q), time_step)[late]
-    tau_ext = np.einsum("kij,ki->kj", robot.chain.jacobian(q[late]), wrench[late])
-    true = _phasors(t, tau_ext, frequency)
+    settled = slice(round(settling / time_step), None)
+    t = _ticks(len(q), time_step)[settled]
+    tau_ext = np.einsum("kij,ki->kj", robot.chain.jacobian(q[settled]), wrench[settled])
+    true = _phasors(t, tau_ext, frequency)  # (F, n), a row a tone, a column a joint
     responses = []
     for K_0 in gains:
-        log = _log(arm.tau_ext[_name(K_0)], context)[late]
+        tau_ext_read = _log(arm.tau_ext[_name(K_0)], context)[settled]
         highest = sweep_frequencies([K_0], lowest_frequency)[-1]
         used = frequency <= highest * (1.0 + 1e-9)
-        read = _phasors(t, log, frequency)[used]
+        read = _phasors(t, tau_ext_read, frequency)[used]
+        # `response` is the least-squares factor from true to read, over all joints together.
         weight = np.conj(true[used])
         responses.append(
             GainResponse(
@@ -238,7 +242,7 @@ def measure_signals(
         WrenchRamp(start=SIGNAL_START, rise=RAMP_RISE, force=[0.0, RAMP_SLOPE * RAMP_RISE, 0.0]),
         WrenchSine(start=SIGNAL_START, frequency=SINE_FREQUENCY, force=[0.0, 0.0, SINE_FORCE]),
     ]
-    forces: list[dict[float, Array]] = []
+    forces: list[dict[float, Array]] = []  # by K_0: without noise, then with it
     for noise in (False, True):
         arm = make_held_arm(
             robot,
@@ -248,11 +252,11 @@ def measure_signals(
             current_noise=noise,
             seed=seed,
         )
-        done = 0.5 * noise
+        share_done = 0.5 * noise
         context = _simulate(
             arm,
             SIGNAL_START + duration,
-            lambda fraction, action, done=done: progress(done + 0.5 * fraction, action),  # type: ignore[misc]
+            lambda fraction, action, done=share_done: progress(done + 0.5 * fraction, action),  # type: ignore[misc]
             smooth=False,
         )
         forces.append({K_0: _log(arm.wrench[_name(K_0)], context)[:, 3:] for K_0 in OBSERVER_GAINS})
@@ -275,6 +279,10 @@ def _signal_metrics(
         t: (T,) s.
         true: (T, 3) N, the force: a step along x, a ramp along y, a sine along z.
         clean, noisy: (T, 3) N, as it is read without noise of the current, and with it.
+
+    Returns:
+        By kind of force; keys with `formula_` are of the lag's formula, those beside them measured.
+        `noise_sd_n` and its formula are (3,).
     """
     since = t - SIGNAL_START
     acting = since > 0.0
@@ -285,10 +293,11 @@ def _signal_metrics(
 
     bounds = (0.1 / K_0, 10.0 / K_0)
     fit = minimize_scalar(step_misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9})
-    settled = 1.0 / K_0 * SETTLING_TIME_CONSTANTS
-    on_the_ramp = (since > min(settled, 0.8 * RAMP_RISE)) & (since <= RAMP_RISE)
-    late = since > settled
+    settling = 1.0 / K_0 * SETTLING_TIME_CONSTANTS  # s
+    on_the_ramp = (since > min(settling, 0.8 * RAMP_RISE)) & (since <= RAMP_RISE)
+    late = since > settling
     tone = np.array([SINE_FREQUENCY])
+    # Read over true, as a complex ratio; of its (1, 3), a row a tone, the force along z.
     sine = (_phasors(t[late], clean[late], tone) / _phasors(t[late], true[late, 2:], tone))[0, 2]
     formula = first_order(K_0, SINE_FREQUENCY)
 

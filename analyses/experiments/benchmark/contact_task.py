@@ -74,28 +74,31 @@ class ContactTask:
         }
 
     def built_in(self, progress: Callable[[float, str], None]) -> dict[str, dict[str, Any]]:
-        """Scores of the library's own methods, by method."""
-        law, torque_sd = plain_law(self._runs)
+        """Scores of the library's own methods, by method (the module's docstring names them).
+
+        Each reader takes a prepared run and returns its force along the tool, block by block.
+        """
+        law, torque_sd = plain_law(self._runs)  # Coulomb-viscous, and (6,) N m of its residual
         refits_with_tool = {
             controller: with_tool_of(model, self._robot(controller))
             for controller, model in self._refits.items()
         }
 
-        def read_with_plain_tools(run: PreparedRun) -> ForceReading:
+        def read_with_plain_tools(prepared: PreparedRun) -> ForceReading:
             covariance = np.diag(torque_sd**2)
             model = replace(
-                run.model, friction=law, torque_error=None, residual_covariance=covariance
+                prepared.model, friction=law, torque_error=None, residual_covariance=covariance
             )
-            return _estimated(run, model, MomentumObserverConfig([OBSERVER_GAIN]), "damped")
+            return _estimated(prepared, model, MomentumObserverConfig([OBSERVER_GAIN]), "damped")
 
-        def read_with_kalman(run: PreparedRun) -> ForceReading:
-            model = refits_with_tool[run.run.name.controller]
-            return _estimated(run, model, KalmanObserverConfig(), "force_only")
+        def read_with_kalman(prepared: PreparedRun) -> ForceReading:
+            model = refits_with_tool[prepared.run.name.controller]
+            return _estimated(prepared, model, KalmanObserverConfig(), "force_only")
 
         readers: dict[str, ReadRun] = {
             "plain": read_two_joints,
             "plain_tools": read_with_plain_tools,
-            "article": lambda run: read_article(run, law, torque_sd),
+            "article": lambda prepared: read_article(prepared, law, torque_sd),
             "kalman": read_with_kalman,
             "ours": self._ours,
         }
@@ -108,39 +111,47 @@ class ContactTask:
     def of(self, entrant: Entrant) -> dict[str, Any] | None:
         """Scores of a method of others; None: it does not enter.
 
+        The method is made once a controller: with the arm in that controller's tool, and all
+        stretches of its runs in the air to learn friction from. It then reads the whole runs.
+
         Raises:
             FaultError: it fails.
         """
-        readers = {}
+        readers = {}  # by controller: the reader, and the time step in s that it was made for
         for controller, refit in self._refits.items():
             robot = self._robot(controller)
             model = with_tool_of(refit, robot)
-            runs = [run.run for run in self._runs if run.run.name.controller == controller]
-            air = tuple(piece for run in runs for piece in _air(run.log, run.is_free))
+            runs = [
+                prepared.run
+                for prepared in self._runs
+                if prepared.run.name.controller == controller
+            ]
+            air = tuple(stretch for run in runs for stretch in _air(run.log, run.is_free))
             step = float(f"{runs[0].log.time_step:.3g}")
             made = entrant.made("contact", robot, model, air, step)
             if made is None:
                 return None
             readers[controller] = reader_of(made, robot, model, step), step
 
-        def read(run: PreparedRun) -> ForceReading:
-            reader, step = readers[run.run.name.controller]
-            log = run.run.log
-            filled = CurrentLog(
-                name=run.run.name.stem,
+        def read(prepared: PreparedRun) -> ForceReading:
+            run, log = prepared.run, prepared.run.log
+            reader, step = readers[run.name.controller]
+            without_gaps = CurrentLog(
+                name=run.name.stem,
                 t=log.t,
                 q=_bridged(log.q),
                 v=_bridged(log.v),
                 current=log.current,
-                target=run.run.current_desired,
+                target=run.current_desired,
                 resolution=np.full(log.num_joints, ANGLE_RESOLUTION),
                 used=np.ones(log.num_samples, bool),
                 time_step=step,
                 is_rebuilt=True,
             )
-            reading = reader(filled)
+            reading = reader(without_gaps)
+            # What was read over filled gaps does not count.
             is_known = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
-            return _along(run, reading, is_known, is_known)
+            return _along(prepared, reading, is_known, is_known)
 
         return self._scored(read)
 

@@ -58,7 +58,8 @@ SETTLING_TIME: Final = 1.0  # s after a log's begin
 ALARM_TIME: Final = 1.0  # s after a collision in which an alarm is its own
 _MIN_STATISTIC: Final = 1e-9
 _DETECTED_RATIO: Final = 2.0
-# (N,) of a log with a torque from outside put in: an alarm above 1
+# Of a log's name, and a torque from outside (N, n) N m that is put into it (None: none): (N,) how
+# far the method's reading goes, over its own level: an alarm where it is above 1.
 Statistic = Callable[[str, Array | None], Array]
 
 
@@ -150,18 +151,21 @@ class DetectionTask:
         """Counts a method's alarms in free motion, and what it finds of pushes and collisions.
 
         Args:
-            statistic: of a log's name and of torques put into it; over its level, so that more than
-                1 is an alarm.
-            names: of the logs that the method reads.
+            statistic: see `Statistic`.
+            names: of the logs that the method reads; all are free of contact but collision_wrist.
+
+        Returns:
+            Keys of pushes begin with `pushes_` at the method's own level, with `quiet_` at one so
+            high that no contact-free log alarms; those of hand collisions with `collisions_`.
         """
-        alarms, hours, hours_in_alarm = 0, 0.0, 0.0
+        num_alarms, hours, hours_in_alarm = 0, 0.0, 0.0
         quiet_level = 1.0  # from which on the method gives no false alarm
         for name in names:
             if name != "collision_wrist":
-                largest = statistic(name, None)
-                alarm = np.asarray(largest > 1.0)
-                quiet_level = max(quiet_level, float(largest.max()))
-                alarms += len(onsets(_joined(alarm)))
+                values = statistic(name, None)
+                alarm = np.asarray(values > 1.0)
+                quiet_level = max(quiet_level, float(values.max()))
+                num_alarms += len(onsets(_joined(alarm)))
                 hours += len(alarm) * TIME_STEP / 3600.0
                 hours_in_alarm += float(alarm.sum()) * TIME_STEP / 3600.0
         pushes, quiet_pushes, collisions = Tally(), Tally(), Tally()
@@ -169,13 +173,13 @@ class DetectionTask:
             if name not in names:
                 continue
             log = self._logs[name]
-            J = np.asarray(self._arm.robot.chain.jacobian(log.q))[:, 3:]
-            for turn in range(self._rounds):
-                rng = np.random.default_rng((number, turn))
-                spans = spans_of(log.v, PUSH_TIME, turn)
-                largest = statistic(name, put_in(spans, J, PUSH_FORCE, rng))
-                _tallied(pushes, np.asarray(largest > 1.0), spans)
-                _tallied(quiet_pushes, np.asarray(largest > quiet_level), spans)
+            J_linear = np.asarray(self._arm.robot.chain.jacobian(log.q))[:, 3:]
+            for push_round in range(self._rounds):
+                rng = np.random.default_rng((number, push_round))
+                spans = spans_of(log.v, PUSH_TIME, push_round)
+                values = statistic(name, put_in(spans, J_linear, PUSH_FORCE, rng))
+                _tallied(pushes, np.asarray(values > 1.0), spans)
+                _tallied(quiet_pushes, np.asarray(values > quiet_level), spans)
         scores = {"pushes": _shares(pushes), "quiet": _shares(quiet_pushes)}
         if "collision_wrist" in names:
             log = self._logs["collision_wrist"]
@@ -185,7 +189,7 @@ class DetectionTask:
             scores["collisions"] = _shares(collisions) | {"alarms_between": _between(alarm, spans)}
         return {
             **_flat(scores),
-            **false_alarm_metrics(alarms, hours),
+            **false_alarm_metrics(num_alarms, hours),
             "in_alarm_pct": 100.0 * hours_in_alarm / hours,
             "quiet_level": quiet_level,
             "logs": len(names),

@@ -35,6 +35,7 @@ from wrenchsight.analyses.experiments.benchmark.touch_task import TouchTasks
 from wrenchsight.analyses.experiments.benchmark.wrench_task import WrenchTask
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 
+# Of a method of others: its metrics in a task; None: it does not enter that task.
 Enter = Callable[[Entrant], Mapping[str, Any] | None]
 
 
@@ -66,7 +67,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
 def _measured(
     context: ExperimentContext, tasks: Sequence[str], metrics: dict[str, Any]
 ) -> dict[str, Enter]:
-    """Puts the figures of the benchmark's own methods into `metrics`; returns how others enter."""
+    """Measures the benchmark's own methods in the tasks, and makes the tasks ready for others.
+
+    Args:
+        tasks: those of TASKS whose recordings are there; "link" stands for "touches" as well.
+        metrics: filled here, by task and method.
+
+    Returns:
+        By task, the function with which a method of others enters it.
+    """
     entered: dict[str, Enter] = {}
     if "wrench" in tasks:
         context.progress(0.0, "force from joint torque")
@@ -75,9 +84,9 @@ def _measured(
     if "link" in tasks:
         context.progress(0.03, "touches")
         touched = TouchTasks(context.data)
-        metrics |= touched.built_in()
+        metrics |= touched.built_in()  # tasks "touches" and "link"
         entered["link"] = touched.of
-    if not {"torque", "load", "contact", "detection"} & set(tasks):
+    if not {"torque", "load", "contact", "detection"} & set(tasks):  # those of the UR10e
         return entered
     arm = Ur10eArm(context.data, context.part(0.05, 0.3))
     if "torque" in tasks:

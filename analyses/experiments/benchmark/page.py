@@ -136,7 +136,7 @@ TITLES: Final = {
 def tables(
     metrics: Mapping[str, Any], entrants: Sequence[str], absent: Mapping[str, Sequence[str]]
 ) -> list[ResultTable]:
-    """All tables.
+    """All tables: a row a measure, a column a method; a table without a figure has no row.
 
     Args:
         metrics: by task and method.
@@ -149,7 +149,7 @@ def tables(
         lines = [
             [row.words, *(_cell(metrics, row, method) for method in labels)]
             for row in rows
-            if row.task in metrics
+            if row.task in metrics  # else its recordings are absent
         ]
         tasks = {row.task for row in rows}
         lacking = sorted({folder for task in tasks for folder in absent.get(task, ())})

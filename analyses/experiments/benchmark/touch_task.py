@@ -127,40 +127,57 @@ class TouchTasks:
     def _scored(self, episodes: Sequence[Sequence[ReportedContact]]) -> dict[str, dict[str, Any]]:
         """Scores of the touches found, and of the link that is named for those.
 
+        A list with `_of_logs` has an entry a log; all but the share found leave out logs in which
+        no touch is found.
+
         Args:
             episodes: of each log, the contacts that a method reports.
+
+        Returns:
+            By task: "touches" and "link".
         """
         num_found, num_false, num_touches, delays = 0, 0, 0, list[float]()
-        found_pct, delay, named, counts, ruled_out = ([] for _ in range(5))
-        for log, reported, last in zip(self._logs, episodes, self._last, strict=True):
-            spans = [(log.t[part.start], log.t[part.stop - 1]) for part in log.touches]
+        found_pct_of_logs, delay_of_logs = list[float](), list[float]()  # %; s, median
+        named_pct_of_logs, ruled_out_pct_of_logs = list[float](), list[float]()
+        num_links_of_logs = list[float]()  # how many links are named for a touch, mean
+        for log, reported, last_loaded in zip(self._logs, episodes, self._last, strict=True):
+            spans = [(log.t[rows.start], log.t[rows.stop - 1]) for rows in log.touches]  # s
             hits = [_hit(reported, *span) for span in spans]
-            late = [hit.begin - span[0] for hit, span in zip(hits, spans, strict=True) if hit]
+            log_delays = [hit.begin - span[0] for hit, span in zip(hits, spans, strict=True) if hit]
             num_touches += len(spans)
-            num_found += len(late)
-            delays += late
+            num_found += len(log_delays)
+            delays += log_delays
             num_false += sum(
                 all(episode.end < begin or episode.begin > end + MAX_DELAY for begin, end in spans)
                 for episode in reported
             )
-            found_pct.append(100.0 * len(late) / len(spans))
-            pairs = [(hit, k) for hit, k in zip(hits, last, strict=True) if hit is not None]
-            if not pairs:
+            found_pct_of_logs.append(100.0 * len(log_delays) / len(spans))
+            # The links named for each touch that is found, and its last loaded joint, 1 to 7: a
+            # force on a link before that joint cannot load it.
+            named = [
+                (hit.links, joint)
+                for hit, joint in zip(hits, last_loaded, strict=True)
+                if hit is not None
+            ]
+            if not named:
                 continue
-            delay.append(float(np.median(late)))
-            named.append(100.0 * float(np.mean([log.link in hit.links for hit, _ in pairs])))
-            counts.append(float(np.mean([len(hit.links) for hit, _ in pairs])))
-            ruled_out.append(
-                100.0 * float(np.mean([any(k < end for k in hit.links) for hit, end in pairs]))
+            delay_of_logs.append(float(np.median(log_delays)))
+            named_pct_of_logs.append(
+                100.0 * float(np.mean([log.link in links for links, _ in named]))
+            )
+            num_links_of_logs.append(float(np.mean([len(links) for links, _ in named])))
+            ruled_out_pct_of_logs.append(
+                100.0 * float(np.mean([any(k < joint for k in links) for links, joint in named]))
             )
         totals = {"touches": num_touches, "found": num_found, "false": num_false}
-        detected = {**totals, **spread("found_pct", found_pct)}
+        detected = {**totals, **spread("found_pct", found_pct_of_logs)}
         link: dict[str, Any] = {"touches": num_touches}
-        if delay:
-            detected |= spread("delay_s", delay)
+        if delays:
+            detected |= spread("delay_s", delay_of_logs)
             detected["delay_p90_s"] = float(np.quantile(delays, 0.9))
-            link |= spread("named_pct", named) | spread("links_named", counts)
-            link |= spread("ruled_out_pct", ruled_out)
+            link |= spread("named_pct", named_pct_of_logs)
+            link |= spread("links_named", num_links_of_logs)
+            link |= spread("ruled_out_pct", ruled_out_pct_of_logs)
         return {"touches": detected, "link": link}
 
 

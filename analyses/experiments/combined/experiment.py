@@ -48,6 +48,7 @@ from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
 SCENARIO = "Combined"
 CV, SP = "coulomb-viscous", "semi-parametric"
+# Keys of variants: the article's first and second experiment, and all of this program's additions.
 BEFORE, AFTER, OURS = "initial", "optimised", "ours"
 VARIANTS = (
     EstimatorVariant(BEFORE, "article: initial path, Coulomb-viscous", "initial", CV),
@@ -138,14 +139,21 @@ NOTES = (
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """The experiment `combined` of `study`."""
+    """The experiment `combined` of `study`.
+
+    Scenarios and simulated runs are kept by path (PATHS, and "placed": the path of least force sd
+    for our model); readings and metrics by variant (VARIANTS), beside comparisons of two of them.
+    """
     models, scenario = pushed_arm(context, SCENARIO, 0.35)
     robot = models.robot
     scenarios = {path: scenario_on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
-    speed = highest_speed(list(scenarios.values()), robot)
+    speed = highest_speed(
+        list(scenarios.values()), robot
+    )  # rad/s, for which friction's error is stated
     context.progress(0.35, "placing the path")
     bayesian = models.estimator(SP, speed, FAST_GAIN, WrenchReconstructionConfig("bayesian"))
-    scenarios["placed"] = scenario_on_path(scenario, robot, *found_path(robot, 0, bayesian.model))
+    path_and_posture = found_path(robot, seed=0, model=bayesian.model)
+    scenarios["placed"] = scenario_on_path(scenario, robot, *path_and_posture)
     runs = pushed_runs(context, models, scenarios, 0.45)
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
@@ -159,9 +167,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["correlation_gain"] = {
         axis: optimised[f"correlation_{axis}"] - initial[f"correlation_{axis}"] for axis in AXES
     }
-    metrics["mean_jcn"] = {
-        path: float(entry.condition_number.mean()) for path, entry in runs.items()
-    }
+    metrics["mean_jcn"] = {path: float(run.condition_number.mean()) for path, run in runs.items()}
     notes: tuple[str, ...] = NOTES
     if context.draws:  # a campaign repeats the compiled loop alone
         [variant] = [variant for variant in VARIANTS if variant.key == AFTER]

@@ -80,11 +80,16 @@ class PathReadings:
 def read_along(
     robot: Robot, path: StraightPath, posture: Array, seed: int, num_draws: int
 ) -> PathReadings:
-    """Reads the constant wrench back on one path, on the branch of a posture at its midpoint."""
+    """Reads the constant wrench back on one path, on the branch of a posture at its midpoint.
+
+    The arm goes along the path and back, T samples in all. In each draw every joint's torque has an
+    error of its own at every sample, uniform within ERROR_WIDTH / 2 of that torque.
+    """
     q_start = branch_start(robot, path, posture)
     chain = robot.chain
 
     def configurations(s: Array) -> Array:
+        """(K, n) rad, at the shares s (K,) of the path, 0 to 1."""
         return follow_path(robot, *path.poses(s), q_start)
 
     def jcn(s: Array) -> Array:
@@ -92,14 +97,14 @@ def read_along(
 
     even = np.linspace(0.0, 1.0, 10 * path.num_segments + 1)
     one_way = np.linspace(0.0, 1.0, SAMPLES_ONE_WAY + 1)
-    along, distance = jcn(even), even * path.path_length
+    jcn_along, distance = jcn(even), even * path.path_length
 
     q_forward = configurations(uniform_acceleration(one_way).s)
     q = np.concatenate([q_forward, q_forward[-2::-1]])  # the way back meets the same configurations
     s = there_and_back(uniform_acceleration)(np.linspace(0.0, 1.0, 2 * SAMPLES_ONE_WAY + 1)).s
     J = chain.jacobian(q)
     tau_ext = np.einsum("tij,i->tj", J, SCRIPTED_WRENCH)
-    half_width = 0.5 * ERROR_WIDTH * np.abs(tau_ext)
+    half_width = 0.5 * ERROR_WIDTH * np.abs(tau_ext)  # (T, n) N m, of the uniform torque error
     # Only the stated covariance needs this; eq. 22 itself does not.
     torque_covariance = np.diag(np.mean(half_width**2, axis=0) / 3.0 + 1e-12)
     inverse = WrenchReconstructionConfig(method="inverse")
@@ -107,7 +112,8 @@ def read_along(
     def read(tau: Array) -> Array:
         return np.asarray(reconstruct_wrench(J, tau, torque_covariance, inverse).wrench)
 
-    # Eq. 22 is linear: six readings of one joint each give every draw's error by a product.
+    # Eq. 22 is linear: the readings of 1 N m at one joint each, (T, 6, n), give every draw's error
+    # by a product.
     gain = np.stack([read(np.tile(unit, (len(J), 1))) for unit in np.eye(robot.num_joints)], axis=2)
     max_error, rmse = np.empty((num_draws, 6)), np.empty((num_draws, 6))
     wrench = np.empty((len(J), 6))
@@ -121,10 +127,10 @@ def read_along(
         rmse[draw] = np.sqrt(np.mean(error**2, axis=0))
     return PathReadings(
         jcn={
-            "max_jcn": float(np.max(along)),
+            "max_jcn": float(np.max(jcn_along)),
             "mean_jcn": float(np.mean(jcn(np.linspace(0.0, 1.0, path.num_segments + 1)))),
             "mean_jcn_along_path": float(
-                np.trapezoid(along, distance) / (distance[-1] - distance[0])
+                np.trapezoid(jcn_along, distance) / (distance[-1] - distance[0])
             ),
             "mean_jcn_over_time": float(np.mean(jcn(thirds(one_way).s))),
         },
@@ -152,7 +158,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `constant-wrench` of `study`."""
     robot = Robot.load("sts_sre4_600")
     num_draws = NUM_DRAWS_QUICK if context.quick else NUM_DRAWS
-    cases = {
+    cases = {  # path, and a posture at its midpoint that names the branch
         "initial": (INITIAL_PATH, INITIAL_POSTURE),
         "optimised": (OPTIMISED_PATH, OPTIMISED_POSTURE),
         "other_elbow": (OPTIMISED_PATH, OTHER_ELBOW_POSTURE),  # elbow on the other side

@@ -6,6 +6,7 @@ that differ from day to day, and knows that nothing touches it.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import TrialLog
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.twin_logs import twin_log
@@ -27,14 +28,28 @@ def model_of_twins(recordings: Sequence[Recording], robot: Robot) -> IdentifiedM
     return identify(twins, robot, [], IdentificationConfig(friction="presliding")).model
 
 
+class TwinAlarms(NamedTuple):
+    """Alarms in logs of free motion, all of them false.
+
+    Attributes:
+        hours: of the logs that were read.
+        by_rate: how many, by the false alarms an hour that the detector states.
+        by_log: how many at the lowest of these rates, by the name of the real log.
+    """
+
+    hours: float
+    by_rate: dict[float, int]
+    by_log: dict[str, int]
+
+
 def alarms_of_twins(
     recordings: Mapping[str, Recording],
     robot: Robot,
     model: IdentifiedModel,
     rates: Sequence[float],
     days: int,
-) -> tuple[float, dict[float, int], dict[str, int]]:
-    """Hours that were read, alarms by stated rate, and by log those at the lowest of the rates.
+) -> TwinAlarms:
+    """Counts the alarms in simulated twins of real logs, in which nothing touches the arm.
 
     Args:
         recordings: real logs, by name, whose motion the twins repeat.
@@ -43,7 +58,7 @@ def alarms_of_twins(
         rates: false alarms an hour.
         days: how many twins of each log.
     """
-    alarms, by_log, hours = dict.fromkeys(rates, 0), dict.fromkeys(recordings, 0), 0.0
+    by_rate, by_log, hours = dict.fromkeys(rates, 0), dict.fromkeys(recordings, 0), 0.0
     for day in range(days):
         for name, recording in recordings.items():
             twin = twin_log(recording, robot, day=FIRST_DAY + day, seed=1000 + day)
@@ -51,7 +66,7 @@ def alarms_of_twins(
             hours += log.hours
             for rate in rates:
                 count = len(log.alarms(rate))
-                alarms[rate] += count
+                by_rate[rate] += count
                 if rate == min(rates):
                     by_log[name] += count
-    return hours, alarms, by_log
+    return TwinAlarms(hours, by_rate, by_log)

@@ -93,22 +93,23 @@ def link_metrics(data: Path | None) -> dict[str, Any]:
     Args:
         data: the folder of recordings that is given.
     """
-    touches: list[Touch] = []
-    missed, false, by_recording = 0, 0, {}
+    touches: list[Touch] = []  # those that were found
+    num_missed, num_false, by_recording = 0, 0, {}
     for log in read_touch_logs(data):
-        log_touches, without, imagined = touches_of(log)
+        log_touches, missed_in_log, false_in_log = touches_of(log)
         touches += log_touches
-        missed, false = missed + without, false + imagined
+        num_missed, num_false = num_missed + missed_in_log, num_false + false_in_log
         by_recording[log.path.stem.removeprefix("panda_")] = {
             "touches": len(log_touches),
             "named_pct": 100.0 * _share([touch.link in touch.named for touch in log_touches]),
             "likeliest_pct": 100.0 * _share([touch.right for touch in log_touches]),
+            # The mean odds that the labelled link was given.
             "label_odds_pct": 100.0 * _share([touch.odds[touch.link - 1] for touch in log_touches]),
         }
     return {
         "touches": len(touches),
-        "missed": missed,
-        "false_alarms": false,
+        "missed": num_missed,
+        "false_alarms": num_false,
         "recordings": by_recording,
         **calibration(touches),
     }
@@ -158,6 +159,9 @@ def odds_figure(metrics: dict[str, Any]) -> Figure:
     """How often the likeliest link is the labelled one, against its odds.
 
     The number below a bar is that of its touches.
+
+    Args:
+        metrics: of `link_metrics`; `odds` holds the figures of touches by ODDS_BINS.
     """
     figure, ((panel,),) = new_figure(1, 1, height=3.4)
     panel.plot([0.0, 100.0], [0.0, 100.0], color=SERIES[6], lw=0.8, label="as stated")

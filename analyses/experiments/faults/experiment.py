@@ -77,34 +77,38 @@ def run(context: ExperimentContext) -> ExperimentResult:
 def _kind_metrics(
     logs: list[Recording], robot: Robot, model: IdentifiedModel, out: Path
 ) -> dict[str, Any]:
-    """The figures of one kind of damage over all logs."""
-    named, after, longest, largest, valid = [], [], [], [], []
-    reasons: list[InvalidCodes] = []
+    """The figures of one kind of damage over all logs.
+
+    A log that is recognised as damaged, whole, has no valid reading. The others are read, and what
+    is valid and wrong in them is measured.
+
+    Args:
+        logs: contact-free logs, damaged.
+        out: folder in which they are written and read.
+
+    Returns:
+        `named` is the share of logs recognised; `recognised_after_s` the time of a log, from its
+        begin, that sufficed for all of those (None: none was recognised).
+    """
+    recognised_after: list[float] = []  # s, of each log that is recognised
+    results: list[_Wrongness] = []  # of each log
     for log in logs:
         lengths = [length for length in LOG_TIMES if length < log.duration]
         parts = [log[log.t - log.t[0] <= length] for length in lengths]
-        faults = [_is_named(part, robot, model) for part in (*parts, log)]
-        named.append(float(faults[-1]))
-        if faults[-1]:
-            after.append([*lengths, log.duration][faults.index(True)])
-        if faults[-1]:
-            longest.append(0.0)
-            largest.append(0.0)
-            valid.append(0.0)
-            reasons.append(np.full(log.num_samples, WRONG_LOG))
-            continue
-        wrongness = _wrongness(log, robot, model, out)
-        longest.append(wrongness.time)
-        largest.append(wrongness.excess)
-        valid.append(100.0 * wrongness.valid_share)
-        reasons.append(wrongness.invalid)
+        are_recognised = [_is_named(part, robot, model) for part in (*parts, log)]
+        if are_recognised[-1]:
+            recognised_after.append([*lengths, log.duration][are_recognised.index(True)])
+            codes = np.full(log.num_samples, WRONG_LOG)
+            results.append(_Wrongness(time=0.0, excess=0.0, valid_share=0.0, invalid=codes))
+        else:
+            results.append(_wrongness(log, robot, model, out))
     return {
-        "named": float(np.mean(named)),
-        "recognised_after_s": max(after) if after else None,
-        "valid_and_wrong_s": max(longest),
-        "largest_n": max(largest),
-        "valid_pct": float(np.mean(valid)),
-        "invalid": invalid_pct(np.concatenate(reasons)),
+        "named": len(recognised_after) / len(logs),
+        "recognised_after_s": max(recognised_after) if recognised_after else None,
+        "valid_and_wrong_s": max(result.time for result in results),
+        "largest_n": max(result.excess for result in results),
+        "valid_pct": float(np.mean([100.0 * result.valid_share for result in results])),
+        "invalid": invalid_pct(np.concatenate([result.invalid for result in results])),
     }
 
 

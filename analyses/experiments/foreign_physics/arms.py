@@ -93,6 +93,9 @@ def stranger_urdf() -> Path:
 def draw_arm(file: str, seed: int) -> MujocoArm:
     """Draws the true arm behind a robot's file.
 
+    Each link gets another mass, inertia in proportion, and centre of mass; each joint another
+    rotor, friction and noise of its current, within the spreads above.
+
     Args:
         file: a bundled robot's name, or the path of a robot.yaml.
         seed: seed of the draw; the same gives the same arm.
@@ -100,27 +103,28 @@ def draw_arm(file: str, seed: int) -> MujocoArm:
     robot = Robot.load(file)
     n = robot.num_joints
     rng = np.random.default_rng([seed, 0])
-    inertial = robot.chain.inertial_parameters.copy()
+    inertial = robot.chain.inertial_parameters.copy()  # (n, 10)
     for i in range(n):
-        factor = rng.uniform(1.0 - MASS_SPREAD, 1.0 + MASS_SPREAD)
-        way = rng.standard_normal(3)
-        shift = LARGEST_CENTRE_SHIFT * rng.uniform() * way / np.linalg.norm(way)
-        inertial[i] = _moved(factor * inertial[i], shift)
+        mass_factor = rng.uniform(1.0 - MASS_SPREAD, 1.0 + MASS_SPREAD)
+        direction = rng.standard_normal(3)
+        shift = LARGEST_CENTRE_SHIFT * rng.uniform() * direction / np.linalg.norm(direction)
+        inertial[i] = _moved(mass_factor * inertial[i], shift)
     usual_rotors = robot.reflected_inertia
     if not usual_rotors.any():
         usual_rotors = np.full(n, ROTOR_SHARE * _largest_inertia(robot))
     rotors = usual_rotors * rng.uniform(1.0 - ROTOR_SPREAD, 1.0 + ROTOR_SPREAD, n)
 
-    def about(level: Array) -> Array:
-        return np.asarray(level * rng.uniform(1.0 - FRICTION_SPREAD, 1.0 + FRICTION_SPREAD, n))
+    def varied(friction: Array) -> Array:
+        factor = rng.uniform(1.0 - FRICTION_SPREAD, 1.0 + FRICTION_SPREAD, n)
+        return np.asarray(friction * factor)
 
     return MujocoArm(
         robot=robot,
         robot_file=file,
         chain=robot.chain.with_inertial_parameters(inertial, rotors),
         usual_rotors=usual_rotors,
-        coulomb=about(robot.truth.coulomb),
-        viscous=about(robot.truth.viscous),
+        coulomb=varied(robot.truth.coulomb),
+        viscous=varied(robot.truth.viscous),
         current_noise_sd=rng.uniform(*CURRENT_NOISE, n),
         seed=seed,
     )

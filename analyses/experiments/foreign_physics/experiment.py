@@ -53,7 +53,7 @@ QUICK_PERIODS: Final = 2
 README_CASES: Final = ("free", "constant", "steps", "sine_2", "slide_40", "slide_110")
 """Cases of which the README states the worst draw."""
 _MOTIONS_SHARE: Final = 0.05  # of the whole time
-_WORST: Final = {  # whether the least is the worst
+_WORST: Final = {  # keys of the figures, and whether the least is the worst
     "inside_95_pct": True,
     "beyond_3sd_pct": False,
     "share_valid_pct": True,
@@ -88,13 +88,14 @@ class _Draw:
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """Reads all logs, draws side by side, and sums them up."""
+    """Reads all logs, draws side by side, and sums them up; a draw that fails is left out."""
     from numba import config
 
     plans, lacking = _plans(context.quick)
     draws = list(_with_motions(plans, context))
+    # By the draw's place in `draws`, then by case.
     figures_of_draw: dict[int, dict[str, dict[str, Any]]] = {}
-    failures = []
+    failures = []  # sentences
     ends = run_side_by_side(
         _read_draw,
         draws,
@@ -106,12 +107,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
         ),
     )
     with closing(ends):
-        for draw, figures in ends:
-            if isinstance(figures, Died | str):
-                failures.append(f"{draw.arm}, draw {draw.seed}: {figures}")
+        for draw, figures_or_reason in ends:
+            if isinstance(figures_or_reason, Died | str):
+                failures.append(f"{draw.arm}, draw {draw.seed}: {figures_or_reason}")
             else:
-                figures_of_draw[draws.index(draw)] = figures
-    read: dict[str, dict[str, list[dict[str, Any]]]] = {}
+                figures_of_draw[draws.index(draw)] = figures_or_reason
+    read: dict[str, dict[str, list[dict[str, Any]]]] = {}  # by arm and case, of each draw
     for k in sorted(figures_of_draw):  # the order in which they end is chance
         by_case = read.setdefault(draws[k].arm, {})
         for case, figures in figures_of_draw[k].items():
@@ -172,8 +173,8 @@ def result_of(
     for cases in metrics.values():
         shown = _shown(cases)
         if shown:
-            worst = [cases[case]["inside_95_pct"]["worst"] for case in shown]
-            cases["worst_inside_pct"] = [float(np.min(of_axes[:3])) for of_axes in worst]
+            worst_draws = [cases[case]["inside_95_pct"]["worst"] for case in shown]  # (6,) each
+            cases["worst_inside_pct"] = [float(np.min(of_axes[:3])) for of_axes in worst_draws]
     return ExperimentResult(
         metrics=metrics,
         figures=[_figure(read)] if draws else [],
@@ -215,6 +216,10 @@ def summed_up(draws: list[dict[str, Any]]) -> dict[str, Any]:
 
     Draws whose log was refused, or has no valid sample, have no share inside: they do not count
     there, and count as not valid.
+
+    Returns:
+        Counts and sums over the draws (`all_...`), `invalid` (mean percent by reason), and of each
+        key of _WORST, and below `ours` and `plain` of `rmse_n`, `median` and `worst`.
     """
     hours = sum(figures["seconds"] for figures in draws) / 3600.0
     result: dict[str, Any] = {
@@ -235,9 +240,9 @@ def summed_up(draws: list[dict[str, Any]]) -> dict[str, Any]:
         else:
             values = [figures[key] for figures in draws]
         result |= _median_and_worst(key, values, is_least)
-    for tool in ("ours", "plain"):
-        values = [figures[tool]["rmse_n"] for figures in draws]
-        result[tool] = _median_and_worst("rmse_n", values, False)
+    for method in ("ours", "plain"):
+        values = [figures[method]["rmse_n"] for figures in draws]
+        result[method] = _median_and_worst("rmse_n", values, is_least=False)
     return result
 
 
@@ -252,27 +257,32 @@ def _median_and_worst(key: str, values: list[Any], is_least: bool) -> dict[str, 
 
 
 def _figure(read: dict[str, dict[str, list[dict[str, Any]]]]) -> Drawing:
-    """Shares of each draw, case by case."""
-    names = list(dict.fromkeys(case for by_case in read.values() for case in by_case))
+    """Shares of each draw, case by case; an arm's dots stand beside the other arms'.
+
+    Args:
+        read: by arm and case, of each draw (`readings.figures`).
+    """
+    case_names = list(dict.fromkeys(case for by_case in read.values() for case in by_case))
     figure, axes = new_figure(3, 1, height=7.0, share_x=True)
+    # The first three of the six axes are the force's.
     panels: tuple[tuple[str, Callable[[dict[str, Any]], float]], ...] = (
         ("valid samples inside\nthe 95 % band [%]", lambda f: f["inside_95_pct"][:3].min()),
         ("beyond 3 sd [%]", lambda f: f["beyond_3sd_pct"][:3].max()),
         ("valid samples [%]", lambda f: f["share_valid_pct"]),
     )
-    for axis, (label, value) in zip(list[Any](axes.flat), panels, strict=True):
+    for axis, (label, share_of) in zip(list[Any](axes.flat), panels, strict=True):
         for k, (arm, by_case) in enumerate(read.items()):
-            place = (k - 0.5 * (len(read) - 1)) * 0.25
+            offset = (k - 0.5 * (len(read) - 1)) * 0.25
             for case, draws in by_case.items():
-                values = [value(figures) for figures in draws]
-                x = np.full(len(values), names.index(case) + place)
+                values = [share_of(figures) for figures in draws]
+                x = np.full(len(values), case_names.index(case) + offset)
                 label_once = arm if case == next(iter(by_case)) else None
                 colour = SERIES[k % len(SERIES)]
                 axis.plot(x, values, ".", color=colour, ms=5, alpha=0.6, label=label_once)
         axis.set_ylabel(label)
     axes[0, 0].axhspan(90.0, 99.0, color="0.9", zorder=0)
     axes[1, 0].axhline(2.0, color="0.6", lw=0.8)
-    axes[-1, 0].set_xticks(range(len(names)), names, rotation=60, ha="right")
+    axes[-1, 0].set_xticks(range(len(case_names)), case_names, rotation=60, ha="right")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     caption = (
         "Each dot is a draw: the worst axis of the force (shares inside and beyond 3 sd), and the "
@@ -282,7 +292,14 @@ def _figure(read: dict[str, dict[str, list[dict[str, Any]]]]) -> Drawing:
 
 
 def _table(arm: str, cases: dict[str, Any]) -> ResultTable:
-    """The table of an arm: a row a case, each cell a pattern that the metrics fill."""
+    """The table of an arm: a row a case, each cell a pattern that the metrics fill.
+
+    `<key:.0f>` is replaced by the metric at the path `key` in this format; of a list of axes all
+    stand side by side.
+
+    Args:
+        cases: metrics by case, and `worst_inside_pct`, which is none.
+    """
 
     def row(case: str) -> list[str]:
         key = f"{arm}.{case}"

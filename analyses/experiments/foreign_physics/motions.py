@@ -39,7 +39,12 @@ def wave(robot: Robot, duration: float, seed: int, reach: float = MAX_DEPARTURE)
     """All joints on sines of two incommensurate periods about home, from rest and to it.
 
     q = home + w x: x the sum of both sines, w a window that rises from 0 within _RISE_TIME and
-    falls to 0 within _FALL_TIME. v and a are its derivatives by the product rule.
+    falls to 0 within _FALL_TIME. The derivatives follow by the product rule; below, `_dot` and
+    `_ddot` are the first and the second by time.
+
+    Args:
+        duration: s.
+        reach: rad (m), the largest departure of a joint from home.
     """
     rng = np.random.default_rng([seed, 2])
     n, t = robot.num_joints, grid(duration)
@@ -48,7 +53,8 @@ def wave(robot: Robot, duration: float, seed: int, reach: float = MAX_DEPARTURE)
     slow, fast = rng.uniform(0.09, 0.14, n), rng.uniform(0.2, 0.3, n)  # Hz
     phase = rng.uniform(0.0, 2.0 * np.pi, (2, n))
 
-    def part(share: float, frequency: Array, phase: Array) -> Motion:
+    def sine(share: float, frequency: Array, phase: Array) -> Motion:
+        """Of a share of each joint's amplitude, about zero."""
         omega = 2.0 * np.pi * frequency
         angle = omega * t[:, None] + phase
         size = share * amplitude
@@ -56,18 +62,21 @@ def wave(robot: Robot, duration: float, seed: int, reach: float = MAX_DEPARTURE)
             size * np.sin(angle), size * omega * np.cos(angle), -size * omega**2 * np.sin(angle)
         )
 
-    # The shares of the room of a joint add up to 1: the sum stays within it.
-    one, two = part(0.65, slow, phase[0]), part(0.35, fast, phase[1])
-    x, v, a = (one[k] + two[k] for k in range(3))
-    # Rise and fall with two derivatives each by time; the fall's argument runs backwards.
-    rise, rise_1, rise_2 = smooth_step(t / _RISE_TIME)
-    rise_1, rise_2 = rise_1 / _RISE_TIME, rise_2 / _RISE_TIME**2
-    fall, fall_1, fall_2 = smooth_step((t[-1] - t) / _FALL_TIME)
-    fall_1, fall_2 = -fall_1 / _FALL_TIME, fall_2 / _FALL_TIME**2
+    # The shares add up to 1: the sum stays within each joint's amplitude.
+    slow_sine, fast_sine = sine(0.65, slow, phase[0]), sine(0.35, fast, phase[1])
+    x, x_dot, x_ddot = (a + b for a, b in zip(slow_sine, fast_sine, strict=True))
+    rise, rise_dot, rise_ddot = smooth_step(t / _RISE_TIME)
+    rise_dot, rise_ddot = rise_dot / _RISE_TIME, rise_ddot / _RISE_TIME**2
+    fall, fall_dot, fall_ddot = smooth_step((t[-1] - t) / _FALL_TIME)
+    fall_dot, fall_ddot = -fall_dot / _FALL_TIME, fall_ddot / _FALL_TIME**2
     w = (rise * fall)[:, None]
-    w_1 = (rise_1 * fall + rise * fall_1)[:, None]
-    w_2 = (rise_2 * fall + 2.0 * rise_1 * fall_1 + rise * fall_2)[:, None]
-    return Motion(robot.home + w * x, w_1 * x + w * v, w_2 * x + 2.0 * w_1 * v + w * a)
+    w_dot = (rise_dot * fall + rise * fall_dot)[:, None]
+    w_ddot = (rise_ddot * fall + 2.0 * rise_dot * fall_dot + rise * fall_ddot)[:, None]
+    return Motion(
+        q=robot.home + w * x,
+        v=w_dot * x + w * x_dot,
+        vdot=w_ddot * x + 2.0 * w_dot * x_dot + w * x_ddot,
+    )
 
 
 def slow_reversals(robot: Robot, duration: float, seed: int) -> Motion:

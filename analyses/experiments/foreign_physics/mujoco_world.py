@@ -276,7 +276,13 @@ def _turn_of_z(z: Array) -> Array:
 def _with_springs(text: str, joint_names: tuple[str, ...], stiffness: float) -> str:
     """The arm with a spring between each motor, which has all friction, and its link.
 
-    The motor's joint keeps the joint's name; the spring's is gear_<name>.
+    Between each link's body (body_<number>, from 1) and its parent comes a body motor_<number>,
+    which takes the link's pose and joint; the link hangs on it by a joint without friction. The
+    motor's joint keeps the joint's name; the spring's is gear_<name>.
+
+    Args:
+        text: MJCF of the arm.
+        stiffness: N m/rad.
     """
     root = ET.fromstring(text)
     bodies = {body.get("name"): body for body in root.iter("body")}
@@ -286,6 +292,7 @@ def _with_springs(text: str, joint_names: tuple[str, ...], stiffness: float) -> 
         parent = parents[link]
         pose = {key: link.attrib.pop(key) for key in ("pos", "quat")}
         motor = ET.Element("body", pose, name=f"motor_{i + 1}")
+        # As good as no inertia: the rotor's is the joint's armature.
         rotor = {"pos": "0 0 0", "mass": repr(MOTOR_MASS), "diaginertia": 3 * f"{MOTOR_MASS!r} "}
         ET.SubElement(motor, "inertial", rotor)
         joint = next(element for element in link if element.tag == "joint")

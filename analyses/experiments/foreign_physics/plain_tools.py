@@ -43,8 +43,8 @@ class PlainModel:
     def fit(cls, robot: Robot, logs: list[Recording]) -> Self:
         """Fits all parameters to contact-free logs of constant step.
 
-        The columns are ten inertial parameters a body, and of each joint rotor inertia, Coulomb
-        and viscous friction; a row is a joint that moves, at a sample.
+        The 13 n columns are ten inertial parameters a body, then the rotor inertia of each joint,
+        its Coulomb and its viscous friction; a row is a joint that moves, at a sample.
         """
         n = robot.num_joints
         rows, torques = [], []
@@ -52,19 +52,20 @@ class PlainModel:
             b, a = butter(4, CUTOFF_FREQUENCY, fs=1.0 / log.time_step)
             q, v, tau = (filtfilt(b, a, x, axis=0) for x in (log.q, log.v, _torque(robot, log)))
             vdot = np.gradient(v, log.time_step, axis=0)
-            part = slice(20, -20, ROW_STRIDE)  # without the filter's and the gradient's ends
-            A = robot.chain.regressor(q[part], v[part], vdot[part]).reshape(-1, n, 10 * n)
+            inner = slice(20, -20, ROW_STRIDE)  # without the filter's and the gradient's ends
+            rigid = robot.chain.regressor(q[inner], v[inner], vdot[inner]).reshape(-1, n, 10 * n)
+            # The torque of a joint depends on its own rotor and friction alone.
             joint = np.eye(n)
-            columns = (vdot[part], np.sign(v[part]), v[part])
-            drives = [column[:, :, None] * joint for column in columns]
-            moves = (np.abs(v[part]) > MIN_SIGN_SPEED).reshape(-1)
-            all_columns = np.concatenate([A, *drives], axis=2).reshape(-1, 13 * n)
+            signals = (vdot[inner], np.sign(v[inner]), v[inner])  # rotor, Coulomb, viscous
+            drives = [signal[:, :, None] * joint for signal in signals]
+            moves = (np.abs(v[inner]) > MIN_SIGN_SPEED).reshape(-1)
+            all_columns = np.concatenate([rigid, *drives], axis=2).reshape(-1, 13 * n)
             rows.append(all_columns[moves])
-            torques.append(tau[part].reshape(-1)[moves])
-        system, y = np.concatenate(rows), np.concatenate(torques)
-        size = np.linalg.norm(system, axis=0)
+            torques.append(tau[inner].reshape(-1)[moves])
+        A, y = np.concatenate(rows), np.concatenate(torques)
+        size = np.linalg.norm(A, axis=0)
         size[size < MIN_COLUMN_RATIO * size.max()] = np.inf  # no torque depends on these
-        x = np.linalg.lstsq(system / size, y, rcond=1e-8)[0] / size
+        x = np.linalg.lstsq(A / size, y, rcond=1e-8)[0] / size
         inertial = x[: 10 * n].reshape(n, 10)
         rotor_inertia, coulomb, viscous = x[10 * n :].reshape(3, n)
         chain = robot.chain.with_inertial_parameters(inertial, rotor_inertia)

@@ -120,17 +120,18 @@ def figures(
     t = log.recording.t
     truth = np.roll(log.wrench, 3, axis=1)  # force first
     judged = t - t[0] >= SETTLED_SECONDS
-    counted = judged & reading.valid
+    counted = judged & reading.valid  # for the band
     if steps:
         counted &= ~after_edges(truth)
     error = reading.wrench - truth
     ratio = np.abs(error[counted]) / reading.sd[counted]
     has_samples = bool(counted.any())
     none = np.full(6, np.nan)
-    touched = _intervals(t, _is_above(truth, TOUCH_SHARE))
-    touches = _intervals(t, _is_above(truth, CONTACT_SHARE))
-    false = [c for c in reading.contacts if not any(_meet(c, touch) for touch in touched)]
-    missed = [touch for touch in touches if not any(_meet(c, touch) for c in reading.contacts)]
+    # Begin and end, s: where a contact may be reported, and where one must be.
+    possible_contacts = _intervals(t, _is_above(truth, TOUCH_SHARE))
+    true_contacts = _intervals(t, _is_above(truth, CONTACT_SHARE))
+    false = [c for c in reading.contacts if not any(_meet(c, true) for true in possible_contacts)]
+    missed = [true for true in true_contacts if not any(_meet(c, true) for c in reading.contacts)]
     result = {
         "inside_95_pct": 100.0 * np.mean(ratio <= SIGMA_95, axis=0) if has_samples else none,
         "beyond_3sd_pct": 100.0 * np.mean(ratio > 3.0, axis=0) if has_samples else none,
@@ -140,7 +141,7 @@ def figures(
         "false_contacts": len(false),
         "seconds": float(t[-1] - t[0]),
         "missed": len(missed),
-        "true_contacts": len(touches),
+        "true_contacts": len(true_contacts),
         "refused": float(bool(reading.refusal)),
         "ours": {"rmse_n": np.sqrt(np.mean(error[judged, :3] ** 2, axis=0))},
     }

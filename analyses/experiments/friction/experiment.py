@@ -69,7 +69,11 @@ VARIANTS = (
 
 
 def reversal_figure(run: TaskRun, readings: dict[str, VariantReading]) -> Figure:
-    """Force in Z by both laws, their errors, and the joints' velocities (Fig. 19)."""
+    """Force in Z by the article's two laws, their errors, and the joints' velocities (Fig. 19).
+
+    Args:
+        readings: of the run, by key of VARIANTS.
+    """
     figure, axes = new_figure(3, 1, height=7.0)
     force, error, velocity = axes[:, 0]
     shown = (
@@ -77,10 +81,11 @@ def reversal_figure(run: TaskRun, readings: dict[str, VariantReading]) -> Figure
         ("semi_parametric", COLOUR["after"], "semi-parametric"),
     )
     for key, colour, label in shown:
-        entry = readings[key]
-        draw_signal(force, entry.t, entry.force[:, 2], colour, label)
-        draw_signal(error, entry.t, entry.error[:, 2], colour, label)
-    draw_signal(force, entry.t, entry.reference[:, 2], COLOUR["truth"], "sensor")
+        reading = readings[key]
+        draw_signal(force, reading.t, reading.force[:, 2], colour, label)
+        draw_signal(error, reading.t, reading.error[:, 2], colour, label)
+    sensor = readings["semi_parametric"]
+    draw_signal(force, sensor.t, sensor.reference[:, 2], COLOUR["truth"], "sensor")
     force.set_ylabel("force fz [N]")
     error.set_ylabel("error of fz [N]")
     for joint in range(run.recording.num_joints):
@@ -166,19 +171,22 @@ COMPARISON = (
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """The experiment `friction` of `study`."""
+    """The experiment `friction` of `study`.
+
+    Readings and metrics are kept by key of VARIANTS, beside comparisons of two of them.
+    """
     models, scenario = pushed_arm(context, SCENARIO, 0.6)
     speed = highest_speed([scenario], models.robot)
     runs = pushed_runs(context, models, {"initial": scenario}, 0.6)
     run, motion = runs["initial"], line_of(scenario)
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
-    middle = 0.5 * motion.one_way
-    for key, entry in readings.items():
-        near = np.abs(entry.t - middle) <= REVERSAL_SHARE * motion.one_way
-        part = entry.part(near).metrics()
+    middle = 0.5 * motion.one_way  # s, where joints turn round
+    for key, reading in readings.items():
+        near = np.abs(reading.t - middle) <= REVERSAL_SHARE * motion.one_way
+        near_metrics = reading.part(near).metrics()
         metrics[key]["near_reversal"] = {
-            name: value for name, value in part.items() if name.startswith(("rmse", "max"))
+            name: value for name, value in near_metrics.items() if name.startswith(("rmse", "max"))
         }
     coulomb_viscous, semi_parametric = (
         metrics[key] for key in ("coulomb_viscous", "semi_parametric")

@@ -22,7 +22,7 @@ halves of those recordings. (`identify` trains it on the residuals of the fitted
 less slow motion.) `presliding+network` trains on the residuals of the fitted logs.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -147,42 +147,45 @@ class LawsOnOneArm:
 
 
 def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
-    """All laws on the simulated arm."""
+    """All laws on the simulated arm.
+
+    Each of COMPARED is fitted to one excitation and checked on another. The article's law has its
+    networks from planned reversals; all are judged near zero on the last of these, which none saw.
+
+    Args:
+        share: of the experiment's progress that this takes.
+    """
     robot = context.robot(ROBOT)
     plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
     context.progress(0.0, "simulated arm, identification")
-    coulomb_viscous_result, (log, other) = identify_simulated_arm(
+    plain_result, (fitted_log, validation_log) = identify_simulated_arm(
         robot, context.seed, context.quick, plain
     )
-    results = {WITH_OFFSET: coulomb_viscous_result}
+    results = {WITH_OFFSET: plain_result}
     for k, law in enumerate(COMPARED):
         context.progress(share * (0.4 + 0.03 * k), f"simulated arm, {law}")
         if law not in results:
             config = replace(plain, friction=law)
-            results[law] = identify([log.recording], robot, [other.recording], config)
+            results[law] = identify(
+                [fitted_log.recording], robot, [validation_log.recording], config
+            )
     postures = np.asarray(robot.home) + np.asarray(
         HOME_DEPARTURES[-2:] if context.quick else HOME_DEPARTURES
     )
     context.progress(0.6 * share, "simulated arm, reversals")
-    recordings = reversal_recordings(robot, postures, seed=context.seed)
-    separated = separate_recordings(
-        robot, recordings[:-1], coulomb_viscous_result.model, CONFIG.cutoff
-    )
-    article, trained = semi_parametric_model(robot, coulomb_viscous_result, separated)
+    *training_logs, judged_log = reversal_recordings(robot, postures, seed=context.seed)
+
+    def separate(recordings: Sequence[Recording]) -> SeparatedFriction:
+        """One model separates all: its mass matrix and gravity are not what is compared."""
+        return separate_recordings(robot, recordings, plain_result.model, CONFIG.cutoff)
+
+    separated = separate(training_logs)
+    article, trained = semi_parametric_model(robot, plain_result, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
-    # One model separates all: its mass matrix and gravity are not what is compared.
-    predicted = {
-        law: separate_recordings(
-            robot,
-            [_predicted(robot, recordings[-1], model)],
-            coulomb_viscous_result.model,
-            CONFIG.cutoff,
-        ).table()[1]
-        for law, model in models.items()
-    }
-    v, torque = separate_recordings(
-        robot, recordings[-1:], coulomb_viscous_result.model, CONFIG.cutoff
-    ).table()
+    v, torque = separate([judged_log]).table()  # (N, n) each
+    predicted = {}
+    for law, model in models.items():
+        _, predicted[law] = separate([_predicted(robot, judged_log, model)]).table()
     near_zero = tuple(
         NearZero(
             v[:, j],
@@ -193,16 +196,27 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     )
     validation = {law: result.validation for law, result in results.items()}
     validation[ARTICLE] = predict_torque(
-        [other.recording], robot, article, coulomb_viscous_result.config
+        [validation_log.recording], robot, article, plain_result.config
     )
-    ordered = {law: validation[law] for law in LAWS}
     return LawsOnOneArm(
-        robot.joint_names, ordered, near_zero, trained.v_crit, trained.v_crit, separated
+        joint_names=robot.joint_names,
+        validation={law: validation[law] for law in LAWS},
+        near_zero=near_zero,
+        edge=trained.v_crit,
+        v_crit=trained.v_crit,
+        separated=separated,
     )
 
 
 def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
-    """All laws on the UR10e's recordings."""
+    """All laws on the UR10e's recordings.
+
+    In each log of SINGLE_JOINTS one joint moves. Its first half trains that joint's network of the
+    article's law; its second half judges all laws near zero.
+
+    Args:
+        start: share of the experiment's progress at which this begins; it ends at 0.9.
+    """
     robot = Robot.load("ur10e")
     results = {}
     for k, law in enumerate(COMPARED):
@@ -210,28 +224,32 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
         config = IdentificationConfig(friction=law, cross_validate=False, seed=context.seed)
         results[law] = identify_ur10e(context.data, robot, config)
     ur10e = data_set_folder(FOLDER, context.data)
-    single = [read_recording(ur10e / name, robot=robot) for name in SINGLE_JOINTS]
-    halves = [len(r.t) // 2 for r in single]
-    joints = range(robot.num_joints)
+    logs = [read_recording(ur10e / name, robot=robot) for name in SINGLE_JOINTS]  # of each joint
+    middles = [len(log.t) // 2 for log in logs]  # samples
     plain = results[WITH_OFFSET]
     separated = separate_recordings(
         robot,
-        [r[:half] for r, half in zip(single, halves, strict=True)],
+        [log[:middle] for log, middle in zip(logs, middles, strict=True)],
         plain.model,
-        joints=joints,
+        joints=range(robot.num_joints),
     )
     article, trained = semi_parametric_model(robot, plain, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
     near_zero = tuple(
-        _one_joint(robot, recording[half:], j, models, plain.model)
-        for j, (recording, half) in enumerate(zip(single, halves, strict=True))
+        _one_joint(robot, log[middle:], j, models, plain.model)
+        for j, (log, middle) in enumerate(zip(logs, middles, strict=True))
     )
     validation = {law: result.validation for law, result in results.items()}
     held_out = validation_recordings(context.data, robot)
     validation[ARTICLE] = predict_torque(held_out, robot, article, plain.config)
-    ordered = {law: validation[law] for law in LAWS}
-    edge = np.full(robot.num_joints, NEAR_ZERO)
-    return LawsOnOneArm(robot.joint_names, ordered, near_zero, edge, trained.v_crit, separated)
+    return LawsOnOneArm(
+        joint_names=robot.joint_names,
+        validation={law: validation[law] for law in LAWS},
+        near_zero=near_zero,
+        edge=np.full(robot.num_joints, NEAR_ZERO),
+        v_crit=trained.v_crit,
+        separated=separated,
+    )
 
 
 def _predicted(robot: Robot, recording: Recording, model: IdentifiedModel) -> Recording:
@@ -254,9 +272,14 @@ def _one_joint(
     """Torque beyond the judge's rigid-body torque, measured and predicted, of the joint that moves.
 
     Each law comes with its own inertias: it is the sum that a sensor would compare.
+
+    Args:
+        joint: that moves in the recording, from 0.
+        models: by law.
+        judge: the model whose rigid-body torque is taken off.
     """
     config = IdentificationConfig()
-    (measured,) = predict_torque([recording], robot, judge, config)
+    (judged,) = predict_torque([recording], robot, judge, config)
     frictionless = replace(
         judge, friction=SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     )
@@ -268,9 +291,10 @@ def _one_joint(
         - rigid.predicted[:, joint]
         for law, model in models.items()
     }
-    at = np.searchsorted(uniform.t, measured.t - 1e-9)
-    friction = measured.measured[:, joint] - rigid.predicted[:, joint]
-    return NearZero(v[at, joint], friction, predicted)
+    # A fit holds only the samples that count: their rows of the uniform grid.
+    rows = np.searchsorted(uniform.t, judged.t - 1e-9)
+    friction = judged.measured[:, joint] - rigid.predicted[:, joint]
+    return NearZero(v[rows, joint], friction, predicted)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

@@ -68,11 +68,15 @@ _LOADED_TORQUE = 20.0  # N m, from which a joint's friction shows its share of t
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """Reads every recording by each variant, and judges them against the sensor."""
+    """Reads every recording by each variant, and judges them against the sensor.
+
+    Metrics are by recording, state ("moving" or "rest") and variant; the figures of a joint count
+    its own rows in that state (`_judged`). "target_less_motor" is the source's own method.
+    """
     context.progress(0.0, "reading the recordings")
     logs = read_logs(context.data)
     metrics: dict[str, Any] = {}
-    readings: dict[tuple[str, str], Lara8Reading] = {}
+    readings: dict[tuple[str, str], Lara8Reading] = {}  # by recording and variant
     for k, log in enumerate(logs):
         context.progress(0.1 + 0.5 * k / len(logs), log.name)
         log_readings = {variant: read_log(log, variant) for variant in log.variants}
@@ -85,7 +89,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         }
         metrics[log.name]["invalid"] = {v: _invalid(r) for v, r in log_readings.items()}
     context.progress(0.6, "parts of the errors")
-    variants = logs[0].variants
+    variants = logs[0].variants  # the same of all logs
     if "urdf" in variants:
         metrics["parts"] = {log.name: _parts(log, readings[log.name, "urdf"]) for log in logs}
         metrics["load_share"] = {log.name: _load_share(log) for log in logs}
@@ -165,13 +169,22 @@ def _by_hand(log: Lara8Log, state: str) -> list[float | None]:
 
 
 def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) -> dict[str, Any]:
-    """Joint 3 of the sweep as its source has it: every row, the sensor as it was recorded."""
+    """Joint 3 of the sweep as its source has it: every row, the sensor as it was recorded.
+
+    Args:
+        data: the folder of recordings that is given.
+        readings: by recording and variant.
+
+    Returns:
+        RMSE by method: "current" is the controller's target torque less the motor's.
+    """
     raw = read_recording(recording_file(data_set_folder(FOLDER, data), SWEEP), FORMAT)
     log = readings[SWEEP, VARIANTS[0]].log
     R_WE, _ = log.robot.chain.pose(raw.q)
     J = log.robot.chain.jacobian(raw.q)
-    halves = raw.extra["sensor"].reshape(-1, 2, 3)[:, ::-1]  # moment, force
-    wrench = np.einsum("kij,kpj->kpi", R_WE, halves).reshape(-1, 6)
+    # The sensor has force first, in axes of E; J wants the moment first, in axes of W.
+    moment_and_force = raw.extra["sensor"].reshape(-1, 2, 3)[:, ::-1]
+    wrench = np.einsum("kij,kpj->kpi", R_WE, moment_and_force).reshape(-1, 6)
     truth = np.einsum("ki,ki->k", J[:, :, _SWEPT_JOINT], wrench)
     moving = np.abs(raw.v[:, _SWEPT_JOINT]) > REST_SPEED
 
@@ -182,7 +195,7 @@ def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) ->
             "moving_rmse_nm": float(np.sqrt(np.mean(error[moving] ** 2))),
         }
 
-    by_current = raw.extra["tau_target"] - raw.current
+    by_current = raw.extra["tau_target"] - raw.current  # this log's currents are torques, N m
     result = {"current": errors(by_current[:, _SWEPT_JOINT])}
     for variant in log.variants:
         reading = readings[SWEEP, variant]
@@ -192,32 +205,40 @@ def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) ->
 
 
 def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]]:
-    """RMSE of the joints in motion, N m: with all that is used, and with one part left out."""
+    """RMSE of the joints in motion, N m: with all that is used, and with one part left out.
 
-    def moving(variant: Lara8Reading, truth: Array = log.truth) -> list[float | None]:
-        return by_joint(rms, log.moving, variant.batch.tau_ext - truth)
+    Args:
+        reading: of the log by the variant "urdf", with all that is used.
+
+    Returns:
+        One number a joint; None: it hardly moves.
+    """
+
+    def moving_rmse(one_reading: Lara8Reading, truth: Array = log.truth) -> list[float | None]:
+        return by_joint(rms, log.moving, one_reading.batch.tau_ext - truth)
 
     def with_friction(**change: Any) -> list[float | None]:
-        return moving(read_log(log, "urdf", controller_friction(log.name, **change)))
+        return moving_rmse(read_log(log, "urdf", controller_friction(log.name, **change)))
 
-    def without_law(error: Array, v: Array, load: Array) -> Any:
+    def rms_beside_any_law(error: Array, v: Array, load: Array) -> Any:
+        """RMS of a joint's error less what an offset, dry, loaded and viscous friction fit."""
         A = np.stack([np.ones_like(v), np.sign(v), np.sign(v) * load, v], axis=1)
         return rms(error - A @ np.linalg.lstsq(A, error, rcond=None)[0])
 
     zero_left = log.joint_torque(log.sensor_wrench(replace(log.mounting, tare=np.zeros(6))))
     return {
-        "as_it_is": moving(reading),
-        "controllers_rigid_body": moving(read_log(log, "controller_model")),
+        "as_it_is": moving_rmse(reading),
+        "controllers_rigid_body": moving_rmse(read_log(log, "controller_model")),
         "friction_without_load": with_friction(load_share=np.zeros(NUM_JOINTS)),
         "friction_of_another_day": with_friction(of_that_day=False),
-        "rotors_left_out": moving(read_log(log, "urdf", without_rotors=True)),
-        "delay_of_the_sensor_left": moving(
+        "rotors_left_out": moving_rmse(read_log(log, "urdf", without_rotors=True)),
+        "delay_of_the_sensor_left": moving_rmse(
             reading, log.joint_torque(log.recording.extra["wrench"])
         ),
-        "zero_of_the_sensor_left": moving(reading, zero_left),
+        "zero_of_the_sensor_left": moving_rmse(reading, zero_left),
         # The error that no friction law of speed, load and direction removes, though fitted here.
         "friction_fitted_to_this_sensor": by_joint(
-            without_law,
+            rms_beside_any_law,
             log.moving,
             reading.error,
             log.recording.v,

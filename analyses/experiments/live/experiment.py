@@ -73,7 +73,10 @@ LOGS = ("ur-20_02_19_15harm50sec", "ur-19_12_23_free", "ur-19_12_23_load")
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """Identifies, reads every log with and without tracking, and two sources at real time."""
+    """Identifies, reads every log with and without tracking, and two sources at real time.
+
+    A log's metrics are those of the tracked reading; below `untracked` are the other's.
+    """
     robot, model = presliding_arm(context, 0.3)
     masses = {name: LOAD_MASSES[name] for name in LOGS}
     metrics: dict[str, Any] = {}
@@ -90,15 +93,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
             truth = truth_of(plain, robot, model, mass)
             metrics[log] = {**judged(tracked, truth), "untracked": judged(plain, truth)}
         context.progress(0.9, "at real time")
-        seconds = PLAYED_TIME[context.quick]
+        whole_run, quick_run = PLAYED_TIME
+        seconds = quick_run if context.quick else whole_run
         metrics |= sources(log_file(context.data, PLAYED_LOG), path, robot, seconds)
-    rows = {
+    metrics_of_logs = {
         "inside [%]": [metrics[log] for log in masses],
         "inside, without --track [%]": [metrics[log]["untracked"] for log in masses],
     }
     shares = {
         label: axes_of([log_metrics["inside_95_pct"] for log_metrics in by_log])
-        for label, by_log in rows.items()
+        for label, by_log in metrics_of_logs.items()
     }
     conditions = f"by log, as `watch --track` reads them after {START_TIME:g} s, and without."
     return ExperimentResult(
@@ -113,7 +117,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> list[Reading]:
-    """Reads a log's first seconds as `watch` does, without its processes and views."""
+    """Reads a log's first seconds as `watch` does, without its processes and views.
+
+    Args:
+        track: whether friction is followed (`--track`).
+        seconds: of the log's time.
+    """
     settings, robot, model_read = load_watched(
         WatchSettings(
             source=f"replay://{quote(str(log))}?rate=0",
@@ -154,14 +163,22 @@ def truth_of(readings: list[Reading], robot: Robot, model: IdentifiedModel, mass
 
 
 def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
-    """Coverage, RMSE and share of valid samples of the force, against a truth (N, 3) N, by axis."""
-    t = np.array([r.t for r in readings])
-    judged_rows = (t >= t[0] + START_TIME) & (t <= t[-1] - END_MARGIN)
-    judged_rows &= np.array([not r.dropout for r in readings])
-    invalid = np.array([int(r.invalid) for r in readings])
+    """Coverage, RMSE and share of valid samples of the force, by axis.
+
+    Judged are the readings from START_TIME to END_MARGIN before the end, drop-outs left out; below
+    `valid` only those that are valid.
+
+    Args:
+        readings: N of them, of one log.
+        truth: (N, 3) N, the true force.
+    """
+    t = np.array([reading.t for reading in readings])
+    is_judged = (t >= t[0] + START_TIME) & (t <= t[-1] - END_MARGIN)
+    is_judged &= np.array([not reading.dropout for reading in readings])
+    invalid = np.array([int(reading.invalid) for reading in readings])
     valid = invalid == 0
-    error = np.array([r.wrench[3:] for r in readings]) - truth
-    sd = np.array([r.sd[3:] for r in readings])
+    error = np.array([reading.wrench[3:] for reading in readings]) - truth  # wrench: moment first
+    sd = np.array([reading.sd[3:] for reading in readings])
 
     def figures_of(rows: Flags) -> dict[str, Any]:
         if not rows.any():
@@ -171,12 +188,11 @@ def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
             "rmse_n": np.sqrt(np.mean(error[rows] ** 2, axis=0)),
         }
 
-    share = 100.0 * float(valid[judged_rows].mean())
     return {
-        **figures_of(judged_rows),
-        "share_valid_pct": share,
-        "invalid": invalid_pct(invalid[judged_rows]),
-        "valid": figures_of(judged_rows & valid),
+        **figures_of(is_judged),
+        "share_valid_pct": 100.0 * float(valid[is_judged].mean()),
+        "invalid": invalid_pct(invalid[is_judged]),
+        "valid": figures_of(is_judged & valid),
     }
 
 

@@ -53,9 +53,15 @@ ARTICLE_RMSE_REDUCTION, ARTICLE_MAX_REDUCTION = 37.12, 69.71
 def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
     """The ablation: reduction of the Y error that noise alone gives, under several assumptions.
 
-    Eq. 22 along both paths for independent torque errors of these sds (n,): averaged over time by
-    how the path is travelled; with thirds, for the error of one joint alone (a list over joints).
+    Eq. 22 along both paths for independent torque errors, averaged over time by how the path is
+    travelled; with thirds, for the error of one joint alone as well (a list over joints).
     `reduction_max_sd_y_pct` is that of the sd at the worst point, whatever the time law.
+
+    Args:
+        torque_sd: (n,) N m, of the torque errors.
+
+    Returns:
+        By time law, `reduction_max_sd_y_pct` and `one_joint_alone`.
     """
     laws = {
         "ramps_of_half_a_percent": steady_speed(0.005),
@@ -64,18 +70,22 @@ def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
         "uniform_acceleration": uniform_acceleration,
     }
     u, even = np.linspace(0.0, 1.0, 4001), np.linspace(0.0, 1.0, 501)
-    squares = {}  # of the error of Y per 1 N m of a joint's error, along each path
+    # By path, at the points `even` of it: squares (K, n) of the error of fy per 1 N m of a joint's.
+    power_of_joint = {}
     for name in (BEFORE, AFTER):
         path, posture = task_path(robot, name)
         q = followed(robot, path, even, branch_start(robot, path, posture))
-        squares[name] = np.linalg.inv(np.swapaxes(robot.chain.jacobian(q), 1, 2))[:, 4] ** 2
+        wrench_per_torque = np.linalg.inv(np.swapaxes(robot.chain.jacobian(q), 1, 2))
+        power_of_joint[name] = wrench_per_torque[:, 4] ** 2  # mx my mz fx fy fz: its fy
 
     def over_time(name: str, law: TimeLaw, sd: Array) -> float:
-        variance = np.interp(law(u).s, even, squares[name] @ sd**2)
+        """RMS of the error of fy, N, along a path."""
+        variance = np.interp(law(u).s, even, power_of_joint[name] @ sd**2)
         return float(np.sqrt(variance.mean()))
 
     def worst(name: str, sd: Array) -> float:
-        return float(np.sqrt((squares[name] @ sd**2).max()))
+        """Largest sd of fy, N, along a path."""
+        return float(np.sqrt((power_of_joint[name] @ sd**2).max()))
 
     def reduction(initial: float, optimised: float) -> float:
         return 100.0 * (1.0 - optimised / initial)
@@ -89,18 +99,18 @@ def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
             "reduction_rmse_y_pct": reduction(initial, optimised),
         }
     table["reduction_max_sd_y_pct"] = reduction(worst(BEFORE, torque_sd), worst(AFTER, torque_sd))
-    joints = np.diag(torque_sd)
+    sds_of_one_joint = np.diag(torque_sd)  # each row: the sds where one joint alone errs
     table["one_joint_alone"] = {
         "share_of_initial_variance_pct": [
-            100.0 * (over_time(BEFORE, thirds, joint_sd) / table["thirds"]["initial_rmse_y_n"]) ** 2
-            for joint_sd in joints
+            100.0 * (over_time(BEFORE, thirds, sd) / table["thirds"]["initial_rmse_y_n"]) ** 2
+            for sd in sds_of_one_joint
         ],
         "reduction_rmse_y_pct": [
-            reduction(over_time(BEFORE, thirds, joint_sd), over_time(AFTER, thirds, joint_sd))
-            for joint_sd in joints
+            reduction(over_time(BEFORE, thirds, sd), over_time(AFTER, thirds, sd))
+            for sd in sds_of_one_joint
         ],
         "reduction_max_sd_y_pct": [
-            reduction(worst(BEFORE, joint_sd), worst(AFTER, joint_sd)) for joint_sd in joints
+            reduction(worst(BEFORE, sd), worst(AFTER, sd)) for sd in sds_of_one_joint
         ],
     }
     return table

@@ -106,14 +106,23 @@ def read_runs(
     identified: IdentifiedModel,
     progress: Callable[[float], None],
 ) -> tuple[list[ReadRun], dict[str, SpecimenRefit]]:
-    """Fits the friction and reads every run by every method.
+    """Fits the friction and reads every run by every method (METHODS).
+
+    Three models differ in where this arm's friction comes from: "command" and "no_sensor" from the
+    motion in the air of all runs of the run's controller, "calibrated" from the other ones of these
+    runs with their sensor, "carried_over" from the other specimen as it is.
 
     Args:
+        files: of the runs.
         identified: model of another specimen.
+        progress: called with the share done.
+
+    Returns:
+        The runs, read; and the fits to the motion in the air, by controller.
     """
     law, torque_sd = plain_law(prepared)
     robots = {run.run.name.controller: run.robot for run in prepared}
-    air = air_refits(prepared, identified)
+    air_fits = air_refits(prepared, identified)
     carried_model = replace(identified, friction=carried_over(presliding_of(identified)))
     runs = []
     with TemporaryDirectory() as name:
@@ -125,16 +134,19 @@ def read_runs(
             controller, log = run.run.name.controller, folder / file.name
             write_rounded(run.run, file, log)
             others = [other for other in of_controller(prepared, controller) if other is not run]
-            refit = air[controller]
+            sensor_fit = air_fits[controller]
             if others:
-                refit = refit_rows([other.sensor_rows for other in others], run.robot, identified)
-            once = folder / f"{file.stem}_once"
-            save_model(once, refit.robot or run.robot, refit.model)
-            command = command_reading(run, file, air[controller].model)
+                other_rows = [other.sensor_rows for other in others]
+                sensor_fit = refit_rows(other_rows, run.robot, identified)
+            calibrated_model = folder / f"{file.stem}_once"
+            save_model(calibrated_model, sensor_fit.robot or run.robot, sensor_fit.model)
+            command = command_reading(run, file, air_fits[controller].model)
             readings = {
                 "no_sensor": command,
                 "command": command,
-                "calibrated": read_command(run, log, once, folder / f"{file.stem}_calibrated"),
+                "calibrated": read_command(
+                    run, log, calibrated_model, folder / f"{file.stem}_calibrated"
+                ),
                 "article": read_article(run, law, torque_sd),
                 "by_hand": read_by_hand(run),
                 "two_joints": read_two_joints(run),
@@ -144,7 +156,7 @@ def read_runs(
                 ),
             }
             runs.append(ReadRun(run, readings))
-    return runs, air
+    return runs, air_fits
 
 
 def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:

@@ -162,8 +162,14 @@ def _force_figure(reads: Sequence[ReadRun]) -> Figure:
 
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
-    """Rows for what there is; the other figure is that of K (i - i_target), joints 2 and 3."""
-    stated = {  # over all 67 runs, from the data set's description; both controllers if straight
+    """Rows for what there is; the other figure is that of K (i - i_target), joints 2 and 3.
+
+    Args:
+        metrics: of `contact_metrics`, which says how its keys are built. `{}` below is the method.
+    """
+    # Key of the metric, and RMSE in N of the data set's own check over all 67 runs, from its
+    # description; on the straight workpiece of both controllers together.
+    rmse_of_check = {
         "straight slide at 0.10 m/s": ("summary.{}.straight_slide_v10.rmse_n", 2.9),
         "straight slide at 0.25 m/s": ("summary.{}.straight_slide_v25.rmse_n", 2.9),
         "straight slide at 0.90 m/s": ("summary.{}.straight_slide_v90.rmse_n", 3.2),
@@ -173,20 +179,22 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         "ramp slide in force mode at 0.25 m/s": ("ramp_ur.v25.slide.{}.rmse_n", 11.8),
     }
     rows = []
-    for kind, (path, value) in stated.items():
+    for kind, (key_of_method, rmse) in rmse_of_check.items():
         for method, label in _SHOWN.items():
-            key = path.format(method)
+            key = key_of_method.format(method)
             if look_up(metrics, key) is not None:
                 text = f"RMSE of the force, {kind}, {label}"
                 share = look_up(metrics, key.replace("rmse_n", "share_valid_pct"))
                 valid = "" if share is None else f"; {share:.0f} % of the readings are valid"
                 remark = f"the check reads K (i - i_target){valid}"
-                rows.append(ComparisonRow(text, key, value, remark, _CHECK))
+                rows.append(ComparisonRow(text, key, rmse, remark, _CHECK))
     for method, label in _SHOWN.items():
-        plain = round(metrics["summary"]["gravity"]["rest"]["rmse_n"], 2)
+        rmse_of_subtraction = round(metrics["summary"]["gravity"]["rest"]["rmse_n"], 2)
         text = f"RMSE of the force at rest, {label}"
         key = f"summary.{method}.rest.rmse_n"
-        rows.append(ComparisonRow(text, key, plain, "K i - gravity", "plain subtraction"))
+        rows.append(
+            ComparisonRow(text, key, rmse_of_subtraction, "K i - gravity", "plain subtraction")
+        )
     states = (("rest", "at rest"), ("slide", "sliding"))
     for (method, label), (state, words) in product(_SHOWN.items(), states):
         key = f"summary.{method}.{state}.inside_95_pct"

@@ -175,10 +175,14 @@ def _drawing(fit: TorqueFit, joint_names: tuple[str, ...], law: str = "") -> Dra
 
 
 def _comparison() -> list[ComparisonRow]:
-    """The rows of the report: torque errors in N m of plain tools and a package beside ours."""
+    """The rows of the report: torque errors in N m of plain tools and a package beside ours.
+
+    Metrics below `best` are of the best friction law, the others of the plain one.
+    """
     plain, best = "plain tools", " with the best friction law"
 
     def share(key: str, words: str, joint: int, pct: float, remark: str = "") -> ComparisonRow:
+        """Percent of a joint's torque (from 1) unexplained; the metric is a list over joints."""
         label = f"Share unexplained over ptp_10_points{words}, joint {joint}"
         key = f"{key}.ptp_10_points.relative_pct.{joint - 1}"
         return ComparisonRow(label, key, pct, remark, plain)

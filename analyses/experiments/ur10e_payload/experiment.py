@@ -93,7 +93,11 @@ POINT_RULES = {
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """Identifies, estimates over the loaded run, and compares the methods with the payload."""
+    """Identifies, estimates over the loaded run, and compares the methods with the payload.
+
+    Metrics are by method of METHODS, read at the flange with the plain friction law; below `best`
+    the same with the best law, and there below `at_load` where the load acts. INNER_ROWS count.
+    """
     robot = Robot.load("ur10e")
     model = identify_ur10e(context.data, robot, progress=context.part(0.0, 0.3)).model
     context.progress(0.3, "estimating over the loaded run")
@@ -105,8 +109,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
     Sigma_tau = model.residual_covariance
     J, tau_ext = batch.J[INNER_ROWS], batch.tau_ext[INNER_ROWS]
     prior = evidence_prior(J, tau_ext, Sigma_tau)
-    *free, noise_scale = evidence_prior_and_noise(J, tau_ext, Sigma_tau)
-    priors = dict.fromkeys(METHODS, prior) | {"bayesian_live_prior": live_prior(robot.payload)}
+    prior_with_noise = evidence_prior_and_noise(J, tau_ext, Sigma_tau)
+    prior_before_log = live_prior(robot.payload)
+    priors = dict.fromkeys(METHODS, prior) | {"bayesian_live_prior": prior_before_log}
     readings = _at_flange(batch, Sigma_tau, priors)
 
     context.progress(0.7, "the same over an unloaded run")
@@ -118,15 +123,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics |= {
         "true_mass_kg": PAYLOAD_MASS,
         "prior": {
-            "force_sd_n": prior[0],
-            "moment_sd_nm": prior[1],
-            "live_force_sd_n": priors["bayesian_live_prior"][0],
-            "live_moment_sd_nm": priors["bayesian_live_prior"][1],
+            "force_sd_n": prior.force_sd,
+            "moment_sd_nm": prior.moment_sd,
+            "live_force_sd_n": prior_before_log.force_sd,
+            "live_moment_sd_nm": prior_before_log.moment_sd,
         },
         "prior_with_free_noise": {
-            "force_sd_n": free[0],
-            "moment_sd_nm": free[1],
-            "noise_factor": noise_scale,
+            "force_sd_n": prior_with_noise.force_sd,
+            "moment_sd_nm": prior_with_noise.moment_sd,
+            "noise_factor": prior_with_noise.noise_scale,
         },
         "unloaded": {
             "observed_torque_rms_nm": rms(empty.tau_ext[INNER_ROWS]),
@@ -139,9 +144,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
         },
     }
     context.progress(0.72, "the best friction law")
-    best_model = identify_ur10e(context.data, robot, IdentificationConfig(friction="best"))
-    at_load, best_readings = _with_best_law(ur10e / LOADED_LOG, robot, best_model.model, direction)
-    metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics}
+    best = identify_ur10e(context.data, robot, IdentificationConfig(friction="best"))
+    at_load, flange_metrics = _with_best_law(ur10e / LOADED_LOG, robot, best.model, direction)
+    metrics["best"] = {"law": best.law, **flange_metrics, "at_load": at_load.metrics}
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,
@@ -236,7 +241,8 @@ def _comparison() -> list[ComparisonRow]:
     richer = "the plain tools' friction had memory, Stribeck and load terms"
     by_hand = "prior of maximum evidence; plain tools: set by hand (30 N, 2 N m)"
     close = "it depends on how close the samples come to singular"
-    stated = (  # of the reading in the metrics, and as a label of a row has it
+    # Path of the reading in the metrics, label, RMSE in N of the plain tools by axis, remarks.
+    stated = (
         ("bayesian", "force RMSE {}, Bayesian", (7.3, 7.4, 10.0), (by_hand, "", "")),
         ("inverse", "force RMSE {}, eq. 22", (139.0, 5797.0, 901.0), (close, "", "")),
         ("damped", "force RMSE {}, damped", (4.4, 3.5, 11.2), 3 * (richer,)),

@@ -92,19 +92,26 @@ MIN_REGIME_SAMPLES = 30  # samples of a regime
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """Identifies, reads every log, and counts how often the band holds the truth."""
+    """Identifies, reads every log, and counts how often the band holds the truth.
+
+    A log's metrics are those of the identified model, by regime of motion. Below its keys are the
+    same of other readings, where the log moves: `widened` by the drift that a log without load
+    shows itself, `tracked` with friction followed, and `refreshed` by a model renewed from the
+    first seconds of the log, or, of a log with a load, of the one without it (REFRESHED_BY).
+    """
     robot, model = presliding_arm(context, 0.6)
     metrics: dict[str, Any] = {}
-    renewed: dict[str, IdentifiedModel] = {}
+    renewed_models: dict[str, IdentifiedModel] = {}  # by the log that renewed it
     for k, (log, mass) in enumerate(LOAD_MASSES.items()):
         context.progress(0.6 + 0.35 * k / len(LOAD_MASSES), log)
         recording = read_recording(log_file(context.data, log), robot=robot)
         log_metrics = _log_metrics(recording, mass, robot, _Reader(model), END_MARGIN_SAMPLES)
-        begin = END_MARGIN_SAMPLES
-        if mass == 0.0 and "sliding" in log_metrics:
+        moves = "sliding" in log_metrics
+        refreshed_from = END_MARGIN_SAMPLES  # what renewed the model does not judge it
+        if mass == 0.0 and moves:
             config = RefreshConfig(part=[0.0, REFRESH_SECONDS])
-            renewed[log] = refresh_model(recording, robot, model, config).model
-            begin += round(REFRESH_SECONDS / TIME_STEP)
+            renewed_models[log] = refresh_model(recording, robot, model, config).model
+            refreshed_from += round(REFRESH_SECONDS / TIME_STEP)
             drift = _shown_drift(recording, robot, model)
             if drift is not None and model.torque_error is not None:
                 error = replace(model.torque_error, drift_shown=drift)
@@ -112,21 +119,21 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 reader = _Reader(model, model_with_drift)
                 widened = _log_metrics(recording, mass, robot, reader, END_MARGIN_SAMPLES)
                 log_metrics["widened"] = {"drift": drift, **widened}
-        if "sliding" in log_metrics:
+        if moves:
             tracked_from = round(TRACKED_FROM / TIME_STEP)
             reader = _Reader(model, is_tracked=True)
             log_metrics["tracked"] = _log_metrics(recording, mass, robot, reader, tracked_from)
-        source = REFRESHED_BY.get(log, log)
-        if source in renewed:
-            reader = _Reader(renewed[source])
-            log_metrics["refreshed"] = _log_metrics(recording, mass, robot, reader, begin)
+        renewing_log = REFRESHED_BY.get(log, log)
+        if renewing_log in renewed_models:
+            reader = _Reader(renewed_models[renewing_log])
+            log_metrics["refreshed"] = _log_metrics(recording, mass, robot, reader, refreshed_from)
         metrics[log] = log_metrics
     context.progress(0.95, "figure")
-    none = {"all": {"inside_95_pct": [np.nan] * 3}}
+    not_read = {"all": {"inside_95_pct": [np.nan] * 3}}
     cases = {"inside [%]": list(metrics.values())}
     for case in ("widened", "refreshed"):
         cases[f"inside, {case} [%]"] = [
-            log_metrics.get(case, none) for log_metrics in metrics.values()
+            log_metrics.get(case, not_read) for log_metrics in metrics.values()
         ]
     shares = {
         words: axes_of([log_metrics["all"]["inside_95_pct"] for log_metrics in case])
@@ -277,6 +284,10 @@ def _log_metrics(
     Args:
         mass: kg, that hangs on the arm; 0 for a log without contact, whose true force is zero.
         begin: first sample, on the uniform grid, that is judged.
+
+    Returns:
+        Figures by regime (`regimes`) of force_only; below `bayesian` those of that method. A regime
+        of fewer than MIN_REGIME_SAMPLES is left out.
     """
     uniform = resampled(recording, TIME_STEP)
     is_judged = ~uniform.dropout

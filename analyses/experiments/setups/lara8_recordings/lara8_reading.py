@@ -282,7 +282,11 @@ def controller_friction(
 
 
 def stated_model(robot: Robot, friction: PreslidingFriction) -> IdentifiedModel:
-    """The URDF's masses, the given friction, and a stated torque error."""
+    """The URDF's masses, the given friction, and a torque error whose sds are stated above.
+
+    The error is a constant, a share of the load and one of the level at reversals; none of it grows
+    with speed or acceleration, and none is widened beyond the fitted range (there is none).
+    """
     every = np.ones(NUM_JOINTS)
     error = TorqueErrorModel(
         constant=np.array(_CONSTANT_SD),
@@ -320,7 +324,8 @@ def read_log(
 
     Args:
         variant: whose rigid body is taken. The controller's torque is for target speed and
-            acceleration: its difference from the URDF's torque there is added to the URDF's.
+            acceleration: its difference from the URDF's torque there is added to the URDF's (that
+            is, taken off the currents, which are torques in N m in these logs).
         friction: None: `controller_friction`.
         without_rotors: whether the rotors' inertia is left out.
     """

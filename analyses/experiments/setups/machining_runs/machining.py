@@ -190,8 +190,11 @@ def run_machining(
         plan: of the scenario.
         air_pass: the correction learnt on an air pass along the plan; None: no correction.
         reads: the model of the estimator; None: that of OURS.
-        page: where to write the arm in motion (HTML).
+        page: where to write the arm in motion (HTML); None: nowhere, and nothing is drawn.
         progress: called with the share done.
+
+    Returns:
+        The signals of _LOGGED; with a correction also the tool's vibration.
     """
     machining, robot = scenario.machining, models.robot
     assert machining is not None

@@ -76,7 +76,11 @@ def regulation_figure(
 
 
 def feed_figure(task: MachiningTask, metrics: Mapping[str, Any]) -> Figure:
-    """RMSE of the reading over the feed's duration, and error of the held force."""
+    """RMSE of the reading over the feed's duration, and error of the held force.
+
+    Args:
+        metrics: of `machining_study.feed_metrics`, by `feed_key`.
+    """
     figure, axes = new_figure(1, 2, height=4.2)
     reading, held = axes[0]
     reading.plot(
@@ -115,7 +119,13 @@ def machining_figures(
     without: Mapping[float, MachiningRun],
     metrics: Mapping[str, Any],
 ) -> Iterator[Drawing]:
-    """All figures of a machining study."""
+    """All figures of a machining study.
+
+    Args:
+        shown: by feed, the run with a sensor in its loop, and its readings by method and component.
+        without: by feed, the run without a sensor.
+        metrics: of all feeds.
+    """
     other = COMPONENTS[1 - COMPONENTS.index(task.component)]
     with_sensor = {feed: run for feed, (run, _) in shown.items()}
     yield (

@@ -53,7 +53,11 @@ _AIR_SEED = 1000  # apart from the runs' own
 
 
 def study_machining(context: ExperimentContext, task: MachiningTask) -> ExperimentResult:
-    """The experiments `polishing` and `grinding` of `study`."""
+    """The experiments `polishing` and `grinding` of `study`.
+
+    At each feed the work is done twice: with the estimate and with a sensor in the force loop. All
+    methods read the run with the sensor; both runs show how well the force is held.
+    """
     robot = context.robot(ROBOT)
     report = context.part(0.0, 0.1)
     models = identify_arm(robot, context.seed, context.quick, report, context.draws)
@@ -62,15 +66,16 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         for feedback, name in zip(FEEDBACKS, (task.scenario, task.sensorless), strict=True)
     }
     feeds = FEED_TIMES[:1] if context.fastest_feed else FEED_TIMES
-    total = 2.0 * sum(feeds)
-    done = 0.0
+    # A run takes about as long as its feed: progress goes by s of one way, planned and done.
+    planned_time, done_time = 2.0 * sum(feeds), 0.0
     metrics: dict[str, Any] = {}
+    # By feed: the run with a sensor and its readings by method and component; the run without.
     shown: dict[float, tuple[MachiningRun, dict[str, dict[str, Array]]]] = {}
-    without: dict[float, MachiningRun] = {}
+    without_sensor: dict[float, MachiningRun] = {}
     picture = context.out / "recording.html"
     for feed in feeds:
         one_way = feed * (QUICK_SHARE if context.quick else 1.0)
-        runs: dict[str, MachiningRun] = {}
+        runs: dict[str, MachiningRun] = {}  # by feedback
         plan, air_passes = None, None
         for feedback, scenario in scenarios.items():
             # The scenario at this feed, with the draws of this seed.
@@ -79,18 +84,20 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
             varies = replace(process.variations, seed=process.variations.seed + context.seed)
             process = replace(process, variations=varies)
             machining = replace(scenario.machining, one_way=one_way, process=process)
-            entry = replace(scenario, seed=scenario.seed + context.seed, machining=machining)
+            at_feed = replace(scenario, seed=scenario.seed + context.seed, machining=machining)
 
-            start, end = (0.1 + 0.85 * part / total for part in (done, done + feed))
+            start, end = (
+                0.1 + 0.85 * time / planned_time for time in (done_time, done_time + feed)
+            )
             report = context.part(start, end, f"{feed:g} s one way: ")
             if plan is None or air_passes is None:  # the same for both
-                plan = make_machining_path(entry, robot)
+                plan = make_machining_path(at_feed, robot)
                 air_passes = learn_air_passes(
-                    entry, robot, models.models[OURS], plan, _AIR_SEED + context.seed
+                    at_feed, robot, models.models[OURS], plan, _AIR_SEED + context.seed
                 )
             with_picture = context.draws and feedback == "estimate" and feed == FEED_TIMES[0]
             runs[feedback] = run_machining(
-                entry,
+                at_feed,
                 models,
                 plan,
                 air_pass=air_passes.correction,
@@ -98,13 +105,15 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
                 page=picture if with_picture else None,
                 progress=report,
             )
-            done += feed
+            done_time += feed
             if not runs[feedback].steady.any():
-                why = FAULT_SENTENCES.get(runs[feedback].fault, "no steady feed")
-                raise RuntimeError(f"{feedback} feedback, {feed:g} s: the pass ended early: {why}")
+                reason = FAULT_SENTENCES.get(runs[feedback].fault, "no steady feed")
+                raise RuntimeError(
+                    f"{feedback} feedback, {feed:g} s: the pass ended early: {reason}"
+                )
         readings = read_all(runs["sensor"], models)
         metrics[feed_key(feed)] = feed_metrics(task, runs, readings)
-        shown[feed], without[feed] = (runs["sensor"], readings), runs["estimate"]
+        shown[feed], without_sensor[feed] = (runs["sensor"], readings), runs["estimate"]
     metrics |= over_feeds(metrics)
     metrics["sources"] = sources(models, {feed: run for feed, (run, _) in shown.items()})
     context.progress(0.96, "figures")
@@ -115,7 +124,9 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     )
     return ExperimentResult(
         metrics=metrics,
-        figures=() if context.fastest_feed else machining_figures(task, shown, without, metrics),
+        figures=()
+        if context.fastest_feed
+        else machining_figures(task, shown, without_sensor, metrics),
         recordings=[page] if context.draws else [],
         comparison=comparison_rows(task),
         notes=[*machining_notes(task), *broken_off(metrics)],
@@ -128,7 +139,17 @@ def feed_metrics(
     runs: Mapping[str, MachiningRun],
     readings: Mapping[str, Mapping[str, Array]],
 ) -> dict[str, Any]:
-    """All figures of one feed: first the article's method on the article's component."""
+    """All figures of one feed: first the article's method on the article's component.
+
+    Args:
+        runs: by feedback, "sensor" and "estimate".
+        readings: (T,) N of the run with the sensor, by method (READINGS) and component.
+
+    Returns:
+        By method, while the tool works: the errors of the article's component, with `steady` and
+        `within_ways`, and those of each component. Then, by feedback: bands, shares of valid
+        readings and reasons in percent by part of the work, regulation, vibration and fault.
+    """
     run = runs["sensor"]
     truth = run.components(run.signals["wrench_true"][:, 3:])
     working, steady = run.working, run.steady
@@ -208,19 +229,20 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
     """The figures that are compared, as lists over the feeds; NaN of those that were not run."""
 
     def collect(*path: str) -> list[float]:
+        """The figure at this path of keys below each feed."""
         values = []
         for feed in FEED_TIMES:
             value: Any = metrics.get(feed_key(feed))
             if value is not None:
-                for part in path:
-                    value = value[part]
+                for key in path:
+                    value = value[key]
             values.append(float("nan") if value is None else value)
         return values
 
     def worst_axes(band: str, feedback: str) -> dict[str, list[float]]:
-        """By part of the work, over the feeds; NaN where a pass did not have that part.
+        """The least share inside the band among x, y, z, by part of the work, over the feeds.
 
-        Of the valid readings also where a part had none.
+        NaN where a pass did not have that part; of the valid readings also where it had none.
         """
         bands = [
             metrics.get(feed_key(feed), {}).get(band, {}).get(feedback, {}) for feed in FEED_TIMES

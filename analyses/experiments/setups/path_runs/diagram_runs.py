@@ -53,15 +53,14 @@ def read_in_diagram(
         every LOG_PERIOD of the even motion along the path, without the start (3 / K_0).
     """
     scenario = replace(scenario, estimator=estimator.config)
-    signals = ["wrench", "covariance"]
-    signals.append("wrench_true" if scenario.force_torque_sensor is None else "ft_wrench")
+    reference = "wrench_true" if scenario.force_torque_sensor is None else "ft_wrench"
     loop = make_closed_loop(
         scenario,
         robot,
         IdentifiedModel.nominal(robot),
         motion=planned_motion(scenario, robot, everywhere=False),
         estimator=LoopEstimator(model=estimator.model),
-        log=LogRequest(only=signals, period=LOG_PERIOD),
+        log=LogRequest(only=["wrench", "covariance", reference], period=LOG_PERIOD),
     )
     simulator = Simulator(loop.diagram)
     for end in np.arange(_PROGRESS_PERIOD, scenario.duration + _PROGRESS_PERIOD, _PROGRESS_PERIOD):
@@ -72,11 +71,11 @@ def read_in_diagram(
     rows = (t >= start + estimator.observer.settling_time) & (t <= end)
     covariance = logged["covariance"][rows].reshape(-1, 6, 6)
     return VariantReading(
-        name,
-        t[rows],
-        logged["wrench"][rows, 3:],
-        np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, 3:]),
-        logged[signals[-1]][rows, 3:],
+        name=name,
+        t=t[rows],
+        force=logged["wrench"][rows, 3:],
+        sd=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, 3:]),
+        reference=logged[reference][rows, 3:],
     )
 
 

@@ -94,7 +94,7 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     """Simulates two cycles on each path, and reads the second one with every variant.
 
     A cycle is one way forth and back. Eq. 4 subtracts the torque of the first cycle from that of
-    the second, sample by sample.
+    the second, sample by sample. `RepeatedCycles` says what its metrics hold.
     """
     robot = context.robot(ROBOT)
     scenario = planned_task(context, scenario_name, ONE_WAY_QUICK)
@@ -114,16 +114,15 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)
         torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))
-        path_variants = [variant for variant in VARIANTS if variant.path == path]
-        readers = []
-        for variant in path_variants:
-            config = WrenchReconstructionConfig(variant.method).with_prior(*prior)
-            error = errors[variant.K_0]
-            reconstruction = WrenchReconstruction(config, error.correlation)
-            readers.append(RepetitionReader(variant.label, reconstruction, error))
-        read = read_repetition(run, robot, period, readers)
-        for variant, reading in zip(path_variants, read, strict=True):
-            readings[variant.key] = reading
+        readers = {}
+        for variant in VARIANTS:
+            if variant.path == path:
+                config = WrenchReconstructionConfig(variant.method).with_prior(*prior)
+                error = errors[variant.K_0]
+                reconstruction = WrenchReconstruction(config, error.correlation)
+                readers[variant.key] = RepetitionReader(variant.label, reconstruction, error)
+        path_readings = read_repetition(run, robot, period, list(readers.values()))
+        readings |= dict(zip(readers, path_readings, strict=True))
     # One entry a variant, by its key in VARIANTS; then comparisons of two variants each.
     metrics: dict[str, Any] = {variant.key: readings[variant.key].metrics() for variant in VARIANTS}
     initial, optimised = metrics[BEFORE], metrics[AFTER]

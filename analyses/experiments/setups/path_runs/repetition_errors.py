@@ -41,26 +41,30 @@ def repetition_errors(
         robot: with its simulated truth.
         gains: K_0.
         quick: a shorter log for the identification, and one posture.
+
+    Returns:
+        One entry for each of `gains`, in their order.
     """
     postures = np.asarray(robot.home) + np.asarray(
         HOME_DEPARTURES[1:2] if quick else HOME_DEPARTURES[1:3]
     )
-    # The first of the two as in `wrenchsight.analyses.experiments.setups.simulated_arm.arm_models`.
+    # Two simulations of the same slow motions, at each posture, with noise of their own; the first
+    # as in `wrenchsight.analyses.experiments.setups.simulated_arm.arm_models`.
     first_cycles, second_cycles = (
         reversal_recordings(robot, postures, PASS_SPEEDS, seed + 100 * (1 + k), PASS_PERIOD)
         for k in range(2)
     )
     result, _ = identify_simulated_arm(robot, seed, quick)
-    level = np.abs(result.model.friction.coulomb_viscous.coulomb)
+    level = np.abs(result.model.friction.coulomb_viscous.coulomb)  # (n,) N m, of slow friction
     resolution = position_resolution(np.vstack([log.q for log in first_cycles]))
     errors = []
     for K_0 in gains:
-        parts = []
+        settled_errors = []  # (N, n) N m of each posture: nothing touches the arm
         for first_cycle, second_cycle in zip(first_cycles, second_cycles, strict=True):
             period = len(first_cycle.t)
             tau_ext = repetition_torque(_after(first_cycle, second_cycle), robot, period, K_0)
-            parts.append(tau_ext[_settled(first_cycle)])
-        errors.append(repetition_error(np.vstack(parts), level, resolution, K_0))
+            settled_errors.append(tau_ext[_settled(first_cycle)])
+        errors.append(repetition_error(np.vstack(settled_errors), level, resolution, K_0))
     return errors
 
 

@@ -165,7 +165,7 @@ def task_scenario(name: str, seed: int, one_way: float | None = None) -> Scenari
     if one_way is None:
         return scenario
     motion = line_of(scenario)
-    share = one_way / motion.one_way
+    share = one_way / motion.one_way  # factor on all times
     lead_in = min(motion.lead_in, 0.5 * one_way)
     pushes: list[WrenchSegment] = [
         replace(
@@ -264,6 +264,7 @@ def read_run(
     """Reads a run with an estimator; the start (3 / K_0) is left out.
 
     Args:
+        name: of the reading.
         tau_f: (T, n) N m, friction known from elsewhere; None: by the estimator's law.
     """
     recording = run.recording
@@ -271,16 +272,16 @@ def read_run(
     force, sd = np.empty((2, recording.num_samples, 3))
     for start in range(0, recording.num_samples, _BLOCK_ROWS):
         rows = slice(start, start + _BLOCK_ROWS)
-        part = estimator.run(
-            state,
+        block = estimator.run(
+            state,  # goes on from block to block
             recording.q[rows],
             recording.v[rows],
             recording.current[rows],
             tau_f=None if tau_f is None else tau_f[rows],
-            conditions=False,  # the run has them
+            conditions=False,  # condition numbers: the run has them
         )
-        force[rows] = part.wrench[:, 3:]
-        sd[rows] = part.standard_deviation[:, 3:]
+        force[rows] = block.wrench[:, 3:]
+        sd[rows] = block.standard_deviation[:, 3:]
     settled = recording.t - recording.t[0] >= estimator.observer.settling_time
     return VariantReading(
         name,
@@ -333,33 +334,39 @@ def read_repetition(
     Args:
         run: run of two cycles.
         period: samples of a cycle.
-        readers: each gives a reading.
+        readers: each gives a reading; those of one K_0 share its error.
+
+    Returns:
+        One reading of each reader, in their order; its time begins with the second cycle.
     """
     log, step = run.recording, run.recording.time_step
     errors = {reader.error.K_0: reader.error for reader in readers}
+    # By K_0, (T, n) N m over the second cycle.
     tau_ext = {K_0: repetition_torque(log, robot, period, K_0) for K_0 in errors}
     torque_sd = {
-        K_0: entry.sd(log.q, log.v, tau_ext[K_0], period, step) for K_0, entry in errors.items()
+        K_0: error.sd(log.q, log.v, tau_ext[K_0], period, step) for K_0, error in errors.items()
     }
-    lags = [LagPower(entry.error.K_0, step, HAND_HZ) for entry in readers]
+    lags = [LagPower(reader.error.K_0, step, HAND_HZ) for reader in readers]  # go on over blocks
     q, t = log.q[period:], log.t[period:]
     force, sd = np.empty((2, len(readers), len(q), 3))
     for start in range(0, len(q), _BLOCK_ROWS):
         rows = slice(start, start + _BLOCK_ROWS)
         J = np.asarray(robot.chain.jacobian(q[rows]))
-        for k, (entry, lag) in enumerate(zip(readers, lags, strict=True)):
-            K_0 = entry.error.K_0
+        for k, (reader, lag) in enumerate(zip(readers, lags, strict=True)):
+            K_0 = reader.error.K_0
             tau = tau_ext[K_0][rows]
-            part = _reconstructed(entry, J, tau, torque_sd[K_0][rows])
+            block = _reconstructed(reader, J, tau, torque_sd[K_0][rows])
             if K_0 is not None:
-                still = _reconstructed(entry, J, tau, np.broadcast_to(entry.error.noise, tau.shape))
-                noise = np.diagonal(still.covariance, axis1=1, axis2=2)
-                lag.add(part.wrench, noise, part.covariance)
-            force[k, rows] = part.wrench[:, 3:]
-            sd[k, rows] = np.sqrt(np.diagonal(part.covariance, axis1=1, axis2=2)[:, 3:])
+                # What the low-pass is late by shows above the variance that noise alone gives.
+                noise_sd = np.broadcast_to(reader.error.noise, tau.shape)
+                of_noise = _reconstructed(reader, J, tau, noise_sd).covariance
+                noise_variance = np.diagonal(of_noise, axis1=1, axis2=2)
+                lag.add(block.wrench, noise_variance, block.covariance)  # widens the covariance
+            force[k, rows] = block.wrench[:, 3:]
+            sd[k, rows] = np.sqrt(np.diagonal(block.covariance, axis1=1, axis2=2)[:, 3:])
     return [
-        VariantReading(entry.name, t - t[0], force[k], sd[k], run.reference[period:])
-        for k, entry in enumerate(readers)
+        VariantReading(reader.name, t - t[0], force[k], sd[k], run.reference[period:])
+        for k, reader in enumerate(readers)
     ]
 
 

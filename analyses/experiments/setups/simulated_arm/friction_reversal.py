@@ -111,7 +111,7 @@ def separate_recordings(
     if joints is not None and len(joints) != len(recordings):
         raise ValueError("one joint per recording expected")
     chain = model.chain(robot)
-    result: list[list[ReversalSamples]] = [[] for _ in robot.joint_names]
+    samples_of_joint: list[list[ReversalSamples]] = [[] for _ in robot.joint_names]
     for k, recording in enumerate(recordings):
         step = float(f"{recording.time_step:.3g}")
         uniform = resampled(recording, step)
@@ -122,8 +122,8 @@ def separate_recordings(
         q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
         motion = FilteredMotion(uniform.t, q, v, derivative(v, step), tau)
         for j in range(robot.num_joints) if joints is None else (joints[k],):
-            result[j].append(separate(chain, motion, j, REST_SPEED, 1.0 / cutoff))
-    return SeparatedFriction(tuple(_joined(j, s) for j, s in enumerate(result)))
+            samples_of_joint[j].append(separate(chain, motion, j, REST_SPEED, 1.0 / cutoff))
+    return SeparatedFriction(tuple(_joined(j, parts) for j, parts in enumerate(samples_of_joint)))
 
 
 def reversal_recordings(

@@ -303,6 +303,9 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
         log: its file, with rounded velocities.
         model: folder with model.yaml, of `identify --refresh --other-specimen`, and robot.yaml.
         out: folder for the results.
+
+    Returns:
+        The force along the tool's z axis, N, mean over each block.
     """
     config = EstimateConfig(
         contact=ContactConfig(axis=AXIS), tool=True, table="parquet", covariance=True, check=False
@@ -318,14 +321,16 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
     for i, a in enumerate(axes):
         for j, b in enumerate(axes[i:], start=i):
             covariance[:, i, j] = covariance[:, j, i] = column[f"cov_{a}_{b}"]
-    z = prepared.R_WE[:, :, 2]  # along the tool, pressing positive
-    sd = np.sqrt(np.einsum("ki,kij,kj->k", z, covariance, z))
+    # The tool's z axis points at the surface; its force on the robot, along -z, counts as positive.
+    z_W = prepared.R_WE[:, :, 2]
+    pressing_force = -np.einsum("ki,ki->k", z_W, force)
+    sd = np.sqrt(np.einsum("ki,kij,kj->k", z_W, covariance, z_W))
+    # A block is valid where all its samples are; it has the reasons of all of them.
     valid = block_mean((column["valid"] == 1.0).astype(float)) == 1.0
     codes = column["invalid"].astype(np.int64)
-    blocks = codes[: len(valid) * BLOCK_SAMPLES].reshape(len(valid), BLOCK_SAMPLES)
-    reasons = np.bitwise_or.reduce(blocks, axis=1)
-    along = block_mean(-np.einsum("ki,ki->k", z, force))
-    return ForceReading(along, block_mean(sd), valid, reasons)
+    codes_of_block = codes[: len(valid) * BLOCK_SAMPLES].reshape(len(valid), BLOCK_SAMPLES)
+    reasons = np.bitwise_or.reduce(codes_of_block, axis=1)
+    return ForceReading(block_mean(pressing_force), block_mean(sd), valid, reasons)
 
 
 def command_reading(run: PreparedRun, file: Path, model: IdentifiedModel) -> ForceReading:

@@ -190,16 +190,17 @@ def read_run(path: Path) -> ContactRun:
 def _intervals(
     name: RunName, log: Recording, phase: NDArray[np.int64], speed: Array
 ) -> dict[str, tuple[float, float]]:
-    """The intervals that a run has, by its phases and its target speed."""
+    """Begin and end, s, of the INTERVALS that a run has, by its phases and its target speed.
+
+    Args:
+        phase: (T,) as the log's column.
+        speed: (T,) m/s, target of the tool.
+    """
     t, intervals = log.t, {}
-
-    def ends(which: Flags) -> tuple[float, float] | None:
-        rows = np.flatnonzero(which)
-        return (float(t[rows[0]]), float(t[rows[-1]])) if len(rows) else None
-
     steady = (phase == _SLIDE) & (speed >= _STEADY_SPEED_SHARE * name.speed)
     position_controlled_ramp = name.scene == "ramp" and name.controller == "acf"
-    margins = {
+    # By interval: samples (T,) from the first to the last of which it lasts; s off its two ends.
+    rules = {
         "approach": (phase == _APPROACH, 0.0, 0.0),
         "touch": (phase == _TOUCH, 0.0, 0.0),
         "hold1": (phase == _HOLD, 0.0, _END_MARGIN),
@@ -207,11 +208,11 @@ def _intervals(
         "hold2": (phase == _SECOND_HOLD, 0.0, _END_MARGIN),
         "lift": (phase == _LIFT, 0.0, 0.0),
     }
-    for key, (which, margin_begin, margin_end) in margins.items():
-        whole = ends(which)
-        if whole is None or (key == "slide" and name.scene == "direct"):
+    for key, (samples, begin_margin, end_margin) in rules.items():
+        rows = np.flatnonzero(samples)
+        if not len(rows) or (key == "slide" and name.scene == "direct"):
             continue
-        begin, end = whole[0] + margin_begin, whole[1] - margin_end
+        begin, end = float(t[rows[0]]) + begin_margin, float(t[rows[-1]]) - end_margin
         if key == "hold1" and name.controller == "acf":
             begin = max(begin, _SETTLING_TIME)
         if end > begin:
@@ -239,17 +240,18 @@ def rounded_corners(
     Returns:
         The velocity, and (T,) True from 0.12 s before a corner to 0.15 s after.
     """
-    direction = v / np.maximum(speed, _MIN_SPEED)[:, None]
-    jump = np.nan_to_num(np.abs(np.diff(direction, axis=0)).sum(axis=1))
+    direction = v / np.maximum(speed, _MIN_SPEED)[:, None]  # (T, n) rad/m
+    jump = np.nan_to_num(np.abs(np.diff(direction, axis=0)).sum(axis=1))  # from sample k to k + 1
     jumps = np.flatnonzero((jump > _CORNER_JUMP) & where[1:] & (speed[1:] > _MIN_CORNER_SPEED))
+    # Jumps of a few samples one after another are one corner.
     apart = np.flatnonzero(np.diff(jumps) >= _CORNER_STEPS) + 1
-    groups = [group for group in np.split(jumps, apart) if jump[group].sum() > _MIN_CORNER_JUMP]
+    corners = [corner for corner in np.split(jumps, apart) if jump[corner].sum() > _MIN_CORNER_JUMP]
     rounded, near = v.copy(), np.zeros(len(v), bool)
-    travelled = np.cumsum(speed) * step
-    for number, group in enumerate(groups):
-        end = int(group[-1]) + 1
+    travelled = np.cumsum(speed) * step  # m
+    for number, corner in enumerate(corners):
+        end = int(corner[-1]) + 1  # first sample behind the corner
         blend = blends[min(number, len(blends) - 1)]
-        start = min(int(np.searchsorted(travelled, travelled[end] - blend)), int(group[0]))
+        start = min(int(np.searchsorted(travelled, travelled[end] - blend)), int(corner[0]))
         start = max(start, int(np.flatnonzero(where[: end + 1])[0]))  # at rest before its path
         share = np.linspace(0.0, 1.0, end - start + 1)[:, None]
         rounded[start : end + 1] = v[start] + (v[end] - v[start]) * share

@@ -160,7 +160,11 @@ class Tally:
     def add(
         self, detection: Detection, begin: int, end: int, time_step: float, link: int | None
     ) -> None:
-        """Takes one push.
+        """Takes one push; none that begins while the contact before it is not over.
+
+        It is found where a contact is detected from its begin to MAX_DELAY after its end. Where the
+        detector says for at least half of the rest of the push that no force at E explains it, the
+        link counts that is named in more than half of those samples.
 
         Args:
             detection: along its log.
@@ -170,20 +174,20 @@ class Tally:
         """
         late = round(MAX_DELAY / time_step)
         if detection.contact[max(begin - 1, 0)]:
-            return  # the contact before it is not over
+            return
         self.contacts += 1
-        result = np.flatnonzero(detection.contact[begin : end + late])
-        if not len(result):
+        in_contact = np.flatnonzero(detection.contact[begin : end + late])
+        if not len(in_contact):
             return
         # The push may have begun up to a sample before the first that shows it.
-        self.delays.append((int(result[0]) + 1) * time_step)
-        inside = slice(begin + int(result[0]), end)
-        touched = detection.misfit[inside]
-        if len(touched) and touched.mean() >= 0.5:
+        self.delays.append((int(in_contact[0]) + 1) * time_step)
+        found_part = slice(begin + int(in_contact[0]), end)
+        misfit = detection.misfit[found_part]
+        if len(misfit) and misfit.mean() >= 0.5:
             self.misfits += 1
-            report = detection.link[inside][touched]
-            report = report[report > 0]
-            named = int(np.bincount(report).argmax()) if 2 * len(report) > touched.sum() else 0
+            links = detection.link[found_part][misfit]
+            links = links[links > 0]  # 0: no link is named
+            named = int(np.bincount(links).argmax()) if 2 * len(links) > misfit.sum() else 0
             if named == 0:
                 verdict = "untold"
             elif named == link:

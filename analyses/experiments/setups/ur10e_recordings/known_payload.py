@@ -64,6 +64,11 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
     Args:
         estimate: estimate of N samples.
         direction: (N, 3) m/s^2, as `payload_reference`: the true force is PAYLOAD_MASS times it.
+
+    Returns:
+        Lists are of x, y, z; `mass_kg` is the mass whose force along `direction` is nearest to the
+        reading. None of fewer than two samples. The rank correlation is that of the error's size
+        with the stated sd's, and with the condition number.
     """
     force, truth = estimate.wrench[:, 3:], PAYLOAD_MASS * direction
     deviation = estimate.standard_deviation[:, 3:]
@@ -86,7 +91,7 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
             "inside_95_pct": 100.0 * np.mean(share <= SIGMA_95, axis=0),
         }
 
-    size = np.linalg.norm(force - truth, axis=1)
+    error_size = np.linalg.norm(force - truth, axis=1)
     ranked = {
         "stated_sd": np.linalg.norm(deviation, axis=1),
         "condition_number": estimate.condition_number,
@@ -97,7 +102,7 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
         "invalid": invalid_pct(estimate.invalid),
         "valid": errors(estimate.valid),
         "rank_correlation_with_error": {
-            key: float(spearmanr(measure, size).statistic) for key, measure in ranked.items()
+            key: float(spearmanr(measure, error_size).statistic) for key, measure in ranked.items()
         },
     }
 
@@ -177,12 +182,20 @@ def read_at_load(
     with_mean: bool,
     free_noise: bool,
 ) -> AtLoad:
-    """Finds the point of action from the first seconds, and reads the later samples there."""
+    """Finds the point of action from the first seconds, and reads the later samples there.
+
+    Args:
+        loaded: the run with the load.
+        batch: what the estimator read along it, at E.
+        Sigma_tau: (n, n) N^2 m^2, of the torque's error.
+        with_mean, free_noise: as `find_point_of_action`: whether the force there has a mean, and
+            the noise a scale of its own.
+    """
     # The point is found from every fifth of the learnt rows, the prior beside it from all.
     learnt = slice(LEARNING_ROWS.start, LEARNING_ROWS.stop)
     test = slice(LEARNING_ROWS.stop, -LEARNING_ROWS.start)  # the same margin at both ends
     R_WE, _ = robot.chain.pose(loaded.q)
-    result = find_point_of_action(
+    point = find_point_of_action(
         batch.J[LEARNING_ROWS],
         R_WE[LEARNING_ROWS],
         batch.tau_ext[LEARNING_ROWS],
@@ -190,32 +203,35 @@ def read_at_load(
         with_mean,
         free_noise,
     )
-    J = jacobian_at(batch.J, R_WE, result.p_EP)
-    Sigma = result.noise_scale**2 * Sigma_tau
-    # A mean force is taken off the torque before the reading, and added to it again.
-    with_prior = METHODS["bayesian"].with_prior(result.force_sd, result.moment_sd)
+    J = jacobian_at(batch.J, R_WE, point.p_EP)
+    Sigma = point.noise_scale**2 * Sigma_tau
+    about_mean = METHODS["bayesian"].with_prior(point.force_sd, point.moment_sd)
     zero_mean = evidence_prior(J[learnt], batch.tau_ext[learnt], Sigma)
-    expected = J[:, 3:].transpose(0, 2, 1) @ result.mean_force_W
-    plain = batch.tau_ext
-    readings = {}
-    for name, config, tau, mean in (
-        ("bayesian", with_prior, plain - expected, result.mean_force_W),
-        ("bayesian_zero_mean", METHODS["bayesian"].with_prior(*zero_mean), plain, np.zeros(3)),
-        ("force_only", METHODS["force_only"].with_prior(*zero_mean), plain, np.zeros(3)),
-    ):
+
+    def read(config: WrenchReconstructionConfig, mean_force: Array) -> WrenchEstimate:
+        """The mean force (3,) in W is taken off the torque before the reading, and added again."""
+        expected = J[:, 3:].transpose(0, 2, 1) @ mean_force
+        tau = batch.tau_ext - expected
         estimate = WrenchReconstruction(config, Sigma).reconstruct(J[test], tau[test])
-        estimate.wrench[:, 3:] += mean
-        readings[name] = estimate
-    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, result.p_EP)[test]
+        estimate.wrench[:, 3:] += mean_force
+        return estimate
+
+    no_force = np.zeros(3)
+    readings = {
+        "bayesian": read(about_mean, point.mean_force_W),
+        "bayesian_zero_mean": read(METHODS["bayesian"].with_prior(*zero_mean), no_force),
+        "force_only": read(METHODS["force_only"].with_prior(*zero_mean), no_force),
+    }
+    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, point.p_EP)[test]
     metrics = {
         **{name: payload_metrics(estimate, direction) for name, estimate in readings.items()},
-        "point_m": result.p_EP,
-        "mean_force_n": result.mean_force_W,
-        "force_sd_n": result.force_sd,
-        "moment_sd_nm": result.moment_sd,
-        "noise_factor": result.noise_scale,
-        "zero_mean_force_sd_n": zero_mean[0],
-        "zero_mean_moment_sd_nm": zero_mean[1],
+        "point_m": point.p_EP,
+        "mean_force_n": point.mean_force_W,
+        "force_sd_n": point.force_sd,
+        "moment_sd_nm": point.moment_sd,
+        "noise_factor": point.noise_scale,
+        "zero_mean_force_sd_n": zero_mean.force_sd,
+        "zero_mean_moment_sd_nm": zero_mean.moment_sd,
     }
     return AtLoad(loaded.t[test] - loaded.t[0], readings["bayesian"], direction, metrics)
 
