@@ -65,16 +65,11 @@ class ContactDetection(SampledBlock):
     """
 
     def __init__(self, detector: ContactDetector) -> None:
-        n, num_outputs = detector.num_joints, len(DETECTION)
+        n = detector.num_joints
         SampledBlock.__init__(
-            self,
-            period=detector.time_step,
-            initial_memory=detector.initial_state(),
-            held_sizes={"detection": num_outputs},
+            self, period=detector.time_step, initial_memory=detector.initial_state()
         )
         self._detector = detector
-        # N m: stands for the torque of the gears in an output that does without it.
-        self._no_torque = np.zeros((1, n))
 
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -86,18 +81,21 @@ class ContactDetection(SampledBlock):
         self._pole = self.DeclareVectorInputPort("pole", n)
         self._sliding = self.DeclareVectorInputPort("sliding", sliding_size(n))
 
-        # The detector with pole and friction as they are now: made anew when one of these inputs
-        # changes, not at every tick.
-        self._tuned = declare_cached(
+        # The ContactDetector with pole and friction as they are now: made anew when one of these
+        # inputs changes, not at every tick.
+        self._tuned_detector = declare_cached(
             self, "detector", self._calc_detector, {self._pole.ticket(), self._sliding.ticket()}
         )
         ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
-        # Else the update alone reads them: the output does not feed through from the motors.
+        # Motors and gears count for the sample after, which the update sees to. The output reads
+        # them only behind an observer that does: else it does not feed through from the motors, and
+        # zeros stand for their torque.
         if detector.reads_present_torque:
             ports += [self._tau_J, self._tau_f]
-        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
-        self._output = self.DeclareVectorOutputPort(
-            "detection", num_outputs, self._calc, prerequisites | {self._tuned.ticket()}
+        self._no_torque = np.zeros((1, n))  # N m
+        prerequisites = {port.ticket() for port in ports} | {self._tuned_detector.ticket()}
+        self._detection = self.declare_held_output(
+            "detection", len(DETECTION), self._calc_detection, prerequisites
         )
 
     def _calc_detector(self, context: Context) -> ContactDetector:
@@ -111,7 +109,7 @@ class ContactDetection(SampledBlock):
         torque_error = _plausible(self._torque_error.Eval(context))
         error = TorqueError.of_flat(torque_error, self._detector.num_joints)
         is_fresh = self._tau_ext_valid.Eval(context) == 1.0
-        detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()
+        detector: ContactDetector = self._tuned_detector.EvalAbstract(context).get_value()
         sample = ArmSamples(
             error,
             _plausible(self._v.Eval(context))[np.newaxis],
@@ -127,11 +125,7 @@ class ContactDetection(SampledBlock):
         torque: Array = self._tau_J.Eval(context) - self._tau_f.Eval(context)
         return torque[np.newaxis]
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        held = self.held_output(context, "detection")
-        if held is not None:
-            output.SetFromVector(held)
-            return
+    def _calc_detection(self, context: Context, output: BasicVector) -> None:
         transmitted = self._no_torque
         if self._detector.reads_present_torque:
             transmitted = self._transmitted(context)
@@ -140,4 +134,4 @@ class ContactDetection(SampledBlock):
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         self._run(context, memory, self._transmitted(context))
-        return (self._output.Eval(context),)
+        return (self._detection.Eval(context),)

@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.systems.sampled_block import SampledBlock
 
 
 def torque_error_size(num_joints: int) -> int:
@@ -102,6 +103,22 @@ def declare_outputs(
     """
     port = block.DeclareVectorOutputPort("all", sum(sizes.values()), calc, tickets)
     declare_port_of_each_part(block, port.Eval, sizes, tickets)
+    return port
+
+
+def declare_held_outputs(
+    block: SampledBlock,
+    sizes: Mapping[str, int],
+    calc: Callable[[Context, BasicVector], None],
+    tickets: set[DependencyTicket],
+) -> OutputPort:
+    """As `declare_outputs`, but computed at a tick and held until the next one.
+
+    `all` is one held output (`SampledBlock.declare_held_output`): `take_sample` returns it whole.
+    """
+    port = block.declare_held_output("all", sum(sizes.values()), calc, tickets)
+    parts_tickets = tickets | block.time_and_memory_tickets
+    declare_port_of_each_part(block, port.Eval, sizes, parts_tickets)
     return port
 
 

@@ -69,26 +69,17 @@ class ExternalTorqueObserver(SampledBlock):
     """Whether there is an input torque_error."""
 
     def __init__(self, observer: Observer) -> None:
-        n = observer.num_joints
-        reading_parts = {"tau_ext": n, "valid": 1}
-        self._reading_sizes = list(reading_parts.values())
-        reading_size = sum(self._reading_sizes)
-        self._has_wrench = observer.reads_wrench  # which most observers leave to a later stage
-        held_sizes = {"reading": reading_size}
-        if self._has_wrench:
-            held_sizes["wrench"] = _WRENCH_SIZE
         SampledBlock.__init__(
-            self,
-            period=observer.time_step,
-            initial_memory=observer.initial_state(),
-            held_sizes=held_sizes,
+            self, period=observer.time_step, initial_memory=observer.initial_state()
         )
-        self._observer, self._n = observer, n
-        # The observer's own, as numeric parameters of the Context: they may be changed in a run.
+        self._observer = observer
+        self._n = n = observer.num_joints
+        self._has_wrench = observer.reads_wrench  # which most observers leave to a later stage
+        # The observer's parameters become numeric parameters of the Context, which may be changed
+        # in a run. The observer with these is made anew when one changes, not at every tick.
         self._parameters = TunedParameters(self, observer.parameters)
-        parameters = self._parameters.tickets
-        # The observer with them: made anew when one changes, not at every tick.
-        self._tuned = declare_cached(self, "observer", self._calc_observer, parameters)
+        of_parameters = self._parameters.tickets
+        self._tuned_observer = declare_cached(self, "observer", self._calc_observer, of_parameters)
 
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
@@ -100,37 +91,37 @@ class ExternalTorqueObserver(SampledBlock):
         if self.uses_sd:
             ports.append(self._torque_error)
         # An observer that does not read the present torque does without this feedthrough, so that a
-        # controller may make tau_J of the estimate without an algebraic loop.
+        # controller may make tau_J of the estimate without an algebraic loop. Zeros then stand for
+        # tau_J in the outputs; the update always reads it.
         if observer.reads_present_torque:
             ports.append(self._tau_J)
-        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
-        prerequisites.add(self._tuned.ticket())
-        # N m: stands for tau_J in outputs that do without it. The update always reads tau_J.
-        self._no_torque = np.zeros((1, n))
+        self._no_torque = np.zeros((1, n))  # N m
         # Stands for the torque error where its port is not connected.
         self._no_error = TorqueError.of_flat(np.zeros(torque_error_size(n)), n)
-        self._observed = declare_cached(self, "observed", self._calc_observed, prerequisites)
-        # All estimates come from that one entry, and depend on what it does.
-        of_observed = {self._observed.ticket()}
-        self._reading = self.DeclareVectorOutputPort(
-            "reading", reading_size, self._calc_reading, of_observed
+        # The estimate of the present sample, once a tick: all outputs but `pole` are parts of it.
+        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
+        self._observed = declare_cached(
+            self, "observed", self._calc_observed, prerequisites | {self._tuned_observer.ticket()}
         )
+        of_observed = {self._observed.ticket()}
+        self._reading = self.declare_held_output("reading", n + 1, self._calc_reading, of_observed)
+        reading_parts = {"tau_ext": n, "valid": 1}
         declare_port_of_each_part(self, self._reading.Eval, reading_parts, of_observed)
-        self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
+        self.DeclareVectorOutputPort("pole", n, self._calc_pole, of_parameters)
         if self._has_wrench:
-            self.DeclareVectorOutputPort("wrench", _WRENCH_SIZE, self._calc_wrench, of_observed)
+            self.declare_held_output("wrench", _WRENCH_SIZE, self._calc_wrench, of_observed)
 
     @property
     def reading_sizes(self) -> list[int]:
         """Sizes of the parts of `reading`: tau_ext, valid."""
-        return list(self._reading_sizes)
+        return [self._n, 1]
 
     def _calc_observer(self, context: Context) -> Observer:
         """The observer with the parameters of a context."""
         return self._observer.with_parameters(self._parameters.at(context))
 
     def _calc_pole(self, context: Context, output: BasicVector) -> None:
-        pole = self._tuned.EvalAbstract(context).get_value().pole
+        pole = self._tuned_observer.EvalAbstract(context).get_value().pole
         output.SetFromVector(np.full(self._n, -1.0) if pole is None else pole)
 
     def _samples(self, context: Context, tau_J: Array) -> ObserverSamples:
@@ -158,25 +149,21 @@ class ExternalTorqueObserver(SampledBlock):
         tau_J = self._no_torque
         if self._observer.reads_present_torque:
             tau_J = self._tau_J.Eval(context)[None]
-        observer: Observer = self._tuned.EvalAbstract(context).get_value()
+        observer: Observer = self._tuned_observer.EvalAbstract(context).get_value()
         samples = self._samples(context, tau_J)
         return _Tick(samples, observer.observe(self.memory(context), samples))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        reading = self.held_output(context, "reading")
-        if reading is None:
-            reading = _reading_of(self._observed.EvalAbstract(context).get_value().observed)
-        output.SetFromVector(reading)
+        tick: _Tick = self._observed.EvalAbstract(context).get_value()
+        output.SetFromVector(_reading_of(tick.observed))
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        wrench = self.held_output(context, "wrench")
-        if wrench is None:
-            wrench = _wrench_of(self._observed.EvalAbstract(context).get_value().observed)
-        output.SetFromVector(wrench)
+        tick: _Tick = self._observed.EvalAbstract(context).get_value()
+        output.SetFromVector(_wrench_of(tick.observed))
 
     def take_sample(self, context: Context, memory: Any) -> Sequence[Array]:
         samples: ObserverSamples = self._observed.EvalAbstract(context).get_value().samples
-        observer: Observer = self._tuned.EvalAbstract(context).get_value()
+        observer: Observer = self._tuned_observer.EvalAbstract(context).get_value()
         tau_J = self._tau_J.Eval(context)[None]
         observed = observer.observe(memory, samples._replace(tau_J=tau_J))
         outputs = [_reading_of(observed)]

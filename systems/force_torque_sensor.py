@@ -123,16 +123,14 @@ class ForceTorqueSensor(SampledBlock):
         self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
         # The wrench of the tick before, then a filter state for each of its six entries.
         wrench_and_filter = np.zeros(6 + 6 * self._filter.order)
-        SampledBlock.__init__(
-            self, period=time_step, initial_memory=wrench_and_filter, held_sizes={"wrench": 6}
-        )
+        SampledBlock.__init__(self, period=time_step, initial_memory=wrench_and_filter)
         self._time_step, self._seed = time_step, seed
-        self._noise = np.zeros(6)  # of unit sd, drawn anew at each tick
+        self._noise = np.zeros(6)  # room for the noise of a tick, of unit sd; no state
         self._weld = int(tool_weld)  # the place of the tool's reaction in `reaction_forces`
         # The tool's inertia and weight, which are taken off, and where the weld is.
         self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
         noise_sd = [config.moment_noise_sd] * 3 + [config.force_noise_sd] * 3  # rotation first
-        self._default_noise_sd = np.array(noise_sd)
+        self._default_noise_sd = np.array(noise_sd)  # of `constants`, whatever a Context holds
         self._noise_sd = self.DeclareNumericParameter(BasicVector(noise_sd))
 
         self._reaction = self.DeclareAbstractInputPort(
@@ -140,11 +138,9 @@ class ForceTorqueSensor(SampledBlock):
         )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._vdot = self.DeclareVectorInputPort("vdot", num_joints)
-        # The output is the wrench in the memory, measured at the tick before. It depends on no
-        # input, so a controller may feed the wrench back without an algebraic loop.
-        self._wrench = self.DeclareVectorOutputPort(
-            "wrench", 6, self._calc_wrench, self.time_and_memory_tickets
-        )
+        # At a tick the output is the wrench in the memory, measured at the tick before. It depends
+        # on no input, so a controller may feed the wrench back without an algebraic loop.
+        self._wrench = self.declare_held_output("wrench", 6, self._calc_wrench, tickets=set())
 
     @property
     def memory_size(self) -> int:
@@ -169,8 +165,7 @@ class ForceTorqueSensor(SampledBlock):
         )
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        held = self.held_output(context, "wrench")
-        output.SetFromVector(self.memory(context)[:6] if held is None else held)
+        output.SetFromVector(self.memory(context)[:6])
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))

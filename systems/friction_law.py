@@ -82,14 +82,14 @@ class FrictionLawSystem(SampledBlock):
             self,
             period=time_step if has_memory else 0.0,  # 0: a function of the inputs at any time
             initial_memory=law.initial_state(),
-            held_sizes={"tau_f": n},
         )
         self._initial_law = law
-        # The law's own, as numeric parameters of the Context: they may be changed in a run.
+        # The law's parameters become numeric parameters of the Context, which may be changed in a
+        # run. The law with these is made anew when one changes, not at every tick.
         self._parameters = TunedParameters(self, law.parameters)
-        # The law with them: made anew when one changes, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, self._parameters.tickets)
 
+        # Ports that only some laws have; the class's docstring says which.
         self._q: InputPort | None = None
         if not law.is_of_speed_alone:
             self._q = self.DeclareVectorInputPort("q", n)
@@ -105,9 +105,8 @@ class FrictionLawSystem(SampledBlock):
         # a controller may feed tau_f forward without an algebraic loop.
         self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J before the update
         ports = [port for port in (self._q, self._v, self._torque_error) if port is not None]
-        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
-        prerequisites.add(self._law.ticket())
-        self.DeclareVectorOutputPort("tau_f", n, self._calc_tau_f, prerequisites)
+        prerequisites = {port.ticket() for port in ports} | {self._law.ticket()}
+        self.declare_held_output("tau_f", n, self._calc_tau_f, prerequisites)
         self.DeclareVectorOutputPort(
             "sliding", sliding_size(n), self._calc_sliding, {self._law.ticket()}
         )
@@ -130,10 +129,7 @@ class FrictionLawSystem(SampledBlock):
         return np.asarray(law.run(memory, q, v, tau_J, rest)[0])
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:
-        tau_f = self.held_output(context, "tau_f")
-        if tau_f is None:
-            tau_f = self._run(context, self.memory(context), self._no_torque)
-        output.SetFromVector(tau_f)
+        output.SetFromVector(self._run(context, self.memory(context), self._no_torque))
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         return (self._run(context, memory, self._tau_J.Eval(context)[None]),)

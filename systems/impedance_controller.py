@@ -20,7 +20,7 @@ from wrenchsight.models.friction.semi_parametric_friction import SemiParametricF
 from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
-from wrenchsight.systems.declarations import declare_cached, declare_outputs
+from wrenchsight.systems.declarations import declare_cached, declare_held_outputs
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -109,7 +109,7 @@ class ImpedanceController(SampledBlock):
                                  of the stiffness
                  valid           (1,) 1, or 0 at a tick whose inputs are not finite numbers
                  integral        (1,) N s, of the force error, at the end of the tick
-                 all             these, one after the other (`declarations.declare_outputs`)
+                 all             these, one after the other (`declarations.declare_held_outputs`)
     State:       that of SampledBlock; its memory is (1,) the integral of the force error, N s; it
                  stands still while a drive is at its limit, and ki ∫ never exceeds integral_limit.
                  Without force control there is no state
@@ -155,7 +155,6 @@ class ImpedanceController(SampledBlock):
             # Without the integral of force control there is nothing to remember: no ticks.
             period=time_step if self._has_force else 0.0,
             initial_memory=np.zeros(1),  # N s, the integral of the force error
-            held_sizes={"all": sum(self.output_sizes.values())},
         )
         self._at_rest = np.zeros(3 * self._n)  # q_d, v_d, vdot_d of a reference not connected
         # The law at the gains of `config`. They become numeric parameters of the Context, and the
@@ -195,9 +194,7 @@ class ImpedanceController(SampledBlock):
         self._feedback_valid = self.DeclareVectorInputPort("feedback_valid", 1)
         inputs = [self.get_input_port(k) for k in range(self.num_input_ports())]
         prerequisites = {port.ticket() for port in inputs} | {self._law.ticket()}
-        self._all = declare_outputs(
-            self, self.output_sizes, self._calc_all, prerequisites | self.time_and_memory_tickets
-        )
+        self._all = declare_held_outputs(self, self.output_sizes, self._calc_all, prerequisites)
 
     def damping_per_tick(self, M: Array, J: Array, R_WE: Array) -> float:
         """The largest share of a velocity that the damper takes off in one tick, at M, J, R_WE."""
@@ -229,11 +226,7 @@ class ImpedanceController(SampledBlock):
         return self._has_force
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
-        out, held = output.get_mutable_value(), self.held_output(context, "all")
-        if held is not None:
-            out[:] = held
-            return
-        n, has_force = self._n, self._has_force
+        out, n, has_force = output.get_mutable_value(), self._n, self._has_force
         has_reference = self._reference.HasValue(context)
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         out[n + 6 :] = impedance_action(

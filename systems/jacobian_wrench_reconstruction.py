@@ -41,25 +41,32 @@ _PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "inv
 
 
 class _TunedReading(NamedTuple):
-    """The reading at a context's parameters.
+    """The reading with a context's parameters, pole and friction.
 
     Attributes:
-        reading: of them.
-        error: torque error of one sample for an unconnected port, but for its J.
-        is_usable: whether the pole is one of an observer.
-        unseen_rests: table of the torque error; None where no joint can rest unseen.
+        wrench_reading: with them.
+        constant_error: torque error of one sample where the port torque_error is not connected; its
+            J_seen is to be filled in.
+        has_usable_pole: whether the pole is one of an observer, or none.
+        unseen_rest_table: `TorqueErrorStage.table`, by which `with_unseen_rests` finds a joint that
+            rests and rested in no log of the model; None where no joint can.
     """
 
-    reading: WrenchReading
-    error: TorqueError
-    is_usable: bool
-    unseen_rests: Array | None
+    wrench_reading: WrenchReading
+    constant_error: TorqueError
+    has_usable_pole: bool
+    unseen_rest_table: Array | None
 
 
-class _Tick(NamedTuple):
-    """The reading of the present sample: its numbers, and the state that has taken it."""
+class _ReadingAndState(NamedTuple):
+    """The reading of the present sample.
 
-    parts: Array
+    Attributes:
+        reading: (45,) entries of the port of that name.
+        state: of the reading after the sample: the memory of the next tick.
+    """
+
+    reading: Array
     state: ReadingState
 
 
@@ -138,18 +145,13 @@ class JacobianWrenchReconstruction(SampledBlock):
     """
 
     def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
+        SampledBlock.__init__(self, period=time_step, initial_memory=reading.initial_state())
         self.reading_sizes = list(_PARTS.values())
         """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, invalid."""
-        size = sum(self.reading_sizes)
-        SampledBlock.__init__(
-            self,
-            period=time_step,
-            initial_memory=reading.initial_state(),
-            held_sizes={"reading": size},
-        )
         self._wrench_reading = reading
         self._n = n = reading.num_joints
-        # The reading's own, as numeric parameters of the Context: they may be changed in a run.
+        # The reading's parameters become numeric parameters of the Context, which may be changed in
+        # a run.
         self._parameters = TunedParameters(self, reading.parameters)
 
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -165,33 +167,44 @@ class JacobianWrenchReconstruction(SampledBlock):
         # The reading with parameters, pole and friction as they are now (whitening and prior follow
         # from them): made anew when one of these changes, not at every tick.
         tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
-        self._tuned = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
-        self._no_torque = np.full((1, n), np.nan)  # in the place of what cannot be used
+        self._tuned_reading = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
+        # The reading of the present sample and the state after it, once a tick: the outputs are
+        # parts of the one, and the update takes the other.
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._corrected, self._fault]
         ports += [self._observed, self._torque_error]
-        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
-        prerequisites.add(self._tuned.ticket())
-        # The reading and the state after it, so that the update need not compute them again.
-        self._tick = declare_cached(self, "reading and state", self._calc_tick, prerequisites)
+        prerequisites = {port.ticket() for port in ports} | {self._tuned_reading.ticket()}
+        self._reading_and_state = declare_cached(
+            self,
+            "reading and state",
+            self._calc_reading_and_state,
+            prerequisites | self.time_and_memory_tickets,
+        )
+        self._unknown = np.full((1, n), np.nan)  # in the place of what cannot be used
 
-        # All outputs come from that one entry, and depend on what it does.
-        of_tick = {self._tick.ticket()}
-        self._reading = self.DeclareVectorOutputPort("reading", size, self._calc_reading, of_tick)
-        declare_port_of_each_part(self, self._reading.Eval, _PARTS, of_tick)
+        of_reading = {self._reading_and_state.ticket()}
+        self._reading = self.declare_held_output(
+            "reading", sum(self.reading_sizes), self._calc_reading, of_reading
+        )
+        declare_port_of_each_part(self, self._reading.Eval, _PARTS, of_reading)
 
     def _calc_tuned(self, context: Context) -> _TunedReading:
-        K_0, is_usable, n = None, True, self._n
+        K_0, has_usable_pole = None, True
         if not isinstance(self._wrench_reading.error, ConstantTorqueError):
             pole = self._pole.Eval(context)
             has_lag = bool((pole >= MIN_POLE).all()) and all_below(pole, _LARGEST_INPUT)
             K_0 = pole if has_lag else None
-            is_usable = has_lag or bool((pole < 0.0).all())
+            has_usable_pole = has_lag or bool((pole < 0.0).all())
         reading = self._wrench_reading.with_parameters(self._parameters.at(context), K_0)
-        constant = TorqueError(*(np.zeros_like(part) for part in TorqueError.empty(1, n)))
-        constant.sd[:] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
-        return _TunedReading(reading, constant, is_usable, self._unseen_rests(context, K_0))
+        error = TorqueError(*(np.zeros_like(part) for part in TorqueError.empty(1, self._n)))
+        error.sd[:] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
+        return _TunedReading(
+            wrench_reading=reading,
+            constant_error=error,
+            has_usable_pole=has_usable_pole,
+            unseen_rest_table=self._unseen_rest_table(context, K_0),
+        )
 
-    def _unseen_rests(self, context: Context, K_0: Array | None) -> Array | None:
+    def _unseen_rest_table(self, context: Context, K_0: Array | None) -> Array | None:
         """The torque error's table, if a joint may rest that rested in no log of the model."""
         if self._period == 0.0 or not self._sliding.HasValue(context):
             return None
@@ -199,51 +212,53 @@ class JacobianWrenchReconstruction(SampledBlock):
         stage = TorqueErrorStage(error, sliding, K_0, self._period, None)
         return stage.table if stage.may_rest_unseen else None
 
-    def _calc_tick(self, context: Context) -> _Tick:
-        """Reads the present sample; one that cannot be used gives a zero wrench, not valid.
+    def _calc_reading_and_state(self, context: Context) -> _ReadingAndState:
+        """Reads the present sample. `WrenchReading` reads logs: all arrays are logs of one row.
 
-        `WrenchReading.run` reads logs: all arrays here are logs of one row. A row whose torque or
-        motion is NaN is one that it marks as missing, with a wrench of zero.
+        A sample that cannot be used is read with NaN in the place of torque and motion, which the
+        reading takes for a missing one: a zero wrench with the prior's covariance, not valid.
         """
-        tuned: _TunedReading = self._tuned.EvalAbstract(context).get_value()
-        is_usable = tuned.is_usable
+        tuned: _TunedReading = self._tuned_reading.EvalAbstract(context).get_value()
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
-        J = terms["J"]
-        if self._torque_error.HasValue(context):
-            error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
-        else:
-            # J_seen is J as it was when the forces acted that a lagging observer shows now. The
-            # constant error knows of no lag: it is the sample's own J.
-            error = tuned.error._replace(J_seen=J)
-        is_usable &= are_readable(_LARGEST_INPUT, terms["q"], J, *error)
-        # Of an observer that reads the wrench itself; None of any other.
-        observed_wrench, observed_covariance = self._observed_wrench(context)
-        # A sum of integer codes, which arrives as a double: NaN or a huge number is none.
+        J = terms["J"]  # (1, 6, n)
+        error = self._torque_error_at(context, tuned, J)
+        # A sum of integer codes arrives as a double; NaN or a huge number is none.
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
-        if not abs(fault) < _LARGEST_INPUT:
-            is_usable, fault = False, 0.0
-
-        tau_ext = self._tau_ext.Eval(context)[None] if is_usable else self._no_torque
-        is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
-        # q and v tell the reading only whether the sample is missing, which the momentum does as
-        # well: it is not finite where one of them is not, and the block need not know v.
-        motion = terms["momentum"] if is_usable else self._no_torque
+        is_code = abs(fault) < _LARGEST_INPUT
+        is_usable = (
+            tuned.has_usable_pole
+            and is_code
+            and are_readable(_LARGEST_INPUT, terms["q"], J, *error)
+        )
+        tau_ext = self._tau_ext.Eval(context)[None] if is_usable else self._unknown
+        # The reading looks at q and v only for whether they are finite. The momentum tells that of
+        # both: it is finite where both are.
+        motion = terms["momentum"] if is_usable else self._unknown
+        observed_wrench, observed_covariance = self._observed_wrench(context)
         samples = ReadingSamples(
             J=J,
             tau_ext=tau_ext,
-            is_fresh=_FLAG_ROWS[is_fresh],
+            is_fresh=_FLAG_ROWS[is_usable and self._is_set(context, self._tau_ext_valid)],
             q=motion,
             v=motion,
             is_corrected=_FLAG_ROWS[self._is_set(context, self._corrected)],
-            fault=np.array([int(fault)]),
+            fault=np.array([int(fault) if is_code else 0]),
             wrench=observed_wrench,
             covariance=observed_covariance,
         )
-        state = self.memory(context)  # a copy, which `run` changes in place; the update stores it
-        estimate = tuned.reading.run(state, error, samples)
-        if tuned.unseen_rests is not None:  # a joint rests that rested in no log of the model
-            estimate = with_unseen_rests(estimate, tuned.unseen_rests, error.rows, tau_ext)
-        return _Tick(reading_parts(estimate), state)
+        state = self.memory(context)  # a copy, which `run` changes in place
+        estimate = tuned.wrench_reading.run(state, error, samples)
+        if tuned.unseen_rest_table is not None:
+            estimate = with_unseen_rests(estimate, tuned.unseen_rest_table, error.rows, tau_ext)
+        return _ReadingAndState(reading_parts(estimate), state)
+
+    def _torque_error_at(self, context: Context, tuned: _TunedReading, J: Array) -> TorqueError:
+        """The torque error of the sample, N = 1; of an unconnected port the constant one."""
+        if self._torque_error.HasValue(context):
+            return TorqueError.of_flat(self._torque_error.Eval(context), self._n)
+        # J_seen is J as it was when the forces acted that a lagging observer shows now. The
+        # constant error knows of no lag: it is the sample's J.
+        return tuned.constant_error._replace(J_seen=J)
 
     def _observed_wrench(self, context: Context) -> tuple[Array | None, Array | None]:
         """(1, 6) and (1, 6, 6) of an observer that reads the wrench itself; None of any other."""
@@ -257,13 +272,10 @@ class JacobianWrenchReconstruction(SampledBlock):
         return not port.HasValue(context) or port.Eval(context).item() == 1.0
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        parts = self.held_output(context, "reading")
-        if parts is None:
-            parts = self._tick.EvalAbstract(context).get_value().parts
-        output.SetFromVector(parts)
+        output.SetFromVector(self._reading_and_state.EvalAbstract(context).get_value().reading)
 
     def take_sample(self, context: Context, memory: ReadingState) -> Sequence[Array]:
-        parts, state = self._tick.EvalAbstract(context).get_value()
-        for array, taken in zip(memory, state, strict=True):
-            array[:] = taken
-        return (parts,)
+        reading, state = self._reading_and_state.EvalAbstract(context).get_value()
+        for remembered, after_sample in zip(memory, state, strict=True):
+            remembered[:] = after_sample
+        return (reading,)

@@ -106,7 +106,6 @@ class JointTrackingController(SampledBlock):
             # Without an integral there is nothing to remember: no ticks.
             period=time_step if ki.any() else 0.0,
             initial_memory=np.zeros(n),  # rad s, the integral of the error
-            held_sizes={"tau_command": n, "valid": 1},
         )
         self._n = n
         gains = np.concatenate([kp, kd, ki, integral_limit])
@@ -124,19 +123,14 @@ class JointTrackingController(SampledBlock):
         )
         # The law with them: made anew when a gain changes, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
-        prerequisites = {
-            self._terms.ticket(),
-            self._reference.ticket(),
-            self.all_parameters_ticket(),
-        } | self.time_and_memory_tickets
-        self._tau_command = self.DeclareVectorOutputPort(
-            "tau_command", n, self._calc_tau_command, prerequisites
+        inputs = {self._terms.ticket(), self._reference.ticket()}
+        self._tau_command = self.declare_held_output(
+            "tau_command", n, self._calc_tau_command, inputs | {self._law.ticket()}
         )
-        self._valid = self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
+        self._valid = self.declare_held_output("valid", 1, self._calc_valid, inputs)
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        held = self.held_output(context, "valid")
-        output[0] = float(self._is_usable(context)) if held is None else held.item()
+        output[0] = float(self._is_usable(context))
 
     def _is_usable(self, context: Context) -> bool:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
@@ -148,10 +142,7 @@ class JointTrackingController(SampledBlock):
         return self._make_law(gains=gains)
 
     def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
-        tau, held = output.get_mutable_value(), self.held_output(context, "tau_command")
-        if held is not None:
-            tau[:] = held
-            return
+        tau = output.get_mutable_value()
         if not self._is_usable(context):
             terms = cast(RigidBodyTerms, self._terms.Eval(context))
             write_holding_torque(terms.record, self._effort_limit, tau)

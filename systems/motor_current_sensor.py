@@ -60,11 +60,9 @@ class MotorCurrentSensor(SampledBlock):
     ) -> None:
         n = self._n = num_joints
         lagged_current = np.full(n, np.nan)  # A; unknown before the first sample
-        SampledBlock.__init__(
-            self, period=time_step, initial_memory=lagged_current, held_sizes={"current": n}
-        )
+        SampledBlock.__init__(self, period=time_step, initial_memory=lagged_current)
         self._time_step, self._seed = time_step, seed
-        self._noise = np.zeros(n)  # of unit sd, drawn anew at each tick
+        self._noise = np.zeros(n)  # room for the noise of a tick, of unit sd; no state
 
         # In the order in which `measure_current` takes them, as the rows of one table.
         parameters = {"bandwidth": bandwidth, "noise_sd": noise_sd, "resolution": resolution}
@@ -85,12 +83,11 @@ class MotorCurrentSensor(SampledBlock):
         )
 
         self._current_true = self.DeclareVectorInputPort("current_true", n)
-        prerequisites = {
-            self._current_true.ticket(),
-            self._table.ticket(),
-        } | self.time_and_memory_tickets
-        self._current = self.DeclareVectorOutputPort(
-            "current", n, self._calc_current, prerequisites
+        self._current = self.declare_held_output(
+            "current",
+            n,
+            self._calc_current,
+            {self._current_true.ticket(), self._table.ticket()},
         )
 
     @property
@@ -109,10 +106,6 @@ class MotorCurrentSensor(SampledBlock):
         return np.stack(rows)
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        held = self.held_output(context, "current")
-        if held is not None:
-            output.SetFromVector(held)
-            return
         if self._seed is not None:
             tick = tick_number(context.get_time(), self._time_step)
             gaussian_noise(self._seed, tick, self._noise)

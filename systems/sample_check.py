@@ -39,23 +39,16 @@ class SampleCheckSystem(SampledBlock):
         self._sizes = [1, n, n]
         self._motion_size = sum(self._sizes)
         initial = np.empty((0, n)) if check is None else check.initial_state()
-        SampledBlock.__init__(
-            self,
-            period=time_step,
-            initial_memory=initial,
-            held_sizes={"motion": self._motion_size, "checked_current": n},
-        )
+        SampledBlock.__init__(self, period=time_step, initial_memory=initial)
         self._check, self._time_step, self._n = check, time_step, n
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
-        motion = self.time_and_memory_tickets | {self._q.ticket(), self._v.ticket()}
-        self._motion = self.DeclareVectorOutputPort(
-            "motion", self._motion_size, self._calc_motion, motion
+        self._motion = self.declare_held_output(
+            "motion", self._motion_size, self._calc_motion, {self._q.ticket(), self._v.ticket()}
         )
-        drives = self.time_and_memory_tickets | {self._current.ticket()}
-        self._checked_current = self.DeclareVectorOutputPort(
-            "checked_current", n, self._calc_current, drives
+        self._checked_current = self.declare_held_output(
+            "checked_current", n, self._calc_current, {self._current.ticket()}
         )
 
     @property
@@ -64,11 +57,7 @@ class SampleCheckSystem(SampledBlock):
         return list(self._sizes)
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        motion, held = output.get_mutable_value(), self.held_output(context, "motion")
-        if held is not None:
-            motion[:] = held
-            return
-        q, v = self._q.Eval(context), self._v.Eval(context)
+        q, v, motion = self._q.Eval(context), self._v.Eval(context), output.get_mutable_value()
         checked = motion[1:].reshape(2, self._n)
         if self._check is None:
             motion[0], checked[0], checked[1] = 0.0, q, v
@@ -77,12 +66,10 @@ class SampleCheckSystem(SampledBlock):
             motion[0] = self._check.motion(state, q, v, self._time_step, checked)
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        checked = self.held_output(context, "checked_current")
-        if checked is None:
-            checked = self._current.Eval(context)
-            if self._check is not None:
-                checked = self._check.current(self.memory(context), checked, self._time_step)
-        output.SetFromVector(checked)
+        current = self._current.Eval(context)
+        if self._check is not None:
+            current = self._check.current(self.memory(context), current, self._time_step)
+        output.SetFromVector(current)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         if self._check is None:

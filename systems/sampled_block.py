@@ -1,17 +1,19 @@
 """Blocks that take one sample of their inputs at each tick."""
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import (
+    BasicVector,
     Context,
     DependencyTicket,
     DiscreteValues,
     LeafSystem,
+    OutputPort,
     State,
 )
 
@@ -58,43 +60,38 @@ class SampledBlock(LeafSystem):
 
     **What it puts out.** Drake evaluates an output whenever a port is read, also between two ticks
     and, within one time, after the update. There the sample has been taken already and must not be
-    taken again as the next one: the outputs are those of the last tick, held. A plant that steps in
-    a discrete update, after this block's, so gets the same torque as one that steps in the same
-    unrestricted update.
+    taken again as the next one: the outputs are those of the last tick, held
+    (`declare_held_output`). A plant that steps in a discrete update, after this block's, so gets
+    the same torque as one that steps in the same unrestricted update.
 
     State, in groups of discrete state:
         memory       of the block, all its arrays one after another
-        one group an output that is held, in the order of `held_sizes`
         ticks        (2,) s, the times of the last tick and of the next one; NaN before the first
+        one group for each held output, in the order in which they are declared
 
     A block with `period` 0 has no memory, no event and no state: its outputs are functions of
     its inputs at any time.
 
     Args:
         period: s, of the ticks; 0: the block is a function without memory.
-        initial_memory: an array, or a NamedTuple of arrays, of any shape.
-        held_sizes: numbers of entries of the outputs that are held between ticks, by name. It
-            declares no port: the block does, and each held port's calc asks `held_output` first.
+        initial_memory: an array, or a NamedTuple of arrays, of any shape; before the first tick.
 
     Attributes:
-        time_and_memory_tickets: what a held output depends on besides its inputs.
+        time_and_memory_tickets: what a cache entry depends on, besides its inputs, whose calc asks
+            for the block's memory.
     """
 
-    def __init__(
-        self, *, period: float, initial_memory: Any, held_sizes: Mapping[str, int]
-    ) -> None:
+    def __init__(self, *, period: float, initial_memory: Any) -> None:
         LeafSystem.__init__(self)
         self._period = period
         self._memory_layout = StateLayout(initial_memory)
         # Plain numbers: pydrake takes a fifth of a microsecond to look into an index of its own.
         self._memory_index: int | None = None
+        self._held_indices: list[int] = []  # in the order of the held outputs
         self.time_and_memory_tickets: set[DependencyTicket] = set()
         if period == 0.0:
             return
         self._memory_index = int(self.DeclareDiscreteState(self._memory_layout.initial))
-        self._held_index = {
-            name: int(self.DeclareDiscreteState(size)) for name, size in held_sizes.items()
-        }
         self._ticks_index = int(self.DeclareDiscreteState(np.full(2, np.nan)))
         # All groups at once: one edge an output in Drake's graph of dependencies.
         self.time_and_memory_tickets = {self.xd_ticket(), self.time_ticket()}
@@ -103,6 +100,46 @@ class SampledBlock(LeafSystem):
         else:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._take_before_all)
         self.DeclareForcedUnrestrictedUpdateEvent(self._take_before_all)
+
+    def declare_held_output(
+        self,
+        name: str,
+        size: int,
+        calc: Callable[[Context, BasicVector], None],
+        tickets: set[DependencyTicket],
+    ) -> OutputPort:
+        """Declares a vector output that is computed at a tick and held until the next one.
+
+        With `period` 0 it is an output like any other.
+
+        Args:
+            name: of the port.
+            size: number of its entries.
+            calc: writes the output of the present sample. It is called only where the context's
+                sample has not been taken, so that `memory` is the one before the sample: at a tick
+                ahead of its update, and before the first tick.
+            tickets: of the inputs, parameters and cache entries that `calc` reads; time and memory
+                are added here.
+
+        Returns:
+            The port. What it holds after a tick is what `take_sample` returned there.
+        """
+        tickets = tickets | self.time_and_memory_tickets
+        if self._memory_index is None:
+            return self.DeclareVectorOutputPort(name, size, calc, tickets)
+        held_index, ticks_index = int(self.DeclareDiscreteState(size)), self._ticks_index
+        self._held_indices.append(held_index)
+
+        def hold_or_calc(context: Context, output: BasicVector) -> None:
+            discrete = context.get_discrete_state()
+            ticks = discrete.value(ticks_index)
+            # NaN, before the first tick, is between nothing.
+            if ticks.item(_LAST_TICK) <= context.get_time() < ticks.item(_NEXT_TICK):
+                output.SetFromVector(discrete.value(held_index))
+            else:
+                calc(context, output)
+
+        return self.DeclareVectorOutputPort(name, size, hold_or_calc, tickets)
 
     @abstractmethod
     def take_sample(self, context: Context, memory: Any) -> Sequence[Array]:
@@ -114,7 +151,8 @@ class SampledBlock(LeafSystem):
                 to be changed in place to what it is after. `context` does not see the changes.
 
         Returns:
-            The outputs at this tick, in the order of `held_sizes`; held until the next one.
+            The values that the held outputs keep until the next tick, in the order in which they
+            were declared.
         """
 
     def memory(self, context: Context) -> Any:
@@ -124,30 +162,13 @@ class SampledBlock(LeafSystem):
         value = context.get_discrete_state().value(self._memory_index)
         return self._memory_layout.state_of(value.copy())
 
-    def held_output(self, context: Context, name: str) -> Array | None:
-        """The output `name` of the last tick, a view to be copied at once.
-
-        Returns:
-            None where `context` is at a tick, whose sample has not been taken, or before the first:
-            then the output is to be computed.
-        """
-        if self._memory_index is None:
-            return None
-        discrete = context.get_discrete_state()
-        ticks = discrete.value(self._ticks_index)
-        # NaN, before the first tick, is between nothing.
-        if ticks.item(_LAST_TICK) <= context.get_time() < ticks.item(_NEXT_TICK):
-            held: Array = discrete.value(self._held_index[name])
-            return held
-        return None
-
     def _take_before_all(self, context: Context, state: State) -> None:
         self._take(context, state.get_mutable_discrete_state())
 
     def _take(self, context: Context, discrete: DiscreteValues) -> None:
         memory = discrete.get_mutable_value(self._memory_index)
         outputs = self.take_sample(context, self._memory_layout.state_of(memory))
-        for index, value in zip(self._held_index.values(), outputs, strict=True):
+        for index, value in zip(self._held_indices, outputs, strict=True):
             discrete.set_value(index, value)
         now = context.get_time()
         ticks = discrete.get_mutable_value(self._ticks_index)

@@ -47,15 +47,8 @@ class TorqueErrorSystem(SampledBlock):
     """
 
     def __init__(self, stage: TorqueErrorStage, time_step: float) -> None:
-        n = stage.num_joints
-        error_size = torque_error_size(n)
-        SampledBlock.__init__(
-            self,
-            period=time_step,
-            initial_memory=stage.initial_state(),
-            held_sizes={"torque_error": error_size},
-        )
-        self._stage = stage
+        SampledBlock.__init__(self, period=time_step, initial_memory=stage.initial_state())
+        self._stage, n = stage, stage.num_joints
 
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
@@ -64,25 +57,28 @@ class TorqueErrorSystem(SampledBlock):
         self._sliding = self.DeclareVectorInputPort("sliding", sliding_size(n))
         self._added_sd = self.DeclareVectorInputPort("added_sd", n)
 
-        # The stage with pole and friction as they are now: made anew when one of these inputs
-        # changes, not at every tick.
-        self._tuned = declare_cached(
+        # The TorqueErrorStage with pole and friction as they are now: made anew when one of these
+        # inputs changes, not at every tick.
+        self._tuned_stage = declare_cached(
             self, "stage", self._calc_stage, {self._pole.ticket(), self._sliding.ticket()}
         )
         # The error depends on what the gears transmitted a tick ago, which is in the memory: the
         # output has no feedthrough from tau_J and tau_f, and only the update reads them. NaN stands
         # for them in the output, whose stage does not look at them.
         self._no_torque = np.full((1, n), np.nan)
-        prerequisites = {
-            self._terms.ticket(),
-            self._added_sd.ticket(),
-        } | self.time_and_memory_tickets
-        # The error and the state after it, so that the update need not compute them again.
-        self._tick = declare_cached(
-            self, "torque error and state", self._calc_tick, prerequisites | {self._tuned.ticket()}
+        inputs = {self._terms.ticket(), self._added_sd.ticket(), self._tuned_stage.ticket()}
+        # The error and the memory after it, so that the update need not compute them again.
+        self._error_and_memory = declare_cached(
+            self,
+            "torque error and memory",
+            self._calc_error_and_memory,
+            inputs | self.time_and_memory_tickets,
         )
-        self.DeclareVectorOutputPort(
-            "torque_error", error_size, self._calc_error, {self._tick.ticket()}
+        self.declare_held_output(
+            "torque_error",
+            torque_error_size(n),
+            self._calc_error,
+            {self._error_and_memory.ticket()},
         )
 
     def _calc_stage(self, context: Context) -> TorqueErrorStage:
@@ -90,12 +86,12 @@ class TorqueErrorSystem(SampledBlock):
         sliding = SlidingLaw.of_flat(self._sliding.Eval(context))
         return self._stage.retuned(sliding, pole if (pole >= 0.0).all() else None)
 
-    def _calc_tick(self, context: Context) -> tuple[Array, Array]:
+    def _calc_error_and_memory(self, context: Context) -> tuple[Array, Array]:
         """(ERROR_ROWS n,) the error of the present sample, and the memory that has taken it."""
         state, none = self.memory(context), self._no_torque
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         q, v, J = terms["q"], terms["v"], terms["J"]
-        stage: TorqueErrorStage = self._tuned.EvalAbstract(context).get_value()
+        stage: TorqueErrorStage = self._tuned_stage.EvalAbstract(context).get_value()
         rows = stage.follow(state, q, v)
         error = stage.sds(state, rows, q, v, none, none, J)
         if self._added_sd.HasValue(context):
@@ -103,12 +99,10 @@ class TorqueErrorSystem(SampledBlock):
         return error.flat, state
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
-        error = self.held_output(context, "torque_error")
-        if error is None:
-            error, _ = self._tick.EvalAbstract(context).get_value()
+        error, _ = self._error_and_memory.EvalAbstract(context).get_value()
         output.SetFromVector(error)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        error, memory[:] = self._tick.EvalAbstract(context).get_value()
+        error, memory[:] = self._error_and_memory.EvalAbstract(context).get_value()
         take_transmitted(memory, self._tau_J.Eval(context), self._tau_f.Eval(context))
         return (error,)

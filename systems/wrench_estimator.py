@@ -22,16 +22,16 @@ from wrenchsight.systems.jacobian_wrench_reconstruction import reading_parts
 from wrenchsight.systems.sampled_block import SampledBlock
 
 
-class _Tick(NamedTuple):
+class _ReadingAndState(NamedTuple):
     """The estimate of the present sample.
 
     Attributes:
-        parts: of the port `reading`.
-        reading: the state of the last stage, which has taken the sample.
+        reading: entries of the port of that name.
+        state: of the last stage, the wrench's reading, after the sample.
     """
 
-    parts: Array
-    reading: ReadingState
+    reading: Array
+    state: ReadingState
 
 
 class WrenchEstimatorSystem(SampledBlock):
@@ -79,18 +79,17 @@ class WrenchEstimatorSystem(SampledBlock):
     """
 
     def __init__(self, estimator: WrenchEstimator, corrected: bool = False) -> None:
-        n = self._n = estimator.num_joints
-        self.reading_sizes = _reading_sizes(n)
         SampledBlock.__init__(
             self,
             period=estimator.observer.time_step,
-            initial_memory=estimator.initial_state(),
-            # Outputs whose last values stand between two ticks, in the order in which `take_sample`
-            # returns them. The output `terms` is not among them: it is of q and v as they are now.
-            held_sizes={"reading": sum(self.reading_sizes.values()), "tau_J": n},
+            initial_memory=estimator.initial_state(),  # of all stages
         )
         self._estimator = estimator
-        # Numeric parameters of the Context, which may be changed in a run.
+        self._n = n = estimator.num_joints
+        self.reading_sizes = _reading_sizes(n)
+        # The parameters of the estimator's parts become numeric parameters of the Context, which
+        # may be changed in a run. The estimator with these is made anew when one changes, not at
+        # every tick.
         self._parameters = TunedParameters(
             self,
             {"motor.torque_per_ampere": estimator.robot.torque_per_ampere}
@@ -99,50 +98,52 @@ class WrenchEstimatorSystem(SampledBlock):
             | _with_prefix("reconstruction.", estimator.reading.parameters),
         )
         self.parameters = self._parameters.indices
-        # Drake computes a cache entry anew only when one of its prerequisites has changed. The
-        # estimator with these parameters: when one of them changes, not at every tick.
         self._tuned = declare_cached(self, "estimator", self._calc_tuned, self._parameters.tickets)
 
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
-        self._correction: dict[str, InputPort] = {}
-        if corrected:
-            self._declare_correction_inputs()
+        # By name; empty where the estimator is not corrected.
+        self._correction_ports = self._declare_correction_inputs() if corrected else {}
 
-        ports = [self._q, self._v, *self._correction.values()]
+        ports = [self._q, self._v, *self._correction_ports.values()]
         # An observer that does not read the present torque does without this feedthrough, so that a
-        # controller may make the current of the wrench without an algebraic loop.
+        # controller may make the current of the wrench without an algebraic loop. The update always
+        # reads the current.
         self._reads_current = estimator.observer.reads_present_torque
         if self._reads_current:
             ports.append(self._current)
-        self._unread = np.zeros(n)  # stands for an input that the outputs do without
-        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
-        prerequisites.add(self._tuned.ticket())
-        # The reading and the state after it: once a tick, whichever output or update asks first.
-        self._tick = declare_cached(self, "tick", self._calc_tick, prerequisites)
+        self._unread = np.zeros(n)  # in the place of an input that is not read
+        # The reading of the present sample and the state after it, once a tick: whichever output or
+        # update asks first.
+        prerequisites = {port.ticket() for port in ports} | {self._tuned.ticket()}
+        self._reading_and_state = declare_cached(
+            self,
+            "reading and state",
+            self._calc_reading_and_state,
+            prerequisites | self.time_and_memory_tickets,
+        )
         self._declare_outputs()
 
-    def _declare_correction_inputs(self) -> None:
-        """Declares the inputs of a correction, into `_correction`."""
+    def _declare_correction_inputs(self) -> dict[str, InputPort]:
+        """Declares the inputs of a correction; returns them by name."""
         sizes = {"tau_correction": self._n, "correction_valid": 1, "correction_sd": self._n}
         if self._estimator.friction.is_of_speed_alone:
             sizes["v_planned"] = self._n
-        self._correction = {
-            name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()
-        }
+        return {name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()}
 
     def _declare_outputs(self) -> None:
         """Declares the output ports."""
         n, sizes = self._n, self.reading_sizes
-        # They depend on all that the tick does: one edge a port in Drake's graph of dependencies.
-        of_tick = {self._tick.ticket()}
-        reading = self.DeclareVectorOutputPort(
-            "reading", sum(sizes.values()), self._calc_reading, of_tick
+        of_reading = {self._reading_and_state.ticket()}
+        reading = self.declare_held_output(
+            "reading", sum(sizes.values()), self._calc_reading, of_reading
         )
-        declare_port_of_each_part(self, reading.Eval, sizes, of_tick)
-        drives = self.time_and_memory_tickets | {self._current.ticket(), self._tuned.ticket()}
-        self.DeclareVectorOutputPort("tau_J", n, self._calc_tau_J, drives)
+        declare_port_of_each_part(self, reading.Eval, sizes, of_reading)
+        self.declare_held_output(
+            "tau_J", n, self._calc_tau_J, {self._current.ticket(), self._tuned.ticket()}
+        )
+        # Not held: of q and v as they are now.
         self.DeclareAbstractOutputPort(
             "terms",
             lambda: AbstractValue.Make(object()),
@@ -192,9 +193,9 @@ class WrenchEstimatorSystem(SampledBlock):
 
     def _correction_at(self, context: Context) -> Correction | None:
         """The correction of the present sample."""
-        if not self._correction:
+        if not self._correction_ports:
             return None
-        values = {name: port.Eval(context) for name, port in self._correction.items()}
+        values = {name: port.Eval(context) for name, port in self._correction_ports.items()}
         return Correction(
             tau_correction=values["tau_correction"][None],
             v_planned=values.get("v_planned", self._unread)[None],
@@ -202,45 +203,42 @@ class WrenchEstimatorSystem(SampledBlock):
             sd=values["correction_sd"][None],
         )
 
-    def _calc_tick(self, context: Context) -> _Tick:
+    def _calc_reading_and_state(self, context: Context) -> _ReadingAndState:
+        """Runs all stages over the present sample, on a copy of the memory."""
         estimator, state = self._tuned_at(context), self.memory(context)
         current = self._current.Eval(context) if self._reads_current else self._unread
         sample = (self._q.Eval(context)[None], self._v.Eval(context)[None], current[None])
         taken = estimator.take(state, *sample, correction=self._correction_at(context))
-        reading = reading_parts(estimator.read(state.reading, taken))
-        parts = (
+        wrench_parts = reading_parts(estimator.read(state.reading, taken))
+        parts = (  # in the order of `reading_sizes`; `wrench_parts` are five of them
             taken.tau_ext[0],
-            reading,
+            wrench_parts,
             taken.fault,
             taken.counts,
             taken.samples.v[0],
             taken.samples.tau_f[0],
             taken.error.flat,
         )
-        return _Tick(np.concatenate(parts), state.reading)
+        return _ReadingAndState(np.concatenate(parts), state.reading)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        parts = self.held_output(context, "reading")
-        if parts is None:
-            parts = self._tick.EvalAbstract(context).get_value().parts
-        output.SetFromVector(parts)
+        output.SetFromVector(self._reading_and_state.EvalAbstract(context).get_value().reading)
 
     def take_sample(self, context: Context, memory: EstimatorState) -> Sequence[Array]:
-        parts, reading = self._tick.EvalAbstract(context).get_value()
+        reading, reading_state = self._reading_and_state.EvalAbstract(context).get_value()
+        # The stages up to the observer once more, with the current, on the memory itself: `take`
+        # changes it in place, but for the reading's state, which is known already.
         ports = (self._q, self._v, self._current)
         sample = [port.Eval(context)[None] for port in ports]
         correction = self._correction_at(context)
         taken = self._tuned_at(context).take(memory, *sample, correction=correction)
-        for array, after in zip(memory.reading, reading, strict=True):
-            array[:] = after
-        return parts, taken.samples.tau_J[0]
+        for remembered, after_sample in zip(memory.reading, reading_state, strict=True):
+            remembered[:] = after_sample
+        return reading, taken.samples.tau_J[0]
 
     def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
-        tau_J = self.held_output(context, "tau_J")
-        if tau_J is None:
-            estimator, current = self._tuned_at(context), self._current.Eval(context)[None]
-            tau_J = estimator.checked_torque(self.memory(context).check, current)[0]
-        output.SetFromVector(tau_J)
+        estimator, current = self._tuned_at(context), self._current.Eval(context)[None]
+        output.SetFromVector(estimator.checked_torque(self.memory(context).check, current)[0])
 
     def _calc_terms(self, context: Context, output: Value) -> None:
         output.set_value(self._estimator.chain.terms(self._q.Eval(context), self._v.Eval(context)))

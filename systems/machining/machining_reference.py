@@ -15,7 +15,7 @@ from wrenchsight.models.machining.machining_reference import (
 )
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_outputs
+from wrenchsight.systems.declarations import declare_held_outputs
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -45,7 +45,7 @@ class MachiningReference(SampledBlock):
               progress        (1,) place on the path, 0 to 1
               feed_time       (1,) s since the feed started, -1 but for the work itself
               feedback_valid  (1,) 1 where the force feedback can be used, else 0
-              all             these, one after the other (`systems.declarations.declare_outputs`)
+              all             these, one after the other (`declarations.declare_held_outputs`)
     State:    that of SampledBlock; its memory is (7,) the state of the phases and (15,) the anchor
               of approach and retreat
 
@@ -59,21 +59,16 @@ class MachiningReference(SampledBlock):
         self._plan = plan
         progress = dict.fromkeys(PassProgress._fields, 1)
         self.output_sizes = {"pose_reference": POSE_REFERENCE_SIZE, "reference": 3 * n} | progress
-        size = sum(self.output_sizes.values())
-        SampledBlock.__init__(
-            self, period=plan.time_step, initial_memory=memory, held_sizes={"all": size}
-        )
+        SampledBlock.__init__(self, period=plan.time_step, initial_memory=memory)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
-        tickets = {self._terms.ticket()} | self.time_and_memory_tickets
-        self._all = declare_outputs(self, self.output_sizes, self._calc_all, tickets)
+        self._all = declare_held_outputs(
+            self, self.output_sizes, self._calc_all, {self._terms.ticket()}
+        )
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
-        out, held = output.get_mutable_value(), self.held_output(context, "all")
-        if held is not None:
-            out[:] = held
-            return
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        out = output.get_mutable_value()
         joints_end = POSE_REFERENCE_SIZE + 3 * self._n
         out[joints_end:] = machining_reference(
             self._plan,

@@ -20,7 +20,7 @@ from wrenchsight.models.machining.tool_vibration import (
 )
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_outputs, parts_of, torque_error_size
+from wrenchsight.systems.declarations import declare_held_outputs, parts_of, torque_error_size
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -60,7 +60,7 @@ class ToolVibrationTracker(SampledBlock):
               joint_shares       (n,) rad/m, how far the joints vibrate with the tool
               joint_shares_sd    (n,) rad/m, of them
               tool_vibration     (1,) m/s, amplitude of the tool
-              all                these, one after the other (`declarations.declare_outputs`)
+              all                these, one after the other (`declarations.declare_held_outputs`)
               No output feeds through from the estimator's signals, so that its tau_ext may be
               corrected by them; joint_shares do from terms and pose_reference
     State:    that of SampledBlock; its memory is `models.machining.tool_vibration.initial_tracked`
@@ -71,8 +71,9 @@ class ToolVibrationTracker(SampledBlock):
     """
 
     def __init__(self, constants: VibrationConstants, time_step: float) -> None:
-        self._constants, self._n = constants, len(constants.viscous)
-        n = self._n
+        self._constants = constants
+        self._n = n = len(constants.viscous)
+        SampledBlock.__init__(self, period=time_step, initial_memory=initial_tracked(n))
         self.output_sizes = {
             "freed_torque": n,
             "freed_sd": n,
@@ -81,12 +82,6 @@ class ToolVibrationTracker(SampledBlock):
             "tool_vibration": 1,
         }
         self._slices = parts_of(self.output_sizes)  # of the port `all`
-        SampledBlock.__init__(
-            self,
-            period=time_step,
-            initial_memory=initial_tracked(n),
-            held_sizes={"all": sum(self.output_sizes.values())},
-        )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
@@ -103,16 +98,10 @@ class ToolVibrationTracker(SampledBlock):
         # The outputs depend on two of the inputs and the memory. The update alone reads the others:
         # the estimator's tau_ext may be corrected by the outputs without an algebraic loop.
         motion = {self._terms.ticket(), self._pose.ticket()}
-        self._all_outputs = declare_outputs(
-            self, self.output_sizes, self._calc_all, motion | self.time_and_memory_tickets
-        )
+        self._all_outputs = declare_held_outputs(self, self.output_sizes, self._calc_all, motion)
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
-        out, held = output.get_mutable_value(), self.held_output(context, "all")
-        if held is not None:
-            out[:] = held
-            return
-        constants, slices = self._constants, self._slices
+        out, constants, slices = output.get_mutable_value(), self._constants, self._slices
         out[slices["tool_vibration"]] = freed_friction(
             constants.amplitudes,
             self.memory(context),

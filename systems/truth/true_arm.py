@@ -125,64 +125,57 @@ class TrueArm(SampledBlock):
     def __init__(self, parts: ArmParts) -> None:
         if parts.process is not None and parts.contacts is None:
             raise ValueError("true arm: a machining process needs contact")
-        n = self._n = parts.joints.num_joints
+        # The memory is one flat array; the layout says where the parts of ArmState are in it.
         layout, memory_at_rest = _memory_at_rest(parts)
+        SampledBlock.__init__(self, period=parts.joints.time_step, initial_memory=memory_at_rest)
+        self._n = n = parts.joints.num_joints
         self._motion_type = motion_type(n)
         self.motion_sizes = _motion_sizes(n)
         self.drive_sizes = _drive_sizes(n, joint_state_size=layout.joints)
         self.truth_sizes = _truth_sizes(n)
-        # Numbers of entries of the outputs that are held between ticks. `spatial_forces` and
-        # `wrench_unbalance` are not: they are computed whenever the plant or a log reads them.
-        held_sizes = {
-            "motion": sum(self.motion_sizes.values()),
-            "drives": sum(self.drive_sizes.values()),
-        }
-        if parts.contacts is not None:
-            held_sizes["truth"] = sum(self.truth_sizes.values())
-        SampledBlock.__init__(
-            self,
-            period=parts.joints.time_step,
-            initial_memory=memory_at_rest,
-            held_sizes=held_sizes,
-        )
+        # What the kernels `arm_motion`, `arm_drives` and `arm_memory` know of the arm.
         self._motion_constants = _motion_constants(parts, layout)
         self._drive_constants = _drive_constants(parts, layout)
         self._memory_constants = _memory_constants(parts, layout)
-        # The kernel of the memory takes these where there is no contact or no sensor.
+        # `arm_memory` takes these where there is no contact or no sensor.
         self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
 
         self._x = self.DeclareVectorInputPort("state", 2 * n)  # q, v of the links
         self._command = self.DeclareVectorInputPort("current_command", n)
-        prerequisites = {self._x.ticket()} | self.time_and_memory_tickets  # of all outputs
-        self._motion = self.DeclareVectorOutputPort(
-            "motion", held_sizes["motion"], self._calc_motion, prerequisites
+        self._motion = self.declare_held_output(
+            "motion", sum(self.motion_sizes.values()), self._calc_motion, {self._x.ticket()}
         )
-        self._drives = self.DeclareVectorOutputPort(
+        self._drives = self.declare_held_output(
             "drives",
-            held_sizes["drives"],
+            sum(self.drive_sizes.values()),
             self._calc_drives,
-            prerequisites | {self._command.ticket()},
+            {self._x.ticket(), self._command.ticket()},
         )
         # The ports that only some arms have; the class's docstring has a table of them.
         self._contacts, self._process = parts.contacts, parts.process
         self._tool_weld = None if parts.sensor is None else parts.sensor.weld
         self._has_spatial_forces = bool(parts.script.segments) or parts.process is not None
         if parts.contacts is not None:
-            self._declare_contact_ports(held_sizes["truth"], prerequisites)
+            self._declare_contact_ports()
         if parts.sensor is not None:
             self._declare_sensor_ports()
+        # These two are not held: they are computed whenever the plant or a log reads them.
+        of_motion = {self._x.ticket()} | self.time_and_memory_tickets
         if self._has_spatial_forces:
-            self._declare_force_port(parts, prerequisites)
+            self._declare_force_port(parts, of_motion)
         if parts.process is not None:
-            self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, prerequisites)
+            self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, of_motion)
 
-    def _declare_contact_ports(self, truth_size: int, prerequisites: set[DependencyTicket]) -> None:
+    def _declare_contact_ports(self) -> None:
         """Declares what the plant says of contact, and the truth that follows from it."""
         self._results = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._tau_contact = self.DeclareVectorInputPort("tau_contact", self._n)
-        in_contact = prerequisites | {self._results.ticket(), self._tau_contact.ticket()}
-        self._truth = self.DeclareVectorOutputPort(
-            "truth", truth_size, self._calc_truth, in_contact
+        ports = (self._x, self._results, self._tau_contact)
+        self._truth = self.declare_held_output(
+            "truth",
+            sum(self.truth_sizes.values()),
+            self._calc_truth,
+            {port.ticket() for port in ports},
         )
 
     def _declare_sensor_ports(self) -> None:
@@ -211,16 +204,12 @@ class TrueArm(SampledBlock):
         return self._has_spatial_forces
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        motion, held = output.get_mutable_value(), self.held_output(context, "motion")
-        if held is not None:
-            motion[:] = held
-            return
         arm_motion(
             self._motion_constants,
             context.get_time(),
             self._x.Eval(context),
             self.memory(context),
-            np.frombuffer(motion, self._motion_type),
+            np.frombuffer(output.get_mutable_value(), self._motion_type),
         )
 
     def _motion_at(self, context: Context) -> Record:
@@ -228,25 +217,17 @@ class TrueArm(SampledBlock):
         return np.frombuffer(self._motion.Eval(context), self._motion_type)
 
     def _calc_drives(self, context: Context, output: BasicVector) -> None:
-        drives, held = output.get_mutable_value(), self.held_output(context, "drives")
-        if held is not None:
-            drives[:] = held
-            return
         arm_drives(
             self._drive_constants,
             context.get_time(),
             self._motion_at(context),
             self._command.Eval(context),
             self.memory(context),
-            drives,
+            output.get_mutable_value(),
         )
 
     def _calc_truth(self, context: Context, output: BasicVector) -> None:
         assert self._contacts is not None
-        truth, held = output.get_mutable_value(), self.held_output(context, "truth")
-        if held is not None:
-            truth[:] = held
-            return
         contacts, count = self._contacts.touched(cast(ContactResults, self._results.Eval(context)))
         arm_truth(
             self._contacts.tip_radius,
@@ -254,7 +235,7 @@ class TrueArm(SampledBlock):
             count,
             self._tau_contact.Eval(context),
             self._motion_at(context),
-            truth,
+            output.get_mutable_value(),
         )
 
     def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:

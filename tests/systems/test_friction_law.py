@@ -71,7 +71,7 @@ def test_ports():
     assert [system.get_input_port(i).get_name() for i in range(3)] == ["q", "v", "tau_J"]
     assert [system.HasDirectFeedthrough(i, 0) for i in range(3)] == [True, True, False]
     state = system.CreateDefaultContext().get_discrete_state()
-    assert [state.get_vector(k).size() for k in range(3)] == [3 * N, N, 2]  # memory, tau_f, ticks
+    assert [state.get_vector(k).size() for k in range(3)] == [3 * N, 2, N]  # memory, ticks, tau_f
 
 
 @pytest.mark.parametrize("v", [[0.3, -0.5], [0.05, -0.01], [0.0, 0.0]])

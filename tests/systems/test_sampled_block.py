@@ -170,19 +170,17 @@ class _Counter(SampledBlock):
     """u = 1 + x of the last tick. It remembers what the plant has solved, as of a contact."""
 
     def __init__(self) -> None:
-        SampledBlock.__init__(self, period=T, initial_memory=np.zeros(1), held_sizes={"u": 1})
+        SampledBlock.__init__(self, period=T, initial_memory=np.zeros(1))
         self._x = self.DeclareVectorInputPort("x", 1)
         self._solved = self.DeclareVectorInputPort("solved", 1)
-        tickets = {self._x.ticket()} | self.time_and_memory_tickets
-        self.DeclareVectorOutputPort("u", 1, self._calc_u, tickets)
+        self.declare_held_output("u", 1, self._calc_u, {self._x.ticket()})
 
     def take_sample(self, context, memory):
         memory[:] = self._solved.Eval(context)
         return [1.0 + self._x.Eval(context)]
 
     def _calc_u(self, context, output):
-        held = self.held_output(context, "u")
-        output.SetFromVector(1.0 + self._x.Eval(context) if held is None else held)
+        output.SetFromVector(1.0 + self._x.Eval(context))
 
 
 @pytest.mark.parametrize("with_plant", [False, True])
