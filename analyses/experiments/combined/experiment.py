@@ -147,13 +147,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
     models, scenario = pushed_arm(context, SCENARIO, 0.35)
     robot = models.robot
     scenarios = {path: scenario_on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
-    speed = highest_speed(
-        list(scenarios.values()), robot
-    )  # rad/s, for which friction's error is stated
+    # rad/s, for which the error of friction is stated
+    speed = highest_speed(list(scenarios.values()), robot)
     context.progress(0.35, "placing the path")
     bayesian = models.estimator(SP, speed, FAST_GAIN, WrenchReconstructionConfig("bayesian"))
-    path_and_posture = found_path(robot, seed=0, model=bayesian.model)
-    scenarios["placed"] = scenario_on_path(scenario, robot, *path_and_posture)
+    path, posture = found_path(robot, 0, bayesian.model)  # the same for every seed of the study
+    scenarios["placed"] = scenario_on_path(scenario, robot, path, posture)
     runs = pushed_runs(context, models, scenarios, 0.45)
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
