@@ -67,10 +67,14 @@ class _Commands(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: Any) -> Any:
-        """Runs the command; an error of the user becomes one line and the exit code 2."""
-        came: list[int] = []
+        """Runs the command; an error of the user becomes one line and the exit code 2.
+
+        A signal that ends the process becomes the exit code 128 + its number, also where a library
+        turned the exception that it raised into one of its own. An error of the program is raised.
+        """
+        signals: list[int] = []  # numbers of those received
         try:
-            with ends_are_interrupts() as came, remembering_files_read():
+            with ends_are_interrupts() as signals, remembering_files_read():
                 return super().invoke(ctx)
         except InputError as error:
             line, code = str(error), 2
@@ -85,11 +89,12 @@ class _Commands(TyperGroup):
             line, code = f"{error.filename}: {reason}" if error.filename else reason, 2
         except KeyboardInterrupt as error:
             # A command may have caught it to end in good order, and raised another one.
-            line, code = _INTERRUPTED, 128 + (came or [getattr(error, "signum", signal.SIGINT)])[0]
+            first_signal = signals[0] if signals else getattr(error, "signum", signal.SIGINT)
+            line, code = _INTERRUPTED, 128 + first_signal
         except Exception:
-            if not came:
+            if not signals:
                 raise
-            line, code = _INTERRUPTED, 128 + came[0]
+            line, code = _INTERRUPTED, 128 + signals[0]
         self._has_reported = True
         raise typer.Exit(_report(line, code))
 

@@ -97,9 +97,9 @@ def run_campaign(
     with ends_are_interrupts(), open_results(out, COMMAND) as folder:
         campaign = _Campaign(settings, folder, software)
         num_reused = campaign.count_complete(names)
-        # Another machine need not see this folder.
-        everywhere = folder.work("everywhere").resolve() if cluster is None else None
-        tasks = campaign.tasks(names, modules, everywhere)
+        # Folder of what all worlds share; another machine need not see this one.
+        shared_folder = folder.work("everywhere").resolve() if cluster is None else None
+        tasks = campaign.tasks(names, modules, shared_folder)
         if cluster is not None and tasks:
             refuse_silent(cluster)
             jobs = 1  # how many workers the scheduler has is not known
@@ -118,11 +118,11 @@ def run_campaign(
                 if campaign.record.worlds or not folder.files:  # else the earlier ones stay
                     campaign.write()
             raise
-        spread = campaign.write()
+        figures_over_worlds = campaign.write()
     return CampaignResult(
         out=out,
         worlds=len(campaign.record.worlds),
-        distributions=spread,
+        distributions=figures_over_worlds,
         failures=campaign.failures,
         reused=num_reused,
         seconds=campaign.mean_seconds(),
@@ -235,6 +235,9 @@ class _Campaign:
         report: Callable[[Progress], None],
     ) -> None:
         """Stores the outcomes as they come, and reports the progress.
+
+        What a world measured goes into the record and, against a kill, into a file of its own. A
+        world in which an experiment failed is kept in `failures`, beside what it measured.
 
         Args:
             outcomes: outcomes of the worlds, as they end.

@@ -29,6 +29,7 @@ def write_campaign_report(
     """Writes campaign.html and its figures into `folder`.
 
     Args:
+        record: its `described` states title, section and rows of each experiment.
         spread: the figures of the article over worlds.
         failures: outcomes of worlds in which experiments failed, by world.
         seconds: seconds of a processor, by experiment, in a world.
@@ -48,13 +49,13 @@ def write_campaign_report(
             size = (960, round(960 * height / width))
             picture = folder.write_figure(name, figure).relative_to(folder.path).as_posix()
         described = record.described[name]
-        worlds = sum(experiment == name for _, experiment in record.measured)
+        num_worlds = sum(experiment == name for _, experiment in record.measured)
         sections.append(
             {
                 "name": name,
                 "title": described["title"],
                 "section": described["section"],
-                "num_worlds": worlds,
+                "num_worlds": num_worlds,
                 "rows": [table_row(row) for row in of_experiment],
                 "picture": picture,
                 "size": size,
@@ -103,10 +104,13 @@ def table_row(distribution: Distribution) -> dict[str, str]:
 
 
 def violin_figure(spread: Sequence[Distribution]) -> Figure:
-    """A violin for each figure that the article prints: the worlds' over the printed number."""
+    """A violin for each figure that the article prints: the worlds' over the printed number.
+
+    The first figure stands on top. Few worlds, or equal ones, are dots instead.
+    """
     shown = [row for row in spread if _comparable(row)]
     figure, ((axes,),) = new_figure(1, 1, height=0.9 + 0.34 * len(shown))
-    for place, row in enumerate(reversed(shown)):
+    for place, row in enumerate(reversed(shown)):  # place: the height on the panel
         assert row.article is not None
         ratio = np.clip(row.values.to_numpy() / row.article, -_MAX_DRAWN_RATIO, _MAX_DRAWN_RATIO)
         low, median, high = np.percentile(ratio, [5.0, 50.0, 95.0])

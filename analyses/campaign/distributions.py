@@ -84,12 +84,18 @@ def _row_distributions(
     figures: pd.DataFrame,
     record: CampaignRecord,
 ) -> list[Distribution]:
-    """The distributions of a row: one, or one for each entry of a list."""
+    """The distributions of a row: one, or one for each entry of a list.
+
+    Args:
+        row: a `ComparisonRow` as a plain mapping. `key` names the article's method's figure, `ours`
+            the one that is compared with it; `article` is the printed number or a list of them.
+        figures: of `CampaignRecord.figures`: a row a world, a column a key.
+    """
     article = row["article"]
-    ours = dict(_keys(figures, row["ours"]))
+    our_keys = dict(_keys(figures, row["ours"]))  # by place in the list
     label = row["label"][:1].upper() + row["label"][1:]
     result = []
-    keys = _keys(figures, row["key"])
+    keys = _keys(figures, row["key"])  # place in the list, and the key there
     for place, key in keys:
         values = figures[key].dropna()
         if values.empty:
@@ -102,7 +108,7 @@ def _row_distributions(
             article=article[place] if isinstance(article, list) else article,
             source=row["source"],
             values=values,
-            share_ahead=_share_ahead(figures, key, ours.get(place), row),
+            share_ahead=_share_ahead(figures, key, our_keys.get(place), row),
         )
         moved_by = _moved_by(distribution, record)
         result.append(replace(distribution, moved_by=moved_by))

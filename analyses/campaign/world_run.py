@@ -88,6 +88,9 @@ class UnfitWorkerError(InputError):
 def run_world(task: WorldTask) -> WorldOutcome:
     """Runs the experiments of a task in its world; one that fails does not stop the others.
 
+    Each experiment writes into a folder of its own, below `task.out` or one that is removed again.
+    What experiments of this world share lies there, too; what all worlds share in another folder.
+
     Raises:
         UnfitWorkerError: the worker has other software, or would compute in several threads.
     """
@@ -95,20 +98,20 @@ def run_world(task: WorldTask) -> WorldOutcome:
         _check_worker(module, task.software[name])
     settings, world = task.settings, task.world()
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
-    everywhere = _worker_folder() if task.everywhere is None else task.everywhere
-    everywhere.mkdir(parents=True, exist_ok=True)
+    shared_by_worlds = _worker_folder() if task.everywhere is None else task.everywhere
+    shared_by_worlds.mkdir(parents=True, exist_ok=True)
     with (
         _one_at_a_time,
         one_thread(),
-        tempfile.TemporaryDirectory(dir=everywhere) as temporary,
+        tempfile.TemporaryDirectory(dir=shared_by_worlds) as temporary,
     ):
-        folder = Path(temporary)
+        world_folder = Path(temporary)
         for name, module in task.modules.items():
             started = time.process_time()
             try:
-                out = (folder if task.out is None else task.out) / name
+                out = (world_folder if task.out is None else task.out) / name
                 out.mkdir(parents=True)
-                with sharing_in(folder, everywhere):
+                with sharing_in(world_folder, shared_by_worlds):
                     experiment: Experiment = import_module(module).EXPERIMENT
                     missing = experiment.missing(settings.data)
                     if missing:

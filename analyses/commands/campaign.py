@@ -62,13 +62,13 @@ def _print(result: "CampaignResult") -> None:
         if distribution.experiment != experiment:
             experiment = distribution.experiment
             table.add_row(plain_text(experiment, style="bold"))
-        row = table_row(distribution)
+        texts = table_row(distribution)
         label = (
             f"{distribution.label} [{distribution.unit}]"
             if distribution.unit
             else distribution.label
         )
-        cells = [row[key] for key in ("article", "median", "range", "ahead")]
+        cells = [texts[key] for key in ("article", "median", "range", "ahead")]
         table.add_row(plain_text(label), *cells)
     reused = f", {result.reused} of them from earlier runs" if result.reused else ""
     if table.row_count:

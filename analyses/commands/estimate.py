@@ -105,7 +105,11 @@ def _reads_external_torque(settings: EstimateSettings) -> bool:
 
 
 def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
-    """Reads logs that hold the external torque itself, and prints what was found."""
+    """Reads logs that hold the external torque itself, and prints what was found.
+
+    A log's metrics hold `reference` where there is a sensor, and there `rows` where any row is
+    compared. A single log's comparison is printed in full; of several, the mean of their RMSE.
+    """
     from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
 
     with showing_progress("estimate") as progress:
@@ -120,21 +124,22 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
     prior = result.metrics()["prior"]
     for log in result.logs:
         _print_wrenches(log.metrics["valid"]["wrench"], f"{log.name}, valid")
-        rows = log.metrics.get("reference", {}).get("rows")
-        if rows is not None:
+        compared = log.metrics.get("reference", {}).get("rows")
+        if compared is not None:
             show(
                 f"{log.name}: against the sensor, rows where it reads more than "
-                f"{rows['sensor_above_n']:g} N: RMSE {rows['rmse_n']:.2f} N, stated sd "
-                f"{rows['stated_sd_n']:.2f} N"
+                f"{compared['sensor_above_n']:g} N: RMSE {compared['rmse_n']:.2f} N, stated sd "
+                f"{compared['stated_sd_n']:.2f} N"
             )
         prefix = f"{log.name}: " if len(result.logs) > 1 else ""
         for line in (*log.invalid, *log.contacts):
             show(f"{prefix}{line}")
     count = sum(log.num_samples for log in result.logs)
-    valid = sum(log.num_samples * log.valid_share for log in result.logs) / count
+    valid_share = sum(log.num_samples * log.valid_share for log in result.logs) / count
     sds = " ".join(f"{x:.3g}" for x in result.config.torque_sd)
     show(
-        f"{count} samples, {100 * valid:.1f} % valid; {_prior_text(prior)}; torque sd {sds} N m",
+        f"{count} samples, {100 * valid_share:.1f} % valid; {_prior_text(prior)}; "
+        f"torque sd {sds} N m",
         *notes((*result.notices, *result.warnings)),
     )
     for log in result.logs:

@@ -52,7 +52,11 @@ def command(settings: ExciteSettings, out: Out = Path("out/excite")) -> None:
 
 
 def _print(results: "tuple[ExcitationResult, ...]", out: Path) -> None:
-    """Prints a line a trajectory, the warnings, and where the files are."""
+    """Prints a line a trajectory, the warnings, and where the files are.
+
+    Args:
+        results: the trajectory and, where one was asked for, that of the validation.
+    """
     table = new_table(
         "\ntrajectory",
         "condition\nnumber",

@@ -72,7 +72,11 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
 
 
 def _refit(settings: IdentifySettings, out: Path) -> None:
-    """`--refresh MODEL --other-specimen`: fits this robot's friction and prints it."""
+    """`--refresh MODEL --other-specimen`: fits this robot's friction and prints it.
+
+    The metrics are lists over joints; they have a `gain` (a share, with its sd) where a force
+    sensor is in the logs, and it is 0 where the logs do not determine it.
+    """
     from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import refit_logs
 
     if settings.refresh is None or settings.load or settings.validate:
@@ -172,7 +176,7 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
         "after\n[N m]",
     )
     for j, name in enumerate(result.model.joint_names):
-        changes = (
+        changes = (  # of Coulomb, viscous and offset
             f"{change:+.2f} ± {sd:.2f}"
             for change, sd in zip(refresh.change[j], refresh.standard_deviation[j], strict=True)
         )
@@ -186,7 +190,11 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
 
 
 def _print_calibration(result: "CalibrationResult", out: Path) -> None:
-    """Prints each joint's torque per ampere, the loads, and where the robot is."""
+    """Prints each joint's torque per ampere, the loads, and where the robot is.
+
+    A joint whose torque per ampere the logs do not determine keeps the stated one; a friction per
+    torque that they do not determine is NaN.
+    """
     calibration = result.calibration
     dependence, dependence_sd = calibration.load_dependence
     table = new_table(
@@ -205,6 +213,7 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
             friction_per_torque,
         )
     show(table)
+    # Ten parameters of each load: mass, mass times centre of mass, inertia.
     for index, (name, load) in enumerate(result.loads.items()):
         com = 1e3 * calibration.loads[index][1:4] / load.mass
         com_sd = 1e3 * calibration.load_sd[index][1:4] / load.mass
@@ -215,7 +224,10 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
 
 
 def _print(result: "IdentificationResult", out: Path) -> None:
-    """Prints friction and residual of each joint, what the law was chosen by, and the warnings."""
+    """Prints friction and residual of each joint, what the law was chosen by, and the warnings.
+
+    The errors are those on held-out logs or stretches, where there are any; else those of the fit.
+    """
     from wrenchsight.analyses.methods.identify.identification_report import (
         filter_text,
         inconsistent_links_text,
@@ -228,7 +240,7 @@ def _print(result: "IdentificationResult", out: Path) -> None:
     fits = result.cross_validation or result.fit
     kind = "held out" if result.cross_validation else "fitted"
     joined = joined_fits(fits, kind)
-    columns = {
+    columns = {  # (n,) each, by heading
         "Coulomb\n[N m]": law.coulomb,
         "viscous\n[N m s/rad]": law.viscous,
         f"{kind.replace('fitted', 'fit')}\nRMSE [N m]": joined.rmse,

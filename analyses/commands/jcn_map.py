@@ -46,7 +46,11 @@ def command(settings: JcnMapSettings, out: Out = Path("out/jcn-map")) -> None:
 
 
 def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
-    """Prints the distribution of the condition number, and the best of the slice."""
+    """Prints the distribution of the condition number, and the best of the slice.
+
+    The metrics have `free` where collisions were checked (its `min` is None where all
+    configurations collide), `slice` where one was asked for, and there `min` where E reaches it.
+    """
     metrics = result.metrics
     table = new_table("condition number", "smallest", "median", "mean", "above 11 [%]")
     cells = [f"{metrics[key]:.4g}" for key in ("min", "median", "mean", "above_11_pct")]

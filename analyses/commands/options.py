@@ -91,7 +91,11 @@ def with_settings(
     """Makes a command of a function that takes settings.
 
     The function's first argument is the settings of the run: defaults, overridden by `--config`,
-    overridden by the command line. Its further arguments are options outside the settings.
+    overridden by the command line. Its further arguments are options outside the settings; one
+    named `ctx` is not one, and gets typer's context.
+
+    typer reads a command's options from its signature: here it is made of the keys' options, the
+    function's further ones, --config, --help-all, and last --out.
 
     Args:
         schema: the settings' dataclass, which `load_configuration` reads.

@@ -36,7 +36,7 @@ def command(settings: PayloadSettings, out: Out = Path("out/payload")) -> None:
 def _print(result: "PayloadResult", out: Path) -> None:
     """Prints mass, centre of mass and inertia with their standard errors, flange axes."""
     load = result.load
-    sd = load.standard_deviation
+    sd = load.standard_deviation  # (10,): mass, centre of mass, then the inertia as below
     table = new_table("", "estimate", "standard error", "", "")
     table.add_row("mass", f"{load.mass:.3f}", f"{sd[0]:.3f}", "kg", "")
     for k, axis in enumerate("xyz"):

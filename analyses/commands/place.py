@@ -40,7 +40,11 @@ def command(settings: PlaceSettings, ctx: typer.Context, out: Out = Path("out/pl
 
 
 def _print(result: "PlacementResult", out: Path) -> None:
-    """Prints the placements side by side, the optimised one in numbers, and the local optima."""
+    """Prints the placements side by side, the optimised one in numbers, and the local optima.
+
+    The metrics have `initial` where the task states a guess that can be followed, `unconstrained`
+    where the best placement overlaps. Raises KeyboardInterrupt after a search that was interrupted.
+    """
     metrics, key = result.metrics(), result.measure.key
     names = {"mean_jcn": "mean JCN", "max_jcn": "largest JCN"}
     if key != "jcn":

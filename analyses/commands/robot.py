@@ -73,18 +73,18 @@ def command(
 
     path = out or Path("robot.yaml")
     xacro = XacroTrust(trust_xacro, _arguments(xacro_arg or []))
-    drafted, places, found = draft_robot(Path(source), path, base, flange, xacro)
-    _print(drafted)
-    show(*notes(found))
+    draft = draft_robot(Path(source), path, base, flange, xacro)
+    _print(draft.robot)
+    show(*notes(draft.notes))
     note = (
         "the URDF has no inertias: the simulated arm has no friction; state it in simulated_truth"
     )
-    if drafted.config.simulated_truth.friction.coulomb.size:
+    if draft.robot.config.simulated_truth.friction.coulomb.size:
         note = (
             "friction, noise and resolution of the simulated arm are assumed: see simulated_truth "
             "and drives in the file"
         )
-    show(f"note: {note}", f"robot: {path}; look for {FILL_IN}: {', '.join(places)}")
+    show(f"note: {note}", f"robot: {path}; look for {FILL_IN}: {', '.join(draft.places)}")
 
 
 def _arguments(words: list[str]) -> dict[str, str]:

@@ -55,7 +55,10 @@ def command(
 
 
 def _print(result: "SimulationResult") -> None:
-    """Prints the errors of estimate and sensor axis by axis, and the files."""
+    """Prints the errors of estimate and sensor axis by axis, and the files.
+
+    The metrics have `valid` where some readings are valid and others not, `sensor` of a sensor.
+    """
     metrics = result.metrics()
     sources = {"estimate": metrics}
     for name, title in (("valid", "where valid"), ("sensor", "sensor")):

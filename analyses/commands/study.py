@@ -89,7 +89,10 @@ def command(options: StudyOptions, out: Out = Path("out/study")) -> None:
 
 
 def _print(result: "StudyResult") -> None:
-    """Prints a line a row of comparison, what did not run, and where the report is."""
+    """Prints a line a row of comparison, what did not run, and where the report is.
+
+    An outcome's `stored` is its result.json: empty without a result, `failures` only of some.
+    """
     from rich.padding import Padding
 
     from wrenchsight.analyses.data_sets.advice import missing_recordings

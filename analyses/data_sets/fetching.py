@@ -95,7 +95,8 @@ def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str]
         progress: takes name, share and step; the step is empty when it is done.
 
     Returns:
-        What was fetched; with a problem in words where a file cannot be.
+        What was fetched; with a problem in words where a file cannot be. Files fetched before are
+        kept.
     """
     folder = cache_folder() / data_set.name
     if all(is_whole(folder / file.name, file) for file in data_set.files):
@@ -114,6 +115,7 @@ def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str]
         for file in missing:
             progress(data_set.name, done / total, file.name)
 
+            # Bytes of this file; file and done as they are in this turn of the loop.
             def report(count: int, file: PublishedFile = file, done: int = done) -> None:
                 progress(data_set.name, (done + min(count, file.num_bytes)) / total, file.name)
 
@@ -127,7 +129,15 @@ def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str]
 
 
 def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[int], None]) -> str:
-    """Gets a file, with one retry; returns what went wrong, or nothing."""
+    """Gets a file, with one retry; returns what went wrong, or nothing.
+
+    Args:
+        url: of the host.
+        report: called with the number of bytes received so far.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
     import pooch
     import requests
 
@@ -167,6 +177,9 @@ class _Resuming:
     ) -> None:
         """Downloads an address into a file, which pooch then checks.
 
+        The bytes gather in a part beside it, which outlives a cut connection, and this process.
+        The arguments are those with which pooch calls a downloader.
+
         Raises:
             requests.RequestException: the file did not come to its end.
             OSError: it cannot be written.
@@ -190,7 +203,13 @@ class _Resuming:
 
 
 def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
-    """Appends an address's content to a part of `received` bytes; yields the part's size."""
+    """Appends an address's content to a part of `received` bytes; yields the part's size.
+
+    Where the host does not go on from there, the part is emptied first.
+
+    Raises:
+        requests.RequestException: the connection fails, or is cut.
+    """
     parts = urlsplit(url)
     if parts.scheme == "file":
         yield from _copied(Path(unquote(parts.path)), part, received)

@@ -52,22 +52,22 @@ def log_scale(axes: Any, which: Literal["x", "y"]) -> None:
 def limit_y(axes: Any, low: float, high: float, unit: str = "") -> None:
     """Sets the range of y and writes on the panel what is drawn beyond it, and how far it goes.
 
-    Called when all is drawn.
+    Called when all is drawn. Only what has a label of its own is named.
     """
     axes.set_ylim(low, high)
-    digits = max(0, 1 - math.floor(math.log10(high - low)))
+    decimals = max(0, 1 - math.floor(math.log10(high - low)))
     beyond = []
     for artist in (*axes.lines, *axes.collections):
         label = str(artist.get_label())
+        # A label that matplotlib made begins with an underscore.
         if label.startswith("_") or not _is_in_data_of_y(axes, artist):
             continue
         y = _heights(artist)
-        reach = [
-            x for x in (np.min(y, initial=0.0), np.max(y, initial=0.0)) if not low <= x <= high
-        ]
-        if reach:
-            far = " and ".join(f"{x:.{digits}f}" for x in reach)
-            beyond.append(f"{label} to {far} {unit}".rstrip())
+        extremes = (np.min(y, initial=0.0), np.max(y, initial=0.0))
+        outside = [value for value in extremes if not low <= value <= high]
+        if outside:
+            values = " and ".join(f"{value:.{decimals}f}" for value in outside)
+            beyond.append(f"{label} to {values} {unit}".rstrip())
     if beyond:
         text = "beyond the panel: " + "; ".join(beyond)
         axes.text(

@@ -26,6 +26,9 @@ def plain(value: Any, path: str = "", not_finite: list[str] | None = None) -> An
     JSON nor a reader of metrics has a use for NaN or infinity: they become None, and their places
     (`initial.errors.3`) are appended to `not_finite`.
 
+    Args:
+        path: of the value in the whole, before the places.
+
     Raises:
         TypeError: the value, or one inside it, has no plain form.
     """

@@ -67,13 +67,18 @@ def run_side_by_side(
         log: file that takes what the processes print.
         started: called with a task when it has begun.
         tick: called ten times a second.
+
+    Yields:
+        Each task with its result; `Died` where its process died in its last try. An exception that
+        `run` raised is raised here.
     """
     from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
     # A process whose memory has grown is replaced between two tasks: nothing is lost by it.
     warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
-    waiting, idle = deque((task, 1) for task in tasks), list[Any]()
-    under_way = dict[Future[Result], tuple[Task, int, Any]]()
+    waiting = deque((task, 1) for task in tasks)  # with the number of the try
+    idle = list[Any]()  # executors, of one process each
+    under_way = dict[Future[Result], tuple[Task, int, Any]]()  # task, number of the try, executor
     environment = {**dict.fromkeys(ONE_THREAD, "1"), **_MEMORY_ENVIRONMENT, **(environment or {})}
     try:
         while waiting or under_way:
@@ -106,6 +111,7 @@ def run_side_by_side(
                 elif attempt < tries:
                     waiting.append((task, attempt + 1))
                 else:
+                    # joblib's message ends with the exit codes in braces.
                     codes = re.search(r"\{(.+)\}", str(future.exception()))
                     yield task, Died(codes.group(1) if codes else "exit code unknown")
     finally:

@@ -128,9 +128,14 @@ def results_table(
 ) -> str:
     """Returns the figures of `collect` as Markdown; a line reports shortened runs.
 
+    Of a figure over worlds the README shows the median and the range in the place of the one run's;
+    the whole table shows both, in two columns. What is further known of the worlds (whose method is
+    ahead, what moves the figure) stands before the remark.
+
     Args:
         results: results of `collect`.
-        worlds: worlds of `together`; count if they are of the same length as the study.
+        worlds: worlds of `together`: by experiment and key the figures over worlds, and the
+            campaign's settings; count if they are of the same length as the study.
         whole: whether with the rows that the README leaves out, and with the one run's figure
             beside that of worlds.
     """
@@ -138,16 +143,17 @@ def results_table(
     settings = worlds.get(_CAMPAIGN, {})
     if settings.get("quick") != results["quick"]:
         worlds = {}
-    world_count = _counted(worlds, 1 if whole else FEWEST_WORLDS)
+    fewest_worlds = 1 if whole else FEWEST_WORLDS  # of which a figure counts
+    world_count = _counted(worlds, fewest_worlds)  # as text
     worlds_head = f" Median of {world_count} (5 to 95 %) |" if world_count and whole else ""
     lines = [
         f"| Experiment | Measure | Article | Here |{worlds_head} Why, where they differ |",
         f"|---|---|---:|---:|{'---:|' if worlds_head else ''}---|",
     ]
-    ranges = False
+    has_ranges = False
     for experiment in results["experiments"]:
         shown = [row for row in experiment["rows"] if whole or row["readme"]]
-        spread = worlds.get(experiment["name"], {})
+        figures_over_worlds = worlds.get(experiment["name"], {})  # by key
         for index, row in enumerate(shown):
             (text,) = comparisons({row["key"]: row["here"]}, [row])
             stated = " ".join(text.stated)
@@ -156,16 +162,17 @@ def results_table(
             label = f"{text.label} [{text.unit}]" if text.unit else text.label
             title = experiment["title"] if index == 0 else ""
             one_run = ["–"] * len(text.measured) if whole else text.measured
-            fewest = 1 if whole else FEWEST_WORLDS
-            median, ours_ahead = _over_worlds(spread, row["key"], row["here"], one_run, fewest)
+            median, ours_ahead = _over_worlds(
+                figures_over_worlds, row["key"], row["here"], one_run, fewest_worlds
+            )
             figures = [" ".join(text.measured)]
             remark = text.remark
-            moved_by = _moved_by(spread, row["key"])
+            moved_by = _moved_by(figures_over_worlds, row["key"])
             if worlds_head:
                 figures.append(", ".join(part for part in (median, ours_ahead) if part))
                 remark = "; ".join(part for part in (moved_by, remark) if part)
             elif median:
-                ranges = True
+                has_ranges = True
                 figures = [median]
                 remark = "; ".join(part for part in (ours_ahead, moved_by, remark) if part)
             cells = (title, label, stated, *figures, remark)
@@ -177,7 +184,7 @@ def results_table(
         "move the figure most. Without a range: one run.\n"
     )
     table = "\n".join(lines) + "\n"
-    return (_QUICK if results["quick"] else "") + table + (note if ranges else "")
+    return (_QUICK if results["quick"] else "") + table + (note if has_ranges else "")
 
 
 def _counted(worlds: Mapping[str, Any], fewest: int) -> str:
@@ -352,7 +359,13 @@ def _read(path: Path, command: str = "study") -> Any:
 
 
 def main(arguments: list[str]) -> int:
-    """Runs the command; returns its exit code."""
+    """Runs the command; returns its exit code.
+
+    Args:
+        arguments: [STUDY [README [CAMPAIGN_FOLDER...]]], by default out/study and README.md with
+            the campaign beside that study; or --campaign README CAMPAIGN_FOLDER..., which takes
+            the study's figures from those that are committed beside the README.
+    """
     campaign_alone = arguments[:1] == ["--campaign"]
     if campaign_alone and len(arguments) < 3:
         sys.stderr.write("expected --campaign README CAMPAIGN_FOLDER...\n")

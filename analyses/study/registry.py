@@ -153,9 +153,19 @@ def module_file(module: str) -> Path | None:
 
 @cache
 def _literals(path: Path, changed: int) -> Mapping[str, Any]:
-    """The literal arguments of the EXPERIMENT in a file."""
+    """The arguments ENTRY_FIELDS of the EXPERIMENT in a file, which must be literals.
+
+    Names of recordings may be something else, known only to who imports the file: None stands for
+    these.
+
+    Args:
+        changed: when the file was changed, ns; in the cache's key.
+
+    Raises:
+        ValueError: the file has no such statement, or a field that must be a literal is none.
+    """
     text = path.read_text(encoding="utf-8")
-    # The rest of the file takes a hundred times as long to parse.
+    # Parsed from its last statement on: the rest of the file takes a hundred times as long.
     _, separator, statement = text.partition(f"\n{_STATEMENT} = ")
     if not separator:
         raise ValueError(f"{path} has no {_STATEMENT} = Experiment(...)")

@@ -82,23 +82,23 @@ def comparisons(metrics: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -
 
     Args:
         metrics: metrics of the experiment.
-        rows: `ComparisonRow`s as plain mappings.
+        rows: `ComparisonRow`s as plain mappings; `article` is a number, a list or None.
 
     Raises:
         ValueError: a row's key is not in `metrics`.
     """
     result = []
     for row in rows:
-        figure = look_up(metrics, row["key"])
-        stated = [] if row["article"] is None else row["article"]
-        decimals = _decimals(_as_list(stated), _as_list(figure))
+        figures = _as_list(look_up(metrics, row["key"]))
+        stated = [] if row["article"] is None else _as_list(row["article"])
+        decimals = _decimals(stated, figures)
         result.append(
             Comparison(
                 label=row["label"][:1].upper() + row["label"][1:],
                 unit=row["unit"],
-                stated=tuple(number(v, decimals) for v in _as_list(stated)),
-                measured=tuple(number(v, decimals) for v in _as_list(figure)),
-                difference=_difference(_as_list(figure), _as_list(stated)),
+                stated=tuple(number(v, decimals) for v in stated),
+                measured=tuple(number(v, decimals) for v in figures),
+                difference=_difference(figures, stated),
                 remark=row["remark"],
                 source=row["source"],
             )
@@ -187,7 +187,12 @@ def _percent(value: float) -> str:
 
 
 def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """The template's data of each result; figures are numbered through the report."""
+    """The template's data of each result; figures are numbered through the report.
+
+    Args:
+        study: folder with one of each experiment.
+        outcomes: `stored` of those with a result is result.json, as `write_result` has it.
+    """
     sections: list[dict[str, Any]] = []
     figure_number = 0
     for outcome in outcomes:

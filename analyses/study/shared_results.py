@@ -86,7 +86,11 @@ def digest(value: Any) -> str:
 
 
 def _parts(value: Any) -> Iterator[bytes]:
-    """What a digest of a value is made of: the types with their names, and the contents."""
+    """What a digest of a value is made of: the types with their names, and the contents.
+
+    The order of a mapping's keys, of a set and of an object's attributes does not count. A change
+    here makes all digests others, and so all shared results anew.
+    """
     kind = type(value)
     yield f"{kind.__module__}.{kind.__qualname__}(".encode()
     if value is None or isinstance(value, bool | int | float | complex | str | bytes | Path):

@@ -34,7 +34,12 @@ def write_result(
     fingerprint: dict[str, Any],
     settings: dict[str, Any],
 ) -> None:
-    """Writes a result into the experiment's folder, beside its figures and pages.
+    """Writes metrics.json, result.json and config.yaml into the experiment's folder.
+
+    Args:
+        path: the folder; the result's pages are in it, and its figures are drawn here.
+        fingerprint: what the result depends on, by which a later study recognises it.
+        settings: of the study, as `StudySettings.of_results`.
 
     Raises:
         ValueError: the result names a figure, a page or a metric that it does not have.
@@ -62,7 +67,7 @@ def write_result(
         if name.is_absolute() or not (path / name).is_file():
             raise ValueError(f"{name} is not a file in the experiment's folder")
     for row in stored["comparison"]:
-        look_up(metrics, row["key"])
+        look_up(metrics, row["key"])  # raises where there is none
     folder.write_json("metrics.json", metrics)
     folder.write_json("result.json", stored)
     configuration = {

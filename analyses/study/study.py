@@ -271,6 +271,9 @@ class _Runs:
     def _finish(self, task: _Task, end: _End) -> None:
         """Puts the results of a task in their place, and reports how it ended.
 
+        Results replace the experiment's earlier ones, whole; a failure leaves these, and writes
+        what the experiment printed into failures/NAME.txt.
+
         Raises:
             InputError: the disk is full.
         """
@@ -350,7 +353,13 @@ def _lack_of_storage(error: BaseException | None) -> str:
 
 
 def _run_experiment(task: _Task) -> _End:
-    """Runs an experiment in this process and writes its result, or says why it is skipped."""
+    """Runs an experiment in this process and writes its result, or says why it is skipped.
+
+    Its progress goes into a file, which the study reads.
+
+    Raises:
+        Exception: whatever the experiment raises.
+    """
     module, settings = task.module, task.settings
     experiment: Experiment = import_module(module).EXPERIMENT
     if experiment.name != task.name:
@@ -359,23 +368,23 @@ def _run_experiment(task: _Task) -> _End:
     if missing:
         reason = f"needs the recordings {', '.join(missing)}; {how_to_get_all(missing)}"
         return _End("skipped", reason, tuple(missing))
-    lacking = experiment.missing_modules()
-    if lacking:
-        return _End("skipped", f"needs {', '.join(lacking)}; {install_of('study')}")
+    missing_modules = experiment.missing_modules()
+    if missing_modules:
+        return _End("skipped", f"needs {', '.join(missing_modules)}; {install_of('study')}")
 
-    def tell(fraction: float, action: str) -> None:
+    def write_progress(fraction: float, action: str) -> None:
         with suppress(OSError, InputError), whole_file(task.progress) as partial:
             partial.write_text(f"{fraction:.6g} {action}", encoding="utf-8")
 
     if "numba" in sys.modules:
-        on_first_compilation(lambda action: tell(0.0, action))
-    due = 0.0
+        on_first_compilation(lambda action: write_progress(0.0, action))
+    next_write = 0.0  # s of the clock: ten times a second at most
 
     def progress(fraction: float, action: str) -> None:
-        nonlocal due
-        if time.monotonic() >= due:
-            due = time.monotonic() + 0.1
-            tell(float(fraction), str(action))
+        nonlocal next_write
+        if time.monotonic() >= next_write:
+            next_write = time.monotonic() + 0.1
+            write_progress(float(fraction), str(action))
 
     context = ExperimentContext(
         out=task.result,
@@ -387,12 +396,12 @@ def _run_experiment(task: _Task) -> _End:
         methods=settings.methods if experiment.takes_methods else (),
     )
     folders = (*experiment.needs, *experiment.uses)
-    depends_on = settings.fingerprint(module, folders, experiment.takes_methods)
+    fingerprint = settings.fingerprint(module, folders, experiment.takes_methods)
     with sharing_in(task.shared):
         result = experiment.run(context)
-    if software_hash(module) != depends_on["software"]:
-        depends_on["software"] = "changed while it ran"  # which part was imported when is not known
-    write_result(task.result, experiment, result, depends_on, settings.of_results)
+    if software_hash(module) != fingerprint["software"]:
+        fingerprint["software"] = "changed while it ran"  # which part was imported when: not known
+    write_result(task.result, experiment, result, fingerprint, settings.of_results)
     return _End("done")
 
 
@@ -427,13 +436,20 @@ def _absent_recordings(stored: Mapping[str, Any]) -> tuple[str, ...]:
 def _summarise(
     folder: ResultFolder, runs: Mapping[str, Outcome], settings: StudySettings
 ) -> StudyResult:
-    """Writes metrics, timings and report of all results in the folder that belong together."""
+    """Writes metrics, timings and report of all results in the folder that belong together.
+
+    Args:
+        runs: outcomes of what ran now, by experiment. The others, and those that were interrupted,
+            count by their earlier result, if it is still that of these settings.
+    """
     outcomes = []
     for name in REGISTRY.entries():
         outcome = runs.get(name)
         if outcome is None or outcome.state == "interrupted":
-            outcome = _earlier(folder, name, settings)[0] or outcome
-        outcomes += [outcome] if outcome else []
+            earlier, _ = _earlier(folder, name, settings)
+            outcome = earlier or outcome
+        if outcome is not None:
+            outcomes.append(outcome)
     metrics = {outcome.name: outcome.metrics for outcome in outcomes if outcome.has_result}
     timings = _read_timings(folder.path)
     for outcome in outcomes:
