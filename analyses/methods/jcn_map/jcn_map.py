@@ -117,7 +117,8 @@ def sample(
     """Draws configurations evenly over full turns of all joints, or over the joint limits.
 
     Args:
-        within_limits: whether over the limits. A prismatic joint always keeps to its limits.
+        within_limits: whether over the limits; a joint without one turns fully there, too. A
+            prismatic joint always keeps to its limits.
 
     Raises:
         InputError: the arm has fewer than six joints, or num_samples is out of range.
@@ -161,10 +162,10 @@ def slice_plane(
         InputError: a plane, cone or grid that makes no sense.
     """
     _check_slice(config)
-    i, j = (axis for axis in range(3) if axis != _PLANES[config.axis])
+    i, j = (axis for axis in range(3) if axis != _PLANES[config.axis])  # the plane's axes in W
     extent = config.extent
     if extent is None:
-        extent = math.ceil(10.0 * max(reach[i], reach[j])) / 10.0
+        extent = math.ceil(10.0 * max(reach[i], reach[j])) / 10.0  # m, up to whole decimetres
     u = np.linspace(-extent, extent, config.num_points)
     points = np.empty((config.num_points, config.num_points, 3))
     points[..., _PLANES[config.axis]] = config.value
@@ -224,7 +225,11 @@ def jcn_map(
 def _map_into(
     folder: OutputFolder, settings: JcnMapSettings, progress: Callable[[float, str], None]
 ) -> JcnMapResult:
-    """Draws the samples, maps the slice and writes all files."""
+    """Draws the samples, maps the slice and writes all files.
+
+    The metrics are those of the samples, with `free` where the arm has shapes to collide with, and
+    `slice` where the settings ask for one; each sub-result says what its own hold.
+    """
     robot, config = Robot.load(settings.robot), settings.slice
     seed, within_limits = settings.seed, settings.within_limits
     if config is not None:
@@ -339,7 +344,7 @@ def draw_cloud(samples: Samples, path: Path) -> None:
     from matplotlib.colors import LogNorm
 
     figure, _ = new_figure(1, 2, height=4.0)
-    figure.clear()
+    figure.clear()  # its plain panels: one of the two is in space
     norm = LogNorm(*_COLOUR_RANGE)
     ax = figure.add_subplot(1, 2, 1, projection="3d")
     shown = slice(0, _SCATTER_POINTS)
@@ -396,7 +401,11 @@ def draw_distribution(samples: Samples, path: Path) -> None:
 
 
 def draw_slice(plane: Slice, path: Path) -> None:
-    """Draws the best condition number over a plane."""
+    """Draws the best condition number over a plane.
+
+    Grey: all postures there hit something; nothing is drawn out of reach. A white line is drawn at
+    GOOD_CONDITION_NUMBER where the plane has both sides of it, a dot at the best point.
+    """
     from matplotlib.colors import LogNorm
 
     figure, axes = new_figure(1, 1, height=5.2, width=6.4)
@@ -405,7 +414,7 @@ def draw_slice(plane: Slice, path: Path) -> None:
         plane.u, plane.v, plane.jcn, norm=LogNorm(*_COLOUR_RANGE), cmap="viridis", shading="nearest"
     )
     if plane.postures.hits.any():
-        hit = np.where(plane.postures.hits.reshape(plane.jcn.shape), 1.0, np.nan)
+        hit = np.where(plane.postures.hits.reshape(plane.jcn.shape), 1.0, np.nan)  # NaN: not drawn
         ax.pcolormesh(plane.u, plane.v, hit, cmap="Greys", vmin=0.0, vmax=2.5, shading="nearest")
         ax.plot([], [], "s", color="#b8b8b8", label="no collision-free posture")
     if (

@@ -41,6 +41,9 @@ def infeasible(
 ) -> InputError:
     """The error line of a task for which a search found nothing.
 
+    It says by how much the best end misses each constraint, and which of them, loosened alone,
+    would be enough.
+
     Args:
         task: as read from `source`.
         program: with all constraints.
@@ -64,14 +67,15 @@ def infeasible(
             "between them: its best branches end, or leave the joint limits, on the way",
             "shorten the path, raise num_segments, or choose another --seed",
         )
-    loosened = list(_least_loosened(task, program, search))
+    loosened = list(_least_loosened(task, program, search))  # key, and words on how far
+    key = "path_length"
+    remedy = "no constraint is to blame alone: shorten the path, or loosen several"
     if loosened:
+        key, _ = loosened[0]
         remedy = f"all else can be kept {' or '.join(text for _, text in loosened)}"
-    else:
-        remedy = "no constraint is to blame alone: shorten the path, or loosen several"
     return InputError(
         source,
-        loosened[0][0] if loosened else "path_length",
+        key,
         f"{name} has no placement that keeps all constraints (searched from {search.num_starts} "
         "starts); the best that was reached misses "
         f"{'; '.join(shortfalls[:_MAX_NAMED_CONSTRAINTS])}",
@@ -80,21 +84,22 @@ def infeasible(
 
 
 def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
-    """What an end lacks of each constraint, the largest first."""
+    """What an end lacks of each constraint, in words, the largest first (rad or m alike)."""
     placement = end.placement
+    # Of each point of the path: rotation error, rad, then position error, m.
     errors = np.abs(pose_errors(program.robot.chain, placement, program.path_length))
     k = len(errors) - 1
-    found: list[tuple[float, str]] = []
+    shortfalls: list[tuple[float, str]] = []
     turn, offset = np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)
     if offset.max() > _CONSTRAINT_TOLERANCE:
-        share = 100.0 * float(np.argmax(offset)) / k
-        found.append(
+        share = 100.0 * float(np.argmax(offset)) / k  # % of the path, from its start
+        shortfalls.append(
             (float(offset.max()),
              f"the path (position of E) by {1e3 * offset.max():.0f} mm at {share:.0f} % of it")
         )  # fmt: skip
     if turn.max() > _CONSTRAINT_TOLERANCE:
         share = 100.0 * float(np.argmax(turn)) / k
-        found.append(
+        shortfalls.append(
             (float(turn.max()),
              f"the tool's rotation by {math.degrees(turn.max()):.1f} degrees at {share:.0f} % "
              "of the path")
@@ -105,15 +110,15 @@ def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
             amount = f"{math.degrees(value):.1f} degrees"
             if key.startswith("midpoint"):
                 amount = f"{1e3 * value:.0f} mm"
-            found.append((value, f"{key} by {amount}"))
+            shortfalls.append((value, f"{key} by {amount}"))
     if program.cell is not None:
         pair = program.cell.closest(placement)
         if pair is not None and pair.slack < -_CONSTRAINT_TOLERANCE:
-            found.append(
+            shortfalls.append(
                 (-pair.slack,
                  f"clearance by {-1e3 * pair.slack:.0f} mm ({pair.first} and {pair.second})")
             )  # fmt: skip
-    return [text for _, text in sorted(found, reverse=True)]
+    return [text for _, text in sorted(shortfalls, reverse=True)]
 
 
 @dataclass(frozen=True)
@@ -179,16 +184,22 @@ def _kept_end(
 
 
 def _loosenings(task: PlacementTask, program: PlacementProgram) -> Iterator[_Loosening]:
-    """Each constraint that the task states, and that can be loosened."""
+    """Each constraint that the task states, and that can be loosened (see `_Loosening`).
+
+    The margin of the joint limits goes to the limits at most, an angle to its end (0 or 180
+    degrees), the path to half of its length; the others go as far as one likes.
+    """
     bounds, robot = program.bounds, program.robot
 
     def of_bounds(
-        key: str, violation: str, unit: str, change: Callable[[float], PlacementBounds]
+        key: str, violation: str, unit: str, loosened: Callable[[float], PlacementBounds]
     ) -> _Loosening:
-        def loosened(amount: float) -> PlacementProgram:
-            return _coarse(program, change(amount), program.path_length, with_cell=True)
+        """A constraint among the bounds; `loosened` gives them for an amount, rad or m."""
 
-        return _Loosening(key, loosened, math.inf, violation, unit)
+        def coarse_program(amount: float) -> PlacementProgram:
+            return _coarse(program, loosened(amount), program.path_length, with_cell=True)
+
+        return _Loosening(key, coarse_program, math.inf, violation, unit)
 
     if task.limit_margin_deg > 0.0:
         yield of_bounds(
@@ -199,6 +210,7 @@ def _loosenings(task: PlacementTask, program: PlacementProgram) -> Iterator[_Loo
                 q_upper=np.minimum(robot.position_upper, bounds.q_upper + amount),
             ),
         )  # fmt: skip
+    # Keys of the task's file, the bound, and the value at which it bounds nothing.
     for key, name, end in (
         ("tool_direction, tool_tilt_deg", "tool_tilt", math.pi),
         ("angle_upper_deg", "angle_upper", math.pi),

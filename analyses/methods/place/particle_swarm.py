@@ -70,6 +70,12 @@ def place_by_swarm(
     Args:
         program: measure, bounds, path and cell; only these are used of it. A placement that comes
             too near to something counts as not reached.
+        seed: of the particles' random numbers.
+        progress: called with the share done and the best cost so far.
+
+    Returns:
+        One optimum, whose `starts` is the number of particles that reached a path; none where no
+        particle did. `evaluations` counts particles.
     """
     config = config or SwarmConfig()
     cost = ParticleCost(robot, program)
@@ -88,11 +94,11 @@ def place_by_swarm(
     def evaluate(points: Array) -> Array:
         """The costs (N,) of particles (N, 10); the best of all so far leads."""
         nonlocal leader
-        costs, placements = cost(points)
+        costs, placement_of = cost(points)
         result.evaluations += len(points)
         best_row = int(np.argmin(costs))
         if costs[best_row] < min(leader.cost, UNREACHED_COST):
-            leader = _Leader(float(costs[best_row]), placements(best_row))
+            leader = _Leader(float(costs[best_row]), placement_of(best_row))
             result.history.append((time.perf_counter() - began, leader.cost))
         return costs
 
@@ -174,7 +180,8 @@ class ParticleCost:
         axis = axis / np.maximum(np.linalg.norm(axis, axis=1), 1e-9)[:, np.newaxis]
         R_WE = Rotation.from_rotvec(angle * axis).as_matrix()
         n_W = bounds.allowed_directions(direction, R_WE[:, :, 2])
-        # Of each particle one path a branch of the inverse kinematics.
+        # Of each particle one path a branch of the inverse kinematics: whether it can be followed,
+        # and whose it is.
         batch, reached, particle_of = on_all_branches(
             self._robot,
             n_W,
@@ -193,7 +200,7 @@ class ParticleCost:
             mean = np.mean(program.measure.values(q[reached]), axis=1)
             path_costs[reached] = np.minimum(mean, UNREACHED_COST)
         costs = np.full(len(x), UNREACHED_COST)
-        chosen = np.zeros(len(x), dtype=int)  # path of each particle
+        chosen = np.zeros(len(x), dtype=int)  # each particle's path, its place in the batch
         # The best path first, so that each particle takes its first path that does not collide.
         # Costs that differ by rounding alone are equal: the one of the lower branch comes first,
         # and a path that is not better than the chosen one is not even checked for collisions.

@@ -134,16 +134,20 @@ def place(
     measure, notices = measure_of(robot, request.objective, request.model, request.method)
     cell = PlacementCell(robot, task.clearance or ClearanceConfig(distance=0.0))
     notices += _arm_notices(robot, cell)
-    size = measure, task.bounds(robot), task.path_length, task.num_segments
+
+    def program_with(cell: PlacementCell | None) -> PlacementProgram:
+        bounds, length = task.bounds(robot), task.path_length
+        return PlacementProgram(robot, measure, bounds, length, task.num_segments, cell)
+
     began = time.perf_counter()
-    program = PlacementProgram(robot, *size, None if task.clearance is None else cell)
+    program = program_with(None if task.clearance is None else cell)
     search = _search(task, robot, program, request, progress)
     best = _best_profile(task, source, robot, program, cell, search)
-    unconstrained = None
+    unconstrained: Profile | None = None
     may_overlap = request.may_overlap or task.clearance is not None
     if best.is_overlapping and not may_overlap and not search.interrupted:
         unconstrained, others = best, search.optima
-        program = PlacementProgram(robot, *size, cell)
+        program = program_with(cell)
         search = _search(
             task, robot, program, request,
             lambda fraction, message: progress(fraction, f"without overlap: {message}"),
@@ -331,10 +335,15 @@ def _profile(
 def _initial_profile(
     task: PlacementTask, robot: Robot, measure: PostureMeasure, cell: PlacementCell
 ) -> Profile | None:
-    """The guess on the branch that it names, or on its best one."""
+    """The task's guess on the branch that it names, or on its best one.
+
+    None without a guess, or where no branch follows it within the joint limits. A posture in the
+    task, (n,) at the middle of the path, names the branch that is nearest to it there.
+    """
     path = task.initial_path()
     if path is None or task.initial is None:
         return None
+    # q (B, k + 1, n): one path, on each branch.
     branches, reached, _ = on_all_branches(
         robot,
         path.n_W[np.newaxis],
@@ -350,14 +359,15 @@ def _initial_profile(
         (q >= bounds.q_lower - CONSTRAINT_TOLERANCE) & (q <= bounds.q_upper + CONSTRAINT_TOLERANCE),
         axis=(1, 2),
     )
-    good = np.flatnonzero(reached & within)
-    if len(good) == 0:
+    followed = np.flatnonzero(reached & within)  # branches
+    if len(followed) == 0:
         return None
     if task.initial.posture is not None:
         k = path.num_segments
         middle = 0.5 * (q[:, k // 2] + q[:, (k + 1) // 2])
-        off = np.max(np.abs(middle[good] - task.initial.posture), axis=1)
-        chosen = good[int(first_of_least(off))]
+        distance = np.max(np.abs(middle[followed] - task.initial.posture), axis=1)
+        chosen = followed[int(first_of_least(distance))]
     else:
-        chosen = good[int(first_of_least(np.mean(measure.values(q[good]), axis=1)))]
+        mean = np.mean(measure.values(q[followed]), axis=1)
+        chosen = followed[int(first_of_least(mean))]
     return _profile(task, robot, measure, cell, branches.one(chosen))

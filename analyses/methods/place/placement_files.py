@@ -64,15 +64,20 @@ def draw_profiles(
     best: Profile,
     measure: PostureMeasure,
 ) -> Path:
-    """Draws the condition number (and the objective) and the joints along both paths (Fig. 8)."""
-    rows = 2 if measure.key == "jcn" else 3
+    """Draws the condition number (and the objective) and the joints along both paths (Fig. 8).
+
+    Args:
+        name: of the figure's file.
+        initial: None: there is none.
+        measure: the objective, which has a panel of its own unless it is the condition number.
+    """
+    has_objective = measure.key != "jcn"
+    rows = 3 if has_objective else 2
     figure, axes = new_figure(rows, 1, height=2.5 * rows, share_x=True)
     cases = [("initial", initial, COLOUR["before"])] if initial is not None else []
     cases.append(("optimised", best, COLOUR["after"]))
     fine = np.linspace(0.0, 1.0, len(best.fine.q))
     for label, profile, colour in cases:
-        if profile is None:
-            continue
         mean, largest = np.mean(profile.jcn), np.max(profile.fine_jcn)
         axes[0, 0].plot(
             fine,
@@ -80,11 +85,11 @@ def draw_profiles(
             color=colour,
             label=f"{label} (mean {mean:.2f}, largest {largest:.2f})",
         )
-        if rows == 3:
+        if has_objective:
             axes[1, 0].plot(fine, profile.fine_measure, color=colour)
     log_scale(axes[0, 0], "y")
     axes[0, 0].set_ylabel("condition number of J")
-    if rows == 3:
+    if has_objective:
         axes[1, 0].set_ylabel(measure.label)
     ax = axes[rows - 1, 0]
     for joint in range(best.fine.q.shape[1]):

@@ -57,8 +57,8 @@ def finished(
         The optimum, its evaluations counted with the solution's. Where no optimum that keeps all
         constraints and costs no more is found, the standard member of the solution's family.
     """
-    exact, evaluations = refined(program, solution.placement)
-    placement = corrected(exact)
+    refined_placement, evaluations = refined(program, solution.placement)
+    placement = corrected(refined_placement)
     if placement is None or program.cost(placement.q) > solution.cost * (1.0 + _NO_WORSE):
         placement = solution.placement
     placement = corrected(standard_member(robot, program, placement)) or placement
@@ -95,8 +95,10 @@ def standard_member(robot: Robot, program: PlacementProgram, placement: Placemen
     """The standard member of a family of equal placements; the placement itself if it is alone.
 
     Equal are placements with the same measure at every point, to 1e-9 of it, that keep all
-    constraints. A turn or branch that changes the measure or breaks a constraint is not made. Of
-    branches that are as near to the middle the first in the order of the inverse kinematics counts.
+    constraints: the same path on other branches, and turns of it by the first and last joint that
+    put these at the middle of their range. Of them the one nearest to the middle of all joints'
+    ranges is the standard; of several as near, the first in the order of the inverse kinematics.
+    It runs so that the largest component of its direction is positive, where that is equal, too.
 
     Args:
         placement: on its path to rounding, keeping all constraints.
@@ -109,11 +111,11 @@ def standard_member(robot: Robot, program: PlacementProgram, placement: Placemen
     middle = np.where(np.isfinite(middle), middle, 0.0)
     distances = [float(np.linalg.norm(_at_midpoint(member.q) - middle)) for member in members]
     placement = members[int(first_of_least(distances, tolerance=_SAME_DISTANCE))]
-    axis = int(first_of_least(-np.abs(placement.n_W)))
+    largest_axis = int(first_of_least(-np.abs(placement.n_W)))
     reversed_path = Placement(
         placement.q[::-1].copy(), -placement.n_W, placement.p_WM, placement.quaternion
     )
-    if placement.n_W[axis] < 0.0 and _equal(program, placement, reversed_path):
+    if placement.n_W[largest_axis] < 0.0 and _equal(program, placement, reversed_path):
         return reversed_path
     return placement
 

@@ -57,11 +57,17 @@ class Profile:
         return f"{self.worst.first} and {self.worst.second} by {depth:.0f} mm"
 
     def metrics(self, key: str) -> dict[str, Any]:
-        """Means over the k + 1 points, largest values over the fine ones, and the placement."""
-        w = min(1.0, abs(float(self.placement.quaternion[0])))
+        """Means over the k + 1 points, largest values over the fine ones, and the placement.
+
+        Args:
+            key: of the objective; "jcn": it is the condition number, which is there anyway.
+        """
+        # The tool's rotation as an angle from 0 to pi about an axis.
+        scalar, vector = self.placement.quaternion[0], self.placement.quaternion[1:]
+        w = min(1.0, abs(float(scalar)))
         theta = 2.0 * math.acos(w)
-        axis = self.placement.quaternion[1:] * (1.0 if self.placement.quaternion[0] >= 0 else -1.0)
-        if w < _HALF_TURN:  # both ways round are one rotation
+        axis = vector * (1.0 if scalar >= 0 else -1.0)
+        if w < _HALF_TURN:  # both ways round are one rotation: its largest component is positive
             axis = axis * np.sign(axis[int(first_of_least(-np.abs(axis)))])
         length = float(np.linalg.norm(axis))
         metrics: dict[str, Any] = {

@@ -222,26 +222,27 @@ class PlacementSearch:
     ) -> SearchResult:
         """Searches; an interrupt ends it with what is found so far.
 
-        Rough solves from many starts, in rounds, give ends. Those of them that keep the constraints
-        and differ are solved with `solver`, and the best of these again to the last digits.
+        Rough solves from many starts, in rounds, give ends; each later round starts from variations
+        of the best ends so far. Those ends that keep the constraints and differ are solved with
+        `solver`, and the best of these again to the last digits.
         """
-        result = SearchResult()
+        result = SearchResult()  # counts and history grow in it along the way
         clock = _Clock(result)
         ends: list[PlacementSolution] = []  # of the rough solves, in the order of their starts
-        solutions: list[PlacementSolution] = []
-        sources: list[_Source] = []
+        solutions: list[PlacementSolution] = []  # of the fine solves that keep all constraints
+        sources: list[_Source] = []  # of these
         try:
             progress(0.02, "looking at random placements")
             starts = [*self._others, *self.starts(seed, effort, result)]
             progress(0.04, "looking for a placement that keeps the constraints")
             ends = self._feasibility(starts[: effort.num_feasibility])
             result.num_starts = len(ends)
-            if not ends or not self._is_kept(ends[-1]):
+            if not ends or not self._is_kept(ends[-1]):  # it ends with the first that keeps all
                 result.nearest = sorted(ends, key=self._violation_of)
                 return result
             starts, ends = starts[: len(self._others) + effort.num_starts], []
             for number in range(1 + effort.num_rounds):
-                for count, end in enumerate(self._rough(starts, ends, result)):
+                for count, end in enumerate(self._rough(starts, ends, result)):  # adds to ends
                     fraction = (number + count / len(starts)) / (1 + effort.num_rounds)
                     message = f"round {number + 1}, start {count + 1}/{len(starts)}"
                     progress(0.05 + 0.65 * fraction, message)
@@ -262,14 +263,15 @@ class PlacementSearch:
                     result.nearest.append(end)
                 else:
                     solutions.append(solution)
-                    begun, ended = (self._posture.values(s.placement.q) for s in (end, solution))
-                    sources.append(_Source(begun, ended))
+                    start_values = self._posture.values(end.placement.q)
+                    end_values = self._posture.values(solution.placement.q)
+                    sources.append(_Source(start_values, end_values))
             progress(0.95, "the last steps")
             kinds = self._kinds(solutions)
-            count = len(kinds) if self.program.cell is None else _FINISHED_WITH_CELL
+            num_finished = len(kinds) if self.program.cell is None else _FINISHED_WITH_CELL
             solutions = [
-                self._finished(solution, result, clock) for solution in kinds[:count]
-            ] + kinds[count:]
+                self._finished(solution, result, clock) for solution in kinds[:num_finished]
+            ] + kinds[num_finished:]
         except KeyboardInterrupt:
             result.interrupted = True
         result.num_starts = len(ends)
@@ -345,7 +347,17 @@ class PlacementSearch:
         return None
 
     def starts(self, seed: int, effort: SearchEffort, result: SearchResult) -> list[Placement]:
-        """The starts: paths on various branches, most of which the arm can follow."""
+        """The starts: the task's guess, then random paths on various branches, the best first.
+
+        Random paths are drawn, shorter ones as well where the arm follows too few; the best poses
+        among them are tried on all branches. Of each cell (`_cells`) the best path comes first,
+        then each one's second. Where something must not be hit, the most promising are ranked
+        again by what their distances lack. Most paths can be followed; where none can, postures are
+        returned that need not reach the path.
+
+        Args:
+            result: its counts grow.
+        """
         rng = np.random.default_rng(seed)
         guesses = self.initial_guess()
         length = self.program.path_length
@@ -364,8 +376,8 @@ class PlacementSearch:
         result.evaluations += len(random_paths) + len(candidates)
         cells, count = self._cells(candidates), max(effort.num_starts, effort.num_feasibility)
         if self.program.cell is not None:
-            chosen = best_of_each(cells, costs, _TRIED_PER_START * count)
-            candidates, cells, costs = candidates[chosen], cells[chosen], costs[chosen]
+            tried = best_of_each(cells, costs, _TRIED_PER_START * count)  # distances take time
+            candidates, cells, costs = candidates[tried], cells[tried], costs[tried]
             costs = costs * (1.0 + _DEFICIT_WEIGHT * self._deficits(candidates))
         chosen = best_of_each(cells, costs, count)
         starts = PlacementBatch.joined([guesses, candidates[chosen]])
@@ -490,17 +502,19 @@ class PlacementSearch:
         upper = np.where(np.isfinite(bounds.q_upper), bounds.q_upper, math.pi)
         q = rng.uniform(lower, upper, (count, len(lower)))
         n_W = rng.normal(size=(count, 3))
-        box_points = rng.uniform(bounds.p_lower, bounds.p_upper, (count, 3))
-        angles = rng.uniform(bounds.angle_lower, bounds.angle_upper, count)
+        allowed_points = rng.uniform(bounds.p_lower, bounds.p_upper, (count, 3))
+        allowed_angles = rng.uniform(bounds.angle_lower, bounds.angle_upper, count)
         R_WE, p_WM = chain.pose(q)
         is_outside = np.any((p_WM < bounds.p_lower) | (p_WM > bounds.p_upper), axis=1)
-        p_WM[is_outside] = box_points[is_outside]
+        p_WM[is_outside] = allowed_points[is_outside]
+        # The angle of the tool's rotation is bounded; its axis stays.
         turn = Rotation.from_matrix(R_WE).as_rotvec()
         angle = np.linalg.norm(turn, axis=1)
         is_angle_off = (angle < bounds.angle_lower) | (angle > bounds.angle_upper)
-        turn[is_angle_off] *= (angles / np.maximum(angle, 1e-12))[is_angle_off, np.newaxis]
+        factor = allowed_angles / np.maximum(angle, 1e-12)
+        turn[is_angle_off] *= factor[is_angle_off, np.newaxis]
         R_WE[is_angle_off] = Rotation.from_rotvec(turn[is_angle_off]).as_matrix()
-        is_turned = self._lean(rng, R_WE)
+        is_turned = self._lean(rng, R_WE)  # into the tool's cone
         is_moved = is_outside | is_angle_off | is_turned
         n_W = bounds.allowed_directions(n_W, R_WE[:, :, 2])
         return PlacementBatch(q, n_W, p_WM, R_WE), is_moved
@@ -537,7 +551,15 @@ class PlacementSearch:
     def _varied(
         self, ends: list[PlacementSolution], effort: SearchEffort, result: SearchResult
     ) -> list[Placement]:
-        """The best kinds of placements with the tool turned about the path, on all branches."""
+        """The next round's starts, the best first.
+
+        They are the best ends that differ, with the tool turned about the path, on all branches;
+        without those that are, to the measure, like an end or an earlier start.
+
+        Args:
+            ends: of all rough solves so far.
+            result: its counts grow.
+        """
         kept = [end for end in ends if self._is_kept(end)]
         kinds = [end.placement for end in self._different(kept, effort.num_kinds, _OTHER_KIND)]
         angles = np.linspace(0.0, 2.0 * math.pi, effort.num_turns, endpoint=False)
@@ -549,9 +571,8 @@ class PlacementSearch:
         result.evaluations += len(varied)
         costs = self._costs(varied)
         varied, costs = varied[np.isfinite(costs)], costs[np.isfinite(costs)]
-        # Turned wrists are the same to the measure; what has been solved from is left out.
-        profiles = self._posture.values(varied.q)
-        profiles = profiles[:, :: self._stride]
+        # Compared at the coarse points, at which the ends are solved.
+        profiles = self._posture.values(varied.q)[:, :: self._stride]
         known = [self._posture.values(end.placement.q) for end in kept]
         starts: list[Placement] = []
         for index in in_order(costs):
@@ -643,7 +664,15 @@ class PlacementSearch:
         sources: list[_Source],
         result: SearchResult,
     ) -> None:
-        """Writes the distinct optima, best first, with the number of starts that ended at each."""
+        """Writes the distinct optima, best first, with the number of starts that ended at each.
+
+        Args:
+            solutions: of the fine solves.
+            ends: of the rough ones, each of one start; where only some ends were solved further, an
+                end counts with the optimum that a fine solve from a like end came to.
+            sources: where the fine solves began and ended.
+            result: gets the optima and the number of ends that belong to none.
+        """
         kinds = self._kinds(solutions)
         profiles = [self._posture.values(solution.placement.q) for solution in kinds]
         num_starts = np.zeros(len(kinds), dtype=int)

@@ -121,6 +121,9 @@ def best_free(
 ) -> Trajectory | None:
     """The best way that is free from end to end; None where the search finds none.
 
+    Postures that collide are left out of the grid, first those at every few samples and angles,
+    then what the best way through the rest meets, round after round.
+
     Args:
         cell: of what must not be hit; states how far E comes and goes along the normal.
         problem: path and limits.
@@ -128,7 +131,7 @@ def best_free(
             there is none. It is not changed.
         progress: called with the share done.
     """
-    q = grid.q.copy()
+    q = grid.q.copy()  # NaN where a posture is left out
     N, K = q.shape[:2]
     # Where postures at every few samples and angles collide, those around them are left out, too.
     samples = np.unique(np.r_[np.arange(0, N, _SAMPLES_APART), N - 1])
@@ -152,19 +155,21 @@ def best_free(
         except InputError:
             return None
         try:
-            bad = [i for i in range(N) if not cell.free(way.q[i])]
-            ends = cell.with_ends(problem, way.q)
-            if not bad and not all(cell.free(row) for row in np.vstack([ends[:4], ends[-4:]])):
-                bad = [0, N - 1]
-        except InputError:
-            bad = [0, N - 1]
-        if not bad:
+            colliding = [i for i in range(N) if not cell.free(way.q[i])]  # samples
+            with_ends = cell.with_ends(problem, way.q)
+            # The first and last few postures, in which E comes and goes.
+            coming_and_going = np.vstack([with_ends[:4], with_ends[-4:]])
+            if not colliding and not all(cell.free(posture) for posture in coming_and_going):
+                colliding = [0, N - 1]
+        except InputError:  # the arm cannot come or go that far from here
+            colliding = [0, N - 1]
+        if not colliding:
             refined = refine(problem, way.q)
             return refined if clear_of_all(cell, problem, refined).is_free else way
         # Of a sample that collides the posture nearest to the way is left out, with its equals.
-        for i in bad:
-            same = np.nanmin(np.abs(q[i] - way.q[i]).max(axis=-1), initial=np.inf)
-            q[i][np.abs(q[i] - way.q[i]).max(axis=-1) <= same + 1e-12] = np.nan
+        for i in colliding:
+            distance = np.abs(q[i] - way.q[i]).max(axis=-1)  # (K, B) from the way's posture
+            q[i][distance <= np.nanmin(distance, initial=np.inf) + 1e-12] = np.nan
         progress(0.6 + 0.4 * (number + 1) / _MOST_ROUNDS)
     return None
 

@@ -91,15 +91,20 @@ class RedundancyResult:
         return self.optimised if self.free is None else self.free
 
     def metrics(self) -> dict[str, Any]:
-        """Nested figures; the measure's key carries its unit."""
+        """Nested figures, as written to metrics.json; `<key>` is the measure's, with its unit.
+
+        Below the name of a way, mean and largest measure over its N samples; ways that there are
+        not (`RedundancyResult`) have no key. `samples_lower` counts where the optimised way is
+        better than the initial one. `constant_angle` is NaN where no angle can be kept.
+        """
         problem, key = self.problem, self.problem.measure.key
         optimised = problem.measure.values(self.optimised.q)
-        error, _ = task(problem, self.optimised.q)
-        feasible = self.constant_angles[np.isfinite(self.constant_angles)]
+        error, _ = task(problem, self.optimised.q)  # (N, 5): 2 of rotation, rad, 3 of position, m
+        means_of_angles = self.constant_angles[np.isfinite(self.constant_angles)]
         best, median, worst = math.nan, math.nan, math.nan
-        if feasible.size:
-            best, worst = float(np.min(feasible)), float(np.max(feasible))
-            median = float(np.median(feasible))
+        if means_of_angles.size:
+            best, worst = float(np.min(means_of_angles)), float(np.max(means_of_angles))
+            median = float(np.median(means_of_angles))
         metrics: dict[str, Any] = {
             "samples": problem.path.num_samples,
             "path_length_m": float(problem.path.distance[-1]),
@@ -121,7 +126,7 @@ class RedundancyResult:
                 f"best_mean_{key}": best,
                 f"median_mean_{key}": median,
                 f"worst_mean_{key}": worst,
-                "angles_kept": int(feasible.size),
+                "angles_kept": int(means_of_angles.size),
             },
         }
         if self.initial is not None:
@@ -159,7 +164,9 @@ def find_redundancy(
 ) -> RedundancyResult:
     """Chooses a posture at each sample of the task's path.
 
-    Interrupted while it refines, it returns the optimum on the grid.
+    The optimum over a grid of angles and branches (dynamic programming) is refined; where it hits
+    something, a free way is searched beside it. Interrupted while it refines, it returns the
+    optimum on the grid.
 
     Args:
         source: the task's file; relative paths in it start from its folder.
@@ -183,11 +190,12 @@ def find_redundancy(
     except KeyboardInterrupt:
         optimised = on_grid
         notices.append("interrupted: this is the optimum on the grid of angles, not refined")
-    if np.ptp(problem.measure.values(grid.q[0][np.isfinite(grid.q[0, :, :, 0])])) < 1e-6:
+    first_postures = grid.q[0][np.isfinite(grid.q[0, :, :, 0])]  # at the first sample of the path
+    if np.ptp(problem.measure.values(first_postures)) < 1e-6:
         notices.append(f"{problem.measure.label} is the same at all angles and branches")
     ways = {"initial": initial, "optimised": optimised}
     clearance, free = _check_clearance(problem, config, grid, ways, notices, progress)
-    closest = clearance.get("optimised")
+    closest = clearance.get("optimised")  # pair of shapes; None: nothing near, or not checked
     if free is None and closest is not None and closest.distance < 0.0:
         raise InputError(
             source or "task",
@@ -225,7 +233,11 @@ def _baselines(
     notices: list[str],
     progress: Callable[[float, str], None],
 ) -> _Baselines:
-    """The ways at a constant angle and by the local method, with notices where they fail."""
+    """The ways at a constant angle and by the local method, to compare with; None where they fail.
+
+    Args:
+        notices: gets a sentence where one fails, or another angle than the task's is kept.
+    """
     try:
         initial = at_constant_angle(problem, grid, np.array(problem.robot.home))
     except InputError as error:
@@ -250,8 +262,8 @@ class _ClearanceCheck(NamedTuple):
     """Distances along the ways.
 
     Attributes:
-        pairs: pairs of each checked way, by its name, the pair of shapes with the least slack; None
-            where nothing is near.
+        pairs: of each checked way, by its name, the pair of shapes with the least slack; None
+            where nothing is near. Empty where nothing was checked.
         free: the best way that is free, where the optimum is not.
     """
 
@@ -267,7 +279,14 @@ def _check_clearance(
     notices: list[str],
     progress: Callable[[float, str], None],
 ) -> _ClearanceCheck:
-    """Checks the ways for collisions; searches a free way where "optimised" is none."""
+    """Checks the ways for collisions; searches a free way where "optimised" is none.
+
+    Nothing is checked of an arm without usable collision shapes.
+
+    Args:
+        ways: by name, "optimised" among them; None: there is none.
+        notices: gets sentences on what is not checked, and what is too near.
+    """
     robot = problem.robot
     # A task that asks for no clearance may come as near as it likes, and not through anything.
     clearance = config.clearance or RedundancyClearance(distance=0.0, approach=0.0)
@@ -289,10 +308,10 @@ def _check_clearance(
     checks = {
         name: clear_of_all(cell, problem, way) for name, way in ways.items() if way is not None
     }
-    pairs = {name: check.worst for name, check in checks.items()}
+    closest_pairs = {name: check.worst for name, check in checks.items()}
     is_free, pair = checks["optimised"]
     if is_free:
-        return _ClearanceCheck(pairs, None)
+        return _ClearanceCheck(closest_pairs, None)
     shapes = ""
     if pair is not None:
         shapes = f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
@@ -301,14 +320,14 @@ def _check_clearance(
         f"the optimum keeps less than {1e3 * clearance.distance:.0f} mm from the arm itself, the "
         f"floor or the workpiece{ends}{shapes}"
     )
-    way = best_free(cell, problem, grid, lambda f: progress(0.95 + 0.05 * f, "clearance"))
-    if way is None:
+    free_way = best_free(cell, problem, grid, lambda f: progress(0.95 + 0.05 * f, "clearance"))
+    if free_way is None:
         notices.append(
             "no collision-free trajectory on the grid; move the workpiece, or lower the clearance"
         )
     else:
-        pairs["free"] = clear_of_all(cell, problem, way).worst
-    return _ClearanceCheck(pairs, way)
+        closest_pairs["free"] = clear_of_all(cell, problem, free_way).worst
+    return _ClearanceCheck(closest_pairs, free_way)
 
 
 def _refined(
@@ -357,6 +376,11 @@ def make_problem(
 ) -> tuple[RedundancyProblem, TriangleMesh | None]:
     """The problem that a task states, and its workpiece to draw (None for a CSV's).
 
+    P is the workpiece's frame, in which its surface or the points of its CSV are given.
+
+    Args:
+        source: the task's file; relative paths in it start from its folder.
+
     Raises:
         InputError: the task contradicts itself.
     """
@@ -380,9 +404,9 @@ def make_problem(
         )
         vertices, triangles = mesh(surface)
         workpiece = TriangleMesh(vertices @ R_WP.T + p_WP, triangles)
-    margin = math.radians(config.limit_margin_deg)
     step = math.radians(config.max_joint_step_deg)
-    margins = np.where(robot.chain.prismatic, 0.0, margin)
+    # An angle is no margin for a joint that slides.
+    margins = np.where(robot.chain.prismatic, 0.0, math.radians(config.limit_margin_deg))
     lower, upper = robot.position_lower + margins, robot.position_upper - margins
     lower, upper = narrowed_limits(robot, config.joint_ranges_deg, lower, upper, name)
     if np.any(lower >= upper):

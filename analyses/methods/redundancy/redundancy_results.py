@@ -30,7 +30,7 @@ from wrenchsight.models.robot.robot import Robot
 
 
 def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[FigureFile]]:
-    """Writes figures and the recording below `out`; returns both lists."""
+    """Writes figures and the recording below `out`; returns both lists, relative to `out`."""
     figures = [
         FigureFile(path.relative_to(out), caption)
         for path, caption in (
@@ -45,7 +45,7 @@ def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[Fi
         for name, trajectory in (("initial", result.initial), (_name_of_way(result), result.way))
         if trajectory is not None
     ]
-    label = "JCN" if result.problem.measure.key == "jcn" else "force sd [N]"
+    label = "JCN" if result.problem.measure.key == "jcn" else "force sd [N]"  # the two measures
     write_path_page(
         result.problem.robot,
         motions,
@@ -95,7 +95,10 @@ def _draw_measure(result: RedundancyResult, path: Path) -> tuple[Path, str]:
 
 
 def _draw_poses(result: RedundancyResult, path: Path) -> tuple[Path, str]:
-    """The tool's axes at some samples, seen from above and from the side."""
+    """The tool's axes at some samples, seen from above and from ahead; its file and caption.
+
+    A row of panels is a way, the initial one first; an axis is drawn as a line from E to its tip.
+    """
     ways = _ways(result, with_local=False)
     figure, axes = new_figure(len(ways), 2, height=3.0 * len(ways))
     p = result.problem.path.p_WS
@@ -103,7 +106,7 @@ def _draw_poses(result: RedundancyResult, path: Path) -> tuple[Path, str]:
     length = 0.14 * float(np.max(np.ptp(p, axis=0)))
     for row, (name, way, _) in enumerate(ways):
         R_WE, p_WE = result.problem.robot.chain.pose(way.q[shown])
-        for column, (i, j) in enumerate(((0, 1), (1, 2))):
+        for column, (i, j) in enumerate(((0, 1), (1, 2))):  # axes of W to the right and up
             ax = axes[row, column]
             ax.plot(p[:, i], p[:, j], color=COLOUR["truth"], linewidth=0.8)
             for axis in range(3):
