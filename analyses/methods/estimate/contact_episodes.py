@@ -166,22 +166,25 @@ class ContactEpisodes:
         valid: Flags,
         odds: Array | None = None,
     ) -> None:
-        """Takes the next samples.
+        """Takes the next N samples.
+
+        A contact that has begun stays open, for the chunks to come as well, until one begins more
+        than the gap after its end, or `finish` is called.
 
         Args:
             t: (N,) s.
-            detection: settings of contact detection.
+            detection: of these samples.
             force: (N, 3) N.
-            valid: (N,).
-            odds: (N, n + 1) of each link and of E, where they were judged.
+            valid: (N,) whether the force may be used.
+            odds: (N, n + 1) of link 1 to n and of E; None: they were not judged.
         """
         if not len(t):
             return
         if self._log_begin is None:
             self._log_begin = float(t[0])
         self._num_samples += len(t)
-        for name in self._counts:
-            self._counts[name] += int(getattr(detection, name).sum())
+        for flag in self._counts:
+            self._counts[flag] += int(getattr(detection, flag).sum())
         size = np.linalg.norm(force, axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], detection.contact, [False]])))
         for begin, end in edges.reshape(-1, 2):

@@ -109,6 +109,10 @@ def judge_places(
 ) -> PlacedContacts:
     """Finds the place of each contact.
 
+    A contact is judged piece by piece, each by the evidence of the pieces up to the next one. The
+    odds count E and every link as equally likely before; misfit, link and whether a reading at E
+    may be valid count E as likely as AT_WORK.
+
     Args:
         detection: of N samples.
         torque: of the contacts.
@@ -119,20 +123,23 @@ def judge_places(
     odds = np.zeros((N, n + 1))
     misfit, link, may_be_valid = np.zeros(N, bool), np.zeros(N, np.int8), np.ones(N, bool)
     is_finite = np.asarray(np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
-    size: NDArray[np.float64] = np.zeros(N)
+    size: NDArray[np.float64] = np.zeros(N)  # of the torque, in sds of its error
     size[is_finite] = np.linalg.norm(tau[is_finite] / sd[is_finite], axis=1)
     for stretch in stretches(detection.contact):
         pieces = _pieces(stretch, t)
-        evidence = np.zeros((len(pieces) + 1, n + 1))  # of each piece; none follows the last one
+        # Log likelihoods of each piece; of the one after the last, which is not there, zeros.
+        evidence = np.zeros((len(pieces) + 1, n + 1))
         for k, piece in enumerate(pieces):
             rows = _strong_rows(piece, is_finite, size)
             if len(rows):
                 evidence[k] = place_evidence(J[rows], tau[rows], sd[rows], correlation, loaded)
-        for piece, known in zip(pieces, np.cumsum(evidence, axis=0)[1:], strict=True):
-            stated, at_work = PlaceOdds.of(known), PlaceOdds.of(known, AT_WORK)
+        up_to_next = np.cumsum(evidence, axis=0)[1:]
+        for piece, piece_evidence in zip(pieces, up_to_next, strict=True):
+            stated, at_work = PlaceOdds.of(piece_evidence), PlaceOdds.of(piece_evidence, AT_WORK)
             odds[piece] = np.append(stated.links, stated.at_E)
             misfit[piece] = at_work.on_link
             link[piece] = at_work.named()[0] if at_work.on_link else 0
+            # The last link carries E.
             may_be_valid[piece] = at_work.links[:-1].sum() <= MAX_LINK_ODDS
     return PlacedContacts(detection._replace(misfit=misfit, link=link), odds, may_be_valid)
 

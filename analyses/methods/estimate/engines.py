@@ -89,8 +89,13 @@ def estimates(
 ) -> Iterator[LogPart]:
     """Reads a log: causally, smoothed, or at a contact of known axis, as the settings say.
 
+    Contact is always judged causally. Smoothed readings and those of a known axis come some samples
+    later, and take the place of the causal ones.
+
     Args:
+        models: the second, if another one, states the band.
         config: configuration of the estimator, with the log's time step.
+        chunks: of the log, on its grid.
         tracked: estimator that follows friction and takes the place of the models; None: they read.
     """
     if settings.contact.axis:
@@ -194,6 +199,8 @@ def read_contact(
     is_measured: Callable[[Recording, EstimateBatch], Flags],
 ) -> Iterator[LogPart]:
     """Reads the parts of a log again, with the known direction of the contact.
+
+    The reader is given the motor torque, and the causal readings with what the observer read.
 
     Args:
         parts: as a controller would read them.

@@ -144,6 +144,8 @@ def stated_prior(config: EstimateConfig, robot: Robot | None) -> tuple[float, fl
 def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
     """Returns `config`, checked; without a robot its joints are not.
 
+    `_require(condition, setting, problem, remedy)` raises where the condition does not hold.
+
     Raises:
         InputError: a setting that makes no sense.
     """

@@ -52,8 +52,9 @@ def write_data_set(
     A frame without a reading has a wrench of zero, the prior's sd, and is not valid.
 
     Args:
-        table: table of wrenches, over the time of `EpisodesReader`.
-        begins: s, of that reader.
+        table: table of wrenches, over the time of `EpisodesReader`, which puts all episodes one
+            after another.
+        begins: s, of each episode in that time.
         prior: sds of force and moment, as in metrics.json.
     """
     names = ("t", *WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES), "valid")
@@ -63,15 +64,18 @@ def write_data_set(
         options = pa_csv.ConvertOptions(include_columns=[*names])
         rows = pa_csv.read_csv(table, convert_options=options)
     t = rows.column("t").to_numpy()
+    # (rows, 13): wrench, sd and `valid`.
+    wrench_columns, sd_columns, valid_column = slice(0, 6), slice(6, 12), 12
     numbers = np.stack([rows.column(name).to_numpy().astype(float) for name in names[1:]], axis=1)
     step = float(np.median(np.diff(t)))
-    sd = np.repeat([prior["force_sd_n"], prior["moment_sd_nm"]], 3)
-    no_reading = np.concatenate([np.zeros(6), sd, [0.0]])
+    prior_sd = np.repeat([prior["force_sd_n"], prior["moment_sd_nm"]], 3)
+    no_reading = np.concatenate([np.zeros(6), prior_sd, [0.0]])
     values_of_episode: dict[int, np.ndarray[Any, Any]] = {}
     for episode, begin in zip(data_set.episodes, begins, strict=True):
         frames = ParquetTable(episode.file, episode.rows)
         column = (frames.names or ()).index("timestamp")
         stamps = np.concatenate([values[:, 0] for values, _ in frames.blocks([column])]) + begin
+        # A frame takes the last row that is not later than it, but for a quarter of a step.
         rows_before = np.searchsorted(t, stamps + 0.25 * step, side="right")
         row = np.maximum(rows_before - 1, 0)
         values = numbers[row]
@@ -80,10 +84,10 @@ def write_data_set(
         )
         values[~is_read] = no_reading
         values_of_episode[episode.index] = values
-    is_valid = {index: values[:, 12] > 0.5 for index, values in values_of_episode.items()}
+    is_valid = {index: values[:, valid_column] > 0.5 for index, values in values_of_episode.items()}
     features = [
-        _feature(WRENCH, WRENCH_AXES, values_of_episode, slice(0, 6)),
-        _feature(SD, WRENCH_AXES, values_of_episode, slice(6, 12)),
+        _feature(WRENCH, WRENCH_AXES, values_of_episode, wrench_columns),
+        _feature(SD, WRENCH_AXES, values_of_episode, sd_columns),
         NewFeature(VALID, ("valid",), is_valid),
     ]
     write_copy(data_set, out / FOLDER, features)

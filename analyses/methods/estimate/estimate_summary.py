@@ -99,6 +99,8 @@ class EstimateSummary:
         self._num_outside = {"q": np.zeros(n), "v": np.zeros(n), "tau": np.zeros(n)}
         self._num_outside_motion = 0
         self._num_extrapolated = 0
+        # Minima of wrench and lower band (12), maxima of wrench and upper band (12), means of time,
+        # "not valid" and "in contact" (3), of each stretch; force first.
         self._envelope = Envelope(_FIGURE_BINS)
         self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
 
@@ -121,27 +123,30 @@ class EstimateSummary:
     ) -> None:
         """Takes the next chunk of N samples.
 
+        Singular postures do not count in the largest condition number. The range of the figure is
+        that of the valid readings' bands.
+
         Args:
             batch: their readings, with all reasons why one is not valid.
             torque: (N, n) N m, of the joints.
-            contact: (N,).
+            contact: (N,) whether something touches the arm.
         """
         if not chunk.num_samples:
             return
-        if not self.count:
+        if not self.count:  # the first chunk
             self._begin = float(chunk.t[0])
             # The clock of a log that counts from 1970 fits no axis.
             self._origin = self._begin if abs(self._begin) >= FAR_CLOCK else 0.0
         self._end = float(chunk.t[-1])
         self.invalid.add(batch.invalid)
-        valid, sd = batch.valid, batch.standard_deviation
+        valid = batch.valid
         condition = batch.condition_number
         self._condition.add(condition)
         regular = condition < _MAX_CONDITION_NUMBER
         self._num_singular += int((~regular).sum())
         largest = float(condition.max(initial=0.0, where=regular))
         self._largest_condition = max(self._largest_condition, largest)
-        wrench, sd = batch.wrench[:, FORCE_FIRST], sd[:, FORCE_FIRST]
+        wrench, sd = batch.wrench[:, FORCE_FIRST], batch.standard_deviation[:, FORCE_FIRST]
         self._wrench_sums.add(wrench, sd)
         self._valid_wrench_sums.add(wrench[valid], sd[valid])
         self._add_outside(chunk, torque)
@@ -178,8 +183,13 @@ class EstimateSummary:
         self._num_extrapolated += int(extrapolated.sum())
 
     def metrics(self, config: WrenchEstimatorConfig, rule: str) -> dict[str, Any]:
-        """All figures, as written to metrics.json; `rule` is the prior's."""
-        share = 100.0 / self.count
+        """All figures, as written to metrics.json, percent of all samples.
+
+        Args:
+            config: as the log was read.
+            rule: by which the prior was found.
+        """
+        percent = 100.0 / self.count  # of a sample
         return {
             "num_samples": self.count,
             "duration_s": self._end - self._begin,
@@ -187,9 +197,9 @@ class EstimateSummary:
             "valid_pct": 100.0 * self.valid_share,
             "invalid": self.invalid.metrics(),
             "faults": {
-                "beyond_limits_pct": share * self._num_faults[FAULT_BEYOND],
-                "encoder_pct": share * self._num_faults[FAULT_DISAGREES],
-                "frozen_current_pct": share * self._num_faults[FAULT_FROZEN],
+                "beyond_limits_pct": percent * self._num_faults[FAULT_BEYOND],
+                "encoder_pct": percent * self._num_faults[FAULT_DISAGREES],
+                "frozen_current_pct": percent * self._num_faults[FAULT_FROZEN],
             },
             "prior": {
                 "force_sd_n": config.reconstruction.prior_force_sd,
@@ -199,13 +209,14 @@ class EstimateSummary:
             "condition_number": {
                 "median": float(np.median(self._condition.values())),
                 "max": self._largest_condition,  # where J is not singular
-                "singular_pct": share * self._num_singular,
+                "singular_pct": percent * self._num_singular,
             },
             "wrench": self._wrench_sums.metrics(),
             "valid": {"wrench": self._valid_wrench_sums.metrics()},
             "outside_model": {
-                "motion_pct": share * self._num_outside_motion,
-                **{f"{name}_pct": share * count for name, count in self._num_outside.items()},
+                # q or v of any joint; then q, v and tau joint by joint.
+                "motion_pct": percent * self._num_outside_motion,
+                **{f"{name}_pct": percent * count for name, count in self._num_outside.items()},
             },
         }
 
@@ -254,6 +265,8 @@ class EstimateSummary:
             smoothed: whether each sample was read with those after it.
         """
         low, high, mean = self._envelope.values()
+        lowest, lower_band = low[:, :6], low[:, 6:]  # (B, 6) of each stretch
+        highest, upper_band = high[:, :6], high[:, 6:]
         t, is_invalid, has_contact = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
         figure, axes = new_figure(3, 2 if reads_moments else 1, share_x=True)
         origin = f" since {self._origin:.0f} s" if self._origin else ""
@@ -262,8 +275,8 @@ class EstimateSummary:
             unit = "N" if axis.startswith("f") else "N m"
             panel.fill_between(
                 t,
-                low[:, 6 + k],
-                high[:, 6 + k],
+                lower_band[:, k],
+                upper_band[:, k],
                 color=COLOUR["estimate"],
                 alpha=BAND_ALPHA,
                 lw=0,
@@ -272,17 +285,17 @@ class EstimateSummary:
             # The extremes of each stretch, in turn: one line that shows every peak of a long log.
             panel.plot(
                 t.repeat(2),
-                np.stack([low[:, k], high[:, k]], axis=1).ravel(),
+                np.stack([lowest[:, k], highest[:, k]], axis=1).ravel(),
                 color=COLOUR["estimate"],
                 lw=0.9,
                 label="estimate",
             )
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{unit}]")
-            bottom, top = self._limits(k, low, high)
+            bottom, top = self._limits(k, lowest, highest)
             panel.set_ylim(bottom, top)
             _shade(panel, t, is_invalid, COLOUR["invalid"])
             _shade(panel, t, has_contact, COLOUR["contact"], "contact")
-            extremes = (low[:, k].min(), high[:, k].max())
+            extremes = (lowest[:, k].min(), highest[:, k].max())
             hidden = [value for value in extremes if not bottom <= value <= top]
             if hidden:
                 reach = " and ".join(f"{value:.3g}" for value in hidden)

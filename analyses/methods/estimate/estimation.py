@@ -172,6 +172,9 @@ def estimate(
 ) -> EstimateResult:
     """As `estimate_log`, with robot and model loaded.
 
+    The log is judged first, then read twice: to find what it must give itself (the prior, friction
+    drift, the encoders' steps), and to read its wrenches with these.
+
     Args:
         read: opens the log for one pass.
         settings: as config.yaml holds them; written with the values that the log filled in.
@@ -202,6 +205,7 @@ def estimate(
     )
     metrics = _metrics(outcome, robot, config)
     warnings += outcome.warnings(settings)
+    # Whether the hypotheses on what is wrong were held against the log, or are not to be.
     is_tried = judgement is not None or not (config.check and robot.has_inertias)
     if not (is_tried or second_pass.readings.summary.valid_share):
         warnings.append(
@@ -284,7 +288,13 @@ def _write_wrenches(
     destination: _Destination,
     judgement: Judgement | None,
 ) -> _SecondPass:
-    """Second pass: reads every sample of the log and writes its wrench."""
+    """Second pass: reads every sample of the log and writes its wrench.
+
+    Args:
+        reader: of the log, at its begin.
+        model: as loaded; the model whose band is stated comes from the first pass.
+        judgement: on the log; None: there is none. Where it names a fault, no reading is valid.
+    """
     config = settings.estimate
     screen = screen_of(robot, config.estimator)
     chunks = uniform_chunks(
@@ -294,7 +304,7 @@ def _write_wrenches(
         config.max_gap,
         PassProgress(destination.progress, first_pass_result.work_done, 1.0, "estimating"),
     )
-    first_chunk = next(chunks)
+    first_chunk = next(chunks)  # gives the time step
     estimator_config = completed(
         config.estimator, first_chunk, first_pass_result.resolution, first_pass_result.prior
     )

@@ -134,12 +134,14 @@ def first_pass(
 ) -> FirstPassResult:
     """Estimates encoder resolution, load, friction drift and the prior from the whole log.
 
+    Each of friction and prior takes a pass over the log, where it is needed at all.
+
     Args:
         read: opens the log for one pass.
     """
     resolution = _encoder_resolution(read, robot, config)
     prior, prior_rule = _prior_without_log(config, robot)
-    is_open = prior is None and not _states_prior(config.estimator)
+    prior_is_open = prior is None and not _states_prior(config.estimator)
     work_done = 0.0
     monitor: FrictionMonitor | None = None
     # A joint's friction is that of several motors where joints are coupled.
@@ -153,7 +155,7 @@ def first_pass(
     if ripple_shown is not None:
         model_with_drift = _with_ripple(model_with_drift, ripple_shown)
     warnings: tuple[str, ...] = ()
-    if is_open:
+    if prior_is_open:
         end = work_done + _PASS_WORK
         pass_progress = PassProgress(progress, work_done, end, "finding the prior")
         log_pass = _PassOverLog(read(), robot, model, config, resolution, pass_progress)
@@ -284,7 +286,7 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
     """The prior that explains best some thousand samples of a log (`evidence_prior`).
 
     It is raised to FLOOR_SHARE of the live prior at least. The moment's sd is that of a lever where
-    the log shows one (`find_lever`).
+    the log shows one (`find_lever`). Warnings are of what the configuration leaves open.
     """
     samples, live = _prior_samples(log_pass), live_prior(log_pass.robot.payload)
     if not len(samples.q):
@@ -301,8 +303,8 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
     force_sd, moment_sd = max(force_sd, least_force_sd), max(moment_sd, least_moment_sd)
     if stated.prior_moment_sd is None and stated.method != "force_only":
         R_WE, _ = log_pass.robot.chain.pose(samples.q)
-        known = _finite(samples.J_seen, R_WE, samples.tau_ext)
-        lever = find_lever(*known, noise, samples.duration)
+        J_seen, R_WE, tau_ext = _finite(samples.J_seen, R_WE, samples.tau_ext)
+        lever = find_lever(J_seen, R_WE, tau_ext, noise, samples.duration)
         if lever is not None and lever.moment_sd > _LEVER_RATIO * moment_sd:
             moment_sd = lever.moment_sd
             warnings.append(lever.sentence())
@@ -315,7 +317,11 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
 
 
 def _prior_samples(log_pass: _PassOverLog) -> _PriorSamples:
-    """Takes the samples of a log that were measured and are possible, with tau_ext."""
+    """Takes the samples of a log that were measured and are possible, with tau_ext.
+
+    Torque, and the columns of J, are over the sds of the torque error; of a model without one they
+    stay in N m, beside its residual covariance.
+    """
     q, J = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
     J_seen, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
     duration = 0.0

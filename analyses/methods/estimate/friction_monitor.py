@@ -93,7 +93,8 @@ class FrictionMonitor:
         self._rate = np.full(n, np.inf) if pole is None else np.asarray(pole)
         self._decay = np.exp(-self._rate * time_step)
         self._row_stride = max(1, round(ROW_TIME / time_step))
-        self._filter_state = np.zeros((n, 5))
+        self._filter_state = np.zeros((n, 5))  # of the observer's pole
+        # Of the gathered rows, chunk by chunk: friction, load, errors of the model, J, q, free.
         self._rows: list[ResidualRows] = []
         self._robot = robot
         self._regressor: ObservedRegressor | None = None
@@ -103,9 +104,10 @@ class FrictionMonitor:
         self._model_columns: list[Array] = []
         self._J: list[Array] = []
         self._q: list[Array] = []
-        self._judged = _JudgedRows(-1, None, None)
         self._is_free: list[Flags] = []
-        self._count = 0
+        self._count = 0  # of the gathered rows
+        self._judged = _JudgedRows(num_gathered=-1, load=None, rows=None)  # -1: none so far
+        # Contact-free stretches, s on the log's clock: the present one's begin, the longest.
         self._time_since_contact = np.inf  # s
         self._stretch_begin, self._longest_stretch = 0.0, (0.0, 0.0)
         self._log_begin: float | None = None
@@ -113,7 +115,10 @@ class FrictionMonitor:
     def add(
         self, t: Array, q: Array, v: Array, tau_ext: Array, is_usable: Flags, is_free: Flags
     ) -> None:
-        """Takes the next samples.
+        """Takes the next samples, and gathers a row every ROW_TIME s of those that count.
+
+        All samples pass through the observer's pole: none may be left out between two calls. After
+        MOST_ROWS rows nothing more is taken.
 
         Args:
             t: (N,) s.
@@ -354,7 +359,7 @@ class FrictionMonitor:
 
         Args:
             log, robot, model: as the user named them; without a model there is no sentence.
-            allowed_drift: `drifts` that the stated band includes already; None: it does not.
+            allowed_drift: (n,) `drifts` that the stated band includes already; None: it does not.
             is_fitted_on_log: whether the model was fitted on this very log, so that its friction
                 has not drifted since.
         """

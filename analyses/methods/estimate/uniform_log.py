@@ -67,7 +67,12 @@ class SampleScreen:
         )
 
     def screened(self, chunks: Iterable[Recording]) -> Iterator[Recording]:
-        """Yields the same chunks without their impossible samples."""
+        """Yields the same chunks without their impossible samples.
+
+        These are NaN and a drop-out; FAULT_SIGNAL is 1 where a sample is beyond a limit,
+        OTHER_FAULT_WEIGHT where it is impossible otherwise, else 0. Resampling, which follows,
+        spreads it over the samples that would have been interpolated from it.
+        """
         for chunk in chunks:
             previous_t = chunk.t[0] if self._last_t is None else self._last_t
             period = np.diff(chunk.t, prepend=previous_t)

@@ -184,6 +184,10 @@ def excite(
 ) -> ExcitationResult:
     """Finds a trajectory.
 
+    Random motions within the limits are the starts. The best is optimised at some instants of its
+    period; an optimum that breaks a limit between them is tried again with more reserve, from
+    other starts, or nearer to its start (`_candidates`). Stops are put in last.
+
     Raises:
         InputError: a setting out of range, or limits that admit no trajectory.
     """
@@ -215,9 +219,10 @@ def excite(
         if error.limit != "clearance":
             raise
         raise _no_room(robot, clearance, bounds) from error
+    # The program's measure has a smooth sign of the velocity; figures are of the sign itself.
     exact = replace(information, friction_velocity=0.0)
-    random = np.array([exact.condition_number(*_period(start)) for start in starts])
-    ranked = [starts[i] for i in np.argsort(random, kind="stable")]
+    condition_of_starts = np.array([exact.condition_number(*_period(start)) for start in starts])
+    ranked = [starts[i] for i in np.argsort(condition_of_starts, kind="stable")]
     # Optimised from these, until one keeps all limits between the program's points, too.
     programs = (
         first_program if k == 0 else program(reserve) for k, reserve in enumerate(SOLVE_RESERVES)
@@ -238,7 +243,7 @@ def excite(
         trajectory=trajectory,
         condition_number=exact.condition_number(q, v, vdot),
         unweighted_condition_number=unweighted.base_parameters(q, v, vdot).condition_number,
-        random_condition_numbers=random,
+        random_condition_numbers=condition_of_starts,
         num_parameters=len(information.columns),
         undetermined=undetermined,
         peak_torque_share=checked.torque / robot.effort_limit,
@@ -401,10 +406,10 @@ def excite_robot(
         results = []
         for k, name in enumerate(names):
 
-            def part(fraction: float, message: str, k: int = k, name: str = name) -> None:
+            def report(fraction: float, message: str, k: int = k, name: str = name) -> None:
                 progress(0.9 * (k + fraction) / len(names), f"{name}: {message}")
 
-            results.append(excite(robot, replace(config, seed=seeds[name]), part))
+            results.append(excite(robot, replace(config, seed=seeds[name]), report))
         progress(0.9, "writing")
         for name, result in zip(names, results, strict=True):
             _write(folder, name, robot, result, page)
@@ -421,7 +426,7 @@ def excite_robot(
 
 
 def trajectory_figure(robot: Robot, result: ExcitationResult) -> "Figure":
-    """Position, velocity, acceleration and torque of all joints over one period."""
+    """Position, velocity, acceleration and torque of all joints over one period, without stops."""
     t = np.linspace(0.0, result.trajectory.period, 1001)
     q, v, vdot = result.trajectory.sample(t)
     torque = 100.0 * robot.chain.inverse_dynamics(q, v, vdot) / robot.effort_limit
@@ -438,9 +443,7 @@ def trajectory_figure(robot: Robot, result: ExcitationResult) -> "Figure":
         axis.set_ylabel(label)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
-    figure.legend(
-        *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(t[:6])
-    )
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
     figure.suptitle(
         f"{robot.name}: condition number {result.condition_number:.2f}, median of random "
         f"trajectories {np.median(result.random_condition_numbers):.1f}"
@@ -506,7 +509,7 @@ def _check(config: ExcitationConfig) -> None:
     for name, value, least, largest in ranges:
         if not least <= value <= largest:
             raise InputError("excite", name, f"{value:g}, expected {least:g} to {largest:g}")
-    stopped = config.num_stops * (config.stop_time + RAMP_TIMES[-1])
+    stopped = config.num_stops * (config.stop_time + RAMP_TIMES[-1])  # s a period, at most
     rows = config.num_periods * (1.0 / config.base_frequency + stopped) / config.time_step
     if rows > LONGEST_TABLE:
         problem = f"{config.num_periods} periods make {rows:.3g} rows, at most {LONGEST_TABLE:g}"

@@ -73,7 +73,11 @@ class MethodReading:
         }
 
     def metrics(self) -> dict[str, Any]:
-        """RMSE, and rank correlations of the errors with stated sd and condition number."""
+        """RMSE, and rank correlations of the errors with stated sd and condition number.
+
+        Lists have an entry a log. Correlated are logs ("poses": each is one), axes of logs, and
+        single loaded rows.
+        """
         rmse = np.array([log.rmse for log in self.logs])
         sd = np.array([rms(log.stated_sd[log.loaded]) for log in self.logs])
         condition = np.array([np.mean(log.condition_number[log.loaded]) for log in self.logs])

@@ -53,6 +53,15 @@ class TorqueLog:
         sign: body that the torque is exerted on, robot or environment; found: as its description
             states.
 
+    Attributes:
+        path: as given.
+        is_sensed: whether an observer finds tau_ext in the torque of the arm's sensors, which
+            holds gravity; else the log holds tau_ext.
+        num_joints: n.
+        exerted_on: body that the log's torque is exerted on, as `sign` or the log states it.
+        has_jacobian: whether the log holds J.
+        has_positions: whether J follows from a robot and the log's positions.
+
     Raises:
         InputError: as `RecordingReader`; no external torque, or neither a Jacobian nor a robot
             and positions.
@@ -84,6 +93,7 @@ class TorqueLog:
             self.is_sensed = reader.effort_holds_gravity
         self.num_joints = len(torque.columns)
         self.exerted_on = torque.exerted_on if sign == "found" else sign
+        # The reader has turned the torque as the log's description states it.
         self._factor = 1.0 if self.exerted_on == torque.exerted_on else -1.0
         self.has_jacobian = reader.layout.signal(JACOBIAN) is not None
         self.has_positions = robot is not None and reader.layout.signal("q") is not None

@@ -176,12 +176,12 @@ def estimate_torque_logs(
 
 
 def _checked(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
-    checked_config(config, robot)
     """Returns the configuration.
 
     Raises:
         InputError: a setting that makes no sense, or is not used here.
     """
+    checked_config(config, robot)
     defaults = EstimateConfig()
     unused = [
         option
@@ -226,7 +226,8 @@ def _estimate(
     runs = []
     for k, (log, name) in enumerate(zip(logs, _names(logs), strict=True)):
         progress(0.3 + 0.6 * k / len(logs), f"reading {name}")
-        run = _Run(log, name, "" if len(logs) == 1 else f"_{name}", config)
+        suffix = "" if len(logs) == 1 else f"_{name}"  # of the names of its files
+        run = _Run(log, name, suffix, config)
         _read(log, run, reading, robot, out)
         runs.append(run)
     results, mounting_notices = _compared(runs, config.reference, reading.limits, out)
@@ -271,7 +272,11 @@ def _metrics(
     against_sensor: MethodReading | None,
     reference: ReferenceConfig,
 ) -> dict[str, Any]:
-    """All figures, as written to metrics.json."""
+    """All figures, as written to metrics.json; those of a single log stand on top.
+
+    Args:
+        against_sensor: the rows of all logs beside the sensor; None: there is no such row.
+    """
     knowledge = prior.knowledge
     common = {
         "prior": {
@@ -356,13 +361,16 @@ def _prior_and_noise(
 ) -> _PriorAndNoise:
     """Prior and torque noise, as stated or as the torques of all logs show them.
 
+    What is stated of them is kept, and the rest is found beside it. A prior that is found is raised
+    to FLOOR_SHARE of the live one at least.
+
     Raises:
         InputError: sds of the torque that are neither one nor one each joint.
     """
     n = logs[0].num_joints
-    sd = np.array(config.torque_sd)
-    if sd.size not in (0, 1, n):
-        problem = f"has {sd.size} numbers, expected 1 or {n}"
+    stated_sd = np.array(config.torque_sd)  # N m; empty: it is not stated
+    if stated_sd.size not in (0, 1, n):
+        problem = f"has {stated_sd.size} numbers, expected 1 or {n}"
         raise InputError("estimate", "--torque-sd", problem, "give one for all joints or one each")
     reconstruction, rule = config.estimator.reconstruction, "given"
     stated = stated_prior(config, robot)
@@ -370,13 +378,14 @@ def _prior_and_noise(
         reconstruction = reconstruction.with_prior(*stated)
         rule = config.prior if config.prior in PRIORS else "given"
     warnings: tuple[str, ...] = ()
-    if not sd.size and n <= _WRENCH_NUMBERS:
+    sd = np.broadcast_to(stated_sd, n) if stated_sd.size else None
+    if sd is None and n <= _WRENCH_NUMBERS:
         warnings = (
             f"a wrench explains any torque of {n} joints: only changes of posture show the "
             "torque's error; state it with --torque-sd",
         )
-    if not sd.size or not _states_prior(reconstruction):
-        evidence = _evidence(logs, np.broadcast_to(sd, n) if sd.size else None)
+    if sd is None or not _states_prior(reconstruction):
+        evidence = _evidence(logs, sd)
         sd = np.sqrt(np.diag(evidence.torque_covariance))
         if not _states_prior(reconstruction):
             rule = "evidence of the log" + ("s" if len(logs) > 1 else "")
@@ -385,7 +394,6 @@ def _prior_and_noise(
                 max(evidence.force_sd, FLOOR_SHARE * least_force),
                 max(evidence.moment_sd, FLOOR_SHARE * least_moment),
             )
-    sd = np.broadcast_to(sd, n)
     config = replace(
         config,
         torque="external",
@@ -456,7 +464,13 @@ def _read(
     robot: Robot | None,
     out: OutputFolder,
 ) -> None:
-    """Reads every row of a log, and writes its table and figure."""
+    """Reads every row of a log, and writes its table, its figure and, if wanted, a bag.
+
+    Args:
+        run: of the log; gets its notices and warnings, and its summary, contacts and rows beside
+            the sensor grow.
+        robot: None: the log's own Jacobian is all there is, and no bag is written.
+    """
     touches, reader, config = run.touches, log.reader(), run.config
     with ExitStack() as stack:
         writer = WrenchTableWriter(out / run.table, log.num_joints, config.covariance)
@@ -469,6 +483,7 @@ def _read(
                 run.start(chunk)
             batch = reading.reconstruct(J, tau_ext)
             detection, odds, may_be_valid = touches.take(chunk, J, tau_ext)
+            # The reading's own reasons, and two that it does not know of.
             invalid = marked(batch.invalid, OTHER_LINK, ~may_be_valid)
             batch = batch._replace(invalid=marked(invalid, SAMPLE_MISSING, chunk.dropout))
             sd = batch.standard_deviation
@@ -531,9 +546,12 @@ def _compared(
 ) -> tuple[list[TorqueLogResult], tuple[str, ...]]:
     """Each log's result, compared with its sensor, and notices about the mounting.
 
-    The sensor is mounted alike in all logs.
+    The sensor is mounted alike in all logs; either all of them have it, or none.
+
+    Args:
+        limits: those of a valid reading, for sentences.
     """
-    sensor_logs: list[SensorLog] = []
+    sensor_logs: list[SensorLog] = []  # of each run, in their order; none without a sensor
     for run in runs:
         if run.sensor_log is None:
             continue
