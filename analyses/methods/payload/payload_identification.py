@@ -98,16 +98,20 @@ class PayloadResult:
         )
 
     def metrics(self) -> dict[str, Any]:
-        """All figures, as written to metrics.json."""
+        """All figures, as written to metrics.json, in axes of the flange.
+
+        `friction_change` is of the day against the model, a list over joints for each term; other
+        lists are over joints, axes, or the six numbers of the inertia (TENSOR).
+        """
         load = self.load
-        sd = load.standard_deviation
-        gain = np.sqrt(np.diag(load.gain_covariance))
+        # (10,) each: mass, centre of mass, inertia; of all causes, and of uncertain gains alone.
+        sd, sd_of_gains = load.standard_deviation, np.sqrt(np.diag(load.gain_covariance))
         unexplained = self.rows.residual - self.torque
         return {
             "load_found": load.is_present,
             "mass_kg": load.mass,
             "mass_sd_kg": sd[0],
-            "mass_sd_of_gains_kg": gain[0],
+            "mass_sd_of_gains_kg": sd_of_gains[0],
             "com_m": load.com,
             "com_sd_m": sd[1:4],
             "com_observable": self.com_observable,
@@ -180,6 +184,10 @@ def identify_payload(
 ) -> PayloadResult:
     """Identifies the load of a log.
 
+    The load's torque makes friction larger: the residual is formed NUM_PASSES times, each with the
+    friction that the load of the pass before causes. A centre of mass that the motion does not
+    determine is put at the flange, along that axis, in what is written.
+
     Args:
         logs: motion with the load, without contact: one recording, or several with the samples
             that count.
@@ -198,7 +206,7 @@ def identify_payload(
         empty_rows = LoadRows.joined([residual.load_rows() for residual in empty_residuals])
     prior = LoadPrior(mass=robot.payload, gain=config.gain_sd)
     law = model.friction.coulomb_viscous
-    parameters = np.zeros(10)
+    parameters = np.zeros(10)  # of the load: mass, mass times centre of mass, inertia
     for k in range(NUM_PASSES):
         progress((k + 0.5) / NUM_PASSES, "finding the load")
         rows = LoadRows.joined([residual.load_rows(parameters) for residual in residuals])

@@ -84,27 +84,33 @@ class SensorComparison:
         return metrics
 
     def figure(self, reading: str = "from motor currents") -> "Figure":
-        """Sensor and reading with its band over time, a panel for each quantity."""
+        """Sensor and reading with its band over time, a panel for each quantity.
+
+        Of a wrench, forces are in the left column and moments in the right one.
+
+        Args:
+            reading: label of the reading.
+        """
         columns = 2 if len(self.axes) == len(AXES) else 1
         figure, panels = new_figure(len(self.axes) // columns, columns, share_x=True)
-        every = slice(None, None, max(1, len(self.t) // _FIGURE_POINTS))
-        t = self.t[every]
+        drawn = slice(None, None, max(1, len(self.t) // _FIGURE_POINTS))
+        t = self.t[drawn]
         for k, axis in enumerate(self.axes):
             panel: Any = panels[k % len(panels), k // len(panels)]
-            mean, half = self.reading[every, k], _BAND_SDS * self.sd[every, k]
+            mean, half_width = self.reading[drawn, k], _BAND_SDS * self.sd[drawn, k]
             panel.fill_between(
                 t,
-                mean - half,
-                mean + half,
+                mean - half_width,
+                mean + half_width,
                 color=COLOUR["estimate"],
                 alpha=BAND_ALPHA,
                 lw=0,
                 label="95 % band",
             )
-            panel.plot(t, self.sensor[every, k], color=COLOUR["truth"], lw=1.0, label="sensor")
+            panel.plot(t, self.sensor[drawn, k], color=COLOUR["truth"], lw=1.0, label="sensor")
             panel.plot(t, mean, color=COLOUR["estimate"], lw=1.0, label=reading)
             panel.set_ylabel(f"{axis} [{'N m' if axis.startswith('m') else 'N'}]")
-            _show_lines(panel, np.concatenate([mean, self.sensor[every, k]]))
+            _show_lines(panel, np.concatenate([mean, self.sensor[drawn, k]]))
         for column in range(columns):
             panels[-1, column].set_xlabel("time [s]")
         handles, labels = panels[0, 0].get_legend_handles_labels()
@@ -117,7 +123,13 @@ def compare_with_sensor(
 ) -> SensorComparison:
     """Compares a reading with the sensor, mounted as stated or as found from the log.
 
+    All signals are averaged over successive stretches (`_averages`), M of them. An average is valid
+    where all its samples are; it is judged where the sensor's force is known, in phases: with or
+    without contact by the sensor, at rest or moving.
+
     Args:
+        log: N samples of the reading and of the sensor's k columns: 1 (a force along an axis), 3
+            (a force) or 6 (a wrench).
         config: configuration of the sensor.
         mounted: its mounting, where another log has given it; None: it is found.
 

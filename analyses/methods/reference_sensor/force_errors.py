@@ -70,6 +70,10 @@ def force_metrics(force: Array, sd: Array, reference: Array) -> dict[str, Any]:
         force: (T, 3) N, read.
         sd: (T, 3) N, stated for it.
         reference: (T, 3) N.
+
+    Returns:
+        Correlations only of axes along which reading and reference vary. Shares are 0 to 1;
+        without an axis in their name, over all three together.
     """
     error = force - reference
     inside = {
@@ -142,8 +146,8 @@ def variants_figure(metrics: Mapping[str, Any], labels: Mapping[str, str], title
     """One change per row: RMSE, largest error and share in the 95 % band of every variant.
 
     Args:
-        metrics: holds `force_metrics` by variant.
-        labels: labels of the rows, by variant.
+        metrics: holds `force_metrics` by variant; may hold more.
+        labels: labels of the rows, by variant, from top to bottom.
     """
     count = len(labels)
     figure, axes = new_figure(1, 3, height=1.3 + 0.42 * count, share_y=True)

@@ -82,24 +82,25 @@ class ForceJudgement:
         if not is_judged.any():
             return None
         error = (reading.force - truth)[is_judged]
-        inside = valid = stated = rmse_valid = inside_valid = None
+        # None of what the method does not state.
+        inside = valid_share = stated_sd = rmse_valid = inside_valid = None
         is_valid = np.zeros(len(error), np.bool_)
         if reading.valid is not None:
             is_valid = reading.valid[is_judged]
-            valid = float(np.mean(is_valid))
+            valid_share = float(np.mean(is_valid))
             rmse_valid = float(np.sqrt(np.mean(error[is_valid] ** 2))) if is_valid.any() else None
         if reading.sd is not None:
             sd = reading.sd[is_judged]
             is_inside = np.abs(error) <= SIGMA_95 * sd
-            inside, stated = float(np.mean(is_inside)), float(np.mean(sd))
+            inside, stated_sd = float(np.mean(is_inside)), float(np.mean(sd))
             inside_valid = float(np.mean(is_inside[is_valid])) if is_valid.any() else None
         return cls(
             bias=float(np.mean(error)),
             sd=float(np.std(error)),
             rmse=float(np.sqrt(np.mean(error**2))),
             inside_95=inside,
-            share_valid=valid,
-            stated_sd=stated,
+            share_valid=valid_share,
+            stated_sd=stated_sd,
             force=float(np.mean(truth[is_judged])),
             correlation=correlation(reading.force[is_judged], truth[is_judged]),
             count=len(error),

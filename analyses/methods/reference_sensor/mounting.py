@@ -95,6 +95,13 @@ class Mounting:
 def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tuple[str, ...]]:
     """Finds what the configuration leaves open of the mounting; returns it with notices.
 
+    Each mounting that is left open turns the sensor's numbers into forces; the one whose forces are
+    nearest to the reading is taken, of several as near the simplest. A delay is found with that
+    one, and all are compared again at this delay. The tare is fitted last.
+
+    Args:
+        log: N samples of the reading and of the sensor's k columns.
+
     Raises:
         InputError: the log is too short.
     """
@@ -106,13 +113,19 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
             "the log has fewer than two blocks to compare with",
             "record a longer log",
         )
-    unturned = Mounting("world", np.eye(3), 1, tare_of(log.t, log.sensor, config), 0.0)
+    unturned = Mounting(
+        frame="world",
+        R=np.eye(3),
+        sign=1,
+        tare=tare_of(log.t, log.sensor, config),
+        delay=0.0,
+    )
     coarse = log.every(max(1, len(log.t) // _SEARCH_ROWS))
     candidates = _candidates(unturned, config, k)
     finds_delay = config.delay == FOUND
     if not finds_delay:
         candidates = [replace(m, delay=float(config.delay)) for m in candidates]
-    best, open_frame = _best(coarse, candidates, config)
+    best, is_frame_open = _best(coarse, candidates, config)
     notices = []
     if finds_delay:
         delay = _found_delay(coarse, best, config)
@@ -123,17 +136,17 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
             )
         elif delay != 0.0:
             candidates = [replace(m, delay=delay) for m in candidates]
-            best, open_frame = _best(coarse, candidates, config)
-    if open_frame:
+            best, is_frame_open = _best(coarse, candidates, config)
+    if is_frame_open:
         notices.append(
             "the log's forces leave the sensor's axes or sign open: the simplest that agree are "
             "taken; state them with --reference-frame and --reference-sign"
         )
     if config.tare == "fit":
-        mean_error = _error(coarse, best, k).mean(axis=0)
+        mean_error = _error(coarse, best, k).mean(axis=0)  # (k,) in the sensor's axes
         best = replace(best, tare=best.tare - best.sign * mean_error)
     if len(candidates) > 1:
-        error, size = error_of(coarse, best, True), _size(coarse, best)
+        error, size = error_of(coarse, best, with_offset=True), _size(coarse, best)
         if error > _MAX_ERROR_SHARE * size:
             notices.append(
                 f"the reading differs from the sensor by {error:.3g} N RMS of {size:.3g} N: the "
@@ -160,17 +173,17 @@ def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -
     is_finite = np.asarray(np.isfinite(recording.q).all(axis=1))
     q = np.where(is_finite[:, None], recording.q, 0.0)
     mounting = Mounting(
-        config.frame,
-        _stated_axes(config),
-        1 if config.sign == "robot" else -1,
-        tare_of(recording.t, sensor, config),
-        0.0 if config.delay == FOUND else float(config.delay),
+        frame=config.frame,
+        R=_stated_axes(config),
+        sign=1 if config.sign == "robot" else -1,
+        tare=tare_of(recording.t, sensor, config),
+        delay=0.0 if config.delay == FOUND else float(config.delay),
     )
     R_WE, _ = robot.chain.pose(q)
-    sensed = mounting.on_robot(recording.t, sensor, R_WE)
+    sensed = mounting.on_robot(recording.t, sensor, R_WE)  # (N, 1), (N, 3) or (N, 6), force first
     if sensed.shape[1] == 1:
         sensed = sensed * mounting.direction(R_WE)
-    wrench = np.zeros((len(sensed), 6))
+    wrench = np.zeros((len(sensed), 6))  # moment first
     wrench[:, 3:] = sensed[:, :3]
     wrench[:, :3] = sensed[:, 3:] if sensed.shape[1] == 6 else 0.0
     tau_ext = np.einsum("kaj,ka->kj", robot.chain.jacobian(q), wrench)

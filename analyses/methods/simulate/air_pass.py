@@ -78,6 +78,9 @@ def record_air_pass(
     """Simulates the pass and returns the log of the robot's controller; the feed starts at
     LEAD_TIME.
 
+    The scenario runs without contact and without a force loop: the compiled loop does where it can,
+    else the diagram.
+
     Args:
         scenario: of the work; its workpiece, contact and sensor are left out.
         motion: of `raised_motion`.
@@ -164,9 +167,10 @@ def learn_correction(
 ) -> AirPassCorrection:
     """The observer's output along an air pass, with friction computed as in the work.
 
-    A friction law without memory is right while the feed is steady. A law with memory follows the
-    joints through the turns of the feed, too. At the first start from rest the friction of the
-    joints is unknown.
+    It counts only where the friction law is right: while the feed is steady, if the law is without
+    memory. A law with memory follows the joints through the turns of the feed, too, and is right
+    from the first steady feed to the last. Before that, at the first start from rest, the friction
+    of the joints is unknown.
 
     Args:
         recording: of `record_air_pass`.
@@ -174,15 +178,20 @@ def learn_correction(
         plan: whose motion it raises.
         model, config: of the estimator that is to read in contact: model and observer must be the
             same for both.
+
+    Returns:
+        tau_ext (T, n) by the time since the feed's start, s, with 1 at the samples that count and
+        0 at the others, between which the correction is interpolated.
     """
     reading = _read(AirPass(motion, recording), robot, model, config)
-    start = round(LEAD_TIME / recording.time_step)
-    t = recording.t[start:] - recording.t[start]
-    counts = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
-    steady = np.flatnonzero(counts)
-    if not reading.estimator.friction.is_of_speed_alone and len(steady):
-        counts[steady[0] : steady[-1]] = True
-    return AirPassCorrection(t, reading.batch.tau_ext[start:], counts.astype(np.float64))
+    feed_start = round(LEAD_TIME / recording.time_step)  # sample
+    t = recording.t[feed_start:] - recording.t[feed_start]
+    is_steady = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
+    law_is_right = is_steady.copy()
+    steady_samples = np.flatnonzero(is_steady)
+    if not reading.estimator.friction.is_of_speed_alone and len(steady_samples):
+        law_is_right[steady_samples[0] : steady_samples[-1]] = True
+    return AirPassCorrection(t, reading.batch.tau_ext[feed_start:], law_is_right.astype(np.float64))
 
 
 def learn_error(
@@ -212,6 +221,7 @@ def learn_error(
     if K_0 is None:
         return None
     log = held_out.log
+    # Both logs begin with the same plan: sample k of one is at the place of sample k of the other.
     N = min(len(log.t), len(reference.log.t))
     reading = HeldOutReading(
         tau_ext=batch.tau_ext[:N] - correction.tau_ext[:N],

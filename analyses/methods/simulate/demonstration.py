@@ -173,7 +173,13 @@ def _write_page(
     signals: dict[str, Array],
     batch: EstimateBatch,
 ) -> None:
-    """Writes the arm in motion, with the true and the estimated force as arrows at its tool."""
+    """Writes the arm in motion, with the true and the estimated force as arrows at its tool.
+
+    Args:
+        t: (T,) s.
+        signals: (T, size): q and wrench_true are read.
+        batch: the estimate of these T samples.
+    """
     fps = scenario.recording.fps
     rows = np.searchsorted(t, np.arange(0.0, t[-1], 1.0 / fps))  # one a frame of the page
     q = signals["q"][rows]
@@ -186,8 +192,9 @@ def _write_page(
     for k, row in enumerate(rows.tolist()):
         picture.show(q[k], float(t[row]))
         context.SetTime(t[row])
+        # In the place of the RigidBodyTerms: p_WE is all that the arrows read of them.
         terms = AbstractValue.Make(object())
-        terms.set_value(SimpleNamespace(p_WE=p_WE[k]))  # all that arrows read of the terms
+        terms.set_value(SimpleNamespace(p_WE=p_WE[k]))
         arrows.GetInputPort("terms").FixValue(context, terms)
         arrows.GetInputPort("force true").FixValue(context, signals["wrench_true"][row])
         arrows.GetInputPort("force estimated").FixValue(context, batch.wrench[row])

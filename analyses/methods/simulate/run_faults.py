@@ -37,18 +37,20 @@ def require_controllable(
     """
     rows = np.linspace(0, len(trajectory.q) - 1, _NUM_POSTURES).astype(int)
     chain, still = model.chain(robot), np.zeros(robot.num_joints)
-    least, largest, joints = math.inf, 0.0, list[int]()
+    # Of the model's inertia to the arm's, in whichever direction of motion; and who moves there.
+    least_ratio, largest_ratio, joints = math.inf, 0.0, list[int]()
     for q in trajectory.q[rows]:
         M_arm, M_model = robot.chain.terms(q, still).M, chain.terms(q, still).M
-        ratios, directions = scipy.linalg.eigh(M_model, M_arm)
-        least = min(least, float(ratios[0]))
-        if ratios[-1] > largest:
-            largest = float(ratios[-1])
+        ratios, directions = scipy.linalg.eigh(M_model, M_arm)  # ascending
+        least_ratio = min(least_ratio, float(ratios[0]))
+        if ratios[-1] > largest_ratio:
+            largest_ratio = float(ratios[-1])
+            # In units that make a joint of little inertia count as much as one of much.
             joints = _moving_joints(directions[:, -1] * np.sqrt(np.diag(M_arm)))
-    if least > 0.0 and largest < _MAX_RATIO:
+    if least_ratio > 0.0 and largest_ratio < _MAX_RATIO:
         return
-    ratio = least if least <= 0.0 else largest
-    if least <= 0.0 or unphysical_links(model.inertial_parameters, robot.joint_names):
+    ratio = least_ratio if least_ratio <= 0.0 else largest_ratio
+    if least_ratio <= 0.0 or unphysical_links(model.inertial_parameters, robot.joint_names):
         problem, remedy = "the model's mass matrix is no body's", "identify again with --consistent"
     else:
         names = " and ".join(robot.joint_names[j] for j in joints)
@@ -98,8 +100,9 @@ def require_following(robot: Robot, planned: Array, q: Array) -> None:
     Raises:
         InputError: there is such a joint.
     """
-    travel, wanted = np.ptp(q, axis=0), np.ptp(planned, axis=0)
-    stuck = np.flatnonzero((wanted > _LEAST_TRAVEL) & (travel < _STUCK_SHARE * wanted))
+    travel, planned_travel = np.ptp(q, axis=0), np.ptp(planned, axis=0)
+    is_stuck = (planned_travel > _LEAST_TRAVEL) & (travel < _STUCK_SHARE * planned_travel)
+    stuck = np.flatnonzero(is_stuck)
     if not len(stuck):
         return
     names = " and ".join(robot.joint_names[j] for j in stuck)
@@ -111,8 +114,8 @@ def require_following(robot: Robot, planned: Array, q: Array) -> None:
             f"drive's), or {remedy}"
         )
     problem = (
-        f"{names} stood still, but {wanted[stuck].max():.2g} rad (or m) were planned: its friction "
-        "at rest is more than a controller gives so small an inertia"
+        f"{names} stood still, but {planned_travel[stuck].max():.2g} rad (or m) were planned: its "
+        "friction at rest is more than a controller gives so small an inertia"
     )
     raise InputError("simulate", "", problem, f"{remedy}, in {robot.source.name}")
 
@@ -121,7 +124,7 @@ def saturation_notices(robot: Robot, signals: Mapping[str, Array], refuses: bool
     """Sentences on joints at their effort limits.
 
     Args:
-        signals: signals of a run; `tau_command` (T, n) is read.
+        signals: signals of a run; `tau_command` and `q` (T, n) are read.
         refuses: whether a joint that is there for long ends in an error.
 
     Raises:

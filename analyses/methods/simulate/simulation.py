@@ -95,7 +95,10 @@ def simulate_scenario(
 def _simulate_into(
     folder: OutputFolder, settings: SimulateSettings, progress: ProgressCallback
 ) -> SimulationResult:
-    """Runs the scenario of the settings and writes its files into the folder."""
+    """Runs the scenario of the settings and writes its files into the folder.
+
+    The default scenario is fitted to a robot that is named; of any other, the robot must fit.
+    """
     requested = _requested_scenario(settings)
     scenario = requested.scenario
     robot = with_truth_named(Robot.load(scenario.robot), settings.truth)
@@ -139,7 +142,11 @@ class _RequestedScenario(NamedTuple):
 
 
 def _requested_scenario(settings: SimulateSettings) -> _RequestedScenario:
-    """Loads the scenario and puts robot, seed, duration and motion of the settings into it."""
+    """Loads the scenario and puts robot, seed, duration and motion of the settings into it.
+
+    It is named by NAME (bundled), FILE or FILE:NAME. With a motion of its own the default scenario
+    loses its push and its sensor.
+    """
     file_name, _, name_in_file = settings.scenario.rpartition(":")
     if file_name:
         scenario, name = load_scenario(file_name, name_in_file), name_in_file
@@ -172,7 +179,13 @@ def _write_result(
     name: str,
     settings: SimulateSettings,
 ) -> tuple[Path, ...]:
-    """Writes log, figure, scenario, settings and metrics; returns all files of the result."""
+    """Writes log, figure, scenario, settings and metrics; returns all files of the result.
+
+    Args:
+        scenario: as it was run: written so that it runs again.
+        name: of the scenario in scenario.yaml.
+        settings: as requested; config.yaml has what was used in their place.
+    """
     log = folder / "log.csv"
     write_recording(result.recording(), log)
     as_run = replace(
@@ -274,7 +287,7 @@ def simulate(
             effort limit for long.
     """
     robot.require_inertias("simulate")
-    work = _planned(scenario, robot)
+    work = _planned(scenario, robot)  # scenario, its path of machining (if any) and trajectory
     scenario, notices = work.scenario, work.notices
     if model is None:
         model = known_model(robot, scenario, work.trajectory)
@@ -363,7 +376,10 @@ def _result_of(
     signals: Mapping[str, Array],
     real_time_factor: float,
 ) -> SimulationResult:
-    """The result that the signals (T, size) of a run make."""
+    """The result that the signals (T, size) of a run make.
+
+    Of a signal that the scenario does not have, `SimulationResult` has None.
+    """
     return SimulationResult(
         scenario=scenario,
         robot=robot,
@@ -424,19 +440,19 @@ def known_model(
     trajectory = trajectory or make_trajectory(scenario, robot)
     q, v, vdot = trajectory.sample(np.linspace(0.0, scenario.duration, _FIT_SAMPLES))
     moving = np.abs(v) > _FIT_RANGE[0]
-    at_rest = ~moving.any(axis=0)
-    spread = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
-    v[:, at_rest] = spread[:, np.newaxis]
-    moving[:, at_rest] = True
+    stays_at_rest = ~moving.any(axis=0)  # joints
+    speeds_at_rest = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
+    v[:, stays_at_rest] = speeds_at_rest[:, np.newaxis]
+    moving[:, stays_at_rest] = True
     joints = TrueJoints.of(with_true_friction(robot, scenario.friction), scenario.time_step)
     torque = joints.sliding_torque(v, robot.chain.inverse_dynamics(q, v, vdot))
-    law = np.zeros((robot.num_joints, 2))
+    coulomb, viscous = np.zeros((2, robot.num_joints))
     for i in range(robot.num_joints):
-        part = moving[:, i]
-        regressor = np.stack([np.sign(v[part, i]), v[part, i]], axis=1)
+        rows = moving[:, i]
+        regressor = np.stack([np.sign(v[rows, i]), v[rows, i]], axis=1)
         # Neither can be negative, however steeply the true curve falls over the range.
-        law[i], _ = nnls(regressor, torque[part, i])
-    coulomb_viscous = CoulombViscous(law[:, 0], law[:, 1], np.zeros(robot.num_joints))
+        (coulomb[i], viscous[i]), _ = nnls(regressor, torque[rows, i])
+    coulomb_viscous = CoulombViscous(coulomb, viscous, offset=np.zeros(robot.num_joints))
     return replace(model, friction=SemiParametricFriction(coulomb_viscous))
 
 
@@ -448,19 +464,28 @@ def _advance(
     recorder: KeptSignals,
     progress: ProgressCallback,
 ) -> float:
-    """Runs to the end, and returns the elapsed seconds."""
+    """Runs to the end, and returns the elapsed seconds.
+
+    Args:
+        arm: the robot, and the model of its controller.
+        recorder: takes the signals of each stretch of _PROGRESS_PERIOD.
+
+    Raises:
+        InputError: the motion diverges: a joint is faster than it can be, or Drake gives up.
+    """
     duration, (robot, model) = work.scenario.duration, arm
-    plant, fastest = loop.cell.plant, np.minimum(_TOO_FAST * robot.velocity_limit, _NO_SPEED)
-    joints = [joint.velocity_start() for joint in loop.cell.parts.joints]
+    plant = loop.cell.plant
+    max_speed = np.minimum(_TOO_FAST * robot.velocity_limit, _NO_SPEED)  # (n,)
+    joints = [joint.velocity_start() for joint in loop.cell.parts.joints]  # in the plant's v
     started = time.perf_counter()
-    count = int(np.ceil(duration / _PROGRESS_PERIOD))
-    ends = [min(k * _PROGRESS_PERIOD, duration) for k in range(1, count + 1)]
-    passed: list[float] = []
+    num_stretches = int(np.ceil(duration / _PROGRESS_PERIOD))
+    ends = [min(k * _PROGRESS_PERIOD, duration) for k in range(1, num_stretches + 1)]  # s
+    passed: list[float] = []  # those that were reached
 
     def judge(share: float) -> None:
         velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))[joints]
         # Not `>`: what is not a number is too fast as well.
-        if not np.all(np.abs(velocity) < fastest):
+        if not np.all(np.abs(velocity) < max_speed):
             raise RuntimeError("faster than any arm")
         recorder.take(simulator.get_mutable_context())
         until = ends[len(passed)]

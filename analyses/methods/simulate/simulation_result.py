@@ -112,8 +112,11 @@ class SimulationResult:
 
         `rmse_*`, `max_error_*` and `correlation_*` compare the estimate with the truth, axis by
         axis; the same below `sensor`. `coverage_share` is how often the true force lies in the
-        stated 95 % band. Below `valid` the readings that are not valid are left out. Nothing in it
-        depends on the machine's speed.
+        stated 95 % band. Below `valid` the readings that are not valid are left out; it is there
+        where some are valid and others not. Nothing in it depends on the machine's speed.
+
+        `machining` is there of a machining pass, `force_control_*` under another force control; the
+        normal force is judged while the tool works.
         """
         n = self.robot.num_joints
         metrics: dict[str, Any] = {
@@ -132,19 +135,20 @@ class SimulationResult:
         if self.ft_wrench is not None:
             metrics["sensor"] = _errors(self.ft_wrench, self.wrench_true)
         if self.pose_error is not None:
+            # Of the length of the error: three times the mean square of a component.
             metrics["pose_rmse_m"] = float(np.sqrt(np.mean(self.pose_error[:, 3:] ** 2) * 3))
             metrics["pose_rmse_rad"] = float(np.sqrt(np.mean(self.pose_error[:, :3] ** 2) * 3))
         if self.force_setpoint is not None and self.phase is not None:
-            error = self.pressing_force() - self.force_setpoint
-            work = error[self.phase == Phase.WORK]
+            works = self.phase == Phase.WORK
+            error = (self.pressing_force() - self.force_setpoint)[works]
             metrics["machining"] = {
                 "fault": "none" if self.fault == Fault.NONE else FAULT_SENTENCES[self.fault],
-                "work_s": float(len(work) * self.scenario.time_step),
-                "normal_force_rmse_n": float(np.sqrt(np.mean(work**2))) if len(work) else None,
+                "work_s": float(len(error) * self.scenario.time_step),
+                "normal_force_rmse_n": float(np.sqrt(np.mean(error**2))) if len(error) else None,
                 "max_normal_force_n": float(self.pressing_force().max()),
             }
-            if self.tool_vibration is not None and len(work):
-                vibration = np.median(self.tool_vibration[self.phase == Phase.WORK])
+            if self.tool_vibration is not None and works.any():
+                vibration = np.median(self.tool_vibration[works])
                 metrics["machining"]["tool_vibration_m_per_s"] = float(vibration)
         elif self.force_setpoint is not None:
             error = self.pressing_force() - self.force_setpoint
@@ -188,13 +192,14 @@ class SimulationResult:
         figure, axes = new_figure(3, len(shown) // 3, share_x=True)
         for k, axis in enumerate(shown):
             panel: Any = axes[k % 3, k // 3]
-            column = FORCE_FIRST[k]
+            column = FORCE_FIRST[k]  # of the wrench, in which the moment is first
             estimate, band = self.wrench[:, column], SIGMA_95 * self.standard_deviation[:, column]
-            at, low, _ = envelope(self.t, estimate - band)
+            # Of each stretch of a long run: its time, and the band's least and largest value.
+            times, low, _ = envelope(self.t, estimate - band)
             _, _, high = envelope(self.t, estimate + band)
             colour = COLOUR["estimate"]
             panel.fill_between(
-                at, low, high, color=colour, alpha=BAND_ALPHA, lw=0, label="95 % band"
+                times, low, high, color=colour, alpha=BAND_ALPHA, lw=0, label="95 % band"
             )
             panel.plot(*_peaks(self.t, self.wrench_true[:, column]), **_TRUE_LINE)
             panel.plot(*_peaks(self.t, estimate), color=colour, lw=1.0, label="estimated")
