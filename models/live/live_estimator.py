@@ -7,6 +7,7 @@ begins anew: the observer settles before a reading is valid again.
 """
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -57,6 +58,7 @@ RESOLUTION_SAMPLES = 2000  # in which the encoders' step is looked for
 RESOLUTION_EVERY = 100
 RESOLUTION_TOLERANCE = 0.2  # share by which equal resolutions may differ
 LEAST_PERIOD = 1e-9  # s between samples
+_KEPT_TIMES = 2000  # of samples that were found impossible
 _CLOCK_JUMP_RATIO = 10.0  # times the time of zeroing, after which a clock has jumped
 
 
@@ -141,6 +143,8 @@ class LiveEstimator:
         self._reading: Reading | None = None
         self.contradicted = False
         """Whether the stream contradicts the model: no reading is valid."""
+        self.impossible_times: deque[float] = deque(maxlen=_KEPT_TIMES)
+        """s, of the last samples that no joint can have come to; those are left out."""
         self.lacks_model = False
         """Whether the model was not identified on this arm: no reading is valid."""
         self.step = 0.0
@@ -408,6 +412,8 @@ class LiveEstimator:
             x[:-1] = checked.ravel()
             x[-1] = float(is_impossible) * (1.0 if codes[0] & FAULT_BEYOND else OTHER_FAULT_WEIGHT)
             dropout = dropout or is_impossible
+            if is_impossible:
+                self.impossible_times.append(sample.t)
         self._last_t = sample.t
         return GridSample(sample.t, x, dropout)
 

@@ -66,9 +66,9 @@ def read_stream(
             if isinstance(item, Sample):
                 if q_offset is not None and item.q.shape == q_offset.shape:
                     item = replace(item, q=item.q + q_offset)
+                out = live.take(item)
                 if checks is not None and (event := checks.take(item, live)) is not None:
                     emit(event)
-                out = live.take(item)
             else:
                 emit(item)
                 out = live.interrupt(item.received) if item.kind in _INTERRUPTIONS else []
@@ -92,9 +92,10 @@ def warm_up(settings: WatchSettings, robot: Robot, model: IdentifiedModel) -> No
         t = k * _WARMING_STEP + (0.001 if k > _WARMING_SAMPLES // 2 else 0.0)
         angle = 0.2 * np.sin(t)
         sample = Sample(t, t, robot.home + angle * one, 0.2 * np.cos(t) * one, one)
+        items = live.take(sample)
         checks.take(sample, live)
         search.add_sample(sample)
-        for item in live.take(sample):
+        for item in items:
             if isinstance(item, Reading):
                 checks.add(item)
                 search.add_reading(item)

@@ -20,10 +20,9 @@ from wrenchsight.models.calibration.gain_at_rest import GainAtRest, TargetSample
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.hypotheses.judgement import Judgement
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.live.live_estimator import LEAST_PERIOD, LiveEstimator
+from wrenchsight.models.live.live_estimator import LiveEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
-from wrenchsight.models.observers.sample_check import SampleCheck
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_checks import RecordingChecks
 from wrenchsight.models.robot.robot import Robot
@@ -60,11 +59,8 @@ class StartChecks:
         self._robot, self._model = robot, model
         self._chain = model.chain(robot)
         self._checks = RecordingChecks(robot)
-        self._sample_check = SampleCheck(robot, jitter=True)
-        self._sample_state = self._sample_check.initial_state()
         self._judgement = StreamJudgement(robot, model, in_background)
         self._samples: list[Sample] = []
-        self._are_possible: list[bool] = []  # of these samples
         self._begin: float | None = None
         self._last_check = 0.0
         self._events: deque[StreamEvent] = deque()  # one is returned a sample
@@ -89,7 +85,11 @@ class StartChecks:
         self._judgement.close()
 
     def take(self, sample: Sample, live: LiveEstimator) -> StreamEvent | None:
-        """Takes the next sample; returns an event, if any. A contradiction is noted in `live`."""
+        """Takes the next sample; returns an event, if any. A contradiction is noted in `live`.
+
+        Args:
+            live: that has taken the sample already, and knows whether it is possible.
+        """
         self._take(sample, live)
         return self._events.popleft() if self._events else None
 
@@ -107,23 +107,20 @@ class StartChecks:
                     "no reading is valid; identify a model with `wrenchsight identify`"
                 )
             self._begin = self._last_check = sample.t
-            self._samples, self._are_possible, self._previous = [], [], []
-            self._sample_state = self._sample_check.initial_state()
+            self._samples, self._previous = [], []
             self._judgement.restart()
             if self._search is not None:
                 self._search.restart()
         if self._samples and sample.t <= self._samples[-1].t:
             return  # the estimator leaves it out, too
-        is_possible = self._is_possible(sample)
         self._samples.append(sample)
-        self._are_possible.append(is_possible)
-        if self._search is not None and is_possible:
+        if self._search is not None and sample.t not in live.impossible_times:
             self._search.add_sample(sample)
         if sample.t - self._last_check < CHECK_PERIOD:
             return
         self._last_check = sample.t
-        samples = self._samples_to_judge()
-        self._samples, self._are_possible = [sample], [is_possible]
+        samples = self._samples_to_judge(live)
+        self._samples = [sample]
         for one in samples:
             self._judgement.add(one)
         self._judge_stream(samples, live)
@@ -133,22 +130,15 @@ class StartChecks:
             is_judged = self._agrees and self._judgement.is_over
             self._is_over = is_judged and self._search is None and not self._open_gains
 
-    def _samples_to_judge(self) -> list[Sample]:
-        """The samples of the last second, without impossible ones where those are few."""
-        if np.mean(self._are_possible) < 1.0 - MAX_IMPOSSIBLE_SHARE:
-            return self._samples
-        pairs = zip(self._samples, self._are_possible, strict=True)
-        return [sample for sample, is_possible in pairs if is_possible]
+    def _samples_to_judge(self, live: LiveEstimator) -> list[Sample]:
+        """The samples of the last second, without those that the estimator found impossible.
 
-    def _is_possible(self, sample: Sample) -> bool:
-        """Whether a joint can do what the next sample says; a number that lacks says nothing."""
-        period = sample.t - self._samples[-1].t if self._samples else LEAST_PERIOD
-        effort = self._robot.motor_current(sample.effort) if sample.is_torque else sample.effort
-        rows = np.stack([sample.q, sample.v, effort])
-        rows[~np.isfinite(rows)] = np.nan
-        q, v, current = rows[:, None]
-        checked, _ = self._sample_check.run(self._sample_state, q, v, current, period)
-        return not (np.isnan(checked[:, 0]) & ~np.isnan(rows)).any()
+        Where those are many, they are left in.
+        """
+        samples, impossible = self._samples, set(live.impossible_times)
+        possible = [sample for sample in samples if sample.t not in impossible]
+        is_single_fault = len(samples) - len(possible) <= MAX_IMPOSSIBLE_SHARE * len(samples)
+        return possible if is_single_fault else samples
 
     def _jumped(self, t: float) -> bool:
         """Whether the clock jumped; samples a little out of order are the estimator's matter."""
