@@ -13,6 +13,10 @@ _NO_PRIOR = 1e6  # N, sd of a force of which nothing is known
 _MAX_PAYLOAD_FACTOR = 20.0  # by which a rated payload may be wrong
 _ROUNDING_SHARE = 1e-6  # of the largest sd of the joints
 _SMALL_ERROR = 0.1  # factor on a joint's torque error, with which its effect is tried
+_UNFELT_RATIO = 100.0  # of the sd without a prior to that with it: the prior alone bounds it
+_STEADY_SHARE = (
+    0.9  # of the samples' unfelt directions that lie along one, from which on it is said
+)
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,8 @@ class UncertainForce:
         payload: kg, rated, from which the limit follows.
         enough_payload: kg, with which the limit would be above the sd.
         assumed: whether the torque error is assumed, not identified from logs.
+        is_unfelt: whether no joint feels a force in that direction.
+        unfelt_direction: (3,) in W, of unit length; None where it changes.
     """
 
     sd: float
@@ -36,6 +42,8 @@ class UncertainForce:
     payload: float
     enough_payload: float
     assumed: bool
+    is_unfelt: bool = False
+    unfelt_direction: Array | None = None
 
     @classmethod
     def of(cls, estimator: WrenchEstimator, J: Array, torque_sd: Array) -> "UncertainForce":
@@ -49,8 +57,8 @@ class UncertainForce:
         robot, reading = estimator.robot, estimator.reading.reconstruction
         limit, _, force_sd, moment_sd = reading.limits
 
-        def worst_sd(factor: Array, force_sd: float) -> float:
-            """N, the force's sd where the joints' errors are `factor` (n,) times as large."""
+        def covariances(factor: Array, force_sd: float) -> Array:
+            """(N, 3, 3) N^2, of the force where the joints' errors are `factor` (n,) as large."""
             # A joint without an error to speak of leaves no information that numbers can hold.
             s = np.maximum(
                 torque_sd * factor, _ROUNDING_SHARE * torque_sd.max(axis=1, keepdims=True)
@@ -63,15 +71,23 @@ class UncertainForce:
             W = np.concatenate([felt, np.broadcast_to(prior, (len(felt), 6, 6))], axis=1)
             # The covariance is R^-1 R^-T; its lower right 3 x 3 block is that of the force.
             of_force = np.linalg.inv(np.linalg.qr(W, mode="r"))[:, 3:]
-            values = np.linalg.eigvalsh(of_force @ of_force.swapaxes(1, 2))
+            return np.asarray(of_force @ of_force.swapaxes(1, 2))
+
+        def worst_sd(factor: Array, force_sd: float) -> float:
+            """N, in the worst direction, median over the samples."""
+            values = np.linalg.eigvalsh(covariances(factor, force_sd))
             return float(np.sqrt(np.median(values[:, -1])))
 
         n = robot.num_joints
         factors = [np.where(np.arange(n) == j, _SMALL_ERROR, 1.0) for j in range(n)]
         sd_without = [worst_sd(factor, force_sd) for factor in factors]
         worst = int(np.argmin(sd_without))
+        sd = worst_sd(np.ones(n), force_sd)
+        values, axes = np.linalg.eigh(covariances(np.ones(n), _NO_PRIOR))
+        free_sd = float(np.sqrt(np.median(values[:, -1])))
+        is_unfelt = free_sd > _UNFELT_RATIO * sd
         return cls(
-            sd=worst_sd(np.ones(n), force_sd),
+            sd=sd,
             limit=limit,
             joint=robot.joint_names[worst],
             torque_sd=float(np.median(torque_sd[:, worst])),
@@ -79,12 +95,10 @@ class UncertainForce:
             # With a prior of half the payload's weight W the sd is below a third of that prior
             # where W / 2 is sqrt(8) times what the torques alone leave; the moment's prior grows,
             # too.
-            enough_payload=_MOMENT_FACTOR
-            * 2.0
-            * np.sqrt(8.0)
-            * worst_sd(np.ones(n), _NO_PRIOR)
-            / _STANDARD_GRAVITY,
+            enough_payload=_MOMENT_FACTOR * 2.0 * np.sqrt(8.0) * free_sd / _STANDARD_GRAVITY,
             assumed=not estimator.model.provenance.logs,
+            is_unfelt=is_unfelt,
+            unfelt_direction=_common_direction(axes[:, :, -1]) if is_unfelt else None,
         )
 
     def sentence(self, valid_share: float) -> str:
@@ -96,6 +110,17 @@ class UncertainForce:
         valid = "no reading is valid"
         if valid_share > 0.0:
             valid = f"{100 * valid_share:.2g} % of readings are valid"
+        if self.is_unfelt:
+            along = "one direction"
+            if self.unfelt_direction is not None:
+                numbers = ", ".join(f"{x:.2g}" for x in np.round(self.unfelt_direction, 2) + 0.0)
+                along = f"({numbers}) in W"
+            return (
+                f"{valid}: no joint feels a force at E along {along}, whose sd stays {self.sd:.2g} "
+                f"N, above its limit of {self.limit:.2g} N; an arm feels it whose joints move E "
+                "that way: check base, flange and tool_frame in robot.yaml, and which joints are "
+                "locked; or state the force's direction with `estimate --contact-axis`"
+            )
         reason = (
             f"{valid}: the force's sd is {self.sd:.2g} N in its worst direction, above its limit "
             f"of {self.limit:.2g} N (payload {self.payload:g} kg in robot.yaml); the torque error "
@@ -112,3 +137,12 @@ class UncertainForce:
             "; identify from logs with these postures and speeds, find a better posture with "
             "`wrenchsight place`, or raise the limit with --max-force-sd"
         )
+
+
+def _common_direction(directions: Array) -> Array | None:
+    """The direction (3,) of N unit vectors (N, 3) of either sign; None where they differ."""
+    shares, axes = np.linalg.eigh(directions.T @ directions / len(directions))
+    if shares[-1] < _STEADY_SHARE:
+        return None
+    axis = axes[:, -1]
+    return np.asarray(axis * np.sign(axis[np.argmax(np.abs(axis))]))

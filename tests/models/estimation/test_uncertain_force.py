@@ -91,6 +91,24 @@ def test_a_force_that_no_joint_feels_has_the_prior_alone(robot):
     expected = np.sqrt(np.linalg.eigvalsh(left[3:, 3:])[-1])
     assert judgement.sd == pytest.approx(expected, rel=1e-3)  # of 1e-6 N of the torques' error
     assert np.isfinite(judgement.enough_payload)
+    assert judgement.is_unfelt
+
+
+def test_the_direction_of_a_force_that_no_joint_feels_is_named(robot):
+    """Not a joint's torque error, which would change nothing."""
+    estimator = WrenchEstimator(robot, IdentifiedModel.nominal(robot))
+    J = np.random.default_rng(0).normal(size=(50, 6, 6))
+    judgement = UncertainForce.of(estimator, J, np.full((50, 6), 0.1))
+    assert not judgement.is_unfelt
+    J[:, 4] = 0.0  # as of a lift with an arm along x
+    sentence = UncertainForce.of(estimator, J, np.full((50, 6), 0.1)).sentence(0.0)
+    assert sentence.startswith("no reading is valid: no joint feels a force at E along (0, 1, 0)")
+    assert "counts most" not in sentence
+    # As of an arm that turns: in each posture there is one, but never the same.
+    J[25:] = np.random.default_rng(1).normal(size=(25, 6, 6))
+    J[25:, 3] = 0.0
+    turning = UncertainForce.of(estimator, J, np.full((50, 6), 0.1))
+    assert "along one direction, whose sd" in turning.sentence(0.0)
 
 
 def test_a_joint_without_an_error_to_speak_of_is_judged(robot):
