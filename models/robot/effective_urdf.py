@@ -41,6 +41,7 @@ class EffectiveUrdf:
         source: Path,
         meshes: CollisionMeshes,
         inertia_fault: InputError | None = None,
+        inertias_may_be_mended: bool = False,
         standing: tuple[tuple[ET.Element, ET.Element], ...] = (),
         base_link: str = "",
     ) -> None:
@@ -53,6 +54,7 @@ class EffectiveUrdf:
         self.base_link = base_link  # its name in the document
         self._standing = standing  # links around the arm and their joints, where distances count
         self.inertia_fault = inertia_fault  # the first, where dynamics cannot be computed
+        self.inertias_may_be_mended = inertias_may_be_mended  # by possible_inertias of a robot.yaml
 
     def with_moved_joints(self, joint_poses: Mapping[str, tuple[Array, Array]]) -> "EffectiveUrdf":
         """A copy with the frames of some joints moved, relative to their parents' links.

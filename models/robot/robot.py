@@ -157,6 +157,11 @@ class Robot(Arm):
         """Whether the URDF states inertias that its links can have."""
         return self._urdf.inertia_fault is None
 
+    @property
+    def inertias_may_be_mended(self) -> bool:
+        """Whether `possible_inertias` in robot.yaml gives inertias to a robot that has none."""
+        return not self.has_inertias and self._urdf.inertias_may_be_mended
+
     def require_inertias(self, source: str) -> None:
         """Checks that the URDF states inertias that its links can have.
 
@@ -169,10 +174,13 @@ class Robot(Arm):
         fault = self._urdf.inertia_fault
         if fault is not None:
             problem = f"needs the inertias of {self.name}: {fault}"
-            remedy = (
-                "correct the link's <inertial> in the URDF (CAD, data sheet); `jcn-map`, `place`, "
-                "`redundancy` and `excite` need none"
-            )
+            remedy = f"correct the link's <inertial> in {self._urdf.source.name} (CAD, data sheet)"
+            if self.inertias_may_be_mended:
+                remedy += (
+                    f", or set possible_inertias: true in {self.source.name}, which takes the "
+                    "nearest possible ones"
+                )
+            remedy += "; `jcn-map`, `place`, `redundancy` and `excite` need none"
             raise InputError(source, "", problem, remedy)
 
     @cached_property

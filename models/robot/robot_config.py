@@ -110,6 +110,8 @@ class RobotConfig:
     """m, its height in W; null where no floor is near the arm"""
     locked_joints: dict[str, float] = field(default_factory=dict)
     """rad or m"""
+    possible_inertias: bool = False
+    """take the nearest possible one for each rotational inertia of the URDF that no body has"""
     home: list[float] = field(default_factory=list, metadata=REQUIRED)
     """rad or m"""
     payload: float = field(default=0.0, metadata=REQUIRED)

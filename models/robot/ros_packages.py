@@ -2,12 +2,13 @@
 
 In this order: above the file; on ROS_PACKAGE_PATH (folders that are gone through, as rospack does)
 and AMENT_PREFIX_PATH (PREFIX/share/PACKAGE); in the workspace around the file, beside the file's
-repository and others.
+repository and others; last, a folder of its name beside or above the file that has lost its
+package.xml.
 """
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 
@@ -53,6 +54,22 @@ def find_package(name: str, start: Path) -> Path | None:
         found = next((f for f in _packages_below(place) if _is_package(f, name)), None)
         if found is not None:
             return found
+    return next((parent / name for parent in around if (parent / name).is_dir()), None)
+
+
+def folder_that_holds(paths: Iterable[str], start: Path) -> Path | None:
+    """The nearest folder above a file, of no package, in which paths of a package are found.
+
+    Args:
+        paths: of files, within the package.
+        start: folder of the file that asks for them.
+    """
+    start, wanted = start.resolve(), list(paths)
+    around = [parent for parent in (start, *start.parents)[:_MAX_PARENTS] if _is_searched(parent)]
+    for folder in around:
+        holds_all = wanted and all((folder / path).is_file() for path in wanted)
+        if holds_all and not (folder / "package.xml").is_file():
+            return folder
     return None
 
 

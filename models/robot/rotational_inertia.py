@@ -7,6 +7,8 @@ import numpy as np
 from wrenchsight.models.numerics.arrays import Array
 
 _MIN_MOMENT_SHARE = 1e-4  # of the sum of moments: least second moment of mass when corrected
+_WATER_DENSITY = 1000.0  # kg/m^3
+_NO_SIZE = 1e-6  # of a ball's moment, below which a stated one is a placeholder
 _MAX_MOMENT_CHANGE = 0.1  # of the largest moment, that a correction changes at most
 
 
@@ -46,8 +48,29 @@ def nearest_physical(inertia: Array) -> Array | None:
     moments, axes = np.linalg.eigh(inertia)
     if not moments[0] > 0.0:
         return None
-    spread = np.maximum(0.5 * moments.sum() - moments, _MIN_MOMENT_SHARE * moments.sum())
-    changed = spread.sum() - spread
+    changed = _possible_moments(moments)
     if np.abs(changed - moments).max() > _MAX_MOMENT_CHANGE * moments[2]:
         return None
     return np.asarray((axes * changed) @ axes.T)
+
+
+def possible_inertia(inertia: Array, mass: float) -> Array:
+    """A possible inertia (3, 3) in the place of one that no body has, however far off it is.
+
+    Where the stated one is of no size at all, it is that of a ball as dense as water.
+
+    Args:
+        inertia: (3, 3) kg m^2 about the centre of mass.
+        mass: kg, above 0.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    ball = 0.4 * mass * (3.0 * mass / (4.0 * np.pi * _WATER_DENSITY)) ** (2.0 / 3.0)
+    if not moments[2] > _NO_SIZE * ball:
+        return np.asarray(ball * np.eye(3))
+    return np.asarray((axes * _possible_moments(np.maximum(moments, 0.0))) @ axes.T)
+
+
+def _possible_moments(moments: Array) -> Array:
+    """Principal moments (3,) whose second moments of mass are all above 0, nearest to these."""
+    spread = np.maximum(0.5 * moments.sum() - moments, _MIN_MOMENT_SHARE * moments.sum())
+    return np.asarray(spread.sum() - spread)

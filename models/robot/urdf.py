@@ -24,10 +24,11 @@ from wrenchsight.models.robot.rotational_inertia import (
     inertia_matrix,
     inertia_values,
     nearest_physical,
+    possible_inertia,
     unphysical,
 )
 from wrenchsight.models.robot.rounded_angles import exact_angle
-from wrenchsight.models.robot.urdf_document import read_document
+from wrenchsight.models.robot.urdf_document import drop_commas, read_document
 from wrenchsight.models.robot.urdf_elements import (
     INERTIA,
     add_inertial,
@@ -66,9 +67,17 @@ class _Reader:
         self.config_source = config_source
         self.notices: list[str] = []
         self.inertia_faults: list[InputError] = []
+        self.may_be_mended = False  # by possible_inertias
+        self.mended: list[str] = []  # links whose impossible inertia a possible one replaces
         self.rounded: list[str] = []  # joints whose angles were written with few digits
         self.meshes = CollisionMeshes()
         self.root, self.lines = read_document(path, config_source)
+        if with_commas := drop_commas(self.root):
+            first = f"line {self.lines[with_commas[0]]}" if self.lines else "the file"
+            self.notices.append(
+                f"{first}: commas between numbers are read as blanks, as PyBullet does, in "
+                f"{len(with_commas)} places; other programs refuse the file, or misread it"
+            )
         self.links: dict[str, ET.Element] = {}
         self.joints: dict[str, ET.Element] = {}
         self.standing: dict[str, tuple[ET.Element, ET.Element]] = {}
@@ -94,7 +103,6 @@ class _Reader:
         self._tidy_joints(moving)
         self._add_tool()
         limits = tuple(self._limits(joint) for joint in moving)
-        fault = self.inertia_faults[0] if self.inertia_faults else None
         standing = tuple(self.standing.values())
         return EffectiveUrdf(
             root=self.root,
@@ -102,7 +110,8 @@ class _Reader:
             notices=tuple(self.notices),
             source=self.path,
             meshes=self.meshes,
-            inertia_fault=fault,
+            inertia_fault=self.inertia_faults[0] if self.inertia_faults else None,
+            inertias_may_be_mended=self.may_be_mended,
             standing=standing,
             base_link=self.base,
         )
@@ -391,6 +400,7 @@ class _Reader:
         """Checks inertias of links, and of what moves as one; notes those that forbid dynamics."""
         if self.config.tool is not None:
             self._check_tool(self.config.tool)
+        self.may_be_mended = self._has_masses(moving)
         carried = {name for joint in moving for name in self._below(self._child(joint), True)}
         fixed = carried - {self._child(joint) for joint in moving}
         for name, link in self.links.items():
@@ -403,20 +413,58 @@ class _Reader:
                         inertia.attrib = dict.fromkeys(INERTIA, "0")
                     self.notices.append(f"taken as a point mass: {fault}")
                     continue
+                if self._mend(link):
+                    continue
                 if name in carried:  # what stands still needs none
                     self.inertia_faults.append(fault)
                 for inertial in link.findall("inertial"):
                     link.remove(inertial)  # Drake would refuse the whole file
         for joint in moving:
+            body = self._child(joint)
             try:
-                self._check_composite(self._child(joint))
+                self._check_composite(body)
             except InputError as fault:
-                self.inertia_faults.append(fault)
+                if not self._mend(self.links[body]):
+                    self.inertia_faults.append(fault)
+        if self.mended:
+            self.notices.append(
+                "rotational inertias that no body has are replaced by the nearest possible ones "
+                f"(possible_inertias): {', '.join(self.mended)}"
+            )
         if self.inertia_faults:
             self.notices.append(
                 "commands that need inertias will refuse this robot, all others work: "
                 f"{self.inertia_faults[0]}"
             )
+
+    def _mend(self, link: ET.Element) -> bool:
+        """Gives a link the nearest possible inertia, where the robot.yaml asks for that."""
+        if not (self.config.possible_inertias and self.may_be_mended):
+            return False
+        mass, _, about_com = self._inertia(link)
+        if not mass > 0.0:
+            return False
+        inertial = link.find("inertial")
+        assert inertial is not None, "it has a mass"
+        R = self._origin(inertial).rotation().matrix()
+        values = inertia_values(R.T @ possible_inertia(about_com, mass) @ R)
+        for inertia in inertial.findall("inertia"):
+            inertial.remove(inertia)
+        attributes = dict(zip(INERTIA, map(repr, values), strict=True))
+        inertial.append(ET.Element("inertia", attributes))
+        self.mended.append(link.get("name", ""))
+        return True
+
+    def _has_masses(self, moving: list[ET.Element]) -> bool:
+        """Whether each moving link has a mass, and nothing that is fixed to it less than none."""
+        try:
+            masses = [
+                [self._inertia(self.links[name])[0] for name in self._below(body, True)]
+                for body in map(self._child, moving)
+            ]
+        except InputError:  # no number: said where the link is checked
+            return False
+        return all(min(of_body) >= 0.0 and of_body[0] > 0.0 for of_body in masses)
 
     def _check_inertia(self, name: str, link: ET.Element) -> None:
         mass, _, about_com = self._inertia(link)

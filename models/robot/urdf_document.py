@@ -1,6 +1,7 @@
 """The document that describes a robot: URDF, or SDF and MJCF converted to it."""
 
 import hashlib
+import re
 import xml.etree.ElementTree as ET
 import xml.parsers.expat
 from pathlib import Path
@@ -11,6 +12,8 @@ from wrenchsight.models.robot.drake_document import DOCUMENT_KINDS, urdf_of_mode
 from wrenchsight.models.robot.xacro_document import untrusted_xacro
 
 LARGEST_DOCUMENT = 1 << 26  # bytes
+_NUMBER_LISTS = ("xyz", "rpy", "size", "scale", "rgba")  # attributes that hold several numbers
+_COMMA_BEFORE_BLANK = re.compile(r",(?=\s|$)")
 
 
 def read_document(
@@ -48,6 +51,28 @@ def read_document(
             problem = f"the name {name!r} holds characters that cannot be printed"
             raise InputError(path, location, problem, "rename it")
     return root, lines
+
+
+def drop_commas(root: ET.Element) -> list[ET.Element]:
+    """Drops commas before the blanks between numbers ("1, 2, 3"), as PyBullet reads them.
+
+    urdfdom, and with it ROS and pinocchio, MuJoCo and Drake refuse such a file. A comma without a
+    blank stays: it may be a decimal one.
+
+    Args:
+        root: <robot> of a URDF; it is changed.
+
+    Returns:
+        The elements that had such commas.
+    """
+    changed = []
+    for element in root.iter():
+        for key in _NUMBER_LISTS:
+            text = element.get(key, "")
+            if "," in text and (plain := _COMMA_BEFORE_BLANK.sub("", text)) != text:
+                element.set(key, plain)
+                changed.append(element)
+    return changed
 
 
 def is_xacro_file(path: Path) -> bool:

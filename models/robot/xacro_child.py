@@ -1,20 +1,27 @@
-"""The child process that expands a xacro file: FILE [NAME:=VALUE ...], URDF to standard output."""
+"""The child process that expands a xacro file, URDF to standard output.
+
+Its words: FILE [NAME:=VALUE ...] PACKAGES_FOLLOW [PACKAGE:=FOLDER ...].
+"""
 
 import sys
 import types
+from collections.abc import Mapping
 from pathlib import Path
 
 from wrenchsight.models.robot.limited_child import limit_process
 from wrenchsight.models.robot.ros_packages import PACKAGE_NOT_FOUND, find_package
 
+PACKAGES_FOLLOW = "--packages"
+"""The word before packages that are not found by their names, with their folders."""
+
 _MEMORY_LIMIT = 1 << 30  # bytes
 
 
-def _give_packages(start: Path) -> None:
+def _give_packages(start: Path, renamed: Mapping[str, str]) -> None:
     """Stands in for ROS's index of packages, which xacro asks for `$(find package)`."""
 
     def get_package_share_directory(name: str) -> str:
-        folder = find_package(name, start)
+        folder = find_package(name, start) or renamed.get(name)
         if folder is None:
             raise LookupError(
                 f'package "{name}" {PACKAGE_NOT_FOUND} around {start} nor on ROS_PACKAGE_PATH or '
@@ -42,12 +49,17 @@ def _cause(error: BaseException) -> BaseException:
 def main(words: list[str]) -> int:
     """Expands FILE with its arguments; returns the exit code."""
     limit_process(_MEMORY_LIMIT)
-    path, pairs = Path(words[0]).resolve(), [word.partition(":=") for word in words[1:]]
-    _give_packages(path.parent)
+    path = Path(words[0]).resolve()
+    split = words.index(PACKAGES_FOLLOW)
+    arguments, renamed = (
+        {name: value for name, _, value in (word.partition(":=") for word in part)}
+        for part in (words[1:split], words[split + 1 :])
+    )
+    _give_packages(path.parent, renamed)
     import xacro
 
     try:
-        document = xacro.process_file(str(path), mappings={name: value for name, _, value in pairs})
+        document = xacro.process_file(str(path), mappings=arguments)
         text = document.toxml(encoding="utf-8")
     # What xacro raises has no common class, and SystemExit is among it.
     except (Exception, SystemExit) as error:

@@ -5,14 +5,23 @@ where its user trusts it, once, when a robot.yaml is drafted; no robot.yaml name
 """
 
 import importlib.util
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import read_limited
 from wrenchsight.models.robot.limited_child import run_limited
-from wrenchsight.models.robot.ros_packages import PACKAGE_NOT_FOUND
+from wrenchsight.models.robot.ros_packages import (
+    PACKAGE_NOT_FOUND,
+    find_package,
+    folder_that_holds,
+)
+from wrenchsight.models.robot.xacro_child import PACKAGES_FOLLOW
 
 _CHILD = "wrenchsight.models.robot.xacro_child"
+_LARGEST_FILE = 1 << 26  # bytes
+_PATH_IN_PACKAGE = re.compile(r"\$\(find ([\w.-]+)\)/([\w./-]+)")
 
 
 def untrusted_xacro(path: Path) -> InputError:
@@ -26,10 +35,34 @@ def untrusted_xacro(path: Path) -> InputError:
     )
 
 
+def renamed_packages(path: Path) -> dict[str, Path]:
+    """Packages that a xacro file asks for by a name that its own folders no longer have.
+
+    Whoever copies a package into another project renames its folder and drops its package.xml. Its
+    folder is the one above the file that holds all that the file asks of the package.
+
+    Args:
+        path: xacro file; only what it asks for itself is looked at.
+
+    Returns:
+        The folders by the package's name.
+    """
+    text = read_limited(path, _LARGEST_FILE, "a xacro file").decode("utf-8", errors="replace")
+    paths: dict[str, list[str]] = {}
+    for name, path_in_package in _PATH_IN_PACKAGE.findall(text):
+        paths.setdefault(name, []).append(path_in_package)
+    folders = {
+        name: folder_that_holds(of_package, path.parent)
+        for name, of_package in paths.items()
+        if find_package(name, path.resolve().parent) is None
+    }
+    return {name: folder for name, folder in folders.items() if folder is not None}
+
+
 def urdf_of_xacro(path: Path, arguments: Mapping[str, str]) -> bytes:
     """The URDF that a trusted xacro file means, with these arguments and the defaults of others.
 
-    `$(find package)` is looked for as in `ros_packages`.
+    `$(find package)` is looked for as in `ros_packages`, and among `renamed_packages`.
 
     Raises:
         InputError: the package `xacro` is not installed; a package is not found; an argument
@@ -38,6 +71,8 @@ def urdf_of_xacro(path: Path, arguments: Mapping[str, str]) -> bytes:
     if importlib.util.find_spec("xacro") is None:
         raise InputError(path, "", "is xacro, which is not installed", "pip install xacro")
     words = [f"{name}:={value}" for name, value in arguments.items()]
+    words.append(PACKAGES_FOLLOW)
+    words += [f"{name}:={folder}" for name, folder in renamed_packages(path).items()]
     return run_limited(_CHILD, path, words, "xacro", _remedy)
 
 

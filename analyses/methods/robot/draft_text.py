@@ -34,6 +34,7 @@ class DraftText:
         arm: its joints.
         locked: moving joints that are not the arm's.
         gravity: (3,) m/s^2 in W.
+        mends_inertias: whether possible inertias take the place of those that no body has.
     """
 
     out: Path
@@ -45,6 +46,7 @@ class DraftText:
     arm: list[DescribedJoint]
     locked: list[DescribedJoint]
     gravity: Array
+    mends_inertias: bool = False
 
     def text(self, home: Array, floor: float | None, assumed: Assumed) -> str:
         """The robot.yaml.
@@ -77,6 +79,11 @@ class DraftText:
             f"home: [{', '.join(f'{value:g}' for value in home)}]"
             "  # rad or m: free of contact, far from singular",
         ]
+        if self.mends_inertias:
+            lines.append(
+                "possible_inertias: true  # the nearest possible ones, where the URDF has inertias "
+                "that no body has; correct them there (CAD)"
+            )
         if self.locked:
             lines.append("locked_joints:  # moving joints that are not the arm's, rad or m")
             lines += [f"  {_quoted(joint.name)}: {joint.middle:g}" for joint in self.locked]
@@ -87,9 +94,10 @@ class DraftText:
             "# rotor_inertia, kg m^2 on the joint side: data sheet, times the gear ratio squared.",
             "drives:",
         ]
-        for joint, torque, effort in zip(self.arm, carried, assumed.effort, strict=True):
-            fields = f"joint: {_quoted(joint.name)}, torque_per_ampere: 1.0, rotor_inertia: 0.0, "
-            fields += "rotor_inertia_side: joint"
+        columns = (carried, assumed.effort, assumed.rotor_inertia)
+        for joint, torque, effort, rotor in zip(self.arm, *columns, strict=True):
+            fields = f"joint: {_quoted(joint.name)}, torque_per_ampere: 1.0, "
+            fields += f"rotor_inertia: {float(rotor):.2g}, rotor_inertia_side: joint"
             if torque > 0.0:
                 noise, step = _NOISE_SHARE * torque, _STEP_SHARE * torque
                 fields += f", current_noise_sd: {noise:.2g}, current_resolution: {step:.2g}"

@@ -3,6 +3,7 @@
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,9 +25,13 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.arm_structure import ArmStructure, DescribedJoint
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.unit_doubts import unit_doubts
-from wrenchsight.models.robot.urdf_document import is_xacro_file, read_document
+from wrenchsight.models.robot.urdf_document import drop_commas, is_xacro_file, read_document
 from wrenchsight.models.robot.urdf_pictures import resolved_mesh
-from wrenchsight.models.robot.xacro_document import untrusted_xacro, urdf_of_xacro
+from wrenchsight.models.robot.xacro_document import (
+    renamed_packages,
+    untrusted_xacro,
+    urdf_of_xacro,
+)
 
 _UPRIGHT_ANGLE = 1e-3  # rad, within which a base counts as upright
 
@@ -97,21 +102,31 @@ def draft_robot(
         raise InputError(urdf, "", "exists already", "name another file with --out")
     with writing_to(urdf):
         urdf.parent.mkdir(parents=True, exist_ok=True)
-    text = _with_meshes(urdf_of_xacro(description, xacro.arguments), description)
+    renamed = renamed_packages(description)
+    text = _with_meshes(urdf_of_xacro(description, xacro.arguments), description, renamed)
     with whole_file(urdf) as partial, writing_to(urdf):
         partial.write_bytes(text)
+    notes = tuple(
+        f'{description.name} asks for the package "{name}", which is not found: {folder}, which '
+        "holds what it asks for, is taken as that"
+        for name, folder in renamed.items()
+    )
     try:
-        return _draft(urdf, description.name, out, base, flange)
+        draft = _draft(urdf, description.name, out, base, flange)
+        return draft._replace(notes=notes + draft.notes)
     except BaseException:
         urdf.unlink()
         raise
 
 
-def _with_meshes(urdf: bytes, description: Path) -> bytes:
+def _with_meshes(urdf: bytes, description: Path, renamed: Mapping[str, Path]) -> bytes:
     """The URDF with the files of its meshes where they are found from its xacro."""
     root = ET.fromstring(urdf)
     for mesh in root.iter("mesh"):
-        file = resolved_mesh(mesh.get("filename", ""), description)
+        name = mesh.get("filename", "")
+        for package, folder in renamed.items():
+            name = name.replace(f"package://{package}/", f"{folder.resolve().as_uri()}/", 1)
+        file = resolved_mesh(name, description)
         if file is not None:
             mesh.set("filename", file.resolve().as_uri())
     return ET.tostring(root)
@@ -122,6 +137,7 @@ def _draft(
 ) -> DraftedRobot:
     """`draft_robot` of a description that is no xacro."""
     root, _ = read_document(urdf)
+    drop_commas(root)  # the robot's reader says so
     structure = ArmStructure(root, urdf)
     for link in (base, flange):
         if link is not None:
@@ -134,13 +150,18 @@ def _draft(
     name = root.get("name") or urdf.stem
     draft = DraftText(out, urdf, origin, name, base, flange, arm, locked, gravity)
     home = np.array([joint.middle for joint in arm])
-    # Loaded twice: to find a posture to start from, and as it is written.
+    # Loaded to find a posture to start from, again where inertias are mended, and as written.
     with writing_to(out):
         out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial:
         with writing_to(out):
             partial.write_text(draft.text(home, 0.0, Assumed.nothing(arm)), encoding="utf-8")
         robot = Robot.load(partial)
+        if robot.inertias_may_be_mended:
+            draft = replace(draft, mends_inertias=True)
+            with writing_to(out):
+                partial.write_text(draft.text(home, 0.0, Assumed.nothing(arm)), encoding="utf-8")
+            robot = Robot.load(partial)
         doubts = unit_doubts(robot, postures(robot))
         home, floor = good_posture(robot, home, floors)
         assumed = assume(robot, arm)
@@ -148,7 +169,7 @@ def _draft(
         with writing_to(out):
             partial.write_text(text, encoding="utf-8")
     robot = Robot.load(out)
-    notes = [*doubts, *mounting_note, *_effort_note(arm, assumed)]
+    notes = [*doubts, *mounting_note, *_effort_note(arm, assumed), *_rotor_note(arm, assumed)]
     notes += [
         *_rest_notes(structure, arm, locked, base),
         in_the_way(robot, *structure.sides(base, arm)),
@@ -191,6 +212,22 @@ def _effort_note(arm: list[DescribedJoint], assumed: Assumed) -> tuple[str, ...]
         f"effort limits of the file cannot hold or move the arm ({'; '.join(short)}): they are "
         "placeholders, or springs carry it that the file does not state; write the data sheet's as "
         "effort_limit of the drives",
+    )
+
+
+def _rotor_note(arm: list[DescribedJoint], assumed: Assumed) -> tuple[str, ...]:
+    """A sentence on rotors that are assumed."""
+    rotors = [
+        f"{joint.name} {value:.2g}"
+        for joint, value in zip(arm, assumed.rotor_inertia, strict=True)
+        if value > 0.0
+    ]
+    if not rotors:
+        return ()
+    return (
+        "rotor inertias are assumed where the links alone are too light for any drive "
+        f"({', '.join(rotors)} kg m^2 on the joint side): write the data sheet's as rotor_inertia "
+        "of the drives",
     )
 
 

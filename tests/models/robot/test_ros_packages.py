@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from wrenchsight.models.robot.ros_packages import find_package
+from wrenchsight.models.robot.ros_packages import find_package, folder_that_holds
 
 
 @pytest.fixture(autouse=True)
@@ -55,3 +55,25 @@ def test_on_the_paths_of_ros(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b"])
 def test_a_name_that_is_none_finds_nothing(tmp_path, name):
     assert find_package(name, tmp_path) is None
+
+
+def test_a_folder_of_the_name_without_its_package_file_comes_last(tmp_path):
+    start = tmp_path / "project/kuka/kr6/urdf"
+    start.mkdir(parents=True)
+    bare = tmp_path / "project/kuka/resources"
+    bare.mkdir()
+    assert find_package("resources", start) == bare
+    find_package.cache_clear()
+    whole = package(tmp_path / "project/other/resources", "resources")
+    assert find_package("resources", start) == whole
+
+
+def test_a_folder_that_lost_its_name_is_known_by_what_it_holds(tmp_path):
+    start = tmp_path / "project/kuka/kr6/urdf"
+    start.mkdir(parents=True)
+    (start / "arm_macro.xacro").touch()
+    assert folder_that_holds(["urdf/arm_macro.xacro"], start) == start.parent
+    assert folder_that_holds(["urdf/arm_macro.xacro", "urdf/other.xacro"], start) is None
+    assert folder_that_holds([], start) is None
+    package(start.parent, "another")
+    assert folder_that_holds(["urdf/arm_macro.xacro"], start) is None

@@ -6,6 +6,7 @@ import pytest
 from wrenchsight.models.robot.rotational_inertia import (
     inertia_matrix,
     nearest_physical,
+    possible_inertia,
     unphysical,
 )
 
@@ -33,3 +34,21 @@ def test_digits_of_a_message_keep_it_possible():
 @pytest.mark.parametrize("moments", [[0.0, 0.1, 0.1], [-0.1, 0.1, 0.1], [0.01, 0.01, 0.05]])
 def test_what_is_far_from_any_body_has_none_near(moments):
     assert nearest_physical(np.diag(moments)) is None
+
+
+@pytest.mark.parametrize(
+    "moments", [[0.01, 0.01, 0.05], [-0.1, 0.1, 0.1], [0.0, 0.0, 0.0], [-1.0, -1.0, 0.0]]
+)
+def test_any_moments_have_a_possible_inertia(moments):
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    possible = possible_inertia(turn @ np.diag(moments) @ turn.T, 2.0)
+    assert unphysical(possible) == ""
+    # A moment is never less than the stated one, but for one below zero.
+    assert (np.linalg.eigvalsh(possible) >= np.maximum(moments, 0.0) - 1e-12).all()
+
+
+def test_a_link_of_no_size_becomes_a_ball_of_water():
+    # A kilogram of water has a radius of 62 mm.
+    np.testing.assert_allclose(
+        possible_inertia(np.zeros((3, 3)), 1.0), 0.4 * 0.062**2 * np.eye(3), rtol=0.002
+    )

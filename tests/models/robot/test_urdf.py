@@ -129,6 +129,42 @@ def test_a_rounded_inertia_is_mended_by_what_the_message_states(tmp_path: Path) 
     assert np.abs(new - old).max() < 2e-4
 
 
+def test_impossible_inertias_are_replaced_where_the_file_asks_for_it(tmp_path: Path) -> None:
+    _machine(tmp_path)
+    path = tmp_path / "machine.urdf"
+    stated = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    # Far from any body's; and none at all.
+    text = path.read_text().replace(stated, stated.replace('izz="0.01"', 'izz="0.05"'), 1)
+    path.write_text(text.replace(stated, stated.replace("0.01", "0")))
+    with pytest.raises(InputError, match=r"set possible_inertias: true in robot\.yaml"):
+        Robot.load(tmp_path / "robot.yaml").require_inertias("simulate")
+    config = yaml.safe_load((tmp_path / "robot.yaml").read_text())
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(config | {"possible_inertias": True}))
+    robot = Robot.load(tmp_path / "robot.yaml")
+    robot.require_inertias("simulate")
+    assert any("(possible_inertias): l1, l2" in notice for notice in robot.notices)
+    q = np.zeros(2)
+    # The flat body's two small moments grow to hold the large one; about the joint it lies at .2 m.
+    assert robot.chain.terms(q, q).M[1, 1] == pytest.approx(0.4 * 0.062**2 + 0.2**2, rel=1e-3)
+    # A link without a mass has nothing that an inertia could be made of.
+    path.write_text(path.read_text().replace('<mass value="1"/>', '<mass value="0"/>'))
+    with pytest.raises(InputError, match="no mass") as error:
+        Robot.load(tmp_path / "robot.yaml").require_inertias("simulate")
+    assert "possible_inertias: true" not in str(error.value)
+
+
+def test_commas_between_numbers_are_read_with_a_note(tmp_path: Path) -> None:
+    plain = _machine(tmp_path)
+    path = tmp_path / "machine.urdf"
+    path.write_text(path.read_text().replace('xyz="0 0 -.4"', 'xyz="0, 0 -.4"'))
+    robot = Robot.load(tmp_path / "robot.yaml")
+    q = np.array([0.3, 0.2])
+    np.testing.assert_array_equal(robot.chain.jacobian(q), plain.chain.jacobian(q))
+    (notice,) = [text for text in robot.notices if "commas" in text]
+    assert notice.startswith("line ")
+    assert "in 3 places" in notice
+
+
 def test_the_world_need_not_be_declared(tmp_path: Path) -> None:
     """Drake knows a link "world" in every URDF."""
     _machine(tmp_path)

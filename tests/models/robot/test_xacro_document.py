@@ -8,7 +8,7 @@ import pytest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot import limited_child
 from wrenchsight.models.robot.urdf_document import is_xacro_file, read_document
-from wrenchsight.models.robot.xacro_document import urdf_of_xacro
+from wrenchsight.models.robot.xacro_document import renamed_packages, urdf_of_xacro
 
 pytest.importorskip("xacro", reason="the package xacro is not installed")
 
@@ -42,6 +42,17 @@ def test_macros_packages_and_arguments(arm):
     assert b'<box size="1 2.0 1.0"/>' in urdf_of_xacro(arm, {"length": "0.5"})
 
 
+def test_a_package_whose_folder_was_renamed_is_found_by_what_it_holds(arm):
+    # Not "my_arm": folders of other tests lie around.
+    arm.write_text(ARM.replace("find my_arm", "find old_arm"), encoding="utf-8")
+    package = arm.parent.parent
+    assert renamed_packages(arm) == {"old_arm": package}
+    assert b'<box size="1 2.0 0.6"/>' in urdf_of_xacro(arm, {})
+    (arm.parent / "links.xacro").unlink()
+    with pytest.raises(InputError, match='package "old_arm" is found neither'):
+        urdf_of_xacro(arm, {})
+
+
 def test_it_is_never_expanded_unasked(arm):
     assert is_xacro_file(arm)
     with pytest.raises(InputError, match=r"runs code of its author.*--trust-xacro"):
@@ -58,8 +69,8 @@ def test_expressions_alone_make_a_xacro_of_a_file_of_that_name(tmp_path):
     ("old", "new", "expected"),
     [
         (
-            "find my_arm",
-            "find your_arm",
+            "find my_arm)/urdf/links.xacro",
+            "find your_arm)/urdf/your_links.xacro",
             'xacro: package "your_arm" is found neither[^;]*; put the package.*holds it$',
         ),
         (' default="0.3"', "", "missing attribute 'default'|[Uu]ndefined substitution argument"),

@@ -301,3 +301,51 @@ def test_what_leaves_the_arm_no_room_at_home_is_named(tmp_path: Path) -> None:
     (note,) = [note for note in notes if "no posture with more room" in note]
     assert "wrist" in note and "cage" in note
     assert "locked_joints" in note
+
+
+def test_impossible_inertias_are_mended_in_the_draft(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    urdf.write_text(urdf.read_text().replace("izz='1e-3'", "izz='3e-3'", 4))
+    robot, _, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert robot.has_inertias
+    assert any("(possible_inertias): base, shoulder" in text for text in robot.notices)
+    assert "possible_inertias: true" in (tmp_path / "robot.yaml").read_text()
+    assert robot.config.simulated_truth.friction.coulomb.min() > 0.0  # as of any arm with masses
+
+
+def test_a_wrist_that_is_next_to_nothing_has_the_rotor_of_a_drive(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    robot, _, notes = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert not robot.reflected_inertia.any()
+    assert not any("rotor" in note for note in notes)
+    heavy = "<mass value='0.3'/><inertia ixx='1e-3' iyy='1e-3' izz='1e-3' "
+    light = "<mass value='1e-3'/><inertia ixx='1e-6' iyy='1e-6' izz='1e-6' "
+    parts = urdf.read_text().split(heavy)
+    text = heavy.join(parts[:-2]) + light + light.join(parts[-2:])
+    (tmp_path / "light.urdf").write_text(text)
+    robot, _, notes = draft_robot(tmp_path / "light.urdf", tmp_path / "light.yaml")
+    # Its drive of 10 N m would turn the wrist's gripper of 2e-6 kg m^2 at 5e6 rad/s^2.
+    np.testing.assert_allclose(robot.reflected_inertia, [0, 0, 0, 0, 10 / 300], rtol=0.02)
+    (note,) = [note for note in notes if "rotor inertias are assumed" in note]
+    assert "wrist_roll 0.033 kg m^2" in note
+
+
+def test_a_xacro_of_a_renamed_package_keeps_its_meshes(tmp_path: Path) -> None:
+    pytest.importorskip("xacro", reason="the package xacro is not installed")
+    folder = tmp_path / "copied"
+    folder.mkdir()
+    urdf = arm_with_gripper(folder / "arm.urdf")
+    mesh = "<visual><geometry><mesh filename='package://old_arm/base.obj'/></geometry></visual>"
+    macro = urdf.read_text().replace("</link>", f"{mesh}</link>", 1)
+    (folder / "macro.xacro").write_text(macro)
+    urdf.unlink()
+    (folder / "base.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (folder / "arm.xacro").write_text(
+        "<robot name='arm' xmlns:xacro='http://www.ros.org/wiki/xacro'>"
+        "<xacro:include filename='$(find old_arm)/macro.xacro'/></robot>"
+    )
+    _, _, notes = draft_robot(
+        folder / "arm.xacro", tmp_path / "robot.yaml", xacro=XacroTrust(is_trusted=True)
+    )
+    assert f'asks for the package "old_arm", which is not found: {folder}' in notes[0]
+    assert (folder / "base.obj").as_uri() in (tmp_path / "robot.urdf").read_text()
