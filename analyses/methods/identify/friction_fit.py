@@ -313,29 +313,33 @@ class FrictionFit:
         return squares
 
     def choose(self, structure: FrictionStructure) -> FrictionStructure:
-        """Returns the structure with its shape chosen, by plain least squares."""
+        """Returns the structure with its shape chosen, by plain least squares.
+
+        Chosen joint by joint, by the error on held-out folds: the slip elements' displacement and
+        Stribeck's velocity, in turn, and then whether friction depends on the load at all.
+        """
         if len(self.folds) < MIN_FOLDS:
             one_group = [0] * len(self.regressions)
             stretched = replace(self, groups=one_group, stretches=SHAPE_STRETCHES)
             return stretched.choose(structure)
         loads = self.loads(self.fit(structure))
-        elastic = bool(structure.displacement.any())
-        has_speed = structure.has("stribeck")
-        velocities = (*(() if elastic else CREEP_VELOCITIES), *STRIBECK_VELOCITIES)
-        for _ in range(2 if elastic and has_speed else 1):
-            if elastic:
+        is_elastic = bool(structure.displacement.any())
+        has_stribeck = structure.has("stribeck")
+        velocities = (*(() if is_elastic else CREEP_VELOCITIES), *STRIBECK_VELOCITIES)
+        for _ in range(2 if is_elastic and has_stribeck else 1):
+            if is_elastic:
                 structure = self._sweep(structure, "displacement", DISPLACEMENT_CHOICES, loads)
-            if has_speed:
+            if has_stribeck:
                 structure = self._sweep(structure, "stribeck_velocity", velocities, loads)
-        if elastic:
+        if is_elastic:
             structure = self.fit(structure).structure
         else:
             structure = self._opposing(structure, velocities)
         if structure.has("load"):
-            errors = np.stack(
-                [self.held_out(s, loads) for s in (structure, structure.without("load"))]
-            )
-            structure = structure.without("load", np.flatnonzero(self._smoothest(errors) == 1))
+            candidates = (structure, structure.without("load"))
+            errors = np.stack([self.held_out(candidate, loads) for candidate in candidates])
+            without_load = np.flatnonzero(self._smoothest(errors) == 1)  # joints
+            structure = structure.without("load", without_load)
         return structure
 
     def _opposing(
@@ -345,28 +349,32 @@ class FrictionFit:
 
         Where Coulomb's and Stribeck's coefficient add up to less than zero, the next higher
         Stribeck velocity is taken; after the highest the term is left out.
+
+        Args:
+            velocities: rad/s (m/s) to choose from, ascending.
         """
         while True:
             solution = self.fit(structure)
-            structure, driven = solution.structure, []
-            for j, (terms, values) in enumerate(
-                zip(structure.terms, solution.parts()[2], strict=True)
-            ):
-                level = sum(
+            structure = solution.structure
+            _, _, coefficients = solution.parts()
+            driven = []  # joints that friction drives at a crawl
+            for j, (terms, values) in enumerate(zip(structure.terms, coefficients, strict=True)):
+                crawl_friction = sum(
                     value
                     for term, value in zip(terms, values, strict=True)
                     if term in ("coulomb", "stribeck")
                 )
-                if "stribeck" in terms and level < 0.0:
+                if "stribeck" in terms and crawl_friction < 0.0:
                     driven.append(j)
             if not driven:
                 return structure
-            speed = structure.stribeck_velocity.copy()
-            is_highest = speed >= velocities[-1]
+            stribeck_velocity = structure.stribeck_velocity.copy()
+            is_highest = stribeck_velocity >= velocities[-1]
             structure = structure.without("stribeck", [j for j in driven if is_highest[j]])
             for j in driven:
-                speed[j] = min((v for v in velocities if v > speed[j]), default=speed[j])
-            structure = replace(structure, stribeck_velocity=speed)
+                higher = (v for v in velocities if v > stribeck_velocity[j])
+                stribeck_velocity[j] = min(higher, default=stribeck_velocity[j])
+            structure = replace(structure, stribeck_velocity=stribeck_velocity)
 
     def _sweep(
         self,
@@ -444,7 +452,7 @@ class FrictionFit:
         for _ in range(HUBER_PASSES):
             solution = result.fit(structure)
             columns = result.columns(solution.structure, result.loads(solution))
-            residuals = [
+            residuals = [  # (rows, n) N m of each log
                 regression.residual(log_columns, solution.x)
                 for regression, log_columns in zip(self.regressions, columns, strict=True)
             ]

@@ -65,42 +65,62 @@ class TrainedNetworks:
 def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
     """(n,) rad/s: speed below which samples and law part, by the rule at the top of this file.
 
+    It may leave fewer samples below it than training needs, and is 0 of a joint without a sample
+    in motion: `train_networks` refuses such a band.
+
     Args:
         v: (N, n) rad/s; rows with NaN in a joint do not count for that joint.
         torque: (N, n) N m, friction.
         law: law of all velocities.
     """
-    n = law.num_joints
-    out = np.empty(n)
-    against = np.sign(v) * (torque - law.torque(v))
-    for j in range(n):
-        use = np.isfinite(against[:, j]) & _moves(v[:, j])
-        order = np.argsort(np.abs(v[use, j]), kind="stable")
-        speed, deviation = np.abs(v[use, j])[order], against[use, j][order]
-        if not len(speed):
-            out[j] = 0.0  # the caller reports the empty band
-            continue
-        edges = _between_speeds(speed, min(NUM_BINS, len(speed)))
-        means = np.array([deviation[a:b].mean() for a, b in pairwise(edges)])
-        middle = 0.5 * (speed[edges[:-1]] + speed[edges[1:] - 1])
-        other = means * means[0] <= 0.0
-        # Twice in a row: one range alone may be noise.
-        turned = np.flatnonzero(other[:-1] & other[1:])
-        if len(turned):
-            k = int(turned[0])
-            part = means[k - 1] / (means[k - 1] - means[k]) if k else 0.0
-            crossing = middle[max(k - 1, 0)] * (1.0 - part) + middle[k] * part
-        else:
-            crossing = speed[-1]
-        directions = (speed[v[use, j][order] * sign > 0.0] for sign in (1.0, -1.0))
-        enough = [
-            speeds[MIN_BAND_SAMPLES // 4 - 1 : MIN_BAND_SAMPLES // 4] for speeds in directions
-        ]
-        enough.append(speed[MIN_BAND_SAMPLES - 1 : MIN_BAND_SAMPLES])
-        least = max(MIN_SPEED_SHARE * speed[-1], *np.concatenate(enough))
-        most = MAX_SPEED_SHARE * speed[-1]  # with fewer samples below that, the caller reports them
-        out[j] = np.clip(crossing, min(least, most), most)
-    return out
+    v_crit = np.zeros(law.num_joints)
+    against_motion = np.sign(v) * (torque - law.torque(v))
+    for j in range(law.num_joints):
+        counts = np.isfinite(against_motion[:, j]) & _moves(v[:, j])
+        order = np.argsort(np.abs(v[counts, j]), kind="stable")
+        velocity, deviation = v[counts, j][order], against_motion[counts, j][order]
+        if len(velocity):
+            most = MAX_SPEED_SHARE * np.abs(velocity[-1])
+            least = min(_least_edge(velocity), most)
+            v_crit[j] = np.clip(_first_crossing(np.abs(velocity), deviation), least, most)
+    return v_crit
+
+
+def _first_crossing(speed: Array, deviation: Array) -> float:
+    """Speed at which the mean deviation first changes its sign; the highest where it never does.
+
+    Args:
+        speed: (K,) rad/s, ascending.
+        deviation: (K,) N m of the samples from the law, positive against the motion.
+    """
+    edges = _between_speeds(speed, min(NUM_BINS, len(speed)))  # of the ranges of speed, samples
+    means = np.array([deviation[begin:end].mean() for begin, end in pairwise(edges)])
+    middle = 0.5 * (speed[edges[:-1]] + speed[edges[1:] - 1])  # of each range
+    is_other_sign = means * means[0] <= 0.0
+    # Twice in a row: one range alone may be noise.
+    turned = np.flatnonzero(is_other_sign[:-1] & is_other_sign[1:])
+    if not len(turned):
+        return float(speed[-1])
+    k = int(turned[0])
+    if k == 0:  # it is zero from the first range on
+        return float(middle[0])
+    share = means[k - 1] / (means[k - 1] - means[k])  # of the way between the ranges, at zero
+    return float(middle[k - 1] * (1.0 - share) + middle[k] * share)
+
+
+def _least_edge(velocity: Array) -> float:
+    """Speed, rad/s, up to which a band must reach for as many samples as training needs.
+
+    Of a joint that has fewer samples altogether, their number does not count.
+
+    Args:
+        velocity: (K,) rad/s in the order of the speed.
+    """
+    speed = np.abs(velocity)
+    each_way = MIN_BAND_SAMPLES // 4
+    needed = [speed[MIN_BAND_SAMPLES - 1 : MIN_BAND_SAMPLES]]  # one speed each, or none
+    needed += [speed[velocity * sign > 0.0][each_way - 1 : each_way] for sign in (1.0, -1.0)]
+    return float(max([MIN_SPEED_SHARE * speed[-1], *np.concatenate(needed)]))
 
 
 def _between_speeds(speed: Array, count: int) -> NDArray[np.intp]:
@@ -150,35 +170,35 @@ def train_networks(
         raise ValueError(f"v {v.shape} and torque {torque.shape} must be (N, {n})")
     edge = critical_velocity(v, torque, law) if v_crit is None else np.asarray(v_crit, float)
     names = joint_names or tuple(f"joint {j + 1}" for j in range(n))
-    chosen = [_band(v[:, j], torque[:, j], float(edge[j]), names[j]) for j in range(n)]
+    band_rows = [_band(v[:, j], torque[:, j], float(edge[j]), names[j]) for j in range(n)]
     group = np.zeros(len(v), int) if groups is None else np.asarray(groups)
     rng = np.random.default_rng(config.seed)
-    size = min(MOST_SAMPLES, max(len(rows) for rows in chosen))
-    x, y = np.zeros((n, size)), np.zeros((n, size))
-    train, held = np.zeros((n, size)), np.zeros((n, size))  # weights: 1 / count, or 0
-    for j, rows in enumerate(chosen):
+    # One row a joint: velocity over its edge, torque, and weights of the fitted and the held-out
+    # samples: 1 / their number, else 0. Joints with fewer samples have zeros at the end.
+    size = min(MOST_SAMPLES, max(len(rows) for rows in band_rows))
+    x, y, fitted, held_out = np.zeros((4, n, size))
+    for j, rows in enumerate(band_rows):
         # Evenly through the log, so that the same stretch of it stays together in the split.
         rows = rows[np.linspace(0, len(rows) - 1, min(size, len(rows))).astype(int)]
         away = _held_out(group[rows], rng)
         x[j, : len(rows)] = v[rows, j] / edge[j]
         y[j, : len(rows)] = torque[rows, j]
-        train[j, : len(rows)] = ~away / max(1, int((~away).sum()))
-        held[j, : len(rows)] = away / max(1, int(away.sum()))
+        fitted[j, : len(rows)] = ~away / max(1, int((~away).sum()))
+        held_out[j, : len(rows)] = away / max(1, int(away.sum()))
     # The networks are trained on torques of mean zero and unit sd, and scaled back below.
-    centre = (train * y).sum(axis=1)
-    spread = np.sqrt((train * (y - centre[:, None]) ** 2).sum(axis=1)) + 1e-12
-    z = (y - centre[:, None]) / spread[:, None]
+    mean = (fitted * y).sum(axis=1)
+    sd = np.sqrt((fitted * (y - mean[:, None]) ** 2).sum(axis=1)) + 1e-12
+    z = (y - mean[:, None]) / sd[:, None]
     with one_thread():  # the same sums in the same order on every machine; faster, too
-        weights, errors, steps = _descend(x, z, train, held, config)
-    W1, b1, W2, b2 = weights
-    networks = FrictionNetworks(W1, b1, W2 * spread[:, None], b2 * spread + centre, edge)
+        (W1, b1, W2, b2), mean_squares, steps = _descend(x, z, fitted, held_out, config)
+    networks = FrictionNetworks(W1, b1, W2 * sd[:, None], b2 * sd + mean, edge)
     law_error = y - law.torque((x * edge[:, None]).T).T
     return TrainedNetworks(
         networks=networks,
         v_crit=edge,
-        rmse=np.sqrt(errors) * spread,
-        law_rmse=np.sqrt((held * law_error**2).sum(axis=1)),
-        num_samples=np.array([len(rows) for rows in chosen]),
+        rmse=np.sqrt(mean_squares) * sd,
+        law_rmse=np.sqrt((held_out * law_error**2).sum(axis=1)),
+        num_samples=np.array([len(rows) for rows in band_rows]),
         steps=steps,
     )
 
@@ -232,11 +252,23 @@ def one_thread() -> Iterator[None]:
 def _descend(
     x: Array,
     z: Array,
-    train: Array,
-    held: Array,
+    fitted: Array,
+    held_out: Array,
     config: TrainingConfig,
 ) -> tuple[list[Array], Array, NDArray[np.int64]]:
-    """Adam on all joints at once; each keeps the weights of its own best step."""
+    """Adam on all joints at once; each keeps the weights of its own best step.
+
+    A joint's network is b2 + W2 . tanh(W1 x + b1), with H = NUM_NEURONS neurons.
+
+    Args:
+        x: (n, K) velocity over the band's edge, -1 to 1.
+        z: (n, K) torque to learn, in units of its sd.
+        fitted, held_out: (n, K) weights of the samples in the two mean squares.
+
+    Returns:
+        W1 (n, H), b1 (n, H), W2 (n, H), b2 (n,); (n,) held-out mean squares, and the steps at which
+        they were reached.
+    """
     import torch
 
     n = len(x)
@@ -244,7 +276,7 @@ def _descend(
     # Kinks spread over the band, from as wide as it to as steep as the jump at zero velocity.
     steepness = np.exp(draw.uniform(np.log(2.0), np.log(60.0), (n, NUM_NEURONS)))
     steepness[:, 0] = config.steepest
-    start = [
+    start = [  # W1, b1, W2, b2
         steepness * draw.choice([-1.0, 1.0], (n, NUM_NEURONS)),
         np.zeros((n, NUM_NEURONS)),
         0.3 * draw.normal(size=(n, NUM_NEURONS)),
@@ -253,29 +285,33 @@ def _descend(
     start[1] = start[0] * draw.uniform(-1.0, 1.0, (n, NUM_NEURONS)) * (0.0 if config.odd else 1.0)
     start[1][:, 0] = 0.0  # one jump is at zero
     parameters = [torch.tensor(a, dtype=torch.float64, requires_grad=True) for a in start]
-    X, Z, T, H = (torch.tensor(a, dtype=torch.float64) for a in (x, z, train, held))
+    X, Z, fit_weight, held_out_weight = (
+        torch.tensor(a, dtype=torch.float64) for a in (x, z, fitted, held_out)
+    )
     optimiser = torch.optim.Adam(parameters, config.learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps, LEAST_RATE)
+    # Of each joint: the best weights so far, their held-out mean square, the step that gave them.
     best = [p.detach().clone() for p in parameters]
     lowest = torch.full((n,), torch.inf, dtype=torch.float64)
-    when = torch.zeros(n, dtype=torch.int64)
+    best_step = torch.zeros(n, dtype=torch.int64)
     for step in range(config.steps):
         W1, b1, W2, b2 = parameters
         hidden = torch.tanh(W1[:, None, :] * X[:, :, None] + b1[:, None, :])
         square = ((hidden * W2[:, None, :]).sum(dim=2) + b2[:, None] - Z) ** 2
-        fitted, away = (T * square).sum(dim=1), (H * square).sum(dim=1)
+        fit_error = (fit_weight * square).sum(dim=1)
+        held_out_error = (held_out_weight * square).sum(dim=1)
         with torch.no_grad():
-            better = away < lowest * (1.0 - 1e-5)
-            lowest = torch.where(better, away, lowest)
-            when = torch.where(better, step, when)
-            for selected, now in zip(best, parameters, strict=True):
-                selected[better] = now[better]
-            if int((step - when).min()) > config.patience:
+            better = held_out_error < lowest * (1.0 - 1e-5)
+            lowest = torch.where(better, held_out_error, lowest)
+            best_step = torch.where(better, step, best_step)
+            for best_values, values in zip(best, parameters, strict=True):
+                best_values[better] = values[better]
+            if int((step - best_step).min()) > config.patience:
                 break
         optimiser.zero_grad()
-        fitted.sum().backward()
+        fit_error.sum().backward()  # joints share no parameter
         if config.odd:
             parameters[1].grad.zero_()  # tanh(W v) is odd
         optimiser.step()
         schedule.step()
-    return [p.numpy() for p in best], lowest.numpy(), when.numpy()
+    return [p.numpy() for p in best], lowest.numpy(), best_step.numpy()

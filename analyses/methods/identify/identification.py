@@ -146,12 +146,16 @@ class IdentificationResult:
     notices: tuple[str, ...] = ()
 
     def metrics(self) -> dict[str, Any]:
-        """All figures, as written to metrics.json."""
+        """All figures, as written to metrics.json; lists per joint.
+
+        `law_cross_validation` holds the laws that were tried; the errors on the fastest and slowest
+        samples are there only where laws were compared.
+        """
         model, base = self.model, self.base
         law = model.friction.coulomb_viscous
         table = model.base_parameters
-        errors = ("rmse_nm", "fastest_rmse_nm", "slowest_rmse_nm")
-        uncertain = np.array(table.standard_deviations) > 0.5 * np.abs(table.values)
+        error_keys = ("rmse_nm", "fastest_rmse_nm", "slowest_rmse_nm")
+        is_uncertain = np.array(table.standard_deviations) > 0.5 * np.abs(table.values)
         return {
             "fit": {fit.name: fit.metrics() for fit in self.fit},
             "cross_validation": {
@@ -163,7 +167,7 @@ class IdentificationResult:
             "filter": filter_text(self.config),
             "base_parameters": {
                 "count": len(base.names),
-                "sd_above_half_of_value": int(uncertain.sum()),
+                "sd_above_half_of_value": int(is_uncertain.sum()),
                 "without_effect": list(base.without_effect),
                 "condition_number": base.condition_number,
                 "smallest_pivot_kept": base.smallest_kept,
@@ -178,8 +182,10 @@ class IdentificationResult:
             },
             "coupling": self.robot.coupling if self.robot.is_coupled else None,
             "law_cross_validation": {
-                name: dict(zip(errors, (rmse, *self.extrapolated.get(name, ())), strict=False))
-                for name, rmse in self.held_out.items()
+                law_name: dict(
+                    zip(error_keys, (rmse, *self.extrapolated.get(law_name, ())), strict=False)
+                )
+                for law_name, rmse in self.held_out.items()
             },
             "parameters": _parameter_metrics(self),
             "inconsistent_links": unphysical_links(model.inertial_parameters, model.joint_names),
@@ -286,7 +292,11 @@ def _identify(
     contact_noise: bool,
     progress: ProgressCallback,
 ) -> IdentificationResult:
-    """Low-passes the logs, fits the friction laws, chooses one and learns the observer's error."""
+    """Low-passes the logs, fits the friction laws, chooses one and learns the observer's error.
+
+    What depends on the logs and filters alone is shared with other fits of them in a study. The
+    observer's error is learnt on folds that a model was not fitted on, where there are any.
+    """
     _check_recordings(recordings, validation, robot)
     config = _with_time_step(config, recordings)
     sources = (tuple(recordings), robot)
@@ -298,7 +308,7 @@ def _identify(
     )
     progress(0.9, "solving")
     test = held_out_test(_friction_problem(logs, robot, config))
-    problem = test.problem
+    problem = test.problem  # with folds of which each can be predicted from the others
     if not test.is_possible:
         config = replace(config, cross_validate=False)
     law_fits = LawFits(problem, config, digest((*sources, filters)))

@@ -34,8 +34,9 @@ def gain_ratios(
     right, or all wrong alike. Bilinear; by Gauss-Newton steps.
 
     Args:
-        factors: factors of the logs.
-        x: all parameters of the fit without factors.
+        factors: reduced rows of the logs (`TorqueFactors`): 10 n inertial columns, then rotor and
+            friction of each joint, torque last.
+        x: all parameters of the fit without a factor on a joint.
         residual_sd: (n,) N m.
         oversampling: rows per independent sample.
 
@@ -43,6 +44,7 @@ def gain_ratios(
         (n,) factors and their sds; NaN and infinity where a factor is not determined.
     """
     n = len(factors[0].R)
+    # Rows of each joint, over the sd of its residual.
     stacked = [
         triangular_factor(np.vstack([f.R[j] for f in factors])) / residual_sd[j] for j in range(n)
     ]
@@ -55,16 +57,17 @@ def gain_ratios(
         of_joint = slice(ends[j] - len(stacked[j]), ends[j])
         ratio, parameters = 1.0, x
         for _ in range(GAUSS_NEWTON_STEPS):
+            # All parameters, and the change of the joint's factor as the last one.
             A = np.column_stack([rows[:, :-1], np.zeros(len(rows))])
             A[of_joint, -1] = rows[of_joint, inertial_columns] @ parameters[inertial_columns]
             A[of_joint, inertial_columns] *= ratio
             factor_norm = np.linalg.norm(A[:, -1])
-            if not factor_norm > 0.0:
+            if not factor_norm > 0.0:  # the joint feels no mass
                 break
             scale = np.append(column_norms, factor_norm)
             U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
             selected = s > RANK_TOLERANCE * s[0]
-            weight = Vt[selected, -1]
+            weight = Vt[selected, -1]  # the factor's part in each direction that is determined
             deviation = (
                 float(np.linalg.norm(weight / s[selected])) / factor_norm * np.sqrt(oversampling)
             )
@@ -97,7 +100,7 @@ def payload_differences(
     """The mass at the last link of each log, beyond that of the fit of all logs.
 
     Args:
-        factors: factors of each log.
+        factors: reduced rows of each log (`TorqueFactors`): torque last.
         x: all parameters of that fit.
         residual_sd: (n,) N m.
         oversampling: rows per independent sample.
@@ -107,16 +110,18 @@ def payload_differences(
         on the last link.
     """
     n = len(factors[0].R)
+    # Columns of the last link's mass and first moments.
     last = slice(_INERTIAL * (n - 1), _INERTIAL * (n - 1) + 4)
     masses, deviations = [], []
     for factor in factors:
         rows = np.vstack([R / residual_sd[j] for j, R in enumerate(factor.R)])
-        W, e = rows[:, last], rows[:, -1] - rows[:, :-1] @ x
-        normal = np.linalg.pinv(W.T @ W)
-        extra = normal @ (W.T @ e)
-        masses.append(extra[0])
-        noise = max(1.0, float(np.sum((e - W @ extra) ** 2)) / max(1, factor.num_rows * n))
-        deviations.append(np.sqrt(normal[0, 0] * noise * oversampling))
+        A, residual = rows[:, last], rows[:, -1] - rows[:, :-1] @ x
+        covariance = np.linalg.pinv(A.T @ A)
+        payload = covariance @ (A.T @ residual)
+        masses.append(payload[0])
+        # Of the whitened residual, at least the stated one.
+        variance = float(np.sum((residual - A @ payload) ** 2)) / max(1, factor.num_rows * n)
+        deviations.append(np.sqrt(covariance[0, 0] * max(1.0, variance) * oversampling))
     return np.array(masses), np.array(deviations)
 
 
@@ -155,7 +160,10 @@ def contradictions(
 ) -> list[str]:
     """Warnings for logs that contradict each other, and for drives that do.
 
+    Different payloads make the drives look wrong: where payloads differ, that alone is said.
+
     Args:
+        runs: the logs, in the problem's order; each is a fold of its own.
         of_torque: whether the logs carry torque, so that no current is spoken of.
     """
     factors = problem.factors(solution)
@@ -172,10 +180,11 @@ def contradictions(
                 f"{by_log} (+- {sds.max():.2g} kg); identify from logs with the same payload"
             ]
     ratios, sds = gain_ratios(factors, solution.x, sd, problem.oversampling)
-    off = np.abs(ratios - 1.0)
+    difference = np.abs(ratios - 1.0)  # NaN where it is not determined
     # What friction's law misses may be as large as all that masses do at a wrist.
     is_significant = rigid_torque(factors, solution.x) > sd
-    wrong = np.flatnonzero((off > GAIN_DIFFERENCE) & (off > SURE_SDS * sds) & is_significant)
+    is_sure = (difference > GAIN_DIFFERENCE) & (difference > SURE_SDS * sds)
+    wrong = np.flatnonzero(is_sure & is_significant)
     if not wrong.size:
         return []
     by_joint = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} +- {sds[j]:.2g}" for j in wrong)
@@ -193,6 +202,9 @@ def warnings_of(
     of_torque: bool = False,
 ) -> list[str]:
     """Warnings for a poor fit, a poorly excited motion and negative friction.
+
+    Friction is negative where it drives the joint by more than NO_FRICTION of its torque at the
+    highest speed; by less, it counts as none, which is said as well.
 
     Args:
         of_torque: whether the logs carry torque, so that no current is spoken of.
@@ -213,7 +225,7 @@ def warnings_of(
             "of `wrenchsight excite`"
         )
     law = model.friction.coulomb_viscous
-    kinds = (
+    kinds = (  # coefficient, and the speed at which its torque is judged
         ("Coulomb", law.coulomb, np.ones(len(names))),
         ("viscous", law.viscous, np.array(model.validity.v_max)),
     )

@@ -106,6 +106,8 @@ class LawFits:
     def candidate(self, law: str) -> LawFit:
         """Fits one of LAWS, and cross-validates it where the configuration states so.
 
+        A law with a network is the linear law below it, fitted, with networks trained on top.
+
         Its `extrapolated` holds the RMSE (n,) in N m of each joint's fastest and slowest samples,
         beyond FAST_SHARE and 1 - FAST_SHARE of them. Fits without these samples predict them. It is
         empty where nothing is cross-validated, or a single law is requested.
@@ -245,7 +247,15 @@ class LawFits:
         return np.asarray(np.sqrt(squares / np.maximum(count, 1.0)))
 
     def _realised(self, law: str, solution: LawSolution, logs: Sequence[int]) -> _Realised:
-        """The arm and the friction of a solution; networks are trained on `logs`."""
+        """The arm and the friction of a solution.
+
+        Friction is held constant beyond the motors' highest speed in any of the logs.
+
+        Args:
+            law: whose networks, if it has some, are trained.
+            logs: numbers of the logs that they are trained on: those that the solution was fitted
+                on.
+        """
         inertial, rotor, coefficients = solution.parts()
         robot = self._problem.robot
         chain = robot.chain.with_inertial_parameters(inertial, rotor)
@@ -296,8 +306,14 @@ def _with_networks(
     logs: Sequence[LowPassedLog],
     config: IdentificationConfig,
 ) -> FrictionLaw:
-    """Trains near-zero networks on the friction that the model separates from the logs."""
-    v, torque, group = [], [], []
+    """Trains near-zero networks on the friction that the model separates from the logs.
+
+    Args:
+        coefficients: of each joint's terms in the structure.
+        friction: the law that they make, without networks.
+        chain: with the fitted inertias.
+    """
+    v, torque, group = [], [], []  # of the used samples of each log
     for k, log in enumerate(logs):
         rigid = np.asarray(chain.inverse_dynamics(log.q, log.v, log.vdot))
         whole = friction.torque_along(log.q, log.v, rigid)

@@ -219,6 +219,13 @@ def low_pass_log(
 ) -> LowPassedLog:
     """Resamples and low-passes a log.
 
+    Samples do not count (`used`) near the log's ends, where the filter has edges, nor where more
+    than DROPOUT_SHARE of what the filter sees is missing.
+
+    Args:
+        config: with the time step of the grid.
+        shortest: periods of the cutoff that a log must last.
+
     Raises:
         InputError: a rate too low for the cutoff, less than `shortest` periods of it, or drop-outs
             everywhere.
@@ -240,10 +247,10 @@ def low_pass_log(
     low_pass = ZeroPhaseLowPass(cutoff, step, config.filter_order)
     q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
     vdot = derivative(v, step)
-    trim = int(np.ceil(TRIM_PERIODS / cutoff / step))
+    trim = int(np.ceil(TRIM_PERIODS / cutoff / step))  # samples, as the window
     window = max(1, round(DROPOUT_WINDOW / cutoff / step))
-    bridged = np.convolve(uniform.dropout, np.full(window, 1.0 / window), "same")
-    used = bridged <= DROPOUT_SHARE
+    missing_share = np.convolve(uniform.dropout, np.full(window, 1.0 / window), "same")
+    used = missing_share <= DROPOUT_SHARE
     used[:trim] = used[len(used) - trim :] = False
     if not used.any():
         raise InputError(recording.source, "", "no stretch of the log is free of drop-outs")
@@ -327,11 +334,15 @@ def low_pass_logs(
 ) -> LowPassedLogs:
     """Low-passes all logs and builds the regressors of those to be fitted.
 
+    Args:
+        recordings: to be fitted.
+        validation: to be predicted alone.
+
     Raises:
         InputError: as `low_pass_log`; joints that hardly move.
     """
     logs = [*recordings, *validation]
-    steps = len(logs) + len(recordings) + 1
+    steps = len(logs) + len(recordings) + 1  # of the progress
     low_passed = []
     for k, (name, recording) in enumerate(zip(log_names(logs), logs, strict=True)):
         progress(k / steps, f"filtering {name}")

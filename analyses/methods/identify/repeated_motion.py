@@ -23,8 +23,9 @@ _MAX_SAMPLES = 1000  # of a log that are looked for in the other
 def motion_groups(runs: Sequence[LowPassedLog]) -> tuple[int, ...]:
     """The motion of each log, counted from 0 in the order in which they first appear.
 
-    A log repeats another where half of its moving samples have, in all joints, position and speed
-    of some sample of the other.
+    Logs that repeat each other, also by way of a third one, have one motion. A log repeats another
+    where half of its moving samples have, in all joints, position and speed of some sample of the
+    other.
     """
     if len(runs) == 1:
         return (0,)
@@ -32,7 +33,7 @@ def motion_groups(runs: Sequence[LowPassedLog]) -> tuple[int, ...]:
     speed = np.abs(np.vstack([run.v[run.used] for run in runs])).max(axis=0)
     scale = np.concatenate([POSITION_TOLERANCE * travel, SPEED_TOLERANCE * speed])
     scale = np.maximum(scale, 1e-12)
-    points = []
+    points = []  # of each log: position and speed (moving samples, 2 n), in units of the tolerance
     for run in runs:
         moving = run.used & (np.abs(run.v) > _MOVING_SHARE * speed).any(axis=1)
         points.append(np.hstack([run.q, run.v])[moving] / scale)

@@ -49,10 +49,14 @@ def held_out_readings(
 
     Args:
         recordings: as logged.
-        runs, regressions: of the same logs.
+        runs, regressions: of the same logs; the rows of a fold's part are rows of its regression.
         held_out: a model for each fold.
         robot: whose logs they are.
         model: fitted on all; its residual covariance is not used.
+
+    Returns:
+        One reading for each part of each fold. It is of the whole log, so that friction and
+        observer have their memory; only the part counts, from its first row to its last.
     """
     time_step, n = model.provenance.time_step, robot.num_joints
     gain = np.full(n, MomentumObserverConfig().K_0[0])
@@ -76,21 +80,18 @@ def held_out_readings(
                 position_resolution=step.tolist(),
             )
             observed = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
-            t = log.t - log.t[0]
-            selected = runs[part.log].t[regressions[part.log].rows[part.rows]]
-            inside = (log.t >= selected[0]) & (log.t <= selected[-1])
+            t_of_rows = runs[part.log].t[regressions[part.log].rows[part.rows]]
+            is_in_part = (log.t >= t_of_rows[0]) & (log.t <= t_of_rows[-1])
             if part.rows == slice(None):  # the ends are the low-pass's business, not the observer's
-                inside[:] = True
+                is_in_part[:] = True
+            is_settled = log.t - log.t[0] > SETTLING_TIME_CONSTANTS / gain[0]
             readings.append(
                 HeldOutReading(
                     tau_ext=observed.tau_ext,
                     q=log.q,
                     v=log.v,
                     transmitted=observed.tau_J - observed.tau_f,
-                    used=inside
-                    & observed.fresh
-                    & ~log.dropout
-                    & (t > SETTLING_TIME_CONSTANTS / gain[0]),
+                    used=is_in_part & observed.fresh & ~log.dropout & is_settled,
                     friction=held_out_model.friction,
                     time_step=time_step,
                     K_0=gain,

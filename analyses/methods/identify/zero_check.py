@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit
+from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, LawSolution
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.identification.torque_regression import INERTIAL_NAMES
 from wrenchsight.models.numerics.arrays import Array
@@ -67,35 +67,14 @@ def zero_offsets(problem: FrictionFit) -> ZeroOffsets:
         return ZeroOffsets(np.zeros(n), np.full(n, np.inf))
     structure = FrictionStructure.of(LAW, n)
     problem = replace(problem, consistent=False).reweighed(structure)
-    solution = problem.fit(structure)
-    inertial, rotor, _ = solution.parts()
-    chain = problem.robot.chain.with_inertial_parameters(inertial, rotor)
-    sd = np.maximum(solution.estimate.residual_sd, 1e-12)
-    friction_by_log = problem.columns(solution.structure, problem.loads(solution))
-    # Columns of a factor: the inertias; then of each joint its rotor and friction, and n offsets.
-    counts = np.array([1 + len(terms) for terms in solution.structure.terms])
-    begins = _INERTIAL * n + np.cumsum(counts + n) - (counts + n)
-    joint_columns = [begin + np.arange(count) for begin, count in zip(begins, counts, strict=True)]
-    all_but_offsets = np.concatenate([np.arange(_INERTIAL * n), *joint_columns])
-    rows: list[Array] = []
-    for k, (log, regression) in enumerate(zip(problem.runs, problem.regressions, strict=True)):
-        slope = _slope(chain, log.q, log.v, log.vdot)
-        columns = log.match(slope.reshape(len(slope), n * n))[regression.rows].reshape(-1, n, n)
-        friction = [
-            np.hstack([of_joint, columns[:, j]]) for j, of_joint in enumerate(friction_by_log[k])
-        ]
-        weights = None if problem.weights is None else problem.weights[k]
-        for j, R in enumerate(regression.factors(friction, weights=weights).R):
-            offsets = begins[j] + counts[j] + np.arange(n)
-            rows.append(R[:, [*all_but_offsets, *offsets, -1]] / sd[j])
+    rows = _rows_with_offsets(problem, problem.fit(structure))
+    others, offsets, torque = rows[:, : -n - 1], rows[:, -n - 1 : -1], rows[:, -1]
     # What all other parameters explain is projected out of offsets and torque; then each offset is
     # fitted by itself.
-    stacked = np.vstack(rows)
-    W, D, y = stacked[:, : -n - 1], stacked[:, -n - 1 : -1], stacked[:, -1]
-    lengths = np.maximum(np.linalg.norm(W, axis=0), 1e-12)
-    U, s, _ = np.linalg.svd(W / lengths, full_matrices=False)
+    lengths = np.maximum(np.linalg.norm(others, axis=0), 1e-12)
+    U, s, _ = np.linalg.svd(others / lengths, full_matrices=False)
     U = U[:, s > RANK_TOLERANCE * s[0]]
-    left, residual = D - U @ (U.T @ D), y - U @ (U.T @ y)
+    left, residual = offsets - U @ (U.T @ offsets), torque - U @ (U.T @ torque)
     size = np.maximum(np.linalg.norm(left, axis=0), 1e-12)
     sd_of_offset = np.sqrt(problem.oversampling) / size
     shows = sd_of_offset < MAX_SD
@@ -105,23 +84,57 @@ def zero_offsets(problem: FrictionFit) -> ZeroOffsets:
     )
 
 
+def _rows_with_offsets(problem: FrictionFit, solution: LawSolution) -> Array:
+    """The reduced rows of all logs, over the sds of the joints' residuals, with offsets.
+
+    Returns:
+        (R, p + n + 1): p other parameters, n offsets of zeros, and the torque.
+    """
+    n = problem.robot.num_joints
+    inertial, rotor, _ = solution.parts()
+    chain = problem.robot.chain.with_inertial_parameters(inertial, rotor)
+    sd = np.maximum(solution.estimate.residual_sd, 1e-12)
+    friction_by_log = problem.columns(solution.structure, problem.loads(solution))
+    # Columns of a factor: the inertias; then of each joint its rotor and friction, and n offsets,
+    # which go as further columns of its friction.
+    counts = np.array([1 + len(terms) for terms in solution.structure.terms])
+    begins = _INERTIAL * n + np.cumsum(counts + n) - (counts + n)
+    joint_columns = [begin + np.arange(count) for begin, count in zip(begins, counts, strict=True)]
+    all_but_offsets = np.concatenate([np.arange(_INERTIAL * n), *joint_columns])
+    rows: list[Array] = []
+    for k, (log, regression) in enumerate(zip(problem.runs, problem.regressions, strict=True)):
+        slope = _slope(chain, log.q, log.v, log.vdot)
+        columns = log.match(slope.reshape(len(slope), n * n))[regression.rows].reshape(-1, n, n)
+        friction_and_offsets = [
+            np.hstack([friction, columns[:, j]]) for j, friction in enumerate(friction_by_log[k])
+        ]
+        weights = None if problem.weights is None else problem.weights[k]
+        for j, R in enumerate(regression.factors(friction_and_offsets, weights=weights).R):
+            offsets = begins[j] + counts[j] + np.arange(n)
+            rows.append(R[:, [*all_but_offsets, *offsets, -1]] / sd[j])
+    return np.vstack(rows)
+
+
 def zero_warnings(zeros: ZeroOffsets, names: Sequence[str], q_offset: Array) -> list[str]:
     """A sentence on the joint whose zero is off, with its offset; empty where none surely is.
+
+    Other joints whose zero explains the logs nearly as well (ALIKE_SHARE) are named beside it. A
+    zero is off by minus what is to be added to the logged positions.
 
     Args:
         names: of the joints.
         q_offset: (n,) rad (m), that robot.yaml has, and the positions of the logs.
     """
     offset, sd = zeros
-    gain = (offset / sd) ** 2
-    best = int(np.argmax(gain))
-    if gain[best] < SURE_SDS**2:
+    drop = (offset / sd) ** 2  # of the fit's squares
+    best = int(np.argmax(drop))
+    if drop[best] < SURE_SDS**2:
         return []
 
     def words(j: int) -> str:
         return f"{names[j]} off by {-offset[j]:.3f} +- {sd[j]:.1g} rad"
 
-    alike_joints = np.flatnonzero(gain > ALIKE_SHARE * gain[best]).tolist()
+    alike_joints = np.flatnonzero(drop > ALIKE_SHARE * drop[best]).tolist()
     others = [j for j in alike_joints if j != best]
     alike = f" (nearly as well with that of {', or of '.join(map(words, others))})"
     return [

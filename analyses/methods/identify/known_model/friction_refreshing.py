@@ -122,8 +122,11 @@ def refresh_model(
 ) -> RefreshResult:
     """Fits the friction of logs and puts it into the model.
 
+    Of the law, what joints that slide feel is changed (`with_sliding`); its shape stays.
+
     Args:
         logs: free motion, without contact: one recording, or several with the samples that count.
+            Where the configuration states a part of a log, that part of each counts.
 
     Raises:
         InputError: a setting that makes no sense; as `ModelResidual.of`; no joint moves.
@@ -266,10 +269,9 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     """What the log does not determine, or friction does not explain, in sentences."""
     refresh, names = result.refresh, robot.joint_names
     warnings = []
-    hardly_moved = [
-        names[j]
-        for j in np.flatnonzero((refresh.determined_share[:, :2] < MIN_VARIANCE_SHARE).all(axis=1))
-    ]
+    shares_of_sliding = refresh.determined_share[:, :2]  # Coulomb and viscous; the third: offset
+    is_open = (shares_of_sliding < MIN_VARIANCE_SHARE).all(axis=1)
+    hardly_moved = [names[j] for j in np.flatnonzero(is_open)]
     if hardly_moved:
         warnings.append(
             f"the log hardly determines the friction of {', '.join(hardly_moved)}: unchanged "

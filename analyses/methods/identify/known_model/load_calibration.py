@@ -86,32 +86,39 @@ class CalibrationResult:
         return gains_determined(self.calibration)
 
     def metrics(self) -> dict[str, Any]:
-        """All figures, as written to metrics.json: the identification's and `calibration`."""
+        """All figures, as written to metrics.json: the identification's and `calibration`.
+
+        Lists per joint; NaN of a load dependence that the law lacks. `least_known` is the
+        combination of torque constants (n,) that the logs determine worst, with its relative sd.
+        """
         result = self.calibration
         dependence, dependence_sd = result.load_dependence
         worst, worst_sd = result.least_known
-        return self.identification.metrics() | {
-            "calibration": {
-                "torque_per_ampere_nm_per_a": self.robot.torque_per_ampere,
-                "stated_torque_per_ampere_nm_per_a": self.stated,
-                "ratio": result.ratio,
-                "ratio_sd": result.ratio_sd,
-                "changed": self.changed,
-                "least_known": {"combination": worst, "relative_sd": worst_sd},
-                "load_dependence_nm_per_nm": dependence,
-                "load_dependence_sd_nm_per_nm": dependence_sd,
-                "loads": {
-                    name: {
-                        "mass_kg": load.mass,
-                        "com_m": parameters[1:4] / load.mass,
-                        "com_sd_m": sd[1:4] / load.mass,
-                    }
-                    for (name, load), parameters, sd in zip(
-                        self.loads.items(), result.loads, result.load_sd, strict=True
-                    )
-                },
+        return (
+            self.identification.metrics()
+            | {
+                "calibration": {
+                    "torque_per_ampere_nm_per_a": self.robot.torque_per_ampere,
+                    "stated_torque_per_ampere_nm_per_a": self.stated,
+                    "ratio": result.ratio,
+                    "ratio_sd": result.ratio_sd,
+                    "changed": self.changed,
+                    "least_known": {"combination": worst, "relative_sd": worst_sd},
+                    "load_dependence_nm_per_nm": dependence,
+                    "load_dependence_sd_nm_per_nm": dependence_sd,
+                    "loads": {  # of ten parameters: mass, mass times centre of mass, inertia
+                        name: {
+                            "mass_kg": load.mass,
+                            "com_m": parameters[1:4] / load.mass,
+                            "com_sd_m": sd[1:4] / load.mass,
+                        }
+                        for (name, load), parameters, sd in zip(
+                            self.loads.items(), result.loads, result.load_sd, strict=True
+                        )
+                    },
+                }
             }
-        }
+        )
 
     def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
         """Writes what an identification writes, and robot.yaml and figures/calibration.png."""
@@ -130,6 +137,9 @@ def calibrate(
     progress: ProgressCallback = lambda fraction, message: None,
 ) -> CalibrationResult:
     """Finds torque constants and model.
+
+    A model is identified with the stated constants; with its friction law, all logs give the
+    constants. The model is then identified again with those that the logs determine.
 
     Args:
         recordings: one log or more without a load.
@@ -324,7 +334,17 @@ def _with_load_dependence(
     robot: Robot,
     loaded: Sequence[tuple[Recording, KnownLoad]],
 ) -> IdentifiedModel:
-    """The model with the load dependence of friction that the loaded logs show."""
+    """The model with the load dependence of friction that the loaded logs show.
+
+    Coulomb friction is changed by as much as the load that the joints carry without a weight makes
+    up now, so that friction at this mean load stays. Joints whose dependence the logs do not
+    determine (NaN) keep the model's.
+
+    Args:
+        runs: the logs without a load.
+        robot: with the torque constants found.
+        loaded: each log with its load, for the provenance.
+    """
     provenance = model.provenance
     weights = ", ".join(f"{Path(log.source).name} {load.mass:g} kg" for log, load in loaded)
     model = replace(
@@ -334,16 +354,16 @@ def _with_load_dependence(
         ),
     )
     law = model.friction
-    value, _ = calibration.load_dependence
-    if not isinstance(law, PreslidingFriction) or np.isnan(value).all():
+    dependence, _ = calibration.load_dependence  # (n,) N m per N m
+    if not isinstance(law, PreslidingFriction) or np.isnan(dependence).all():
         return model
-    load = np.clip(np.where(np.isnan(value), law.load, value), 0.0, LARGEST_LOAD)
+    load = np.clip(np.where(np.isnan(dependence), law.load, dependence), 0.0, LARGEST_LOAD)
     chain = model.chain(robot)
-    carried = [
+    carried_torque = [  # (n,) N m, mean of each log
         np.abs(chain.inverse_dynamics(run.q, run.v, run.vdot)[run.used]).mean(axis=0)
         for run in runs
     ]
-    coulomb = law.coulomb - (load - law.load) * np.mean(carried, axis=0)
+    coulomb = law.coulomb - (load - law.load) * np.mean(carried_torque, axis=0)
     return replace(model, friction=replace(law, load=load, coulomb=coulomb))
 
 
@@ -363,11 +383,12 @@ def _warnings(result: CalibrationResult) -> list[str]:
     for (name, load), parameters, sd in zip(
         result.loads.items(), calibration.loads, calibration.load_sd, strict=True
     ):
+        # Of the ten parameters, 1 to 3 are mass times centre of mass.
         com_sd = sd[1:4] / load.mass
         axes = [
-            f"{axis} (+- {s:.2g} m)"
-            for axis, s in zip("xyz", com_sd, strict=True)
-            if s > LARGEST_COM_SD
+            f"{axis} (+- {axis_sd:.2g} m)"
+            for axis, axis_sd in zip("xyz", com_sd, strict=True)
+            if axis_sd > LARGEST_COM_SD
         ]
         if axes:
             warnings.append(
@@ -380,14 +401,15 @@ def _warnings(result: CalibrationResult) -> list[str]:
                 f"{name}: centre of mass {distance:.2g} m off the flange; check the stated mass, "
                 f"{load.mass:g} kg"
             )
-    value, sd = calibration.load_dependence
-    if np.isnan(value).all():
+    dependence, dependence_sd = calibration.load_dependence
+    if np.isnan(dependence).all():
         warnings.append(
             "the friction law has no dependence on the load; find it with --friction "
             "load-dependent, presliding or best"
         )
     else:
-        vague = [names[j] for j in np.flatnonzero(np.abs(value) < SURE_STANDARD_ERRORS * sd)]
+        is_vague = np.abs(dependence) < SURE_STANDARD_ERRORS * dependence_sd
+        vague = [names[j] for j in np.flatnonzero(is_vague)]
         if vague:
             warnings.append(
                 f"load dependence of friction within {SURE_STANDARD_ERRORS:g} standard errors of "

@@ -69,6 +69,9 @@ class ModelResidual:
     ) -> "ModelResidual":
         """Low-passes a recording as the model's own logs were.
 
+        Near a sample that does not count (EDGE_PERIODS of the cutoff), none counts: the filter
+        carries it there.
+
         Args:
             where: (N,) samples that count; None: all.
 
@@ -89,10 +92,10 @@ class ModelResidual:
         (name,) = log_names([recording])
         log = low_pass_log(name, recording, robot, config, MIN_PERIODS)
         if where is not None and not where.all():
-            chosen = np.interp(log.t, recording.t, where.astype(float)) == 1.0
+            counts = np.interp(log.t, recording.t, where.astype(float)) == 1.0  # on the log's grid
             reach = round(EDGE_PERIODS / config.cutoff / log.low_pass.time_step)
-            near = np.convolve(~chosen, np.ones(2 * reach + 1), "same") > 0.5
-            log = replace(log, used=log.used & ~near)
+            is_near = np.convolve(~counts, np.ones(2 * reach + 1), "same") > 0.5
+            log = replace(log, used=log.used & ~is_near)
         return cls(log, robot, model)
 
     @property

@@ -65,6 +65,9 @@ def find_scale(
 ) -> ScaleResult:
     """The command `identify --scale`: writes robot.yaml and metrics.json into `out`.
 
+    The scale is found from gravity, or from the weight where one is given. Of logs of torques it is
+    a factor of these, and the robot stays as it is.
+
     Args:
         settings: the logs, and with `load` one of a known weight.
 
@@ -77,11 +80,11 @@ def find_scale(
         logs = [Path(log) for log in settings.logs]
         progress(0.1, "reading")
         recordings = _read(logs, settings, robot)
-        laden, parameters = [], np.zeros(10)
+        laden, weight_parameters = [], np.zeros(10)  # ten inertial parameters in the flange
         for text in settings.load:
             path, load = known_load(text)
             com = np.zeros(3) if load.com is None else np.array(load.com)
-            parameters = body_parameters(load.mass, com, np.zeros((3, 3)))
+            weight_parameters = body_parameters(load.mass, com, np.zeros((3, 3)))
             laden += _read([path], settings, robot)
         all_logs = (*recordings, *laden)
         of_torque = _hold_torque(all_logs)
@@ -89,7 +92,7 @@ def find_scale(
         if len(settings.load) > 1:
             raise InputError("identify", "--load", "one weight is enough", "give one with --scale")
         if laden:
-            scale = scale_from_weight(recordings, laden, robot, parameters)
+            scale = scale_from_weight(recordings, laden, robot, weight_parameters)
         else:
             scale = scale_from_gravity(recordings, robot)
         if of_torque:

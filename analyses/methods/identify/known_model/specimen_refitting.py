@@ -158,22 +158,24 @@ def rows_of(
         known: law whose elements say when a joint in contact slides.
         period: s.
     """
+    # The side of the friction, -1 to 1, and whether a joint slides (N, n): in contact joints creep,
+    # and the law's elements say it; in the air the velocity does.
     if external is None:
         external = np.zeros_like(terms.v)
         side, sliding = np.sign(terms.v), np.abs(terms.v) >= SLIDING_SPEED
     else:
         side = slip_sides(known, terms.v, terms.time_step)
         sliding = np.abs(side) >= SLIDING_SIDE
-    size = max(round(period / terms.time_step), 1)
+    size = max(round(period / terms.time_step), 1)  # samples of a row
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (where & terms.known).astype(int), [0]])))
     starts = [
         start for begin, end in edges.reshape(-1, 2) for start in range(begin, end - size + 1, size)
     ]
-    index = np.array(starts, int)[:, None] + np.arange(size)
+    samples_of_row = np.array(starts, int)[:, None] + np.arange(size)
     load = terms.rigid - external
 
     def means(signal: Array) -> Array:
-        return np.asarray(signal[index].mean(axis=1))
+        return np.asarray(signal[samples_of_row].mean(axis=1))
 
     return Rows(
         q=means(terms.q),
@@ -182,7 +184,7 @@ def rows_of(
         load=means(load),
         torque=means(terms.tau_J - load),
         external=means(external),
-        slides=np.asarray(sliding[index].all(axis=1)),
+        slides=np.asarray(sliding[samples_of_row].all(axis=1)),
     )
 
 
@@ -372,7 +374,12 @@ def refit_specimen(
 
 
 def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) -> SpecimenRefit:
-    """As `refit_specimen`, from the rows of the logs."""
+    """As `refit_specimen`, from the rows of the logs.
+
+    Where a force sensor is in the logs, the drives' gain is fitted with the friction: the model's
+    torques, and the robot's torque constants, are all scaled by it. What then remains along the
+    paths of these logs becomes part of the friction, by place.
+    """
     prior_law = carried_over(presliding_of(model))
     places = [log.places for log in rows if log.places is not None]
     prior = _SENSOR_PRIOR if places else None
@@ -382,7 +389,7 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
         raise InputError("--other-specimen", "", problem, "give stretches of free motion")
     if not places:
         return SpecimenRefit(replace(model, friction=fit.law), prior_law, fit)
-    scale = 1.0 + fit.gain
+    scale = 1.0 + fit.gain  # of all torques
     residual = np.concatenate([log.residual(fit.law, fit.gain) for log in places])
     q = np.concatenate([log.q for log in places])
     v = np.concatenate([log.v for log in places])

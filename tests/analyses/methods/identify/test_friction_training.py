@@ -52,6 +52,17 @@ def test_the_band_holds_the_fewest_samples_that_training_needs():
     train_networks(v, torque, LAW, config=TrainingConfig(steps=2))
 
 
+def test_of_a_handful_of_samples_there_is_a_band_which_training_refuses():
+    """Fewer than ten each way: no number of samples bounds the band, and training names it."""
+    v = np.array([[-0.5, 0.4], [0.9, -0.8], [1.0, 1.0]])
+    torque = LAW.torque(v)
+    result = critical_velocity(v, torque, LAW)
+    assert (result > 0.0).all()
+    assert (result <= 0.5).all()  # half of the highest speed
+    with pytest.raises(InputError, match="or more are needed"):
+        train_networks(v, torque, LAW)
+
+
 @pytest.mark.parametrize("odd", [False, True])
 def test_friction_near_zero_is_learnt(odd, trained):
     if odd:
