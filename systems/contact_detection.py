@@ -55,7 +55,7 @@ class ContactDetection(SampledBlock):
              pole, sliding  of observer and friction as they are now, as of TorqueErrorSystem
     Output:  detection      (6,) in the order of DETECTION; direct feedthrough from tau_J and tau_f
                             only where the observer's is ("trapezoidal")
-    State:   that of SampledBlock; its memory is the detector's, flat
+    State:   memory, which `take_sample` updates at each tick: the detector's, flat
 
     An input beyond 1e9 in SI units counts as not known, as one that is not finite: its square is of
     no use. The numbers are those of `ContactDetector.run`.

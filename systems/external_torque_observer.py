@@ -54,7 +54,8 @@ class ExternalTorqueObserver(SampledBlock):
                 pole     (n,) 1/s, below 0 for an observer without one
                 wrench   (42,) F_E_W and its covariance, row by row, of an observer that reads the
                          wrench itself; others have no such port
-    State:      that of SampledBlock; its memory is the observer's
+    State:      memory, which `take_sample` updates at each tick: the observer's,
+                `Observer.initial_state`
     Parameters: of the observer, in its order
 
     Args:

@@ -86,8 +86,8 @@ class ForceTorqueSensor(SampledBlock):
     Output:      wrench           (6,) F_E_W, environment on robot at E, axes of W, rotation first,
                                   N m, N; from the state alone, so that a controller may feed it
                                   back: one tick late
-    State:       that of SampledBlock; its memory is the wrench (6,) of the tick before and the
-                 filter's state (6 order,); at rest at the start
+    State:       memory, which `take_sample` updates at each tick: the wrench (6,) of the tick
+                 before and the filter's state (6 order,); at rest at the start
     Parameter:   noise_sd         (6,) N m, N
 
     Args:

@@ -54,9 +54,9 @@ class FrictionLawSystem(SampledBlock):
                         and torque_error, not of tau_J
                  sliding  (10 n,) SlidingLaw with the parameters as they are now, flat: what the
                         torque error needs of the law
-    State:       none for a law without memory. Else that of SampledBlock; its memory is the law's,
-                 (2 + K, n), row by row: position at the last tick, transmitted torque, K slips z_k;
-                 relaxed before the first tick
+    State:       none for a law without memory. Else memory, which `take_sample` updates at each
+                 tick: the law's, (2 + K, n), row by row: position at the last tick, transmitted
+                 torque, K slips z_k; relaxed before the first tick
     Parameters:  of the law, in its order: coulomb N m, viscous N m s/rad, offset N m and v_crit
                  rad/s, (n,) each; with memory slip (n, 10 + 2 K), row by row, the columns of
                  `models.friction.slip_elements`. Networks are fixed

@@ -35,7 +35,7 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
                          seconds, in which it is still settling from zero
                 reading  these two, one after the other in one port, of `reading_sizes`
                 pole     (n,) K_0 as it is now, for blocks that depend on it
-    State:      that of SampledBlock; its memory is (3, n): momentum_hat, kg m^2/s,
+    State:      memory, which `take_sample` updates at each tick: (3, n): momentum_hat, kg m^2/s,
                 what the model predicts for the coming tick (inf before the first update, NaN after
                 an unusable one); tau_ext, N m; the share of tau_ext that is still its start at zero
     Parameter:  K_0      (n,) 1/s

@@ -110,9 +110,9 @@ class ImpedanceController(SampledBlock):
                  valid           (1,) 1, or 0 at a tick whose inputs are not finite numbers
                  integral        (1,) N s, of the force error, at the end of the tick
                  all             these, one after the other (`declarations.declare_held_outputs`)
-    State:       that of SampledBlock; its memory is (1,) the integral of the force error, N s; it
-                 stands still while a drive is at its limit, and ki ∫ never exceeds integral_limit.
-                 Without force control there is no state
+    State:       memory, which `take_sample` updates at each tick: (1,) the integral of the force
+                 error, N s; it stands still while a drive is at its limit, and ki ∫ never exceeds
+                 integral_limit. Without force control there is no state
     Parameters:  stiffness       (36,) row by row, rotation first
                  damping         (36,)
                  force_gains     (3,) proportional, integral, integral_limit
@@ -143,27 +143,29 @@ class ImpedanceController(SampledBlock):
         time_step: float,
         config: ImpedanceConfig,
     ) -> None:
-        self._effort_limit = np.array(effort_limit, dtype=np.float64)
-        self._n, self._time_step = len(self._effort_limit), time_step
-        self._in_E = _in_E(config.axes, "axes")  # whether stiffness and error are in axes of E
-        self._has_force = config.force is not None
         if not config.null_space_damping >= 0.0:
             raise InputError("impedance", "null_space_damping", "expected 0 or more")
-        self.output_sizes = {"tau_command": self._n, "pose_error": 6, "valid": 1, "integral": 1}
+        self._has_force = config.force is not None
         SampledBlock.__init__(
             self,
             # Without the integral of force control there is nothing to remember: no ticks.
             period=time_step if self._has_force else 0.0,
             initial_memory=np.zeros(1),  # N s, the integral of the force error
         )
+        effort_limit = np.array(effort_limit, dtype=np.float64)
+        self._n, self._time_step = len(effort_limit), time_step
+        self.output_sizes = {"tau_command": self._n, "pose_error": 6, "valid": 1, "integral": 1}
         self._at_rest = np.zeros(3 * self._n)  # q_d, v_d, vdot_d of a reference not connected
-        # The law at the gains of `config`. They become numeric parameters of the Context, and the
-        # block uses the law that follows from these.
-        force = _force_gains(config.force or ForceControlConfig())
+        # The gains of `config`, checked. Without force control the default ones of force stand for
+        # numeric parameters that nothing reads.
+        self._in_E = _in_E(config.axes, "axes")  # whether stiffness and error are in axes of E
         stiffness = _matrix(config.stiffness, "stiffness")
         damping = _matrix(config.damping, "damping")
+        force = _force_gains(config.force or ForceControlConfig())
+        # The control law with these gains. They become numeric parameters of the Context, and the
+        # block uses this law with the Context's (`_calc_law`).
         self._default_law = impedance_law(
-            effort_limit=self._effort_limit,
+            effort_limit=effort_limit,
             friction=friction.table,
             spring_damper=SpringDamper(stiffness, damping, self._in_E, config.null_space_damping),
             force=force if self._has_force else None,
@@ -179,7 +181,7 @@ class ImpedanceController(SampledBlock):
         self._stiffness = self.DeclareNumericParameter(BasicVector(stiffness.ravel()))
         self._damping = self.DeclareNumericParameter(BasicVector(damping.ravel()))
         self._force_gains = self.DeclareNumericParameter(BasicVector(gains))
-        # It changes only with the parameters, not at every tick.
+        # Made anew when a parameter changes, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
 
     def _declare_ports(self) -> None:

@@ -125,7 +125,7 @@ class JacobianWrenchReconstruction(SampledBlock):
                  reading            these five, one after the other, in one port; Drake's
                                     Demultiplexer splits it with `reading_sizes`
                  All with direct feedthrough, all from one computation.
-    State:       that of SampledBlock; its memory is `WrenchReading.initial_state`
+    State:       memory, which `take_sample` updates at each tick: `WrenchReading.initial_state`
     Parameters:  prior_sd           (2,) force, N, and moment, N m; inf where nothing is known
                  torque_covariance  (n²,) Σ_tau, N² m², row by row; of a constant error alone
                  damping            (1,) of method "damped"
@@ -205,7 +205,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         )
 
     def _unseen_rest_table(self, context: Context, K_0: Array | None) -> Array | None:
-        """The torque error's table, if a joint may rest that rested in no log of the model."""
+        """`unseen_rest_table` of _TunedReading."""
         if self._period == 0.0 or not self._sliding.HasValue(context):
             return None
         sliding, error = SlidingLaw.of_flat(self._sliding.Eval(context)), self._wrench_reading.error
@@ -248,7 +248,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         )
         state = self.memory(context)  # a copy, which `run` changes in place
         estimate = tuned.wrench_reading.run(state, error, samples)
-        if tuned.unseen_rest_table is not None:
+        if tuned.unseen_rest_table is not None:  # not valid where such a joint rests
             estimate = with_unseen_rests(estimate, tuned.unseen_rest_table, error.rows, tau_ext)
         return _ReadingAndState(reading_parts(estimate), state)
 

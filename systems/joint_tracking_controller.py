@@ -66,10 +66,10 @@ class JointTrackingController(SampledBlock):
                  reference       (3n,) q_d, v_d, vdot_d: rad, rad/s, rad/s^2
     Outputs:     tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
                  valid           (1,) 1, or 0 at a tick whose inputs are not finite numbers
-    State:       that of SampledBlock; its memory is (n,) the integral of the error, rad s; it
-                 stands still while its drive is at its limit in the direction of the error, and
-                 ki ∫e dt never exceeds integral_limit. Without any ki in the configuration there is
-                 no state, and tau_command follows its inputs at any time
+    State:       memory, which `take_sample` updates at each tick: (n,) the integral of the error,
+                 rad s; it stands still while its drive is at its limit in the direction of the
+                 error, and ki ∫e dt never exceeds integral_limit. Without any ki in the
+                 configuration there is no state, and tau_command follows its inputs at any time
     Parameter:   gains           (4n,) kp, kd, ki, integral_limit
 
     At a tick that is not valid the command holds the arm's weight (Cv + G), or is 0 where its
@@ -92,13 +92,13 @@ class JointTrackingController(SampledBlock):
         time_step: float,
         config: JointTrackingConfig,
     ) -> None:
-        self._effort_limit = np.array(effort_limit, dtype=np.float64)
-        n = self._effort_limit.shape[0]
         if config.law not in TRACKING_LAWS:
             raise InputError(
                 "joint tracking", "law", f"{config.law!r} is none of {', '.join(TRACKING_LAWS)}"
             )
-        kp, kd, ki, integral_limit = (
+        self._effort_limit = np.array(effort_limit, dtype=np.float64)
+        self._n = n = self._effort_limit.shape[0]
+        kp, kd, ki, integral_limit = (  # (n,) each
             _per_joint(config, name, n) for name in ("kp", "kd", "ki", "integral_limit")
         )
         SampledBlock.__init__(
@@ -107,13 +107,13 @@ class JointTrackingController(SampledBlock):
             period=time_step if ki.any() else 0.0,
             initial_memory=np.zeros(n),  # rad s, the integral of the error
         )
-        self._n = n
         gains = np.concatenate([kp, kd, ki, integral_limit])
         self._gains = self.DeclareNumericParameter(BasicVector(gains))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
-        # All of the law but its gains, which are numeric parameters of the Context.
-        self._make_law = partial(
+        # All of the law but its gains, which are the Context's. The law with these is made anew
+        # when one changes, not at every tick.
+        self._law_with_gains = partial(
             tracking_law,
             computed=config.law == "computed_torque",
             effort_limit=self._effort_limit,
@@ -121,7 +121,6 @@ class JointTrackingController(SampledBlock):
             friction_velocity=config.friction_velocity,
             time_step=time_step,
         )
-        # The law with them: made anew when a gain changes, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
         inputs = {self._terms.ticket(), self._reference.ticket()}
         self._tau_command = self.declare_held_output(
@@ -139,7 +138,7 @@ class JointTrackingController(SampledBlock):
 
     def _calc_law(self, context: Context) -> Record:
         gains = context.get_numeric_parameter(self._gains).value().reshape(4, self._n)
-        return self._make_law(gains=gains)
+        return self._law_with_gains(gains=gains)
 
     def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
         tau = output.get_mutable_value()

@@ -4,7 +4,7 @@ import time
 from collections import deque
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from wrenchsight.models.live.samples import Sample, StreamEvent
 from wrenchsight.models.live.source import Source
@@ -12,6 +12,7 @@ from wrenchsight.models.live.stream_order import GridSample, SampleGrid, StreamO
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.resampling import default_max_gap
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.declarations import declare_port_of_each_part
 from wrenchsight.systems.sampled_block import tick_number
 
 MOST_EVENTS = 100
@@ -27,14 +28,14 @@ class LiveRobot(LeafSystem):
     Outputs:    q        (n,) rad (m for a prismatic joint)
                 v        (n,) rad/s (m/s)
                 current  (n,) A, as the drive reports it
-    State:      none in the Context; the robot keeps its state itself
+    State:      none in the Context: what has arrived and the last tick's signals are attributes
 
     The samples are put on a uniform grid of `time_step`, see
-    `wrenchsight.models.recordings.resampling`. At each tick the block waits for the next one, so
-    that the robot sets the diagram's pace; leave the simulator's target rate at zero. Where none
-    comes in time, where samples are missing, come late or the robot does not run, the signals are
-    NaN: unknown, so that an estimator reads nothing valid. There is only one robot: simulate one
-    context, and forwards.
+    `wrenchsight.models.recordings.resampling`. At each tick the block waits for the grid's next
+    one, so that the robot sets the diagram's pace; leave the simulator's target rate at zero. Where
+    none comes in time, where samples are missing, come late or the robot does not run, the signals
+    are NaN: unknown, so that an estimator reads nothing valid. There is only one robot: simulate
+    one context, and forwards.
 
     Args:
         source: source of the samples; whoever opened it closes it.
@@ -63,33 +64,36 @@ class LiveRobot(LeafSystem):
             raise ValueError(f"time_step must be positive, not {time_step}")
         self._source, self._robot = source, robot
         self._time_step, self._timeout = time_step, timeout
-        self._order = StreamOrder(late, source.rate, time_step, default_max_gap(time_step))
+        # On its way from the source a sample passes the order, which leaves out what came twice or
+        # belongs to the past, and the grid, which interpolates it to the ticks of `time_step`.
+        self._order = StreamOrder(
+            late=late, rate=source.rate, step=time_step, max_gap=default_max_gap(time_step)
+        )
         self._grid = SampleGrid(time_step)
-        # Rows of one tick each: q, v, current, one after another.
-        self._waiting: deque[Array] = deque()  # received, and not yet put out
-        self._unknown = np.full(3 * robot.num_joints, np.nan)
-        self._row = self._unknown  # of the tick `_tick`, that is put out
-        self._tick = -1  # none so far
-        self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
+        # The signals of a tick are (3n,) q, v, current; NaN where they are unknown.
         n = robot.num_joints
-        for k, signal in enumerate(("q", "v", "current")):
-            part = slice(k * n, (k + 1) * n)
+        self._waiting: deque[Array] = deque()  # of ticks to come, that have arrived
+        self._unknown = np.full(3 * n, np.nan)
+        self._last_tick, self._last_signals = -1, self._unknown  # that were put out; -1: none
+        self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
+        # Whichever port is read first at a tick waits for its signals; the others have them then.
+        declare_port_of_each_part(
+            self, self._signals, {"q": n, "v": n, "current": n}, {self.time_ticket()}
+        )
 
-            # The default value keeps this signal's part: a closure would see that of the last one.
-            def calc(context: Context, output: BasicVector, part: slice = part) -> None:
-                output.SetFromVector(self._sample(context)[part])
+    def _signals(self, context: Context) -> Array:
+        """(3n,) the signals of the tick that `context` is at; those of the last one if it is past.
 
-            self.DeclareVectorOutputPort(signal, n, calc, {self.time_ticket()})
-
-    def _sample(self, context: Context) -> Array:
-        """The signals of the tick that `context` is at, one after another."""
+        A tick takes one item of what has arrived, so that ticks that were left out take theirs.
+        """
         tick = tick_number(context.get_time(), self._time_step)
-        while self._tick < tick:
-            self._tick += 1
-            self._row = self._next()
-        return self._row
+        while self._last_tick < tick:
+            self._last_tick += 1
+            self._last_signals = self._wait_for_signals()
+        return self._last_signals
 
-    def _next(self) -> Array:
+    def _wait_for_signals(self) -> Array:
+        """(3n,) the signals of the next tick; unknown where none arrive within `timeout`."""
         deadline = time.monotonic() + self._timeout
         while not self._waiting:
             remaining = deadline - time.monotonic()
@@ -97,12 +101,13 @@ class LiveRobot(LeafSystem):
                 return self._unknown
             for item in self._source.read(remaining):
                 if isinstance(item, Sample):
-                    self._take(item)
+                    self._put_on_grid(item)
                 else:
                     self.events.append(item)
         return self._waiting.popleft()
 
-    def _take(self, sample: Sample) -> None:
+    def _put_on_grid(self, sample: Sample) -> None:
+        """Appends the signals of all ticks up to a sample to those that wait."""
         events: list[StreamEvent] = []
         is_used, is_restart = self._order.take(sample, events)
         self.events.extend(events)
@@ -111,7 +116,7 @@ class LiveRobot(LeafSystem):
         if is_restart:
             self._grid = SampleGrid(self._time_step)
         effort = self._robot.motor_current(sample.effort) if sample.is_torque else sample.effort
-        x = np.concatenate([sample.q, sample.v, effort])
+        signals = np.concatenate([sample.q, sample.v, effort])
         is_unknown = not sample.running or self._order.is_late
-        for point in self._grid.take(GridSample(sample.t, x, is_unknown)):
+        for point in self._grid.take(GridSample(sample.t, signals, is_unknown)):
             self._waiting.append(self._unknown if point.dropout else point.x)

@@ -29,8 +29,8 @@ class MotorCurrentSensor(SampledBlock):
 
     Input:       current_true  (n,) A, the current in the motor, held over the tick
     Output:      current       (n,) A, as the drive reports it; direct feedthrough
-    State:       that of SampledBlock; its memory is (n,) lagged, A; NaN before the first update:
-                 the lag starts at rest at the first current
+    State:       memory, which `take_sample` updates at each tick: (n,) lagged, A; NaN before the
+                 first update: the lag starts at rest at the first current
     Parameters:  bandwidth     (n,) Hz at -3 dB, inf for none
                  noise_sd      (n,) A, standard deviation
                  resolution    (n,) A, step of the reported value; 0 for none

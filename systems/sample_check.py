@@ -26,7 +26,7 @@ class SampleCheckSystem(SampledBlock):
                                `models.observers.sample_check`; q and v. Drake's Demultiplexer
                                splits it with `motion_sizes`; no feedthrough from current
               checked_current  (n,) A; no feedthrough from q and v
-    State:    that of SampledBlock; its memory is `SampleCheck.initial_state`, flat
+    State:    memory, which `take_sample` updates at each tick: `SampleCheck.initial_state`, flat
 
     Args:
         check: the rule; None: every sample is passed on.

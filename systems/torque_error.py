@@ -36,10 +36,10 @@ class TorqueErrorSystem(SampledBlock):
                            optional
     Output:  torque_error  (ERROR_ROWS n,) a `TorqueError`, flat: sd, stiction, drift, J_seen row by
                            row, rows of its state; no direct feedthrough from tau_J and tau_f
-    State:   that of SampledBlock; its memory is (STAGE_ROWS, n), flat
+    State:   memory, which `take_sample` updates at each tick: (STAGE_ROWS, n) of
+             `TorqueErrorStage.initial_state`, flat
 
-    K_0 and friction that are changed while a
-    simulation runs reach it through `pole` and `sliding`.
+    K_0 and friction that are changed while a simulation runs reach it through `pole` and `sliding`.
 
     Args:
         stage: of one estimator.

@@ -56,7 +56,8 @@ class WrenchEstimatorSystem(SampledBlock):
                          Demultiplexer splits it with `reading_sizes`
                 pole     (n,) 1/s of the observer, below 0 for one without
                 sliding  (10 n,) SlidingLaw of the friction as it is now, flat
-    State:      that of SampledBlock; its memory is `WrenchEstimator.initial_state`
+    State:      memory, which `take_sample` updates at each tick: `WrenchEstimator.initial_state`, a
+                part for each stage
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
                 reconstruction.prior_sd, .damping, .truncation, and .torque_covariance of a model

@@ -46,8 +46,8 @@ class MachiningReference(SampledBlock):
               feed_time       (1,) s since the feed started, -1 but for the work itself
               feedback_valid  (1,) 1 where the force feedback can be used, else 0
               all             these, one after the other (`declarations.declare_held_outputs`)
-    State:    that of SampledBlock; its memory is (7,) the state of the phases and (15,) the anchor
-              of approach and retreat
+    State:    memory, which `take_sample` updates at each tick: (7,) the state of the phases and
+              (15,) the anchor of approach and retreat
 
     Args:
         plan: of the pass, of `plan_pass`.

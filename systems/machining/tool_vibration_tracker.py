@@ -63,7 +63,8 @@ class ToolVibrationTracker(SampledBlock):
               all                these, one after the other (`declarations.declare_held_outputs`)
               No output feeds through from the estimator's signals, so that its tau_ext may be
               corrected by them; joint_shares do from terms and pose_reference
-    State:    that of SampledBlock; its memory is `models.machining.tool_vibration.initial_tracked`
+    State:    memory, which `take_sample` updates at each tick: the evidence so far,
+              `models.machining.tool_vibration.initial_tracked`
 
     Args:
         constants: of one estimator, `vibration_constants`.
@@ -81,7 +82,7 @@ class ToolVibrationTracker(SampledBlock):
             "joint_shares_sd": n,
             "tool_vibration": 1,
         }
-        self._slices = parts_of(self.output_sizes)  # of the port `all`
+        self._slices = parts_of(self.output_sizes)  # where each output is in the port `all`
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
@@ -119,31 +120,31 @@ class ToolVibrationTracker(SampledBlock):
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         n, outputs = self._n, self._all_outputs.Eval(context)
-        # The estimator's tau_ext is already less this tick's freed_torque, which the tracking needs
-        # to know.
+        # tau_ext and sd of the estimator hold this tick's freed_torque and freed_sd already; the
+        # tracking takes them out again.
         observed = ObservedTorque(
             tau_ext=self._tau_ext.Eval(context),
             sd=TorqueError.of_flat(self._torque_error.Eval(context), n).sd[0],
             tau_f=self._tau_f.Eval(context),
             counts=self._tau_ext_valid.Eval(context),  # 1 where tau_ext is valid
-            fault=self._fault.Eval(context),
+            fault=self._fault.Eval(context),  # not 0 of an impossible sample
             freed_torque=outputs[self._slices["freed_torque"]],
             freed_sd=outputs[self._slices["freed_sd"]],
         )
-        correction = CorrectionSample(
+        air_pass = CorrectionSample(
             correction=self._correction.Eval(context),
             spread=self._spread.Eval(context),
             counts=self._correction_valid.Eval(context),  # 1 where the correction is valid
         )
         phase, feed_time = self._phase.Eval(context).item(), self._feed_time.Eval(context).item()
         work = WorkTick(
-            correction=correction,
+            correction=air_pass,
             v_planned=self._reference.Eval(context)[n : 2 * n],  # of q_d, v_d, vdot_d
             shares=self._shares(outputs),
             touches=force_controlled(int(phase)),  # the tool is on the surface
-            works=feed_time >= 0.0,  # it moves at the feed; -1: it does not
+            works=feed_time >= 0.0,  # the tool is led along its path; feed_time is -1 where not
         )
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        # Changes `memory` in place: the next tick's outputs see it. This tick's are held till then.
+        # Updates the evidence in `memory`, of which the next tick's outputs are made.
         track_vibration(self._constants, terms.record, observed, work, memory)
         return (outputs,)

@@ -97,7 +97,7 @@ class TrueArm(SampledBlock):
              spatial_forces    list of one ExternallyAppliedSpatialForce (abstract); where anything
                                but contact acts on the tool
              wrench_unbalance  (6,) F_E_W of the spindle, from the tool's own mass; at machining
-    State:   that of SampledBlock; its memory is that of ArmState, flat
+    State:   memory, which `take_sample` updates at each tick: an `ArmState`, flat
 
     Ports that only some arms have:
 
