@@ -88,7 +88,7 @@ class ArmInPlant(Arm):
         self.frame_E = frame_E = _last_frame(plant, instance) if frame_E is None else frame_E
         # Joints that are not between base and E stand still as they are in this context.
         context = plant.CreateDefaultContext() if context is None else context
-        self._base = base = _base(plant, instance, frame_E) if base is None else base
+        base = _base(plant, instance, frame_E) if base is None else base
         self.X_WB: RigidTransform = base.EvalPoseInWorld(context)
         self._chain_in_W = SerialChain.from_plant(
             plant, instance, frame_E, StandingJoints(base, context)
@@ -96,15 +96,15 @@ class ArmInPlant(Arm):
         self.joints: tuple[Joint, ...] = tuple(
             _joint_on_chain(plant, base, frame_E, joint) for joint in self._chain_in_W.joint_names
         )
-        self._actuators = _actuators(plant)  # by the index of the joint; some have none
-        limits = [_limits(joint, self._actuators.get(int(joint.index()))) for joint in self.joints]
+        actuators = _actuators(plant)  # by the index of the joint; some have none
+        limits = [_limits(joint, actuators.get(int(joint.index()))) for joint in self.joints]
         self._is_simulated = drives is None
         if drives is None:  # the current is then the motor torque, at 1 N m/A
-            drives = [_simulated_drive(joint, self._actuators) for joint in self.joints]
+            drives = [_simulated_drive(joint, actuators) for joint in self.joints]
         if payload is None:
-            mass = float(self._chain_in_W.inertial_parameters[:, 0].sum())  # kg, column 0
-            payload = max(USUAL_PAYLOAD_SHARE * mass, _MIN_PAYLOAD)
-        # N m by joint; ten times that is the effort limit of a joint whose plant states none.
+            masses = self._chain_in_W.inertial_parameters[:, 0]  # kg, of the moving links
+            payload = max(USUAL_PAYLOAD_SHARE * float(masses.sum()), _MIN_PAYLOAD)
+        # N m by the joint's name, for `_effort_limit`, which Arm.__init__ calls for each joint.
         self._gravity_bound = _largest_gravity(self._chain_in_W, limits)
         self._is_in_W = True  # `in_base_axes` makes a copy where it is not
         Arm.__init__(
@@ -116,7 +116,8 @@ class ArmInPlant(Arm):
             coupling=[],  # of drives that move several joints: none
             payload=payload,
         )
-        # Arm.__init__ has found the rotors' inertia at the joints, from the drives.
+        # The chain has had the inertia of the plant's actuators. That of the drives, which
+        # Arm.__init__ has put into `reflected_inertia`, takes its place.
         self._chain_in_W = replace(self._chain_in_W, reflected_inertia=self.reflected_inertia)
         self.gravity = frozen(self._chain_in_W.gravity)
 

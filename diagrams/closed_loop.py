@@ -243,12 +243,8 @@ def make_closed_loop(
             scenario, robot, planned.q_0, meshcat=meshcat, clear_links=planned.clear_links
         )
         builder.AddSystem(cell.diagram)
-        # The cell then has an input for forces of one's own diagrams. Here none comes through it.
         if scenario.applied_spatial_force:
-            none = ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]())
-            source = builder.AddNamedSystem("no_applied_force", none)
-            port = cell.diagram.GetInputPort("applied_spatial_force")
-            builder.Connect(source.get_output_port(), port)
+            _connect_no_applied_force(builder, cell)
         parts = _LoopParts(
             builder=builder,
             scenario=scenario,
@@ -274,6 +270,14 @@ def make_closed_loop(
         log=signal_log.sink,
         signals=signal_log.columns,
     )
+
+
+def _connect_no_applied_force(builder: DiagramBuilder, cell: RobotCell) -> None:
+    """Connects the cell's input for forces of a user's diagram, which are none in a closed loop."""
+    none = ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]())
+    source = builder.AddNamedSystem("no_applied_force", none)
+    port = cell.diagram.GetInputPort("applied_spatial_force")
+    builder.Connect(source.get_output_port(), port)
 
 
 def _update_phase(scenario: Scenario) -> AbstractContextManager[None]:
@@ -433,6 +437,10 @@ def _add_machining(
     Air pass and vibration are there after an air pass alone. Without a sensor the command is then
     less the friction that the tool's vibration frees.
 
+    Args:
+        plan: path and motion of the pass.
+        requested: the estimator; its air pass, if any, was learnt along the same path.
+
     Raises:
         ValueError: an observer that reads the present torque, which only the command makes; an air
             pass for an observer that reads the wrench itself, or has no gain K_0.
@@ -441,10 +449,11 @@ def _add_machining(
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
     air_pass = requested.air_pass  # None: nothing was learnt beforehand, without contact
     config = _estimator_config(scenario)
+    # The prior of a pass is the force that it presses with, where the scenario states none.
     config = replace(config, reconstruction=with_planned_force(config.reconstruction, robot, plan))
-    # The same estimator as the blocks', without them: for its numbers.
-    estimator_numbers = WrenchEstimator(robot, requested.model or parts.controller_model, config)
-    if estimator_numbers.observer.reads_present_torque:
+    # What the blocks of the estimator are made of, for its observer, friction law and constants.
+    wrench_estimator = WrenchEstimator(robot, requested.model or parts.controller_model, config)
+    if wrench_estimator.observer.reads_present_torque:
         raise ValueError("machining: an observer that reads the present torque closes a loop")
     estimator = _add_loop_estimator(parts, requested, config)
     readings, terms = _logged_estimator_ports(estimator), estimator.GetOutputPort("terms")
@@ -452,20 +461,12 @@ def _add_machining(
     if uses_sensor(scenario):
         fed_back_wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
 
-    # Force feedback counts where the plan is steady; after an air pass, where its correction is
-    # valid.
+    # (T,) 1 where the force feedback counts: where the feed is steady, or after an air pass where
+    # its correction is valid.
     steady = plan.steady if air_pass is None else air_pass.steady_at(plan.trajectory.t)
     reference = _add_reference(parts, replace(plan, steady=steady), terms, fed_back_wrench)
-    controller = builder.AddNamedSystem(
-        "controller",
-        ImpedanceController(
-            friction=parts.controller_model.friction.feedforward,
-            effort_limit=robot.effort_limit,
-            time_step=scenario.time_step,
-            config=scenario.controller,
-        ),
-    )
-    _check_that_damper_is_stable(controller, robot, plan.q_start)
+    controller = _add_impedance_controller(parts, scenario.controller, plan.q_start)
+    # The controller's other inputs have the names of the reference's outputs.
     _connect_by_name(builder, controller, reference | {"terms": terms, "wrench": fed_back_wrench})
     controller_outputs = split_outputs(builder, controller)
     tau_command = controller_outputs["tau_command"]
@@ -473,18 +474,17 @@ def _add_machining(
     signals["pose_error"] = controller_outputs["pose_error"]
 
     if air_pass is not None:
-        tracked = _add_correction(parts, estimator_numbers, air_pass, estimator, reference)
+        tracked = _add_correction(parts, wrench_estimator, air_pass, estimator, reference)
         signals |= {name: tracked[name] for name in _FREED_SIGNALS}
         # The controller feeds friction forward in full, also what the vibration frees. A sensor's
         # feedback makes up for that; without a sensor it is taken off the command.
         if not uses_sensor(scenario):
-            viscous = estimator_numbers.friction.feedforward.coulomb_viscous.viscous
+            viscous = wrench_estimator.friction.feedforward.coulomb_viscous.viscous
             less_freed = builder.AddNamedSystem(
                 "freed_friction", FreedFrictionFeedforward(controller.law, viscous)
             )
-            _connect_by_name(
-                builder, less_freed, reference | tracked | {"tau_command": tau_command}
-            )
+            sources = reference | tracked | {"tau_command": tau_command}
+            _connect_by_name(builder, less_freed, sources)
             tau_command = less_freed.get_output_port()
     return _ControlPorts(
         controller=controller,
@@ -502,6 +502,7 @@ def _add_reference(
     """Adds the reference of a pass: poses, set-point and phase over time, as the pass goes on.
 
     Args:
+        plan: path, motion and forces; where it is steady the force feedback counts.
         terms: rigid-body terms of the model at the measured q and v.
         wrench: (6,) of the force feedback, by which the pass goes from phase to phase.
 
@@ -511,7 +512,7 @@ def _add_reference(
     builder, robot, machining = parts.builder, parts.robot, parts.scenario.machining
     assert machining is not None
     chain = parts.controller_model.chain(robot)
-    planned = plan_pass(
+    pass_plan = plan_pass(  # the plan with its phases, as the block's kernels read it
         robot,
         chain,
         plan,
@@ -522,7 +523,7 @@ def _add_reference(
         reads_at_rest=uses_sensor(parts.scenario),
     )
     block = builder.AddNamedSystem(
-        "reference", MachiningReference(planned, initial_memory(chain, plan))
+        "reference", MachiningReference(pass_plan, initial_memory(chain, plan))
     )
     _connect_by_name(builder, block, {"terms": terms, "wrench": wrench})
     return split_outputs(builder, block)
@@ -530,7 +531,7 @@ def _add_reference(
 
 def _add_correction(
     parts: _LoopParts,
-    estimator_numbers: WrenchEstimator,
+    wrench_estimator: WrenchEstimator,
     air_pass: AirPassCorrection,
     estimator: Diagram,
     reference: dict[str, OutputPort],
@@ -540,11 +541,15 @@ def _add_correction(
     An air pass, along the same path without contact, has taught what torque the model lacks. The
     tool's vibration frees part of the joints' friction, which the model takes off in full.
 
+        feed_time --> air_pass --> correction --------- + --> tau_correction --> estimator
+        reference, correction, estimator --> vibration -^ freed_torque            ^
+                                                 +------- freed_sd ---------------+
+
     Args:
-        estimator_numbers: the same estimator as `estimator`, without blocks.
+        wrench_estimator: what the blocks of `estimator` are made of.
         air_pass: what was learnt in it.
-        estimator: has inputs for a correction.
-        reference: output ports of the pass by their names.
+        estimator: made with `corrected`; its inputs for a correction are connected here.
+        reference: outputs of the block MachiningReference by their names.
 
     Returns:
         The tracker's output ports by their names.
@@ -554,11 +559,11 @@ def _add_correction(
     _connect_by_name(builder, air_pass_block, reference)
     tracker = builder.AddNamedSystem(
         "vibration",
-        ToolVibrationTracker(vibration_constants(estimator_numbers), parts.scenario.time_step),
+        ToolVibrationTracker(vibration_constants(wrench_estimator), parts.scenario.time_step),
     )
     correction = split_outputs(builder, air_pass_block)
     tracked = split_outputs(builder, tracker)
-    # Sources of the tracker's inputs, by the names of these.
+    # Sources of the tracker's inputs, by the names of these; the others are the reference's.
     learnt = {
         "correction": correction["correction"],
         "correction_spread": correction["spread"],
@@ -570,12 +575,12 @@ def _add_correction(
     }
     _connect_by_name(builder, tracker, reference | learnt | observed)
     # The estimator's input tau_correction = correction - freed_torque.
-    freed_sign = builder.AddNamedSystem("less_freed", Gain(-1.0, n))
+    minus_freed = builder.AddNamedSystem("less_freed", Gain(-1.0, n))
     total = builder.AddNamedSystem("tau_correction", Adder(2, n))
     planned_motion = builder.AddNamedSystem("reference_joints", Demultiplexer(3 * n, n))
-    builder.Connect(tracked["freed_torque"], freed_sign.get_input_port())
+    builder.Connect(tracked["freed_torque"], minus_freed.get_input_port())
     builder.Connect(correction["correction"], total.get_input_port(0))
-    builder.Connect(freed_sign.get_output_port(), total.get_input_port(1))
+    builder.Connect(minus_freed.get_output_port(), total.get_input_port(1))
     builder.Connect(reference["reference"], planned_motion.get_input_port())
     sources = {
         "tau_correction": total.get_output_port(),
@@ -627,14 +632,7 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
             "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
         )
         signals["force_setpoint"] = setpoint.get_output_port()
-    controller = ImpedanceController(
-        friction=parts.controller_model.friction.feedforward,
-        effort_limit=robot.effort_limit,
-        time_step=scenario.time_step,
-        config=config,
-    )
-    builder.AddNamedSystem("controller", controller)
-    _check_that_damper_is_stable(controller, robot, trajectory.q[0])
+    controller = _add_impedance_controller(parts, config, trajectory.q[0])
     builder.Connect(pose.get_output_port(), controller.GetInputPort("pose_reference"))
     builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
     builder.Connect(terms, controller.GetInputPort("terms"))
@@ -654,6 +652,25 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
         readings=readings,
         estimator=estimator,
     )
+
+
+def _add_impedance_controller(
+    parts: _LoopParts, config: ImpedanceConfig, q_start: Array
+) -> ImpedanceController:
+    """Adds an impedance controller, unconnected.
+
+    Raises:
+        InputError: its damper would chatter at q_start (n,).
+    """
+    controller = ImpedanceController(
+        friction=parts.controller_model.friction.feedforward,
+        effort_limit=parts.robot.effort_limit,
+        time_step=parts.scenario.time_step,
+        config=config,
+    )
+    _check_that_damper_is_stable(controller, parts.robot, q_start)
+    parts.builder.AddNamedSystem("controller", controller)
+    return controller
 
 
 def _check_that_damper_is_stable(controller: ImpedanceController, robot: Robot, q: Array) -> None:

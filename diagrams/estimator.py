@@ -198,40 +198,51 @@ def _staged(
     estimator: WrenchEstimator,
     name: str,
     detection: ContactDetectionConfig | None,
-    own_stages: dict[str, LeafSystem],
+    replacements: dict[str, LeafSystem],
     corrected: bool,
 ) -> Diagram:
-    """The estimator as a block a stage; the arguments are those of `make_estimator`."""
-    _check_stages(name, own_stages)
+    """The estimator as a block a stage.
+
+    q, v, current --> samples --> terms, motor, friction, observer, torque_error
+                                     --> [correction] --> reconstruction [, detection]
+
+    Args:
+        estimator: its parts are those of the blocks.
+        replacements: the user's blocks, by the name of the stage that each takes the place of.
+        name, detection, corrected: as `make_estimator`.
+    """
+    _check_stages(name, replacements)
     builder = DiagramBuilder()
     # The correction of an air pass was learnt at the planned speed: a law of speed alone takes it.
     at_planned_speed = corrected and estimator.friction.is_of_speed_alone
     has_learnt_error = estimator.learnt  # a model whose torque error was fitted to logs
-    reading_has_error = has_learnt_error or corrected or "torque_error" in own_stages
-    has_detection = detection is not None or "detection" in own_stages
+    # Whether the reconstruction reads a torque error by the sample, not one covariance for all.
+    reading_has_error = has_learnt_error or corrected or "torque_error" in replacements
+    has_detection = detection is not None or "detection" in replacements
     stages = _add_stages(
         builder,
         estimator,
-        own_stages,
+        replacements,
         # A joint that rests has dry friction of any value, which only a learnt error knows.
         knows_rest=has_learnt_error and not at_planned_speed,
         has_error=reading_has_error or has_detection,
     )
-    # By the names of the inputs that take them. A stage is connected to all that it has inputs for.
-    sources = _signal_sources(builder, estimator, stages, own_stages.get("samples"))
-    if estimator.observer.reads_wrench and "observer" not in own_stages:
+    # Ports by the names of the inputs that take them: `_connect_by_name` connects a block to those
+    # that it has an input for.
+    sources = _signal_sources(builder, estimator, stages, replacements.get("samples"))
+    if estimator.observer.reads_wrench and "observer" not in replacements:
         sources["observed"] = stages.observer.GetOutputPort("wrench")
-
     _connect_by_name(builder, [stages.terms, stages.motor, stages.observer], sources)
     if stages.torque_error is not None:
         _connect_torque_error(builder, stages.torque_error, sources, corrected)
     _connect_friction(builder, stages.friction, sources, at_planned_speed)
-    reading_sources = dict(sources)
+
+    # What the reconstruction is connected to, and what outputs and detection are.
+    reading_sources, output_sources = dict(sources), dict(sources)
     if corrected:
         correction = _add_correction(builder, estimator.num_joints, sources)
-        # Outputs and detection have the corrected torque, too.
         for signal in ("tau_ext", "tau_ext_valid"):
-            sources[signal] = correction.GetOutputPort(signal)
+            output_sources[signal] = correction.GetOutputPort(signal)
         # The reading takes the observer's valid, not the correction's, and `corrected` beside it:
         # so it tells which of the two is the reason against it.
         for signal in ("tau_ext", "corrected"):
@@ -240,20 +251,18 @@ def _staged(
         reading_sources.pop("torque_error", None)
         del reading_sources["pole"]
     _connect_by_name(builder, [stages.reconstruction], reading_sources)
+    output_sources |= _reading_ports(builder, stages.reconstruction)
 
-    readings = _reading_ports(builder, stages.reconstruction)
-    known_terms = None if "terms" in own_stages else sources["terms"]
-    outputs = {signal: sources[signal] for signal in ("tau_ext", "tau_f", "tau_ext_valid")}
-    outputs |= readings
+    for signal in ("tau_ext", "tau_f", "tau_ext_valid", *_STAGE_OUTPUTS["reconstruction"]):
+        builder.ExportOutput(output_sources[signal], signal)
     # For a controller: of q and v as they come, also of a sample that the estimator leaves out.
-    outputs["terms"] = _terms_as_read(builder, estimator, known_terms)
-    outputs["fault"] = sources["fault"]
-    for signal, port in outputs.items():
-        builder.ExportOutput(port, signal)
-    if "detection" in own_stages:
-        _add_own_detector(builder, own_stages["detection"], sources | readings)
+    known_terms = None if "terms" in replacements else sources["terms"]
+    builder.ExportOutput(_terms_as_read(builder, estimator, known_terms), "terms")
+    builder.ExportOutput(sources["fault"], "fault")
+    if "detection" in replacements:
+        _add_users_detector(builder, replacements["detection"], output_sources)
     elif detection is not None:
-        _add_detector(builder, ContactDetector.of(estimator, detection), sources)
+        _add_detector(builder, ContactDetector.of(estimator, detection), output_sources)
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
@@ -295,7 +304,7 @@ def _reading_ports(builder: DiagramBuilder, reconstruction: LeafSystem) -> dict[
 def _add_stages(
     builder: DiagramBuilder,
     estimator: WrenchEstimator,
-    own_stages: Mapping[str, LeafSystem],
+    replacements: Mapping[str, LeafSystem],
     *,
     knows_rest: bool,
     has_error: bool,
@@ -303,9 +312,9 @@ def _add_stages(
     """Adds the blocks of the stages by their names, unconnected.
 
     Args:
-        own_stages: blocks that take the place of ours, by the name of the stage.
-        knows_rest: whether the friction is told which joints rest.
-        has_error: whether a block besides the observer reads the torque error.
+        replacements: the user's blocks, by the name of the stage that each takes the place of.
+        knows_rest: whether the friction has an input by which it knows the joints that rest.
+        has_error: whether a block other than the observer reads the torque error.
 
     Returns:
         The blocks; torque_error is None where no block reads it.
@@ -314,7 +323,7 @@ def _add_stages(
 
     def add(stage: str, block: LeafSystem) -> LeafSystem:
         """Adds the user's block of a stage, or else ours."""
-        return builder.AddNamedSystem(stage, own_stages.get(stage, block))
+        return builder.AddNamedSystem(stage, replacements.get(stage, block))
 
     terms = add("terms", RigidBodyTermsSystem(estimator.chain))
     motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
@@ -343,21 +352,26 @@ def _signal_sources(
     builder: DiagramBuilder,
     estimator: WrenchEstimator,
     stages: _Stages,
-    own_samples: LeafSystem | None,
+    replacement: LeafSystem | None,
 ) -> dict[str, OutputPort]:
     """The port that each signal comes from, by the name of the inputs that take it.
 
-    Adds the check of the samples q, v and current, whose outputs are sources too, and exports its
-    inputs.
+    Adds the check of the samples q, v and current, and exports its inputs as the diagram's. Adds
+    what splits the observer's output up, and constants for what a user's block does not put out.
 
     Args:
-        own_samples: block in the place of that check.
+        replacement: the user's block in the place of that check; None: ours.
+
+    Returns:
+        Ports of q, v, current and fault (checked), terms, tau_J, tau_f, sliding, pole, tau_ext,
+        tau_ext_valid, and torque_error where there is such a stage.
     """
-    # The observer's output `valid` is tau_ext_valid elsewhere: `valid` is that of the wrench.
+    # What the observer calls `valid` goes by tau_ext_valid: `valid` is that of the wrench.
     tau_ext, tau_ext_valid = _output_ports(
         builder, "observed", stages.observer, ("tau_ext", "valid")
     )
-    sources = _checked_inputs(builder, estimator, own_samples) | {
+    sources = _checked_inputs(builder, estimator, replacement)  # q, v, current and fault
+    sources |= {
         "terms": stages.terms.GetOutputPort("terms"),
         "tau_J": stages.motor.GetOutputPort("tau_J"),
         "tau_f": stages.friction.GetOutputPort("tau_f"),
@@ -476,7 +490,7 @@ def _checked_inputs(
     return {"q": q, "v": v, "current": check.GetOutputPort("checked_current"), "fault": fault}
 
 
-def _add_own_detector(
+def _add_users_detector(
     builder: DiagramBuilder, block: LeafSystem, sources: Mapping[str, OutputPort]
 ) -> None:
     """Adds a user's detector, and exports those of its outputs that ours would have."""
@@ -519,32 +533,36 @@ def _fused(
     detection: ContactDetectionConfig | None,
     corrected: bool,
 ) -> Diagram:
-    """The estimator as one block; the arguments are those of `make_estimator`.
+    """The estimator as one block, with the outputs of the staged one.
 
-    q, v, current --> block -- reading --> demultiplexer --> tau_ext, wrench, ... -+
-                        +---- terms, pole, sliding, tau_J ---------------------> detection
+    q, v, current --> block --> reading --> demultiplexer --> tau_ext, wrench, ... --> detection
+                        +-----> terms, pole, sliding, tau_J ----------------------------^
+
+    Args:
+        estimator: of the block.
+        name, detection, corrected: as `make_estimator`.
     """
     builder = DiagramBuilder()
     block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator, corrected))
-    for k in range(block.num_input_ports()):
+    for k in range(block.num_input_ports()):  # q, v, current, and those of a correction
         port = block.get_input_port(k)
         builder.ExportInput(port, port.get_name())
-    # Signals come in one port, which Drake splits up: a port of its own for each is as many calls
-    # into Python at a tick.
-    signal_sizes = block.reading_sizes
-    reading = builder.AddNamedSystem("reading", Demultiplexer(list(signal_sizes.values())))
-    builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
-    sources = {signal: reading.get_output_port(k) for k, signal in enumerate(signal_sizes)}
-    for signal in ("terms", "pole", "sliding"):
-        sources[signal] = block.GetOutputPort(signal)
+    # The block's port `reading` holds most signals, one after another. Drake splits it up: a port
+    # of the block for each is as many calls into Python at a tick.
+    sizes = block.reading_sizes
+    demultiplexer = builder.AddNamedSystem("reading", Demultiplexer(list(sizes.values())))
+    builder.Connect(block.GetOutputPort("reading"), demultiplexer.get_input_port())
+    ports = {signal: demultiplexer.get_output_port(k) for k, signal in enumerate(sizes)}
+    for signal in ("terms", "pole", "sliding", "tau_J"):
+        ports[signal] = block.GetOutputPort(signal)
+
     for signal in _FUSED_OUTPUTS:
-        builder.ExportOutput(sources[signal], signal)
-    # The same output as that of the staged estimator: of a learnt error, or with a correction.
+        builder.ExportOutput(ports[signal], signal)
+    # A torque error that was fitted to logs, or that a correction adds to, is an output too.
     if estimator.learnt or corrected:
-        builder.ExportOutput(sources["torque_error"], "torque_error")
-    if detection is not None:
-        sources["tau_J"] = block.GetOutputPort("tau_J")  # which the detector alone takes
-        _add_detector(builder, ContactDetector.of(estimator, detection), sources)
+        builder.ExportOutput(ports["torque_error"], "torque_error")
+    if detection is not None:  # its inputs have the names of these ports
+        _add_detector(builder, ContactDetector.of(estimator, detection), ports)
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram

@@ -21,39 +21,47 @@ def fitted_to(scenario: Scenario, robot: Robot) -> tuple[Scenario, tuple[str, ..
     Returns:
         The scenario, and a sentence on each change.
     """
-    notices: list[str] = []
+    scenario, on_motion = _with_possible_swing(scenario, robot)
+    scenario, on_push = _with_bearable_push(scenario, robot)
+    return scenario, (*on_motion, *on_push)
+
+
+def _with_possible_swing(scenario: Scenario, robot: Robot) -> tuple[Scenario, list[str]]:
+    """The scenario, its sine motion within limits and speeds; a sentence if that is less."""
     motion = scenario.motion
-    if isinstance(motion, JointSineMotion):
-        amplitude, is_less = _possible_amplitude(motion, robot)
-        if is_less.any():
-            motion = replace(motion, amplitude=amplitude.tolist())
-            units = np.where(robot.chain.prismatic, "m", "rad")
-            changes = ", ".join(
-                f"{robot.joint_names[j]} {amplitude[j]:.2g} {units[j]}"
-                for j in np.flatnonzero(is_less)
-            )
-            notices.append(f"the swing keeps within the joints' limits and speeds: {changes}")
+    if not isinstance(motion, JointSineMotion):
+        return scenario, []
+    amplitude, is_less = _possible_amplitude(motion, robot)
+    if not is_less.any():
+        return scenario, []
+    units = np.where(robot.chain.prismatic, "m", "rad")
+    changes = ", ".join(
+        f"{robot.joint_names[j]} {amplitude[j]:.2g} {units[j]}" for j in np.flatnonzero(is_less)
+    )
+    smaller = replace(scenario, motion=replace(motion, amplitude=amplitude.tolist()))
+    return smaller, [f"the swing keeps within the joints' limits and speeds: {changes}"]
+
+
+def _with_bearable_push(scenario: Scenario, robot: Robot) -> tuple[Scenario, list[str]]:
+    """The scenario, its random pushes scaled to the payload; a sentence if they are less.
+
+    `force` (3,) N and `moment` (3,) N m of a HandPush are the sds along the axes.
+    """
     max_push_sd = _PUSH_SHARE * robot.payload * _STANDARD_GRAVITY  # N
     pushes = [segment for segment in scenario.wrench if isinstance(segment, HandPush)]
-    # A push is random; its `force` and `moment` are the sds along the axes.
     push_sd = max((max(map(abs, push.force)) for push in pushes), default=0.0)
-    wrench = scenario.wrench
-    if push_sd > max_push_sd:
-        scale = max_push_sd / push_sd  # of moments too: the same push, but weaker
-        wrench = [
-            replace(
-                segment,
-                force=[scale * x for x in segment.force],
-                moment=[scale * x for x in segment.moment],
-            )
-            if isinstance(segment, HandPush)
-            else segment
-            for segment in wrench
-        ]
-        notices.append(
-            f"the push is a quarter of the payload's weight: sd {max_push_sd:.2g} N along each axis"
-        )
-    return replace(scenario, motion=motion, wrench=wrench), tuple(notices)
+    if push_sd <= max_push_sd:
+        return scenario, []
+    scale = max_push_sd / push_sd  # of moments too: the same push, but weaker
+
+    def scaled(push: HandPush) -> HandPush:
+        force, moment = ([scale * x for x in vector] for vector in (push.force, push.moment))
+        return replace(push, force=force, moment=moment)
+
+    wrench = [scaled(item) if isinstance(item, HandPush) else item for item in scenario.wrench]
+    return replace(scenario, wrench=wrench), [
+        f"the push is a quarter of the payload's weight: sd {max_push_sd:.2g} N along each axis"
+    ]
 
 
 def _possible_amplitude(motion: JointSineMotion, robot: Robot) -> tuple[Array, Flags]:

@@ -45,7 +45,12 @@ REST_AFTER_PASS = 0.2  # s at rest, after the pass
 def make_machining_path(
     scenario: Scenario, robot: Robot, source: str = "scenario: machining"
 ) -> MachiningPath:
-    """Plans the pass of a scenario over its workpiece.
+    """Plans the pass of a scenario over its workpiece: path, postures and feed.
+
+    Args:
+        scenario: with machining and a workpiece, checked by `check_scenario`.
+        robot: with a ball as its tool's tip.
+        source: named in messages.
 
     Raises:
         InputError: a path off the workpiece, over too sharp an edge or out of reach; and as
@@ -53,40 +58,42 @@ def make_machining_path(
     """
     machining = scenario.machining
     assert machining is not None and scenario.workpiece is not None
-    radius = tip_radius(robot)
     X_WP = pose_of_workpiece(scenario.workpiece)
     path = SurfacePath.on_surface(
         surface_of(scenario.workpiece),
-        (machining.start[0], machining.start[1]),
-        (machining.end[0], machining.end[1]),
-        machining.num_samples,
-        X_WP.rotation().matrix(),
-        X_WP.translation(),
-        source,
+        start=(machining.start[0], machining.start[1]),  # u, v
+        end=(machining.end[0], machining.end[1]),
+        num_samples=machining.num_samples,
+        R_WP=X_WP.rotation().matrix(),
+        p_WP=X_WP.translation(),
+        source=source,
     )
-    check_curvature(path, radius)
-    return plan_machining(
-        robot,
-        path,
-        postures(robot, path, machining, source),
-        PassSettings(
-            one_way=machining.one_way,
-            passes=machining.passes,
-            ramp=machining.ramp,
-            force=machining.force,
-            phases=machining.phases,
-            tool_radius=radius,
-        ),
-        source,
+    settings = PassSettings(
+        one_way=machining.one_way,
+        passes=machining.passes,
+        ramp=machining.ramp,
+        force=machining.force,
+        phases=machining.phases,
+        tool_radius=tip_radius(robot),
     )
+    # `plan_machining` checks it, too; here before the search for postures, which takes seconds.
+    check_curvature(path, settings.tool_radius)
+    return plan_machining(robot, path, postures(robot, path, machining, source), settings, source)
 
 
 def posture_problem(
     robot: Robot, path: SurfacePath, machining: MachiningConfig, source: str
 ) -> RedundancyProblem:
-    """The problem of the best postures: the least stated sd of the force, with the nominal model.
+    """The problem of the best postures along a path, which `best_on_grid` and `refine` solve.
 
-    Postures differ by the angle about the tool's axis, which the work leaves free.
+    Postures differ by the angle about the tool's axis, which the work leaves free. Minimised is the
+    mean over the path of the force's stated sd, N, with the nominal model, plus _SMOOTHNESS_WEIGHT
+    times the joints' motion.
+
+    Args:
+        robot, path: whose samples the postures are of.
+        machining: states the first angle, and narrower joint limits if any.
+        source: named in messages.
 
     Raises:
         InputError: narrower limits of a joint that the robot does not have, or that are no range.
@@ -100,7 +107,7 @@ def posture_problem(
         measure=ForceSd(
             robot.chain,
             IdentifiedModel.nominal(robot).residual_covariance,
-            # Without a prior, which would hide how poorly a posture tells the force.
+            # The sd without a prior, which would hide how poorly a posture tells the force.
             WrenchReconstructionConfig(method="inverse"),
         ),
         lower=lower,
@@ -119,13 +126,24 @@ def postures(robot: Robot, path: SurfacePath, machining: MachiningConfig, source
         InputError: a sample is out of reach.
     """
     problem = posture_problem(robot, path, machining, source)
-    if machining.angle_deg is None:  # the angle about the tool's axis is free: the best one counts
-        grid_path = best_on_grid(problem, candidates(problem))
-        return refine(problem, grid_path.q).q
-    # The angle is stated, and may turn evenly along the path. What is left to choose is the branch
-    # of the inverse kinematics (elbow up or down, ...) that the path is followed in.
+    if machining.angle_deg is None:  # the angle about the tool's axis is free
+        best_of_grid = best_on_grid(problem, candidates(problem))
+        return refine(problem, best_of_grid.q).q
     turn = math.radians(machining.turn_deg) * np.linspace(0.0, 1.0, path.num_samples)
-    R_WE = path.orientations(problem.first_angle + turn)
+    return _postures_at_angle(problem, problem.first_angle + turn, source)
+
+
+def _postures_at_angle(problem: RedundancyProblem, angle: Array, source: str) -> Array:
+    """(N, n) postures with stated angles (N,) about the tool's axis, rad.
+
+    What is left to choose is the branch of the inverse kinematics (elbow up or down, ...) in which
+    the path is followed: the cheapest of those that reach its end within the problem's bounds.
+
+    Raises:
+        InputError: no branch does.
+    """
+    robot, path = problem.robot, problem.path
+    R_WE = path.orientations(angle)
     best_cost, best_q = math.inf, None
     first_postures = all_branches(robot, R_WE[:1], path.p_WS[:1])[0]  # (branches, n)
     for q_first in first_postures:
@@ -138,7 +156,8 @@ def postures(robot: Robot, path: SurfacePath, machining: MachiningConfig, source
         if problem.violation(q) > 0.0:
             continue
         cost = problem.cost(q)
-        # Beyond rounding: of branches with one cost the first is taken, on every machine.
+        # `better` is beyond rounding: of branches with one cost the first is taken, on every
+        # machine.
         if best_q is None or better(cost, best_cost):
             best_cost, best_q = cost, q
     if best_q is None:

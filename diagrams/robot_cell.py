@@ -216,7 +216,8 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
     builder.AddNamedSystem("true_arm", true_arm)
     for name, port in _add_drives_and_get_sources(cell).items():
         builder.Connect(port, true_arm.GetInputPort(name))
-    # The parts of two outputs of the true arm, each a port, by their names.
+    # Two outputs of the true arm hold many signals each. Here each signal is a port, by its name:
+    # what encoders, force/torque sensor and environment say, and torques and currents.
     motion = _add_demultiplexer(builder, true_arm, "motion", true_arm.motion_sizes)
     drives = _add_demultiplexer(builder, true_arm, "drives", true_arm.drive_sizes)
     builder.Connect(drives["tau_J"], plant.get_actuation_input_port(instance))
@@ -440,24 +441,29 @@ def _prepare_contact(
     """Gives the links the workpiece's contact material, and no contact among each other.
 
     At a blade only the ball at the tool's tip makes contact: the links pass through the blade.
+
+    Args:
+        cell: its plant is finalized.
+        scene_graph: of the plant; its shapes are changed, before any Context is made.
+        clear_links: names of links that touch nothing.
     """
     plant, arm = cell.plant, cell.arm
     source, inspector = plant.get_source_id(), scene_graph.model_inspector()
-    links = GeometrySet()  # shapes of the arm that keep a role in contact
+    arm_shapes = GeometrySet()  # those that may touch something
     for index in plant.GetBodyIndices(arm.model_instance):
         body = plant.get_body(index)
         for geometry in plant.GetCollisionGeometriesForBody(body):
-            material = None
+            material = None  # of a shape that touches nothing
             if cell.has_contact:
                 material = _material_of(cell, body, inspector.GetShape(geometry), clear_links)
             if material is None:
-                # A shape that touches nothing costs no time at a tick without this role.
+                # Without this role a shape costs no time at a tick.
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
             else:
                 scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
-                links.Add(geometry)
+                arm_shapes.Add(geometry)
     filters = scene_graph.collision_filter_manager()
-    filters.Apply(CollisionFilterDeclaration().ExcludeWithin(links))
+    filters.Apply(CollisionFilterDeclaration().ExcludeWithin(arm_shapes))
     if cell.scenario.floor:
         # What the robot stands on always touches the floor.
         foot = GeometrySet(plant.GetCollisionGeometriesForBody(arm.joints[0].parent_body()))

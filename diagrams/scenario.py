@@ -282,7 +282,7 @@ class Scenario:
     applied_spatial_force: bool = False
     """whether the cell takes forces on any body as an input"""
     force_torque_sensor: ForceTorqueSensorConfig | None = None
-    """Its observer's time_step is the scenario's."""
+    """between flange and tool; without it there is none"""
     estimator: WrenchEstimatorConfig = field(default_factory=WrenchEstimatorConfig)
     """Its observer's time_step is the scenario's."""
     recording: PageConfig = field(default_factory=PageConfig)
@@ -339,24 +339,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     Raises:
         InputError: a value out of range, or two that contradict each other; it names `source`.
     """
-    for key, value in (
-        ("duration", scenario.duration),
-        ("force_setpoint.rise", scenario.force_setpoint.rise),
-    ):
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(source, key, f"{value}, expected a positive number")
-    # Every number must be finite and within LIMITS, but for the observer's time_step, for which the
-    # scenario's is used, and wrench segments, which may last for ever (inf).
-    estimator = replace(
-        scenario.estimator, observer=replace(scenario.estimator.observer, time_step=1e-3)
-    )
-    check_numbers(replace(scenario, estimator=estimator, wrench=[]), source, LIMITS)
-    ticks = scenario.duration / scenario.time_step
-    if not 1 <= ticks <= MOST_TICKS:
-        problem = f"{scenario.duration:g} s make {ticks:.3g} steps, expected 1 to {MOST_TICKS}"
-        raise InputError(source, "duration", problem, "simulate parts of it, one after another")
-    if not 0 <= scenario.seed <= _MAX_SEED:
-        raise InputError(source, "seed", f"{scenario.seed}, expected 0 or more")
+    _check_numbers(scenario, source)
     for key, word, choices in (
         ("friction", scenario.friction, FRICTIONS),
         ("feedback", scenario.feedback, ("sensor", "estimate")),
@@ -374,27 +357,44 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
             "force control feeds back a sensor that the scenario does not have",
             "add force_torque_sensor, or feed back the estimate",
         )
-    _check_observer(scenario, source)
-    # Left out in the file, plant_config.time_step is Drake's default, and the scenario's is used.
-    if scenario.plant_config.time_step not in (
-        scenario.time_step,
-        MultibodyPlantConfig().time_step,
-    ):
-        problem = f"{scenario.plant_config.time_step:g} s, but the scenario's time_step is "
-        raise InputError(
-            source, "plant_config.time_step", f"{problem}{scenario.time_step:g} s", "leave it out"
-        )
+    _check_time_steps(scenario, source)
+    _check_wrench_observer(scenario, source)
     _check_workpiece(scenario.workpiece, source)
     if scenario.machining is not None:
         _check_machining(scenario, source)
 
 
-def _check_observer(scenario: Scenario, source: str) -> None:
-    """Raises InputError where the observer has another period than the scenario, or reads the
-    wrench itself and an option does not fit.
+def _check_numbers(scenario: Scenario, source: str) -> None:
+    """Raises InputError where a number is not finite or beyond LIMITS, or there are too many ticks.
+
+    Not looked at are wrench segments, which may last for ever (inf).
+    """
+    for key, value in (
+        ("duration", scenario.duration),
+        ("force_setpoint.rise", scenario.force_setpoint.rise),
+    ):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(source, key, f"{value}, expected a positive number")
+    # The observer's time_step does not count, as the scenario's is used (`_check_time_steps`): here
+    # any that is within LIMITS stands for it.
+    estimator = replace(
+        scenario.estimator, observer=replace(scenario.estimator.observer, time_step=1e-3)
+    )
+    check_numbers(replace(scenario, estimator=estimator, wrench=[]), source, LIMITS)
+    ticks = scenario.duration / scenario.time_step
+    if not 1 <= ticks <= MOST_TICKS:
+        problem = f"{scenario.duration:g} s make {ticks:.3g} steps, expected 1 to {MOST_TICKS}"
+        raise InputError(source, "duration", problem, "simulate parts of it, one after another")
+    if not 0 <= scenario.seed <= _MAX_SEED:
+        raise InputError(source, "seed", f"{scenario.seed}, expected 0 or more")
+
+
+def _check_time_steps(scenario: Scenario, source: str) -> None:
+    """Raises InputError where observer or plant states another period than the scenario's.
+
+    One that is left out in the file is the default of its class, and the scenario's is used.
     """
     observer = scenario.estimator.observer
-    # Left out in the file, it is the default of the observer's kind, and the scenario's is used.
     if observer.time_step not in (scenario.time_step, type(observer)().time_step):
         raise InputError(
             source,
@@ -403,9 +403,20 @@ def _check_observer(scenario: Scenario, source: str) -> None:
             f"{scenario.time_step:g} s",
             "leave it out",
         )
+    plant_step = scenario.plant_config.time_step
+    if plant_step not in (scenario.time_step, MultibodyPlantConfig().time_step):
+        problem = f"{plant_step:g} s, but the scenario's time_step is {scenario.time_step:g} s"
+        raise InputError(source, "plant_config.time_step", problem, "leave it out")
+
+
+def _check_wrench_observer(scenario: Scenario, source: str) -> None:
+    """Raises InputError where an observer that estimates the wrench itself does not fit an option.
+
+    Other observers estimate joint torques, and fit all.
+    """
     kind = kind_of(scenario.estimator.observer)
     if kind is None or not kind.reads_wrench:
-        return  # what follows is of an observer that estimates the wrench, not joint torques
+        return
     name, reconstruction = kind_name(kind), scenario.estimator.reconstruction
     if observer_prior(reconstruction) is None:  # the prior of the wrench, which it starts from
         raise InputError(
@@ -460,12 +471,13 @@ def _check_machining(scenario: Scenario, source: str) -> None:
     for name, value in (("one_way", machining.one_way), ("ramp", machining.ramp)):
         if not (np.isfinite(value) and value > 0):
             raise InputError(source, f"machining.{name}", f"{value:g} s, expected more than 0")
+    # m above the surface; 0: there is no air pass.
     if not (np.isfinite(machining.air_pass) and machining.air_pass >= 0):
         raise InputError(
             source, "machining.air_pass", f"{machining.air_pass:g} m, expected 0 or more"
         )
     check_phases(machining.phases, f"{source}: machining")
-    # Its constructor checks the process's numbers, and names this source.
+    # The constructor of MachiningProcess checks the process's numbers, and names this source.
     process_source = f"{source}: machining.process"
     MachiningProcess(machining.process, process_source, time_step=scenario.time_step)
 
@@ -543,33 +555,20 @@ def _fourier(motion: FourierMotion, robot: Robot) -> JointTrajectory:
 
 
 def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
-    """The motion along a straight line, there and back as often as stated, after a lead-in."""
-    _check_line(motion)
-    R_home, p_home = robot.chain.pose(robot.home)
-    path = StraightPath(
-        n_W=np.array(motion.n_W),
-        p_WM=np.array(motion.p_WM) if motion.p_WM else p_home,
-        R_WE=np.array(motion.R_WE) if motion.R_WE else R_home,
-        path_length=motion.path_length,
-    )
-    q_seed = _joints(motion.q_seed or list(robot.home), robot, "motion.q_seed")
-    law = TIME_LAWS[motion.time_law]  # place on the line, 0 to 1, from time, 0 to 1
-    if law is constant_speed:  # which would jump to its speed
-        law = steady_speed(motion.ramp)
-    # A whole number of steps one way, so that the turning point is one of the samples.
-    step = motion.one_way / max(1, round(motion.one_way / _TRAJECTORY_STEP))
-    cycle_duration = motion.one_way
-    if motion.passes > 1:  # a cycle is there and back; the last one may end at the turning point
-        law, cycle_duration = there_and_back(law), 2 * motion.one_way
-    cycle = joint_trajectory(
-        robot, path, law, duration=cycle_duration, q_seed=q_seed, time_step=step
-    )
+    """The motion along a straight line: there, back, there, ... after a lead-in.
 
-    # Whole cycles one after another, of which the time of the motion is cut out. A lead-in is the
-    # end of one more cycle, before the first.
+        start         begin                                          end
+        |   lead-in   |   there   |   back   |   there   |   ...   |
+        |  (a way back)   each takes one_way, `passes` of them
+
+    Equal cycles of there and back are put one after another, so that one begins at `begin`, and
+    what lies between start and end is cut out of them.
+    """
+    _check_line(motion)
+    cycle = _line_cycle(motion, robot)
     begin = motion.start + motion.lead_in
     end = begin + motion.passes * motion.one_way
-    first_cycle = -1 if motion.lead_in > 0 else 0
+    first_cycle = -1 if motion.lead_in > 0 else 0  # a lead-in is the end of one more
     cycles = range(first_cycle, (motion.passes + 1) // 2)
     t = np.concatenate([begin + k * cycle.duration + cycle.t for k in cycles])
     # The last sample of a cycle is the first of the next one.
@@ -581,6 +580,29 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
         q=np.tile(cycle.q, (num_cycles, 1))[is_in_motion],
         v=np.tile(cycle.v, (num_cycles, 1))[is_in_motion],
         vdot=np.tile(cycle.vdot, (num_cycles, 1))[is_in_motion],
+    )
+
+
+def _line_cycle(motion: LineMotion, robot: Robot) -> JointTrajectory:
+    """Along the line and back, from time 0 on; of a single pass along the line only."""
+    R_home, p_home = robot.chain.pose(robot.home)
+    path = StraightPath(
+        n_W=np.array(motion.n_W),
+        p_WM=np.array(motion.p_WM) if motion.p_WM else p_home,
+        R_WE=np.array(motion.R_WE) if motion.R_WE else R_home,
+        path_length=motion.path_length,
+    )
+    q_seed = _joints(motion.q_seed or list(robot.home), robot, "motion.q_seed")
+    time_law = TIME_LAWS[motion.time_law]  # place on the line, 0 to 1, from time, 0 to 1
+    if time_law is constant_speed:  # which would jump to its speed
+        time_law = steady_speed(motion.ramp)
+    duration = motion.one_way
+    if motion.passes > 1:
+        time_law, duration = there_and_back(time_law), 2 * motion.one_way
+    # A whole number of steps one way, so that the turning point is one of the samples.
+    time_step = motion.one_way / max(1, round(motion.one_way / _TRAJECTORY_STEP))
+    return joint_trajectory(
+        robot, path, time_law, duration=duration, q_seed=q_seed, time_step=time_step
     )
 
 

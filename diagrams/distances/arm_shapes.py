@@ -23,10 +23,14 @@ class ArmShapes:
     Attributes:
         plant: finalized.
         parts: the robot in it.
-        body: body of each shape, by its geometry id.
-        level: number of joints between the world and each body, by its index.
+        diagram: plant and scene graph, which Drake deletes with it.
+        inspector: of the scene graph: shapes, their names and poses in their bodies.
+        body: body of each collision shape, by its geometry id; in the order of the ids, which is
+            the same in every run.
+        level: number of the robot's joints between the world and each body, by the body's index:
+            0 of what stands still; a body that floats has none.
         tool: the robot's tool; without one the body that E lies on.
-        order: index of each of the robot's joints among the plant's positions.
+        position_indices: index of each of the robot's joints among the plant's positions.
     """
 
     def __init__(
@@ -38,9 +42,9 @@ class ArmShapes:
         self.plant, self.parts = plant, robot.add_to_plant(plant, hulls=True)
         add(plant)
         plant.Finalize()
-        self.diagram = builder.Build()  # owns plant and context
+        self.diagram = builder.Build()
         self.inspector = self._scene_graph.model_inspector()
-        self.body = {  # in the order of the ids, which is the same in every run
+        self.body = {
             geometry: plant.GetBodyFromFrameId(self.inspector.GetFrameId(geometry))
             for geometry in sorted(
                 self.inspector.GetAllGeometryIds(Role.kProximity), key=GeometryId.get_value
@@ -51,17 +55,18 @@ class ArmShapes:
         for j, joint in enumerate(self.parts.joints):
             for body in plant.GetBodiesWeldedTo(joint.child_body()):
                 self.level[body.index()] = j + 1
-        weld = self.parts.tool_weld
+        weld = self.parts.tool_weld  # of the tool to the flange; None: there is no tool
         self.tool = (
             self.parts.frame_E.body() if weld is None else plant.get_joint(weld).child_body()
         )
-        self.order = [joint.position_start() for joint in self.parts.joints]
+        self.position_indices = [joint.position_start() for joint in self.parts.joints]
+        # Where the first floating body's pose begins among the plant's positions; -1: none floats.
         floating = [plant.get_body(index) for index in plant.GetFloatingBaseBodies()]
-        # Of the plant's positions, where those of floating bodies begin; -1: there is none.
         self._floating_start = min(
             (body.floating_positions_start() for body in floating), default=-1
         )
-        self._roots: list[Any] = []  # contexts, which the plant's are parts of
+        # Contexts of the diagram, kept alive: `new_context` gives away the plant's parts of them.
+        self._diagram_contexts: list[Any] = []
 
     @cached_property
     def context(self) -> Any:
@@ -71,7 +76,7 @@ class ArmShapes:
     def new_context(self, left_out: Iterable[tuple[Any, Any]] = ()) -> Any:
         """Another context of the plant, in which some pairs of shapes do not count."""
         root = self.diagram.CreateDefaultContext()
-        self._roots.append(root)
+        self._diagram_contexts.append(root)
         filters = self._scene_graph.collision_filter_manager(
             self._scene_graph.GetMyMutableContextFromRoot(root)
         )
@@ -105,7 +110,7 @@ class ArmShapes:
         if len(np.asarray(pose)):
             start = self._floating_start
             positions[start : start + 7] = pose
-        positions[self.order] = np.asarray(q, np.float64)
+        positions[self.position_indices] = np.asarray(q, np.float64)
         self.plant.SetPositions(self.context, positions)
         return self.plant.get_geometry_query_input_port().Eval(self.context)
 

@@ -87,6 +87,11 @@ class Clearance:
 
     Attributes:
         shapes: the plant with all of them.
+        margin: m, as given.
+        overlapping: pairs that overlap at home, by the names of their links ("A and B").
+        near_at_home: pairs that must keep less than the margin, by the same names, with what they
+            must keep, m.
+        has_shapes: whether the arm has any.
     """
 
     def __init__(
@@ -100,7 +105,7 @@ class Clearance:
         add: Callable[[MultibodyPlant], None] = lambda plant: None,
         tip_only: bool = False,
     ) -> None:
-        def add_all(plant: MultibodyPlant) -> None:
+        def add_surroundings(plant: MultibodyPlant) -> None:
             if floor is not None:
                 slab = Box(*_FLOOR_SIZE)  # Drake has no distance of half space and cylinder
                 X_WF = RigidTransform([0.0, 0.0, floor - 0.5 * _FLOOR_SIZE[2]])
@@ -111,39 +116,48 @@ class Clearance:
                 add_workpiece(plant, workpiece)
             add(plant)
 
-        self.shapes = shapes = ArmShapes(robot, add_all)
+        self.shapes = shapes = ArmShapes(robot, add_surroundings)
         self.margin = margin
-        self._arm_shapes = {  # shapes of the arm and its tool
-            geometry
-            for geometry, body in shapes.body.items()
+        # Sets of geometry ids. The arm's are those of its links and of its tool.
+        self._arm_shapes = {
+            shape
+            for shape, body in shapes.body.items()
             if body.model_instance() == shapes.parts.model_instance
         }
         self._workpiece_shapes = self._others_named({WORKPIECE})
         self._floor_shapes = self._others_named({FLOOR})
         self._obstacle_shapes = self._others_named({box.name for box in obstacles} - {FLOOR})
         self._may_touch_workpiece = (
-            _working_shapes(shapes, margin)
-            if tip_only
-            else {
-                shape
-                for shape in self._arm_shapes
-                if shapes.body[shape].index() == shapes.tool.index()
-            }
+            _working_shapes(shapes, margin) if tip_only else self._tool_shapes()
         )
-        # Distance in m that a pair of shapes must keep, where it is not `margin`; -inf: the pair is
-        # left out. The two calls below fill it.
+        # What a pair of shapes (two ids, in Drake's order) must keep, m, where it is not `margin`;
+        # -inf: the pair is left out. The home posture says it of arm and floor; of a workpiece and
+        # obstacles it follows from what may touch them.
         self._required: dict[tuple[Any, Any], float] = {}
         arm_and_floor = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
         self.overlapping = self._require_at_home(robot, arm_and_floor)
         self._require_of_others()
-        near: dict[str, float] = {}  # the least that a pair must keep, by the names of its links
-        for pair, required in self._required.items():
-            if np.isfinite(required) and required < margin and arm_and_floor.issuperset(pair):
-                names = self._names(pair)
-                near[names] = min(required, near.get(names, np.inf))
-        self.near_at_home = tuple(near.items())
+        self.near_at_home = self._less_than_margin(arm_and_floor)
         self.has_shapes = bool(self._arm_shapes)
-        self._speed_radius = _speed_radius(robot, shapes)  # (n,) m
+        # (n,) m: no point of the arm is farther from the axis of joint j than entry j.
+        self._speed_radius = _speed_radius(robot, shapes)
+
+    def _tool_shapes(self) -> set[Any]:
+        """Shapes of the tool, or of the link that E lies on."""
+        tool = self.shapes.tool.index()
+        return {shape for shape in self._arm_shapes if self.shapes.body[shape].index() == tool}
+
+    def _less_than_margin(self, counted: set[Any]) -> tuple[tuple[str, float], ...]:
+        """Pairs among `counted` shapes that must keep less than the margin, and what, m, by name.
+
+        Of several shapes of two links the least counts.
+        """
+        least: dict[str, float] = {}
+        for pair, required in self._required.items():
+            if np.isfinite(required) and required < self.margin and counted.issuperset(pair):
+                names = self._names(pair)
+                least[names] = min(required, least.get(names, np.inf))
+        return tuple(least.items())
 
     def _others_named(self, names: set[str]) -> set[Any]:
         """Shapes of these names that are none of the arm's."""
@@ -299,31 +313,36 @@ class Clearance:
         return float(min([INFLUENCE_DISTANCE, *slacks]))
 
     def smooth_slack(self, q: ArrayLike) -> tuple[float, Array]:
-        """A smooth value (m), positive where `slack` is, and its gradient (n,) by q.
+        """A smooth measure of the least slack, m, and its gradient (n,) by q, m/rad.
 
-        -1/k ln sum exp(-k slack_i), k = MINIMUM_SHARPNESS, over all pairs and one that is always at
-        INFLUENCE_DISTANCE. A pair that must keep less than the margin, as the parts of a wrist,
-        counts in its own measure, margin / required: what a caller keeps in reserve then fits it
-        too. The gradient is the mean of the pairs' gradients, weighted with exp(-k slack_i).
+            value    = -1/k ln sum_i exp(-k slack_i),           k = MINIMUM_SHARPNESS
+            slack_i  = scale_i (distance_i - required_i),       scale_i = margin / required_i
+            gradient = sum_i w_i scale_i d distance_i / dq,     w_i = exp(-k slack_i) / sum
+
+        over all pairs that are near and one that is always at INFLUENCE_DISTANCE, so that there is
+        a value where none is. It is positive only where `slack` is. The scale, 1 for most pairs, is
+        larger for one that must keep less than the margin, as the parts of a wrist: what a caller
+        keeps in reserve of the margin then fits it too.
         """
         pairs = [
             p for p in self.shapes.pairs(q, INFLUENCE_DISTANCE) if np.isfinite(self._requirement(p))
         ]
-        # The last entry is that of the pair that is always at INFLUENCE_DISTANCE: its slack is that
-        # distance, its gradient 0.
+        # The last entry is that of the pair that is always at INFLUENCE_DISTANCE; gradient 0.
         required = np.array([self._requirement(pair) for pair in pairs] + [self.margin])
         distance = np.array([pair.distance for pair in pairs] + [INFLUENCE_DISTANCE + self.margin])
         scale = np.clip(self.margin / np.maximum(required, _MIN_REQUIRED), 1.0, _LARGEST_SCALE)
         slack = scale * (distance - required)
-        lowest = float(slack.min())  # taken out of the sum, which would underflow
-        weight = np.exp(-MINIMUM_SHARPNESS * (slack - lowest))
-        total = float(weight.sum())
-        weight *= scale  # d slack / d distance
-        gradient = np.zeros(self.shapes.plant.num_velocities())
-        for pair, share in zip(pairs, weight / total, strict=False):  # but the last entry
+        least = float(slack.min())  # taken out of the sum, whose terms would underflow
+        terms = np.exp(-MINIMUM_SHARPNESS * (slack - least))
+        total = float(terms.sum())
+        gradient = np.zeros(self.shapes.plant.num_velocities())  # by the plant's positions
+        shares = terms * scale / total
+        for pair, share in zip(pairs, shares[:-1], strict=True):
             if share >= _MIN_GRADIENT_SHARE:
                 gradient += share * self._distance_gradient(pair)
-        return lowest - float(np.log(total)) / MINIMUM_SHARPNESS, gradient[self.shapes.order]
+        return least - float(np.log(total)) / MINIMUM_SHARPNESS, gradient[
+            self.shapes.position_indices
+        ]
 
     def _distance_gradient(self, pair: SignedDistancePair) -> Array:
         """(n_v,) gradient of a pair's distance by the plant's positions, at the context's posture.
@@ -357,13 +376,16 @@ class Clearance:
     ) -> tuple[bool, ClosestPair | None]:
         """Whether a motion keeps clear at every time, not only at samples.
 
-        Samples, a tenth of a second apart or closer, must keep what is required of each pair; half
-        of it is proved for all times. No point of the arm moves faster than sum_j speed_j r_j, r_j
-        the farthest that it can be from joint j. Between two times with slack s_0 and s_1 the slack
-        therefore stays above (s_0 + s_1 - speed * time between) / 2, with twice that speed for two
-        moving links. Where this bound
-        proves less, the interval is halved. It counts as not clear once it is shorter than
-        _MIN_INTERVAL.
+        At samples, a tenth of a second apart or closer, every pair must keep what is required of
+        it: its slack is 0 or more. At all other times half of that is proved: no slack is below
+        -allowance, half of the least that any pair must keep.
+
+        The proof: no point of the arm moves faster than sum_j speed_j r_j, r_j the farthest that it
+        can be from joint j, and the distance of two moving links changes at twice that, `fastest`,
+        at most. Between two times with slacks s_0 and s_1 no slack is therefore below
+        (s_0 + s_1 - fastest time between) / 2. Where this is below -allowance the interval is
+        halved. The motion counts as not clear where a slack is found below -allowance, or an
+        interval gets shorter than _MIN_INTERVAL.
 
         Args:
             position: from time in s to q (n,).
@@ -376,9 +398,10 @@ class Clearance:
         fastest = 2.0 * float(speed @ self._speed_radius)  # m/s, of two moving links to each other
         required = [value for value in self._required.values() if np.isfinite(value)]
         allowance = 0.5 * min([self.margin, *required])  # m, by which a slack may be below 0
-        worst: ClosestPair | None = None
+        worst: ClosestPair | None = None  # of all times that were looked at
 
         def lowest_slack(t: float) -> float:
+            """The least slack at a time, m; keeps its pair in `worst` where none was worse."""
             nonlocal worst
             pairs = self.slacks(position(t))
             if not pairs:
@@ -395,11 +418,11 @@ class Clearance:
             for k in range(len(times) - 1)
         ]
         is_clear = min(slacks) >= 0.0
-        while intervals and is_clear:  # intervals are still to be proved, in any order
+        while intervals and is_clear:  # `intervals` are still to be proved, in any order
             interval = intervals.pop()
             length = interval.end - interval.start
-            # The least slack between the ends is (first + last - fastest length) / 2.
-            if interval.first_slack + interval.last_slack + 2.0 * allowance >= fastest * length:
+            least = 0.5 * (interval.first_slack + interval.last_slack - fastest * length)
+            if least >= -allowance:
                 continue  # proved
             if length < _MIN_INTERVAL:
                 is_clear = False

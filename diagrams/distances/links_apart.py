@@ -17,12 +17,11 @@ CLEAR_DISTANCE = 0.05  # m
 def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozenset[str]:
     """Names of the links that keep more than CLEAR_DISTANCE from the plate on the way of a pass.
 
-    The set is empty if other contact is possible: with a floor to touch, with a wrench that pushes
-    the arm off its path, or if the path cannot be planned. A blade touches only the tool's tip in
-    any case.
+    The set is empty without machining of a plate, if other contact is possible (a floor to touch, a
+    wrench that pushes the arm off its path), or if the path cannot be planned. A blade touches only
+    the tool's tip in any case.
     """
     machining, plate = scenario.machining, scenario.workpiece
-    # No links are left out where a floor or a push may bring them to touch after all.
     if not isinstance(plate, PlateConfig) or machining is None or scenario.floor or scenario.wrench:
         return frozenset()
     try:
@@ -31,7 +30,7 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
     except InputError:  # a part cannot be planned
         return frozenset()
     shapes = ArmShapes(robot, lambda plant: add_plate(plant, plate))
-    links = {
+    clear_links = {
         shapes.name(shape)
         for shape, body in shapes.body.items()
         if body.model_instance() == shapes.parts.model_instance
@@ -39,6 +38,6 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
     for q in np.vstack(list(postures_by_part.values())):
         for pair in shapes.pairs(q, CLEAR_DISTANCE):
             names = {shapes.name(pair.id_A), shapes.name(pair.id_B)}
-            if "workpiece" in names:
-                links -= names
-    return frozenset(links)
+            if "workpiece" in names:  # the plate's name in `add_plate`; the other is a link's
+                clear_links -= names
+    return frozenset(clear_links)

@@ -64,26 +64,27 @@ def write_path_page(
     # The scale ends below the few largest: near a singular posture a measure has no bound.
     low, high = float(np.min(measures)), float(np.quantile(measures, _SCALE_END_QUANTILE))
     high = max(high, _MIN_SCALE_RATIO * low)
-    tips = [robot.chain.pose(motion.q)[1] for motion in motions]
+    tips = [robot.chain.pose(motion.q)[1] for motion in motions]  # (N, 3) m, of E in W
     meshcat = make_meshcat(robot, np.mean(np.concatenate(tips), axis=0))
     picture = ArmPicture(robot, meshcat, fps)
     if workpiece is not None:
         _draw_workpiece(meshcat, workpiece)
     for motion, tip in zip(motions, tips, strict=True):
         _draw_tube(meshcat, _meshcat_path(motion), tip, colour_scale(motion.measure, low, high))
+    # From here on each `picture.show` is a frame of the page, at its time in s.
     start_animation(meshcat, fps)
     num_frames = max(2, round(seconds * fps))
-    start = 0.0  # s, of the motion in the page's time
-    for index, motion in enumerate(motions):
+    start = 0.0  # s, of a motion in the page's time
+    for number, motion in enumerate(motions, start=1):
         _show_one_path(meshcat, motions, motion, start)
-        # Where in q each frame is: between two postures where it is no whole number.
-        indices = np.linspace(0.0, len(motion.q) - 1.0, num_frames)
-        for frame in range(num_frames):
-            picture.show(_between(motion.q, float(indices[frame])), start + frame / fps)
+        # The rows of q that the frames show: where one is no whole number, a posture between two.
+        rows = np.linspace(0.0, len(motion.q) - 1.0, num_frames)
+        for frame, row in enumerate(rows.tolist()):
+            picture.show(_between(motion.q, row), start + frame / fps)
         start += seconds + _PAUSE_TIME
-        # The last posture, one frame before the next motion: the arm waits, and then jumps there
-        # instead of drifting to it through the pause.
-        if index + 1 < len(motions):
+        # Meshcat moves the arm evenly from frame to frame. The last posture once more, one frame
+        # before the next motion, lets it rest through the pause and then jump.
+        if number < len(motions):
             picture.show(motion.q[-1], start - 1.0 / fps)
     names = ", then ".join(motion.name for motion in motions)
     write_page(meshcat, path, f"{title}: {names}", scale_legend(label, low, high))

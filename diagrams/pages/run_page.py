@@ -11,6 +11,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from wrenchsight.models.files.whole_file import whole_file
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.wrench_arrows import ArrowStyle, WrenchArrows
 
@@ -43,36 +44,45 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
     """Starts Meshcat without a browser, on a white ground, looking at arm and tool from the side.
 
     Args:
-        robot: sets the distance, by the size of its arm.
+        robot: its base is at W's origin; from there to E at home counts as its size.
         p_WE: (..., 3) m, where the tool will be.
-        view_direction: (3,) from the tool to the camera, in W; by default from ahead of the tool
-            and to one side, a little above.
+        view_direction: (3,) from what the camera looks at to the camera, in W, of any length; by
+            default from ahead of the tool and to one side, a little above.
     """
     meshcat = _quiet_meshcat()
     meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
     meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
     for object_path in ("/Axes", "/Grid"):
         meshcat.SetProperty(object_path, "visible", False)
-    # The camera looks at a point between base and tool, from a distance at which its view holds all
-    # that moves.
     path = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
-    tool = 0.5 * (path.min(axis=0) + path.max(axis=0))  # middle of the path
-    _, home = robot.chain.pose(robot.home)
-    size = max(_MIN_SIZE, float(np.linalg.norm(home)), float(np.linalg.norm(path, axis=1).max()))
-    target = np.array([_TARGET_SHARE * tool[0], _TARGET_SHARE * tool[1], 0.5 * size])
+    middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
+    _, p_home = robot.chain.pose(robot.home)
+    size = max(_MIN_SIZE, float(np.linalg.norm(p_home)), float(np.linalg.norm(path, axis=1).max()))
+    target = np.array([_TARGET_SHARE * middle[0], _TARGET_SHARE * middle[1], 0.5 * size])
     if view_direction is None:
-        azimuth = np.arctan2(tool[1], tool[0]) - _SIDE_ANGLE
+        azimuth = np.arctan2(middle[1], middle[0]) - _SIDE_ANGLE
         direction = np.array([np.cos(azimuth), np.sin(azimuth), _CAMERA_RISE])
     else:
         direction = np.array(view_direction, dtype=np.float64)
     direction /= np.linalg.norm(direction)
-    shown = np.vstack([np.zeros(3), home, path]) - target
-    # Each point must lie within the cone of the view: as far aside as its depth allows.
-    towards = shown @ direction
-    aside = np.linalg.norm(shown - towards[:, None] * direction, axis=1)
-    distance = max(_MIN_DISTANCE * size, float(np.max(towards + aside / np.tan(_HALF_VIEW))))
+    points = np.vstack([np.zeros(3), p_home, path])  # base, E at home and E on its way
+    distance = max(_MIN_DISTANCE * size, _distance_of_view(points - target, direction))
     meshcat.SetCameraPose(target + distance * direction, target)
     return meshcat
+
+
+def _distance_of_view(points: Array, direction: Array) -> float:
+    """The least distance, m, from which a camera that looks at the origin has points in its view.
+
+    Its view is a cone of half angle _HALF_VIEW: a point may be as far aside as its depth allows.
+
+    Args:
+        points: (N, 3) m.
+        direction: (3,) unit vector from the origin to the camera.
+    """
+    towards = points @ direction
+    aside = np.linalg.norm(points - towards[:, None] * direction, axis=1)
+    return float(np.max(towards + aside / np.tan(_HALF_VIEW)))
 
 
 def add_wrench_arrows(

@@ -303,9 +303,16 @@ class PlacementProgram:
             start: need not keep the constraints.
             solver: one of SOLVERS.
             options: options of the solver, beside or in place of the defaults.
-            measure: in place of the program's own.
+            measure: what to minimise the mean of, in place of the program's own; the cost of the
+                solution is the program's own all the same.
+
+        Returns:
+            Where the solver ended, converged or not; the start itself where it gave up.
+
+        Raises:
+            KeyboardInterrupt: the user's, from within the solver.
         """
-        # The program's callbacks use these two: the number of their calls, and what they minimize.
+        # The program's cost, `_cost`, counts its calls in the one and minimises the other.
         self._evaluations = 0
         self._solved_measure = self.measure if measure is None else measure
         engine: Any = SnoptSolver() if solver == "snopt" else IpoptSolver()
@@ -314,13 +321,12 @@ class PlacementProgram:
             # Distances between curved shapes are found iteratively. Taken as exact, the last digits
             # of their differences stop the solver short of a place that keeps them.
             settings.SetOption(engine.solver_id(), "Function precision", _DISTANCE_PRECISION)
-        for name, value in (
-            (_SNOPT_OPTIONS if solver == "snopt" else _IPOPT_OPTIONS) | (options or {})
-        ).items():
+        defaults = _SNOPT_OPTIONS if solver == "snopt" else _IPOPT_OPTIONS
+        for name, value in (defaults | (options or {})).items():
             settings.SetOption(engine.solver_id(), name, value)
-        guess = np.empty(len(self._variables))
         # `_pack` has q row by row, but Drake numbers a matrix of variables column by column:
         # `_order` is where in Drake's numbering each entry of `_pack` is.
+        guess = np.empty(len(self._variables))
         guess[self._order] = self._pack(start)
         try:
             result = engine.Solve(self.program, guess, settings)
@@ -343,7 +349,7 @@ class PlacementProgram:
         )
 
     def _pack(self, placement: Placement) -> Array:
-        """The decision variables of a placement."""
+        """The decision variables of a placement, in the order of `_variables`."""
         held = np.concatenate([placement.quaternion, np.zeros(3)])
         return np.concatenate([placement.q.ravel(), path_pose(placement), held])
 

@@ -157,7 +157,7 @@ def test_a_workpiece_counts_as_taken_one_by_one(sts):
 def positions_at(shapes, q):
     """Positions of the plant with the arm at q (n,)."""
     positions = shapes.plant.GetDefaultPositions()
-    positions[shapes.order] = q
+    positions[shapes.position_indices] = q
     return positions
 
 
