@@ -101,16 +101,26 @@ def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd:
 def unexplained_rows(
     numbers: Array, correlation: Array, J: Array, tau_ext: Array, sd: Array, D: Array
 ) -> None:
-    """Writes D (N,); the arguments are those of `unexplained_log`.
+    """Writes D = tau_ext^T (Sigma + J^T P J)^-1 tau_ext of each of N samples.
+
+    Sigma_ij = sd_i correlation_ij sd_j, with (scale tau_ext_i)^2 added to sd_i^2; P is the diagonal
+    live prior covariance of the wrench, rotation first.
+
+    Args:
+        numbers, correlation: of ExplainedConstants.
+        J: (N, 6, n) as tau_ext saw it.
+        tau_ext, sd: (N, n) N m.
+        D: (N,), written; n on average where a wrench at E explains the torque.
 
     numpy on the log takes 5.5 times as long (`tests/benchmarks/bench_small_matrices.py`).
     """
     n = tau_ext.shape[1]
+    scale_squared = numbers[_SCALE2]
     covariance = np.empty((n, n))
     error_sd, floor, whitened = np.empty(n), np.empty(n), np.empty(n)
     for k in range(len(D)):
         for i in range(n):
-            error_sd[i] = np.sqrt(sd[k, i] * sd[k, i] + numbers[_SCALE2] * tau_ext[k, i] ** 2)
+            error_sd[i] = np.sqrt(sd[k, i] * sd[k, i] + scale_squared * tau_ext[k, i] ** 2)
             floor[i] = 1e-9 * (error_sd[i] * error_sd[i])
             whitened[i] = tau_ext[k, i]
         for i in range(n):

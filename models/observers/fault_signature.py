@@ -46,23 +46,32 @@ REPORT_TIME, MAX_REPORT_TIME = 0.05, 0.5  # s
 FORGETTING_SHARE = 0.2
 LOST_TIME, PROBATION_TIME = 0.05, 5.0  # s
 
-_MAX_TORQUE = 1e50  # N m; beyond, nothing is known
+_MAX_SQUARE = 1e50  # of |z|^2; beyond, nothing is known
 
-_PERIOD, _LOADED, _DECAY, _DECAY_LATE = range(4)  # of FaultConstants.numbers
-_SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, _NUM_MEANS = range(9)  # of FaultState.means
-_SEEN, _ONCE, _TWICE, _NUM_TORQUES = range(4)  # of FaultState.torques
+# Entries of FaultState.means: suspicion and time of impossible samples, s; then the means over
+# LATE_TIME of the products of z with itself, of z with a and b, and of a and b.
+_SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, _NUM_MEANS = range(9)
+# Rows of FaultState.torques: tau_J as the observer saw it; need behind one and two low-passes.
+_SEEN, _ONCE, _TWICE, _NUM_TORQUES = range(4)
 
 
 class FaultConstants(NamedTuple):
     """Constants of the test.
 
     Attributes:
-        numbers: (4,) period, bound of |z|^2, decays over MAX_LATENESS and LATE_TIME.
+        period: s between samples.
+        loaded_square: bound of |z|^2, above which z may be the trace of a fault; inf: no reading is
+            ever rejected.
+        need_decay: factor per sample of the low-passes of need, of time constant MAX_LATENESS.
+        late_decay: factor per sample of the means over LATE_TIME.
         poles: (n,) of the observer; -1: lateness is not looked for.
         lines: (m, n) N m, along which the torque of a wrong current lies.
     """
 
-    numbers: Array
+    period: float
+    loaded_square: float
+    need_decay: float
+    late_decay: float
     poles: Array
     lines: Array
 
@@ -71,7 +80,7 @@ class FaultState(NamedTuple):
     """What the test remembers.
 
     Attributes:
-        means: (8,) suspicion and time of impossible samples, s; means over LATE_TIME.
+        means: (_NUM_MEANS,) suspicion and time of impossible samples, s; means over LATE_TIME.
         torques: (3, n) N m, tau_J as the observer saw it; need through one pole and two.
     """
 
@@ -94,10 +103,12 @@ def fault_constants(
     n = len(torques)
     pairs = [torques[j] - torques[k] for j in range(n) for k in range(j)]
     poles = np.full(n, -1.0) if K_0 is None else np.exp(-np.asarray(K_0, float) * time_step)
-    decays = np.exp(-time_step / np.array([MAX_LATENESS, LATE_TIME]))
-    loaded = MIN_LOADED_SQUARE * n if has_sd else np.inf
+    need_decay, late_decay = np.exp(-time_step / np.array([MAX_LATENESS, LATE_TIME]))
     return FaultConstants(
-        numbers=np.array([time_step, loaded, *decays]),
+        period=float(time_step),
+        loaded_square=MIN_LOADED_SQUARE * n if has_sd else np.inf,
+        need_decay=float(need_decay),
+        late_decay=float(late_decay),
         poles=np.broadcast_to(poles, n).copy(),
         lines=np.array([*torques, *pairs]),
     )
@@ -120,31 +131,36 @@ def is_believed(
 ) -> bool:
     """Whether a reading may be valid; updates `state` with the reading.
 
+    `means[_SUSPICION]`, in s, grows by a period while z = tau_ext / sd is the trace of a wrong
+    signal, and falls in contacts and while nothing pushes; from REPORT_TIME on only readings free
+    of force are believed. Impossible samples for LOST_TIME set it beyond MAX_REPORT_TIME, for
+    PROBATION_TIME: then it falls in free readings alone.
+
     Args:
         constants: of `fault_constants`.
         state: of `initial_fault_state`, changed.
-        tau_ext, sd: (n,) N m.
-        tau_J: (n,) N m, of the sample before.
+        tau_ext, sd: (n,) N m, the observed torque and the sd of its error.
+        tau_J: (n,) N m, of the sample before; NaN before it is known.
         is_measured: whether tau_ext is of this sample.
         is_implausible: whether the sample is beyond what the joints can do.
     """
-    if constants.numbers[_LOADED] == np.inf:
+    if constants.loaded_square == np.inf:
         return True
-    n, period, means = tau_ext.shape[0], constants.numbers[_PERIOD], state.means
+    n, period, means = tau_ext.shape[0], constants.period, state.means
     if is_implausible:
         means[_LOST] = min(means[_LOST] + period, LOST_TIME)
         if means[_LOST] > LOST_TIME - 0.5 * period:
             means[_SUSPICION] = PROBATION_TIME + MAX_REPORT_TIME
     else:
         means[_LOST] = max(means[_LOST] - FORGETTING_SHARE * period, 0.0)
-    square = 0.0
+    square = 0.0  # |z|^2
     for j in range(n):
         square += (tau_ext[j] / sd[j]) ** 2 + 0.0 * tau_J[j]  # NaN before a torque is known
-    if not (is_measured and square < _MAX_TORQUE):
+    if not (is_measured and square < _MAX_SQUARE):  # NaN, too: nothing is known
         return True
     late_share = _lateness(constants, state, tau_ext, sd, tau_J)
     is_free = square < MAX_FREE_SQUARE * n
-    if square > constants.numbers[_LOADED] and means[_SUSPICION] <= MAX_REPORT_TIME:
+    if square > constants.loaded_square and means[_SUSPICION] <= MAX_REPORT_TIME:
         off_line = square - _along(constants.lines, tau_ext, sd)
         on_line = off_line < min(MAX_OTHERS_SQUARE * n, ALONE_SHARE * square)
         if on_line or late_share > LATE_SHARE:
@@ -177,31 +193,42 @@ def _along(lines: Array, tau_ext: Array, sd: Array) -> float:
 def _lateness(
     constants: FaultConstants, state: FaultState, tau_ext: Array, sd: Array, tau_J: Array
 ) -> float:
-    """The share of |z|^2 over LATE_TIME that late currents explain; 0 where they do not."""
-    n, decay = tau_ext.shape[0], constants.numbers[_DECAY]
-    means, seen = state.means, state.torques
+    """The share of |z|^2 over LATE_TIME that late currents explain; 0 where they do not.
+
+    A delay leaves z = a_fit a + b_fit b, all divided by sd, joint by joint:
+
+        need = tau_J + tau_ext, the torque of an arm that nothing touches
+        a = need - once,  b = once - twice,  once and twice need behind one and two low-passes
+
+    Args:
+        constants: as `is_believed`; negative poles: lateness is not looked for.
+        state: its torques and its means of products are updated.
+        tau_ext, sd, tau_J: as `is_believed`, finite.
+    """
+    n, decay = tau_ext.shape[0], constants.need_decay
+    means, torques = state.means, state.torques
     if constants.poles[0] < 0.0:
         return 0.0
     zz, za, zb, aa, ab, bb = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
-        if not np.isfinite(seen[_SEEN, j]):
-            seen[_SEEN, j] = tau_J[j]
-            seen[_ONCE, j] = seen[_TWICE, j] = tau_J[j] + tau_ext[j]
+        if not np.isfinite(torques[_SEEN, j]):
+            torques[_SEEN, j] = tau_J[j]
+            torques[_ONCE, j] = torques[_TWICE, j] = tau_J[j] + tau_ext[j]
         pole = constants.poles[j]
-        seen[_SEEN, j] = pole * seen[_SEEN, j] + (1.0 - pole) * tau_J[j]
-        need = seen[_SEEN, j] + tau_ext[j]
-        seen[_ONCE, j] = decay * seen[_ONCE, j] + (1.0 - decay) * need
-        seen[_TWICE, j] = decay * seen[_TWICE, j] + (1.0 - decay) * seen[_ONCE, j]
-        z, a = tau_ext[j] / sd[j], (need - seen[_ONCE, j]) / sd[j]
-        b = (seen[_ONCE, j] - seen[_TWICE, j]) / sd[j]
+        torques[_SEEN, j] = pole * torques[_SEEN, j] + (1.0 - pole) * tau_J[j]
+        need = torques[_SEEN, j] + tau_ext[j]
+        torques[_ONCE, j] = decay * torques[_ONCE, j] + (1.0 - decay) * need
+        torques[_TWICE, j] = decay * torques[_TWICE, j] + (1.0 - decay) * torques[_ONCE, j]
+        z, a = tau_ext[j] / sd[j], (need - torques[_ONCE, j]) / sd[j]
+        b = (torques[_ONCE, j] - torques[_TWICE, j]) / sd[j]
         zz, za, zb = zz + z * z, za + z * a, zb + z * b
         aa, ab, bb = aa + a * a, ab + a * b, bb + b * b
-    decay, k = constants.numbers[_DECAY_LATE], _ZZ
-    for product in (zz, za, zb, aa, ab, bb):
-        means[k] = decay * means[k] + (1.0 - decay) * product
-        k += 1
+    decay, entry = constants.late_decay, _ZZ
+    for product in (zz, za, zb, aa, ab, bb):  # in the order of the means' entries
+        means[entry] = decay * means[entry] + (1.0 - decay) * product
+        entry += 1
     za, zb, aa, ab, bb = means[_ZA], means[_ZB], means[_AA], means[_AB], means[_BB]
-    if means[_ZZ] < constants.numbers[_LOADED]:
+    if means[_ZZ] < constants.loaded_square:
         return 0.0
     # Least squares z = a_fit a + b_fit b over LATE_TIME.
     det = max(aa * bb - ab * ab, 1e-9 * aa * bb)

@@ -132,11 +132,16 @@ def forward_log(
 ) -> None:
     """Runs the filter over N samples.
 
+    The state z of M = 3 n + 6 numbers, with its covariance P, is [p (n), F (6), x (n), beta (n)]:
+    momentum, wrench on the robot at E (rotation first), smooth and slow part of the torque error.
+    A sample that is not finite is not measured: the momentum starts anew.
+
     Args:
-        signals: (N, NUM_SIGNALS, n).
+        signals: (N, NUM_SIGNALS, n), rows as in `models.observers.observer`.
         changes: (N,) live prior's variances that F gains after a sample, beside its walk.
-        state: goes on from it.
-        log: written.
+        state: before the first sample; changed to that after the last.
+        log: written: z and P before each sample, parts of the error and innovation (`period`), and
+            whether the sample is measured and the period after it known (`kinds`).
     """
     z, P, running, period = state.z, state.P, state.running, log.period
     drift_decay = model.drift_decay
@@ -144,7 +149,7 @@ def forward_log(
     M = 3 * n + 6
     t = model.table
     sixes, rounding, T = t.sixes, t.joints[ROUND], t.numbers[PERIOD]
-    L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
+    L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)  # factor of S, gain, step over a period
     arrived, white = np.empty(n), np.empty(n)
     for k in range(N):
         sample, miss = signals[k], period[k, _MISS]
@@ -269,6 +274,10 @@ def backward_log(
 ) -> None:
     """Estimates the wrench of the first K samples from all N of `forward_log`.
 
+    Backward goes the adjoint of the filter's state z = [p (n), F (6), x (n), beta (n)], M = 3 n + 6
+    numbers: lambda (M,) and Lambda (M, M) are what the samples from k on say of z before sample k,
+    and z - P lambda, P - P Lambda P what all samples say of it.
+
     Args:
         model, log: of `forward_log`, over the same N samples.
         evidence: (N, NUM_EVIDENCE), written: evidence for a change after a sample.
@@ -282,7 +291,7 @@ def backward_log(
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     adjoint = _Adjoint(np.zeros(M), np.zeros((M, M)))
     lam, Lam = adjoint.lam, adjoint.Lam
-    inverse, product = np.empty((n, n)), np.empty((M, n))
+    inverse, product = np.empty((n, n)), np.empty((M, n))  # S^-1 of an innovation; scratch
     for k in range(N - 1, -1, -1):
         _weigh_change(lam, Lam, t.sixes[JUMP_F], n, evidence[k])
         if kinds[k, _KNOWN]:
@@ -315,8 +324,9 @@ def _take_adjoint(K: Array, inverse: Array, miss: Array, adjoint: _Adjoint, prod
 
     Args:
         K: (M, n) gain.
-        inverse: (n, n) S^-1.
+        inverse: (n, n) S^-1, inverse covariance of the innovation.
         miss: (n,) innovation, N m s.
+        adjoint: lambda (M,) and Lambda (M, M), changed.
         product: (M, n), overwritten.
     """
     lam, Lam = adjoint.lam, adjoint.Lam
@@ -393,8 +403,12 @@ def _forward_response(
         dz <- dz - K dp                 a sample is measured; dp is dz's momentum
         dz <- A dz - T torque           a period goes by
 
+    dz is of the state [p (n), F (6), x (n), beta (n)], M = 3 n + 6 numbers. A column, or case, is
+    the torque of one joint alone.
+
     Args:
-        model, log, torque: of `response_log`.
+        model, log: of `forward_log`.
+        torque: (N, C, n) N m, held for a period; torque[:, c, j] is case c n + j.
         error: (M, C n) dz before the first sample; changed to that before sample `num_ready`.
         num_ready: at most N.
         errors: (N, n + 6, C n), written: momentum and F of dz before each sample.
@@ -444,9 +458,10 @@ def _backward_response(
         dF = dz_F - P_F lambda                                  P_F: rows of F
 
     Args:
-        model, log: of `response_log`.
-        errors: (N, n + 6, C n) of `_forward_response`.
-        response: (K, 6, C n) with K at most N, written.
+        model, log: of `forward_log`.
+        errors: (N, n + 6, C n) of `_forward_response`: momentum and F of dz before each sample, for
+            C n torques that the model does not have.
+        response: (K, 6, C n) with K at most N, written: dF.
     """
     N, _, n = log.period.shape
     M, num_cases = log.P.shape[1], errors.shape[2]
@@ -488,7 +503,21 @@ def _weigh_change(
 ) -> None:
     """Writes the evidence for a change of F, of variance diag(jump), or of any p, at a sample.
 
-    The equations are those of `wrenchsight.models.observers.force_changes`.
+    With d = D^1/2 lambda_F, S = D^1/2 Lambda_FF D^1/2 and D = diag(jump), all later samples are
+
+        exp(d^T (1 + S)^-1 d / 2) det(1 + S)^-1/2
+
+    times likelier if F changes. The evidence is the log of that (LIKELIER), its exponent alone
+    (FORCE_GAIN), and lambda_p^T Lambda_pp^-1 lambda_p / 2 of a change of the momentum (BLOW_GAIN);
+    zero where a matrix is not positive definite. `wrenchsight.models.observers.force_changes` says
+    what follows from it.
+
+    Args:
+        lam, Lam: (M,), (M, M) adjoint of the later samples; the first n entries are those of the
+            momentum p, the next six those of F.
+        jump: (6,) variances.
+        n: number of joints.
+        evidence: (NUM_EVIDENCE,), written.
     """
     evidence[:] = 0.0
     L, force = np.empty((6, 6)), np.empty(6)

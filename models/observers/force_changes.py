@@ -177,11 +177,16 @@ class IntervalSmoother:
     def smoothed(
         self, signals: Array, J: Array, changes: Array, num_ready: int
     ) -> tuple[IntervalReading, FilterState]:
-        """Runs one pass; returns its result, and the filter's state after the first K samples.
+        """Runs one pass forward and backward over a stretch of N samples.
 
         Args:
+            signals, J: (N, NUM_SIGNALS, n), (N, 6, n).
             changes: (N,) live prior's variances that F gains after each sample.
-            others: as `read`.
+            num_ready: K, at most N, number of samples that are read; the others count for these.
+
+        Returns:
+            The reading of K samples with the log of all N; and the filter's state before sample K,
+            from which the next stretch starts.
         """
         N, _, n = signals.shape
         M = 3 * n + 6
@@ -215,8 +220,13 @@ class IntervalSmoother:
 def likely_changes(evidence: Array, search: ChangeSearch) -> Array:
     """Shares (N,) of the live prior's variance that F is to gain after each sample.
 
+    A change lies where the likelihood ratio has its maximum within `reach` samples to both sides
+    and is above 1 / CHANGE_ODDS, unless a blow explains more nearby. Its share of 1 is spread over
+    these samples in proportion to the likelihood that it lies there. All zero: no change is likely.
+
     Args:
-        evidence: (N, NUM_EVIDENCE) of `wrenchsight.models.observers.fixed_interval`.
+        evidence: (N, NUM_EVIDENCE) logs of likelihood ratios, as
+            `wrenchsight.models.observers.fixed_interval` writes them.
         search: its settings.
     """
     N = len(evidence)
@@ -229,9 +239,8 @@ def likely_changes(evidence: Array, search: ChangeSearch) -> Array:
     force_gain = evidence[:, FORCE_GAIN] + search.extra_parameters
     last_change = -reach - 1
     for k in np.flatnonzero((log_likelihood > -np.log(CHANGE_ODDS)) & (log_likelihood >= highest)):
-        if (
-            k - last_change <= reach or blow_gain[k] > force_gain[k]
-        ):  # as likely as the one before, as in a gap
+        # Within reach of the last change this one is as likely as that, as in a gap of the log.
+        if k - last_change <= reach or blow_gain[k] > force_gain[k]:
             continue
         neighbours = slice(max(k - reach, 0), k + reach + 1)
         likelihood = np.exp(log_likelihood[neighbours] - log_likelihood[k])

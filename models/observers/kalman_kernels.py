@@ -173,7 +173,16 @@ def _torque_after(table: KalmanTable, state: KalmanState, signals: Array, J: Arr
 def _wrench_after(
     table: KalmanTable, state: KalmanState, signals: Array, wrench: Array, covariance: Array
 ) -> None:
-    """Writes F (6,) and its covariance (6, 6) right after a sample."""
+    """Writes F (6,) and its covariance (6, 6) right after a sample; the state stays as it is.
+
+    The covariance is that of F in P after the measurement, plus slow slow^T: C (N, n) is what the
+    slow part of the torque error, n numbers of sd 1, has put into the state.
+
+    Args:
+        table, state: the filter's, before the sample; F are entries n to n + 5 of the state.
+        signals: (NUM_SIGNALS, n) of the sample; where it is not finite, F is as predicted.
+        wrench, covariance: written.
+    """
     n = signals.shape[1]
     gain, P, C, rounding = state.gain, state.P, state.C, table.joints[ROUND]
     is_measured = _read_force(table.numbers, state, signals, wrench)
@@ -202,15 +211,23 @@ def _wrench_after(
 
 @kernel
 def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> None:
-    """Updates the state `s` with a sample, in place.
+    """Updates the state `s` with a sample, in place: measurement, then prediction over a period.
 
-    A sample that is not finite is not measured; the one after it starts the momentum again.
+    A sample that is not finite is not measured; the one after it starts the momentum again. After
+    SETTLED lost samples in a row the filter begins anew. status[0] is 1 while the filter runs, else
+    0 or less, one less for each lost sample; status[1] counts the measured samples.
+
+    Args:
+        t: constants.
+        s: state, entries [p (n), F (6), x (n)].
+        signals: (NUM_SIGNALS, n).
+        J: (6, n).
     """
     n = signals.shape[1]
     numbers, sixes, rounding = t.numbers, t.sixes, t.joints[ROUND]
     x, P, C, status = s.x, s.P, s.C, s.status
     arrived = np.empty(n)
-    is_known = True  # what the coming period begins with
+    is_known = True  # whether what the coming period begins with is finite
     for i in range(n):
         arrived[i] = sample_momentum(numbers, signals, i)
         predicted = arrived[i] + signals[TAU_J, i] + signals[CTV, i] - signals[TAU_F, i]
@@ -244,7 +261,7 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
     if is_known:
         for i in range(n):
             u = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i] + signals[TAU_J, i]
-            x[i] += numbers[PERIOD] * u
+            x[i] += numbers[PERIOD] * u  # the modelled torque changes the momentum
             for m in range(n):
                 C[n + 6 + i, m] *= error.decay[i]
         renew(error.decay, t.mixing, x, P)

@@ -195,7 +195,14 @@ class KalmanObserver:
         return Observed(signals[:, TAU_EXT].copy(), is_fresh, wrench, covariance)
 
     def _table(self, knowledge: ModelKnowledge | None) -> KalmanTable:
-        """The constants of the filter, from what is known of the arm."""
+        """The constants of the filter, from what is known of the arm.
+
+        What is not known is replaced: the error's correlation time by _PLAIN_TIME, its rate K_0 by
+        _PLAIN_K_0, the sds of torque and prior by 1, the correlation by none.
+
+        Raises:
+            ValueError: the arm's knowledge has no live prior.
+        """
         n, T = self.num_joints, self.time_step
         numbers, sixes = np.zeros(NUM_NUMBERS), np.zeros((SIXES, 6))
         joints, mixing = np.zeros((JOINTS, n)), np.eye(n)

@@ -74,13 +74,14 @@ _FAST, _SLOW, _POWER, _RATES, LAG_ROWS = 0, 1, 2, 8, 9
 def lag_settings(
     K_0: ArrayLike | None, time_step: float, force_bandwidth_hz: float, scale: float
 ) -> Array:
-    """Returns the constants of `lag_tick`.
+    """Returns the constants of `lag_tick`, by the names of their entries in this module.
 
     Args:
-        K_0: (n,) or () 1/s of the observer; None: it has no such lag.
+        K_0: (n,) or () 1/s of the observer, of which the slowest counts; None: it has no such lag,
+            and all but the scale are zero.
         time_step: s.
         force_bandwidth_hz: 0 leaves the lag of a changing force out of the band.
-        scale: share of what is read.
+        scale: relative sd of the scale of all readings.
 
     Raises:
         ValueError: a number that is negative or not finite.
@@ -148,10 +149,18 @@ def lag_tick(
 ) -> bool:
     """Single-sample kernel: adds lag and scale to the covariance (6, 6).
 
+        covariance += L / LAG_POWER_SHARE + h h^T + scale^2 F F^T
+
+    With f what the reading F lags by, from its rate, g = f without the noise of the reading, L the
+    mean of g g^T over the last 1 / omega, h what of g this instant has beyond that mean; omega / (2
+    pi) is the bandwidth that the user states.
+
     Args:
         settings: of `lag_settings`.
-        state: (LAG_ROWS, 6), its powers updated; `lag_update` takes the sample.
-        wrench: (6,).
+        state: (LAG_ROWS, 6): the wrench through two low-passes (_FAST at RATE_CORNERS omega, _SLOW
+            at omega; read), L (rows from _POWER on) and the powers of the rates seen through both
+            (_RATES); the latter two are updated. `lag_update` takes the sample.
+        wrench: (6,) the reading, moment first.
         covariance: (6, 6), changed.
         lateness: (6,) N m and N, overwritten with h.
 
@@ -159,8 +168,7 @@ def lag_tick(
         Whether the reading keeps pace with the force.
     """
     fast_power, slow_power, force_variance = 0.0, 0.0, 0.0  # of the three forces, N^2
-    # f: what the reading lags by, from its rate, as seen through the corner w (rate) and through
-    # omega (slow_rate); N m and N. `lateness` holds g, f without the power of the noise.
+    # `rate` is f, `slow_rate` the same seen through the lower corner. `lateness` holds g for now.
     for i in range(6):
         rate, slow_rate = 0.0, 0.0
         if np.isfinite(state[_FAST, i]) and np.isfinite(wrench[i]):

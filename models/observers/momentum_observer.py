@@ -50,6 +50,8 @@ MAX_MOMENTUM = 1e100  # kg m^2/s; more counts as not finite, as sums of it would
 
 # Columns of MomentumObserver.table: K' and a of the recursion, and the weights in T ubar_k.
 _GAIN, _DECAY, _MOTOR_AFTER, _MOTOR_BEFORE, _HALF = range(5)
+# Rows of the state: the momentum that the model predicts, the estimate, the start's share in it.
+_PREDICTED, _ESTIMATE, _START = range(3)
 
 
 @dataclass
@@ -87,8 +89,11 @@ def observe_momentum(
     the observer runs, without a jump.
 
     Args:
-        table: of MomentumObserver.
-        state: of `MomentumObserver.initial_state`, changed.
+        table: of MomentumObserver, a row a joint: gain and decay of the recursion, half the period,
+            and the weights of the motor torque in the period after a sample and before it.
+        state: of `MomentumObserver.initial_state`, changed. Rows (n,) each: momentum that the model
+            predicts for the next sample, kg m^2/s, NaN where it is not known, inf before the first
+            sample; last estimate, N m; share of the start that is still in it, 1 at first.
         momentum, CTv, G, tau_J, tau_f: (N, n) kg m^2/s and N m.
         tau_ext: (N, n) N m, written.
         is_fresh: (N,) written: whether every joint's estimate is fresh. It is not where this sample
@@ -102,12 +107,11 @@ def observe_momentum(
             arrived = arrived_momentum(
                 table[i, _HALF], table[i, _MOTOR_BEFORE], momentum[k, i], model, tau_J[k, i]
             )
-            estimate, decay, gain = state[1, i], table[i, _DECAY], table[i, _GAIN]
-            if abs(arrived) < MAX_MOMENTUM and np.isfinite(state[0, i]):
-                estimate = decay * state[1, i] + gain * (arrived - state[0, i])
-                # The second: the output of a filter that hardly moves does not depend on the
-                # present.
-                if decay * state[2, i] > START_SHARE or gain < LEAST_K_0:
+            estimate, decay, gain = state[_ESTIMATE, i], table[i, _DECAY], table[i, _GAIN]
+            if abs(arrived) < MAX_MOMENTUM and np.isfinite(state[_PREDICTED, i]):
+                estimate = decay * state[_ESTIMATE, i] + gain * (arrived - state[_PREDICTED, i])
+                # A filter that hardly moves says nothing of the present, either.
+                if decay * state[_START, i] > START_SHARE or gain < LEAST_K_0:
                     is_fresh[k] = False
             else:
                 is_fresh[k] = False
@@ -115,12 +119,12 @@ def observe_momentum(
             predicted = momentum[k, i] + table[i, _HALF] * model
             predicted += table[i, _MOTOR_AFTER] * tau_J[k, i]
             is_known = abs(predicted) < MAX_MOMENTUM
-            if is_known and np.isfinite(state[0, i]):
-                state[2, i] *= decay
-            elif not is_known and np.isnan(state[0, i]):  # a held estimate ages
-                state[2, i] = min(1.0, max(state[2, i], HELD_SHARE) / decay)
-            state[0, i] = predicted if is_known else np.nan
-            state[1, i] = estimate
+            if is_known and np.isfinite(state[_PREDICTED, i]):
+                state[_START, i] *= decay
+            elif not is_known and np.isnan(state[_PREDICTED, i]):  # a held estimate ages
+                state[_START, i] = min(1.0, max(state[_START, i], HELD_SHARE) / decay)
+            state[_PREDICTED, i] = predicted if is_known else np.nan
+            state[_ESTIMATE, i] = estimate
 
 
 class MomentumObserver:
@@ -183,8 +187,8 @@ class MomentumObserver:
     def initial_state(self) -> Array:
         """Returns the (3, n) state before the first sample: tau_ext zero."""
         state = np.zeros((3, self.num_joints))
-        state[0] = np.inf
-        state[2] = 1.0
+        state[_PREDICTED] = np.inf
+        state[_START] = 1.0
         return state
 
     def observe(self, state: Array, samples: ObserverSamples) -> Observed:

@@ -181,13 +181,22 @@ def _check_motion(
     v: Array,
     checked: Array,
 ) -> int:
-    """Single-sample kernel: writes q and v into the first rows of `checked`, NaN where impossible.
-    `state` stays as it is.
+    """Single-sample kernel: checks q and v of a sample; `state` stays as it is.
+
+    Args:
+        table, state: of SampleCheck, (rows, n).
+        period: s since the sample before.
+        q, v: (n,).
+        checked: its first two rows are written: q and v, NaN where impossible.
 
     Returns:
-        The fault of them, and of the current of the sample before: a sum of codes.
+        The faults of all joints, and of the current of the sample before: a sum of FAULT_ codes.
     """
-    codes, fade_age, fade = 0, np.nan, np.nan
+    codes = 0
+    fade_age, fade = (
+        np.nan,
+        np.nan,
+    )  # s since the last possible sample; how much a drift fades by it
     for j in range(q.shape[0]):
         codes |= int(state[_PREVIOUS_CODE, j])
         checked[0, j], checked[1, j] = q[j], v[j]
@@ -228,7 +237,19 @@ def _take_sample(
     current: Array,
     checked: Array,
 ) -> None:
-    """Single-sample kernel: updates `state` with a sample; `checked` as both checks wrote it."""
+    """Single-sample kernel: updates `state` with a sample.
+
+    The state of a joint holds the last sample that was possible (_Q, _V, _I) and the time since
+    (_AGE of q and v, _I_AGE of the current), the largest disagreement of q and v lately (_LARGEST),
+    the sums that tell a drift and disorder (_SUM, _DISORDER), how long the current has been the
+    same (_SAME), and the fault of the current (_PREVIOUS_CODE), which counts at the next sample.
+
+    Args:
+        table, state: of SampleCheck, (rows, n).
+        period: s since the sample before.
+        q, v, current: (n,) as measured.
+        checked: (3, n) the same as both checks wrote them: NaN where impossible.
+    """
     fade_age, rise_fade, fade = np.nan, np.nan, np.nan
     for j in range(q.shape[0]):
         joint = _Joint(table, state, period, j)
@@ -237,6 +258,7 @@ def _take_sample(
             fade_age, rise_fade, fade = age, np.exp(-age / RISE_TIME), np.exp(-age / DRIFT_TIME)
         is_known = np.isfinite(state[_Q, j]) and np.isfinite(q[j]) and np.isfinite(v[j])
         is_recent = is_known and age <= max(RESTART_TIME, RESTART_TICKS * period)
+        # A sample that is not finite, or after none that was, is as useless as one beyond a limit.
         code = FAULT_BEYOND
         if np.isfinite(checked[0, j]) and np.isfinite(checked[1, j]):
             code = 0

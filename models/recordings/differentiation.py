@@ -36,26 +36,28 @@ def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
     Args:
         chunks: successive parts of one recording with finite positions.
     """
-    half: int | None = None  # samples on either side of a window
+    half_window: int | None = None  # samples on either side of the middle; None: not known yet
     buffer: Recording | None = None  # samples that lack later ones, and the window before them
-    num_yielded = 0  # samples of the buffer
+    num_yielded = 0  # samples at the buffer's begin that were yielded: kept for later windows
     for chunk in chunks:
         buffer = chunk if buffer is None else concatenated([buffer, chunk])
-        if half is None:
+        if half_window is None:
             if buffer.num_samples < LEAST_WINDOW:
                 continue
-            half = max(_LEAST_HALF_WINDOW, round(HALF_WINDOW_S / max(buffer.time_step, 1e-9)))
-        end = buffer.num_samples - half  # of the samples whose window is complete
-        if end <= max(num_yielded, half):
+            half_window = max(
+                _LEAST_HALF_WINDOW, round(HALF_WINDOW_S / max(buffer.time_step, 1e-9))
+            )
+        end = buffer.num_samples - half_window  # of the samples whose window is complete
+        if end <= max(num_yielded, half_window):
             continue
-        v = _velocities(buffer, half)
+        v = _velocities(buffer, half_window)
         yield replace(buffer[num_yielded:end], v=v[num_yielded:end])
-        start = max(0, end - half)
+        start = max(0, end - half_window)
         buffer = buffer[start:]
         num_yielded = end - start
     if buffer is None:
         return
-    v = _velocities(buffer, half or _LEAST_HALF_WINDOW)
+    v = _velocities(buffer, half_window or _LEAST_HALF_WINDOW)
     yield replace(buffer[num_yielded:], v=v[num_yielded:])
 
 

@@ -37,6 +37,7 @@ class UnfoldedFile:
     """
 
     def __init__(self, path: Path, separator: str, skip_lines: int) -> None:
+        """Writes the table; its lines keep their numbers, so that errors name those of the log."""
         self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
         self.path = Path(self._folder.name) / path.name
         with opened(path, "a log") as raw, self.path.open("w", encoding="utf-8") as target:
@@ -46,7 +47,7 @@ class UnfoldedFile:
             reader = csv.reader(lines, delimiter=separator)
             try:
                 header = next(reader)
-                widths: list[int] = []
+                widths: list[int] = []  # entries of each column's lists; -1: single values
                 last_line = reader.line_num
                 for cells in reader:
                     rows = [entries(cell) for cell in cells]
@@ -59,7 +60,7 @@ class UnfoldedFile:
                     flat: list[str] = []
                     for cell, row in zip(cells, rows, strict=True):
                         flat += [cell] if row is None else row
-                    span = reader.line_num - last_line
+                    span = reader.line_num - last_line  # lines of this row: a cell may have breaks
                     last_line = reader.line_num
                     target.write(_line(flat, separator, span, 0) if cells else "\n" * span)
             except csv.Error as error:

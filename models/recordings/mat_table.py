@@ -55,6 +55,9 @@ class MatTable(NpzTable):
     def _array_shapes(self) -> dict[str, tuple[int, ...]]:
         """Reads the variables that have as many rows as most have; returns their shapes by name.
 
+        The longer side of a variable counts as its rows. `_variables` holds them, samples in rows;
+        where all are fields of one structure, under their names without it.
+
         Raises:
             InputError: no MATLAB file of a version that is read, or none with arrays of numbers.
         """

@@ -80,12 +80,15 @@ class NpzTable:
     row_word = "row"
 
     def __init__(self, path: Path) -> None:
+        """Reads the shapes of the arrays: those with the most rows are the table's columns."""
         self.path = path
         self.notices: list[str] = []
         self.progress = 0.0
         shapes = self._array_shapes()
         self._turned = _turned(shapes)
-        shapes = {n: x[::-1] if n in self._turned else x for n, x in shapes.items()}
+        shapes = {
+            name: shape[::-1] if name in self._turned else shape for name, shape in shapes.items()
+        }
         if self._turned:
             self.notices.append(
                 f"arrays with a sample in each column are turned: {', '.join(sorted(self._turned))}"
@@ -146,7 +149,13 @@ class NpzTable:
         }
 
     def _array_shapes(self) -> dict[str, tuple[int, ...]]:
-        """The shapes of the file's arrays of numbers, by name."""
+        """The shapes of the file's arrays of numbers, by name, from their headers alone.
+
+        Others, and arrays that are too large, are left out with a notice.
+
+        Raises:
+            InputError: the file is damaged, or holds no arrays of numbers.
+        """
         shapes: dict[str, tuple[int, ...]] = {}
         raw_file = opened(self.path, "a log")
         try:

@@ -159,16 +159,22 @@ class ParquetTable:
         rows: tuple[int, int] | None = None,
         may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, Lines]]:
-        """As the protocol.
+        """As the protocol LogTable: blocks of (values (N, k), numbers (N,) of their rows).
+
+        Args:
+            columns: numbers of the k columns, from 0.
+            rows: the first and the last row that is read, from 1 in this table; None: all.
+            may_be_empty: columns of which a value may be missing: NaN.
 
         Raises:
-            InputError: also where a column holds no numbers, or two have its name.
+            InputError: rows beyond the end, a value that is missing or not finite, a column that
+                holds no numbers, or two of one name.
         """
         for column in columns:
             self._check_type(column)
         first, last = rows_within(self.path, rows, self.num_rows, "rows")
         file = self._opened()
-        begin = 1 - self._begin
+        begin = 1 - self._begin  # number, in this table, of the next batch's first row
         try:
             groups, skipped = self._groups(file, first)
             begin += skipped

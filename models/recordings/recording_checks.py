@@ -176,6 +176,12 @@ class RecordingChecks:
         A joint is judged by correlation and ratio of dq/dt and v over _LEAST_WINDOWS windows. Fewer
         do where both are far from each other: on all joints, as with a wrong unit, or where one of
         them stands still. Before, only a long motion that v does not explain at all is wrong.
+
+        Of each joint `_motion` sums x = change of q and y = integral of v over the windows in which
+        it moves: xx, yy, xy and their count.
+
+        Raises:
+            InputError: names the first such joint, and how v and dq/dt differ.
         """
         cosine, ratio = self._motion.cosine(), self._motion.ratio()
         xx, yy, count = self._motion.xx, self._motion.yy, self._motion.count

@@ -203,17 +203,20 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
     """A signal whose columns are in another order, turned, late or without gravity.
 
     Args:
+        correction: `order` names for each joint of the robot the place (from 1) of its column among
+            the signal's, `turned` the joints (from 1, in the new order) whose sign changes, `delay`
+            in s adds to the signal's. Empty or 0: unchanged.
         source, place: of the correction, for error lines.
 
     Raises:
         InputError: the correction names joints that the signal has not, or is none for it.
     """
     size = len(signal.columns)
-    known = list(range(1, size + 1))
-    if correction.order and sorted(correction.order) != known:
+    joint_numbers = list(range(1, size + 1))
+    if correction.order and sorted(correction.order) != joint_numbers:
         problem = f"is {list(correction.order)}, expected each of 1 to {size} once"
         raise InputError(source, f"{place}, order", problem, "name each joint's place once")
-    if not set(correction.turned) <= set(known):
+    if not set(correction.turned) <= set(joint_numbers):
         problem = f"is {list(correction.turned)}, expected joints from 1 to {size}"
         raise InputError(source, f"{place}, turned", problem, "correct it")
     if not abs(correction.delay) <= LARGEST_DELAY:
@@ -399,7 +402,17 @@ class _LogColumns:
         name: str,
         units: Mapping[str, float] = _ANY_UNIT,
     ) -> Signal:
-        """The place of a signal; `place` is that of its entry in the description."""
+        """A signal with its columns, and scale and offset that make SI units of them.
+
+        Args:
+            entry: as the user describes it; checked here.
+            place: key of the entry in the description, for error lines.
+            name: of the signal in a recording: t, q, v, current, tau_J or that of an extra one.
+            units: factor to SI by unit.
+
+        Raises:
+            InputError: a column that the log lacks, or an entry out of range.
+        """
         source = self._source
         unit = entry.unit or _DEFAULT_UNIT.get(place, "")
         if unit not in units:
@@ -506,6 +519,13 @@ _SERIES = re.compile(r"\{(\d+)\.\.(\d+)\}")
 
 def column_items(text: str, place: str, source: str) -> list[str]:
     """The columns that a text names: "1, 3-5" or "t, q{1..3}"; braces from left to right.
+
+    Args:
+        text: items with commas between; of several braces in one item the last varies fastest.
+        place, source: key and file of the description, for error lines.
+
+    Returns:
+        Each column's number (from 1) or name: ["1", "3", "4", "5"], ["t", "q1", "q2", "q3"].
 
     Raises:
         InputError: the text cannot be read.

@@ -456,12 +456,22 @@ class RecordingReader:
         return RecordingChecks(self._robot, self.layout)
 
     def _recording(self, values: Array, rows: NDArray[np.int64], used: list[int]) -> Recording:
-        """The recording in SI units of (N, k) values of the used columns."""
-        position = {column: k for k, column in enumerate(used)}
+        """The recording in SI units of some rows of the log.
+
+        A log without positions or velocities has zeros in their place; one with torque alone the
+        current that the robot's torque per ampere makes of it. A sample in which a number is
+        missing (NaN) counts as dropout.
+
+        Args:
+            values: (N, k) as written, NaN where a number may be missing.
+            rows: (N,) numbers of the rows.
+            used: (k,) numbers of the columns.
+        """
+        place_of = {column: k for k, column in enumerate(used)}
         size = len(values)
         signals: dict[str, Array] = {}
         for signal in self.layout.signals:
-            columns = values[:, [position[c] for c in signal.columns]]
+            columns = values[:, [place_of[c] for c in signal.columns]]
             with np.errstate(over="ignore"):  # `_check_size` refuses what overflows
                 scaled = signal.numbers(columns) * signal.scale + signal.offset
             if signal.name == "t" and scaled.shape[1] > 1:
@@ -503,7 +513,18 @@ class RecordingReader:
         return further_signals(self._further, self._requested_by, header)
 
     def _open(self, description: str | Path | None) -> _OpenedLog:
-        """Opens the log; its columns are described by a file, or recognised."""
+        """Opens the log; its columns are described by a file, or recognised.
+
+        Args:
+            description: a bundled name or a file; None: the columns are recognised.
+
+        Returns:
+            The description, the name of its source for error lines, and the open table. Where the
+            user states a rate instead of a time, the table has the time as one column more.
+
+        Raises:
+            InputError: no such file, an ending that is not known, or columns that are not.
+        """
         path = self.path
         _check_exists(path)
         about_to_read(path)

@@ -36,13 +36,16 @@ _MOST_POINTS = 1 << 20  # grid points of one chunk; with more the step is far to
 def resample_chunks(
     chunks: Iterable[Recording], time_step: float | None = None, max_gap: float | None = None
 ) -> Iterator[Recording]:
-    """Puts a recording that comes in chunks on a uniform grid by the rule above.
+    """Puts a recording that comes in chunks on a uniform grid.
+
+    As long as the log's steps are h, its samples are returned as they are; from the first other
+    step on they are interpolated linearly at even times, those in gaps marked as dropouts.
 
     There is no filter: a step longer than the log's aliases faster content into the result.
 
     Args:
         chunks: successive parts of one recording.
-        time_step: h, s.
+        time_step: h, s; None: the median step of the first samples.
         max_gap: longest step of the log that is bridged, s; by default 0.1 s or 3 h, whichever is
             longer.
 
@@ -160,7 +163,20 @@ class _Grid:
         )
 
     def _interpolated(self, part: Recording, steps: Array) -> Recording:
-        """The part at its grid points in (t[0] + r, t[-1] + r], with r the rounding error of t."""
+        """The part at its grid points in (t[0] + r, t[-1] + r], with r the rounding error of t.
+
+        Args:
+            part: the last sample before and those after it; the grid's points up to the first of
+                them have been returned.
+            steps: (T - 1,) s from each sample of the part to the next.
+
+        Returns:
+            Linear between samples. A point is a dropout where a sample beside it is one, or where
+            it lies inside a gap, away from both ends. Each has the row of the nearer sample.
+
+        Raises:
+            InputError: far more points than samples.
+        """
         h = self._step
         bounds = part.t + TIME_TOLERANCE * h
         last_point = int(np.floor((bounds[-1] - self._origin) / h)) + 1
@@ -173,8 +189,8 @@ class _Grid:
         self._next_point += len(t)
         left = np.searchsorted(bounds, t, side="left") - 1  # bounds[left] < t <= bounds[left + 1]
         weight = (t - part.t[left]) / steps[left]
-        offset = np.minimum(t - part.t[left], part.t[left + 1] - t)
-        is_bridged = (steps[left] > DROPOUT_STEPS * h) & (offset > UNIFORM_TOLERANCE * h)
+        to_nearest = np.minimum(t - part.t[left], part.t[left + 1] - t)
+        is_bridged = (steps[left] > DROPOUT_STEPS * h) & (to_nearest > UNIFORM_TOLERANCE * h)
         nearest = np.where(weight < 0.5, left, left + 1)
         return replace(
             part,

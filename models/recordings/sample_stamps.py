@@ -43,6 +43,10 @@ class StampFilter:
     def kept(self, chunk: Recording) -> Recording:
         """The samples of the next chunk whose time increases.
 
+        Left out are those whose stamp is not set (0), and repeats: samples with the stamp and all
+        the numbers of one of the last _HISTORY_SAMPLES. A log that begins with stamps of 0 waits
+        for others (`rest` returns what waited).
+
         Raises:
             InputError: time runs backwards, or two samples of one stamp differ.
         """
@@ -63,7 +67,7 @@ class StampFilter:
             self._history = chunk[-_HISTORY_SAMPLES:]
             return chunk
         part = chunk if history is None else concatenated([history, chunk])
-        begin = 0 if history is None else history.num_samples
+        begin = 0 if history is None else history.num_samples  # of the chunk within the part
         is_kept = np.ones(part.num_samples, bool)
         latest = np.maximum.accumulate(part.t)
         late = 1 + np.flatnonzero(part.t[1:] <= latest[:-1])

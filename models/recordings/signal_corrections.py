@@ -24,7 +24,13 @@ def corrected_chunks(
 ) -> Iterator[Recording]:
     """The parts of a log with the corrections of its layout, and the offsets of joints' zeros.
 
+    A signal that is `delay` s late is moved to the times at which it was; velocities made of q and
+    currents made of torque are late with these. A torque or current without gravity gains that of
+    the posture.
+
     Args:
+        chunks: successive parts of one recording.
+        layout: signals with their corrections.
         robot: whose zeros count; None: the log's own.
         gravity_torque: (N, n) N m of postures (N, n); None: that of the robot's own files.
 

@@ -249,7 +249,13 @@ class TextTable:
         rows: tuple[int, int] | None = None,
         may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, Lines]]:
-        """As the protocol; rows are counted from 1 at the first line after the header.
+        """As the protocol LogTable: blocks of (values (N, k), numbers (N,) of their lines).
+
+        Args:
+            columns: numbers of the k columns, from 0.
+            rows: the first and the last that is read, from 1 at the first line after the header;
+                None: all.
+            may_be_empty: columns of which a value may be missing: NaN.
 
         Raises:
             InputError: also where a line has missing or extra cells.

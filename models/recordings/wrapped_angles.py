@@ -36,7 +36,11 @@ class Unwrapper:
         self.turns: Array | None = None
 
     def unwrapped(self, chunk: Recording) -> Recording:
-        """The next chunk with continuous angles."""
+        """The next chunk with continuous angles: whole turns are added from each wrap on.
+
+        A sample without a position (NaN) ends a stretch: what jumps over it is no wrap. A chunk
+        that holds one keeps the turns found so far, and is not looked at.
+        """
         n = chunk.num_joints
         if not n or not chunk.num_samples:
             return chunk
@@ -56,7 +60,7 @@ class Unwrapper:
         if self._robot is not None and hasattr(self._robot, "chain"):
             is_wrap &= ~np.asarray(self._robot.chain.prismatic, bool)
         turns = np.where(is_wrap, turns, 0.0)
-        offset = self._offset - _FULL_TURN * np.cumsum(turns, axis=0)
+        offset = self._offset - _FULL_TURN * np.cumsum(turns, axis=0)  # rad, of each sample
         if self._last is None:
             offset = np.vstack([self._offset, offset])
         self._last = float(chunk.t[-1]), chunk.q[-1]

@@ -296,7 +296,15 @@ def coriolis_torque(table: Array, v: Array, Cv: Array, links: Array) -> None:
 
 @kernel
 def inverse_dynamics_regressor(Y: Array, links: Array) -> None:
-    """Regressor of the inertial parameters; needs link_accelerations.
+    """Regressor Y (n, 10 n) with tau = Y parameters; needs link_accelerations.
+
+    Columns 10 i to 10 i + 9 are those of body i: mass m, first moment h (3) and inertia I (xx xy yy
+    xz yz zz), about and in axes of its joint frame.
+
+    Args:
+        Y: written.
+        links: (n, SCRATCH_COLUMNS), in axes of W: pose R_WJ, P_WJ, screw, velocity V and
+            acceleration A (minus gravity) of every joint's body, about W's origin.
 
     The force f and moment k on body i, about and in axes of its joint frame, with w and wdot its
     angular velocity and acceleration and a the acceleration of the frame's origin minus gravity:
@@ -347,8 +355,13 @@ def observer_terms(
     Args:
         table: SerialChain.table, (n + 1, TABLE_COLUMNS).
         q, v: (n,) joint positions and velocities.
-        momentum, CTv, G, J, R_WE, p_WE: written; (n,), (n,), (n,), (6, n), (3, 3), (3,).
-        links: written; (n, SCRATCH_COLUMNS).
+        momentum: (n,) M v, written.
+        CTv, G: (n,) C^T v and gravity torque, N m, written; G opposes gravity: M vdot + C v + G =
+            tau.
+        J: (6, n) Jacobian at E in axes of W, rows [angular; linear], written.
+        R_WE, p_WE: (3, 3), and (3,) in m, written.
+        links: (n, SCRATCH_COLUMNS), written. Each kernel below reads what the ones before it wrote
+            there: their order is part of the computation.
     """
     place_links(table, q, links)
     place_inertia(table, links)
@@ -364,7 +377,8 @@ def all_terms(table: Array, terms: Record, links: Array) -> None:
 
     Args:
         table: SerialChain.table, (n + 1, TABLE_COLUMNS).
-        terms: (1,) of `terms_type`; q and v are read.
+        terms: (1,) of `terms_type`, whose fields are those of RigidBodyTerms: q and v are read, all
+            others written.
         links: written; (n, SCRATCH_COLUMNS). `observer_terms` fills it with the links' poses and
             velocities, which the kernels after it read: it has to come first.
     """

@@ -104,9 +104,20 @@ def _ratio(squares: Array, size: float) -> float:
 
 @kernel
 def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: Array) -> bool:
-    """One sweep of `_orthogonalise` over (count, length, lanes); whether any lane turned.
+    """One sweep over all pairs of rows, of a matrix in each lane; whether any lane turned.
 
-    The others are (lanes,) scratch. Every inner loop runs over the lanes without a branch.
+    Each pair x, y is turned, as by `_turn_rows`, so that it becomes orthogonal:
+
+        x <- c x - s y,   y <- s x + c y,   t = s / c the smaller root of t^2 + 2 z t - 1 = 0,
+        z = (|y|^2 - |x|^2) / (2 x.y)
+
+    Every inner loop runs over the lanes without a branch, so that the compiler makes vectors of
+    them.
+
+    Args:
+        rows: (count, length, lanes): a matrix of `count` rows of `length` in each lane; changed.
+        a, b, g: (lanes,) scratch: |x|^2, |y|^2, x.y; g then says (1 or 0) whether a lane turned.
+        c, s: (lanes,) scratch: cosine and sine.
     """
     count, length, lanes = rows.shape
     num_turned = 0.0
@@ -124,10 +135,10 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
                     g[m] += x * y
             for m in range(lanes):
                 turn = g[m] * g[m] > (ORTHOGONAL_COSINE * ORTHOGONAL_COSINE) * (a[m] * b[m])
-                z = b[m] - a[m]
-                root = math.sqrt(z * z + 4.0 * g[m] * g[m])
-                twice = 2.0 * g[m] if z >= 0.0 else -2.0 * g[m]
-                t = twice / (abs(z) + root) if turn else 0.0
+                difference = b[m] - a[m]
+                root = math.sqrt(difference * difference + 4.0 * g[m] * g[m])
+                twice = 2.0 * g[m] if difference >= 0.0 else -2.0 * g[m]
+                t = twice / (abs(difference) + root) if turn else 0.0
                 c[m] = 1.0 / math.sqrt(1.0 + t * t)
                 s[m] = c[m] * t
                 # Not t itself: what is not finite in one lane must not end the others' turns.
@@ -144,11 +155,14 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
 
 @kernel(inline="always")
 def _squared_singular_values(J: Array, squares: Array) -> None:
-    """Squares (N, min(6, n)), in no order, of N Jacobians: in groups, the rest one by one."""
+    """Writes the squares (N, min(6, n)), in no order, of N Jacobians (N, 6, n).
+
+    As many as fill whole groups of _NUM_LANES are turned side by side, the rest one by one. Once
+    the rows of a Jacobian are orthogonal, their squared lengths are the squares sought.
+    """
     n = J.shape[2]
+    # A Jacobian of fewer than six columns is turned round, so that its rows are the shorter side.
     count, length = min(6, n), max(6, n)
-    # As many as fill whole groups; J is turned round where n < 6, so that the shorter side is that
-    # of the rows.
     grouped = J.shape[0] - J.shape[0] % _NUM_LANES
     if grouped > 0:
         rows = np.empty((count, length, _NUM_LANES))
@@ -164,7 +178,7 @@ def _squared_singular_values(J: Array, squares: Array) -> None:
                 break
         for i in range(count):
             for m in range(_NUM_LANES):
-                a[m] = 0.0
+                a[m] = 0.0  # squared length of row i
             for k in range(length):
                 for m in range(_NUM_LANES):
                     a[m] += rows[i, k, m] * rows[i, k, m]

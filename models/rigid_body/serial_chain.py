@@ -102,7 +102,14 @@ class SerialChain:
     _scratch: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Checks the shapes and packs the table."""
+        """Checks the shapes, makes the arrays read-only copies, and packs the table.
+
+        A row of the table is a joint: its frame's rotation (9 numbers, row by row) and position (3)
+        in the frame before, axis (3), a flag of sliding joints, inertial parameters (10) and
+        reflected inertia, each from the column of that name in `chain_kernels` on. The row after
+        the joints is E in the last joint frame, and gravity. With motor_rates n columns more hold
+        the rotors' (n, n) part of M.
+        """
         n = len(self.joint_names)
         shapes = {
             "R_PJ": (n, 3, 3),
@@ -135,8 +142,8 @@ class SerialChain:
         table[:n, IS_PRISMATIC] = self.prismatic
         table[:n, MASS_J : MASS_J + 10] = self.inertial_parameters
         table[:n, REFLECTED_INERTIA] = self.reflected_inertia
-        if self.motor_rates.size:
-            table[:n, REFLECTED_INERTIA] = 0.0  # the kernels take all of it from the columns behind
+        if self.motor_rates.size:  # the kernels take the rotors' part from the columns behind
+            table[:n, REFLECTED_INERTIA] = 0.0
             table[:n, TABLE_COLUMNS:] = self.rotor_matrix
         table[n, R_LE : R_LE + 9] = self.R_LE.reshape(9)
         table[n, P_LE : P_LE + 3] = self.p_LE
@@ -186,7 +193,7 @@ class SerialChain:
         if not plant.is_finalized():
             raise InputError(name, "", "its plant is not finalized", "call Finalize() first")
         tree = _Tree(plant, model_instance, frame_E, standing)
-        chain = tree.moving_joints()
+        chain = tree.moving_joints()  # base to tool
         position = {joint.index(): i for i, joint in enumerate(chain)}
         reflected_inertia = np.zeros(len(chain))
         for actuator_index in plant.GetJointActuatorIndices():
@@ -380,13 +387,16 @@ class _Tree:
         self._inboard = {joint.child_body().index(): joint for joint in joints}
 
     def moving_joints(self) -> list[Joint]:
-        """The moving joints between the world and E, from the base on.
+        """The moving joints between the world and E, from the base on; welds are passed over.
+
+        Where joints stand still, the walk ends at the base, and only the joints found here count as
+        moving in what `anchor` and `inertial_parameters` say afterwards.
 
         Raises:
             InputError: E is not connected to the world, no joint moves between them, or one is
                 neither revolute nor prismatic.
         """
-        chain: list[Joint] = []
+        from_tool: list[Joint] = []
         body, name_E = self._frame_E.body(), self._frame_E.name()
         base = self._plant.world_body() if self._standing is None else self._standing.base
         while body.index() != base.index():
@@ -404,14 +414,14 @@ class _Tree:
                         "expected revolute, continuous, prismatic or fixed",
                         "lock it, or weld the base to the world",
                     )
-                chain.append(joint)
+                from_tool.append(joint)
             body = joint.parent_body()
-        if not chain:
+        if not from_tool:
             problem = f"no moving joint between the world and frame {name_E!r}"
             raise InputError(self._name, "", problem, "choose a frame at the arm's end")
         if self._standing is not None:
-            self._moving = {joint.index() for joint in chain}
-        return chain[::-1]
+            self._moving = {joint.index() for joint in from_tool}
+        return from_tool[::-1]
 
     def _moves(self, joint: Joint) -> bool:
         if self._standing is not None:
@@ -448,11 +458,17 @@ class _Tree:
     def inertial_parameters(self, position: dict[JointIndex, int]) -> Array:
         """(n, 10) parameters of all bodies that each joint carries, up to the next joint.
 
+        Bodies fixed to the world, without mass, or of other models that hang on no joint of the
+        chain are left out.
+
         Args:
-            position: of each joint in the chain.
+            position: of each of the n joints of the chain, base to tool, its number from 0.
+
+        Returns:
+            As SerialChain.inertial_parameters, about and in axes of each joint's frame.
 
         Raises:
-            InputError: a moving joint of the robot off the chain.
+            InputError: a joint off the chain that moves, and is the robot's or hangs on the chain.
         """
         parameters = np.zeros((len(position), 10))
         for index in range(1, self._plant.num_bodies()):
@@ -462,10 +478,10 @@ class _Tree:
             if joint is None:
                 continue
             if joint.index() not in position:
-                inner: Joint | None = joint
-                while inner is not None and inner.index() not in position:
-                    inner = self.anchor(inner.frame_on_parent())[0]
-                if inner is None and joint.model_instance() != self._model_instance:
+                carrier: Joint | None = joint  # the joint of the chain that carries it, if any
+                while carrier is not None and carrier.index() not in position:
+                    carrier = self.anchor(carrier.frame_on_parent())[0]
+                if carrier is None and joint.model_instance() != self._model_instance:
                     continue  # something else in the same plant: a workpiece
                 raise InputError(
                     self._name,

@@ -51,7 +51,11 @@ def array_layout(
     joint_names: Sequence[str] | None,
     words: LogWords,
 ) -> KnownLayout | None:
-    """The description of a log of such arrays; None where time or positions have other names.
+    """The description of a log of arrays such as q.1..q.6; None without known time or positions.
+
+    Of the arrays whose names are known words for a quantity (_ARRAYS), those with as many entries
+    as there are positions become its columns, in the robot's order of joints; all other arrays
+    become extra signals, but those that name joints.
 
     Args:
         names: names of the columns.
@@ -63,11 +67,12 @@ def array_layout(
     Raises:
         InputError: the rows name the joints, but not those of the robot.
     """
-    series: dict[str, dict[int, int]] = {}  # columns by number, by name
+    series: dict[str, dict[int, int]] = {}  # by array's name and number of the entry: the column
     for column, name in enumerate(names):
         match = _NUMBERED.fullmatch(name)
         if match and match[1]:
             series.setdefault(match[1], {})[int(match[2])] = column
+    # Columns of each array whose entries are numbered without a gap, from 0 or 1.
     arrays = {
         name: [columns[number] for number in sorted(columns)]
         for name, columns in series.items()
@@ -91,11 +96,11 @@ def array_layout(
             columns = arrays.pop(array)
             setattr(form, key, by_number([columns[j] for j in order.indices]))
             assignments.append(f"{array} as {key.replace('_', ' ')}")
-    words_of_rows = [name for name in arrays if _last_word(name) in _NAMES]
+    joint_name_arrays = [name for name in arrays if _last_word(name) in _NAMES]
     form.extra = {
         re.sub(r"\W", "_", name).strip("_"): by_number(columns)
         for name, columns in arrays.items()
-        if name not in words_of_rows and not name.startswith("field.")
+        if name not in joint_name_arrays and not name.startswith("field.")
     }
     is_effort = form.motor_torque is not None and any("effort" in text for text in assignments)
     notices = (f"arrays read by their names: {', '.join(assignments)}", *order.notices)

@@ -51,6 +51,9 @@ def column_words_layout(
 ) -> KnownLayout | None:
     """The description of a table by the words in its columns' names; None where they leave doubt.
 
+    There is no doubt where time is named, position and current or torque of as many joints each,
+    and every column whose name has a word for a quantity is one of these joints' columns.
+
     Args:
         names: names of the columns.
         path: path of the log, for error lines.
@@ -65,7 +68,7 @@ def column_words_layout(
         return None
     series = signal_columns(names, path, joint_names, words)
     _refuse_joint_rows(names, path)
-    named = {column_name(name).quantity for name in names} - {""}
+    named = {column_name(name).quantity for name in names} - {""}  # quantities that some name has
     has_drives = not series.keys().isdisjoint(("current", "motor_torque"))
     if not named <= series.keys():
         _refuse_doubtful_series(names, named - series.keys(), path)
@@ -75,20 +78,20 @@ def column_words_layout(
     if len({len(signal.columns) for signal in series.values()}) > 1:
         return None
     form = RecordingFormat(time=time)
-    used = {int(column) - 1 for column in str(time.columns).split(",")}
+    used_columns = {int(column) - 1 for column in str(time.columns).split(",")}
     assignments = []
     for key, signal in series.items():
         unit, key_of_unit = signal.unit, key
         if unit in (PER_CENT, PER_MILLE):  # of what, the hypotheses find and the user must say
             unit, key_of_unit = "", "current"
         setattr(form, key_of_unit, by_number(signal.columns, unit))
-        used |= set(signal.columns)
+        used_columns |= set(signal.columns)
         first, last = names[signal.columns[0]], names[signal.columns[-1]]
         in_unit = f" in {signal.unit}" if signal.unit else ""
         assignments.append(f"{first} .. {last} as {key.replace('_', ' ')}{in_unit}")
     notices = [f"columns read by the words in their names: {', '.join(assignments)}"]
     notices += dict.fromkeys(signal.how for signal in series.values() if signal.how)
-    others = [name for k, name in enumerate(names) if k not in used and name]
+    others = [name for k, name in enumerate(names) if k not in used_columns and name]
     if others:
         more = f" and {len(others) - 6} more" if len(others) > 6 else ""
         notices.append(f"columns left out: {', '.join(others[:6])}{more}")
@@ -116,7 +119,9 @@ def signal_columns(
     joint_names: Sequence[str] | None,
     words: LogWords,
 ) -> dict[str, JointColumns]:
-    """The columns of all joints by key of a description, where the names leave no doubt.
+    """The columns of all joints by quantity: position, velocity, current, motor_torque.
+
+    A quantity is left out where its columns are not one of each joint, or have several units.
 
     Args:
         names, path, joint_names, words: as `column_words_layout`.
@@ -125,7 +130,7 @@ def signal_columns(
         InputError: as `matched_joints`.
     """
     by_quantity: dict[str, list[_Column]] = {}
-    bare: list[_Column] = []
+    bare: list[_Column] = []  # names of a joint without a word for a quantity
     for place, name in enumerate(names):
         column = _Column(place, column_name(name))
         if column.name.quantity:
@@ -134,17 +139,18 @@ def signal_columns(
             bare.append(column)
     if not by_quantity.keys().isdisjoint(("current", "motor_torque")):
         by_quantity.setdefault("position", bare)  # Axis 1 Actual beside Axis 1 Current
-    found: dict[str, JointColumns] = {}
+    joint_columns: dict[str, JointColumns] = {}
     for quantity in ("position", "velocity", "current", "motor_torque"):
         columns = by_quantity.get(quantity, [])
-        joints = _numbered(columns, joint_names) or _named(columns, joint_names, path, words)
-        if joints is None:
+        match = _numbered(columns, joint_names) or _named(columns, joint_names, path, words)
+        if match is None:
             continue
+        places, how_matched = match  # of the joints, base to tool
         unit_of = {column.place: column.name.unit for column in columns}
-        units = {unit_of[place] for place in joints[0]}
+        units = {unit_of[place] for place in places}
         if len(units) == 1 and units <= {"", *UNITS[quantity]}:
-            found[quantity] = JointColumns(joints[0], units.pop(), joints[1])
-    return found
+            joint_columns[quantity] = JointColumns(places, units.pop(), how_matched)
+    return joint_columns
 
 
 def _numbered(

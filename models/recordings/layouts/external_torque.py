@@ -53,11 +53,18 @@ _DESCRIBE = "name its columns in a description (--log-format), extra, jacobian, 
 def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | None:
     """The description of a log of external torque; None where the log is not of this kind.
 
+    The torque becomes the extra signal TAU_EXT, positive along the motion that it causes, a
+    Jacobian the extra signal JACOBIAN.
+
+    Args:
+        names: names of the columns; those of torques, positions and velocities end in a number.
+        path: path of the log, for error lines.
+
     Raises:
         InputError: the log is of this kind, but columns are missing in between, or it has neither
             a Jacobian nor a position for each joint.
     """
-    torque = _numbered(names, _TORQUE)
+    torque = _numbered(names, _TORQUE)  # column by the joint's number in its name, as below
     times = time_columns(names)
     if not torque or times is None:
         return None
@@ -116,6 +123,9 @@ def _jacobian_columns(names: Sequence[str], n: int, path: Path) -> SignalColumns
 
 def jacobians(recording: Recording) -> Array:
     """The Jacobians of a recording (T, 6, n), rows [angular; linear].
+
+    The extra signal JACOBIAN has its linear rows first, row by row; FORCE_FIRST exchanges them with
+    the angular ones. Some hundred samples are checked.
 
     The angular column of a revolute joint has length 1 in any axes: all links that it carries turn
     at its rate. This shows the order of the rows.

@@ -104,7 +104,10 @@ def known_layout(
 
 
 def _rtde(names: Sequence[str]) -> KnownLayout | None:
-    """A record of Universal Robots' real-time data exchange."""
+    """A record of Universal Robots' real-time data exchange; None where it is none.
+
+    Its columns are actual_q_0, ..; current in A is preferred to the drive's torque of it.
+    """
     time = time_columns(names)
     if time is None or "actual_q_0" not in names:
         return None
@@ -112,6 +115,7 @@ def _rtde(names: Sequence[str]) -> KnownLayout | None:
     form = RecordingFormat(time=time)
 
     def columns(prefix: str) -> SignalColumns | None:
+        """The columns PREFIX_0 to PREFIX_(size - 1); None where one is missing."""
         joint_columns = [f"{prefix}_{j}" for j in range(size)]
         if not all(name in names for name in joint_columns):
             return None
@@ -161,8 +165,16 @@ def _echo(
 def _series(
     names: Sequence[str], path: Path, joint_names: Sequence[str] | None, words: LogWords
 ) -> KnownLayout | None:
-    """A log with one series for each joint and quantity."""
-    topics: _Topics = {}
+    """A log with a column TOPIC/JOINT/QUANTITY for each joint and quantity, as of bags.
+
+    QUANTITY is position, velocity, effort or current; TOPIC may be missing. The positions decide
+    which topic is the robot's (main). Each further quantity is taken from there, or from the only
+    other topic that has it for all joints. None: the log has no such columns or no time.
+
+    Raises:
+        InputError: no or several topics hold the joints' positions, or an effort lacks joints.
+    """
+    topics: _Topics = {}  # column by topic, quantity and joint
     for column, name in enumerate(names):
         match = re.fullmatch(r"(?:(.*)/)?([^/]+)/(position|velocity|effort|current)", name)
         if match:
@@ -182,7 +194,7 @@ def _series(
     else:
         order = _order_of(joint_match, log_joints)
     joints = [log_joints[j] for j in order.indices]
-    lacking = ""
+    lack = ""  # which quantity lacks which joints, for the error if no effort is left
     for quantity in _SERIES_QUANTITIES:
         candidates = _topics_with(topics, main, quantity, joints)
         complete = {
@@ -193,7 +205,7 @@ def _series(
         if not complete:
             for topic, columns in candidates.items():  # a velocity can be differentiated
                 missing = [joint for joint in joints if joint not in columns[quantity.name]]
-                lacking = (
+                lack = (
                     f"{topic or 'the log'} lacks the {quantity.name} of {', '.join(missing)} (no "
                     "number, or NaN only)"
                 )
@@ -204,8 +216,8 @@ def _series(
             topic, _ = _topic_of(complete, quantity.name, path, joints, words)
         column_of = topics[topic][quantity.name]
         setattr(form, quantity.key, by_number([column_of[joint] for joint in joints]))
-    if form.motor_torque is None and form.current is None and "effort" in lacking:
-        raise InputError(path, "header", lacking, "record the effort of all joints")
+    if form.motor_torque is None and form.current is None and "effort" in lack:
+        raise InputError(path, "header", lack, "record the effort of all joints")
     notice = f"joints read from the columns of {main or 'each joint'}"
     external = _external_torque(topics, main, joints)
     if external is not None:
@@ -267,7 +279,15 @@ def _topic_of(
 ) -> tuple[str, JointMatch]:
     """The only topic that holds a quantity of the robot's joints, and these joints.
 
-    Of several, the one that is called joint_states.
+    Topics that name the joints as the robot does come before those that were matched otherwise; of
+    several, the one that is called joint_states is taken.
+
+    Args:
+        topics: column by topic, quantity and joint.
+        quantity: "position", "velocity", "effort" or "current".
+        path: path of the log, for error lines.
+        joint_names: joints of the robot, base to tool; None: all joints of a topic.
+        words: what the user states.
 
     Raises:
         InputError: there is no such topic, or there are several.

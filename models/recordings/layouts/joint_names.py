@@ -80,6 +80,8 @@ def matched_joints(
         return _by_order(log_joints, robot_joints, path, words, source)
     if words.joint_prefix:
         log_joints = [name for name in log_joints if name.startswith(words.joint_prefix)]
+    # Each way gives its matches, by (how it matched, prefix) the log's joints in the robot's order.
+    # The first way with a single match decides.
     for candidates in (
         _with_affixes(log_joints, robot_joints),
         _of_pendant(log_joints, robot_joints),
@@ -87,14 +89,14 @@ def matched_joints(
         _by_number(log_joints, robot_joints),
     ):
         if len(candidates) == 1:
-            ((affixes, joints),) = candidates.items()
+            (((how, prefix), joints),) = candidates.items()
             pairs = ", ".join(
                 f"{theirs} as {ours}"
                 for theirs, ours in zip(joints[:2], robot_joints[:2], strict=True)
             )
-            return JointMatch(joints, f"joints are matched {affixes[0]}: {pairs}, ...", affixes[1])
+            return JointMatch(joints, f"joints are matched {how}: {pairs}, ...", prefix)
         if candidates:
-            prefixes = [affixes[1] for affixes in candidates]
+            prefixes = [prefix for _, prefix in candidates]
             problem = f"the robot's joints fit those of the log in {len(candidates)} ways: "
             problem += ", ".join(f'"{prefix}"' for prefix in prefixes)
             remedy = f"choose one with --log-format {PREFIX}{prefixes[0]}, {DESCRIBE}"

@@ -42,7 +42,7 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
     # A column without a name is a table's index, or follows a separator at the end of the line.
     names = [name for k, name in enumerate(names) if name and k not in time_numbers]
     header = _read_names(names, path, has_time_columns=time is not None)
-    numbers = header.joint_numbers
+    numbers = header.joint_numbers  # numbers of the joints, from 1, by letter: q, v, i, tau
     size = num_joints or max([*numbers["q"], *numbers["v"]], default=1)
     signals = ["q"]  # that the log must hold for every joint
     signals += [letter for letter in ("v", "tau") if numbers[letter]]
@@ -92,9 +92,11 @@ class _HeaderNumbers(NamedTuple):
 
 
 def _read_names(names: Sequence[str], path: Path, has_time_columns: bool) -> _HeaderNumbers:
-    """Sorts the names of a header.
+    """Sorts the names of a header: joints' signals, entries of further signals, and others.
 
     Args:
+        names: of the columns, without those of the time.
+        path: path of the log, for error lines.
         has_time_columns: whether other columns than t hold the time; identifiers of messages may
             then stand beside them.
 

@@ -260,7 +260,18 @@ def _episodes_v2(root: Path, info: dict[str, Any]) -> tuple[Episode, ...]:
 
 
 def _episodes_v3(root: Path, info: dict[str, Any]) -> tuple[Episode, ...]:
-    """The episodes of version 3: one row each in a table, many to a file of frames."""
+    """The episodes of version 3: one row each in a table, many to a file of frames.
+
+    Args:
+        root: folder of the data set.
+        info: content of its info.json, whose data_path names the files of frames.
+
+    Returns:
+        The episodes, sorted by index; `begin` is the row of the first frame in its file.
+
+    Raises:
+        InputError: a table is damaged, too long, or lacks a number.
+    """
     rows: list[dict[str, Any]] = []
     for path in v3_episode_files(root):
         about_to_read(path)
@@ -278,7 +289,7 @@ def _episodes_v3(root: Path, info: dict[str, Any]) -> tuple[Episode, ...]:
             problem = f"an episode lacks one of {', '.join(_V3_COLUMNS)}"
             raise InputError(root / "meta/episodes", "", problem, "copy the data set again")
     rows.sort(key=lambda row: row["episode_index"])
-    files: list[Path] = []  # of the rows
+    files: list[Path] = []  # file of frames of each row
     file_begins: dict[Path, int] = {}  # first frame of each file in the whole data set
     for row in rows:
         values = {"chunk_index": row["data/chunk_index"], "file_index": row["data/file_index"]}

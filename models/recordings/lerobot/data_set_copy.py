@@ -65,9 +65,12 @@ def write_copy(
     folder: Path,
     features: list[NewFeature],
 ) -> None:
-    """Writes the copy.
+    """Writes the copy: the data set with further features, in its tables and its descriptions.
+
+    Files of frames, info.json and statistics are rewritten; all others are linked or copied.
 
     Args:
+        data_set: the original, which stays as it is.
         folder: the root of the copy, which is created.
         features: features of all episodes; they replace features of the same name.
 
@@ -145,13 +148,17 @@ def _description(feature: NewFeature) -> dict[str, Any]:
 
 
 def _write_data(data_set: DataSet, source: Path, target: Path, features: list[NewFeature]) -> None:
-    """Copies a file of frames and appends the features."""
+    """Copies a Parquet file of frames, group by group, and appends the features.
+
+    Raises:
+        InputError: the file is damaged.
+    """
     episodes = [episode for episode in data_set.episodes if episode.file == source]
     about_to_read(source)
     try:
         with pq.ParquetFile(source) as file:
             schema = _with_features(file.schema_arrow, features)
-            columns = {
+            columns = {  # of each feature one value for every row of the file
                 feature.name: _file_column(feature, episodes, file.metadata.num_rows)
                 for feature in features
             }
@@ -209,7 +216,10 @@ def _hf_metadata(
 ) -> dict[bytes, bytes] | None:
     """The metadata of a file, in which the entry of `datasets` has the new features.
 
-    An entry that cannot be read is left out; `datasets` then reads the types of the columns.
+    `datasets` (of Hugging Face) describes features under b"huggingface", in JSON: a number as
+    {"dtype", "_type": "Value"}, a list as an entry around that, of which an example is copied from
+    the features that are there. An entry that cannot be read is left out; `datasets` then reads the
+    types of the columns. None or empty stays None.
     """
     if not metadata:
         return None
@@ -236,7 +246,20 @@ def _hf_metadata(
 def _write_statistics(
     data_set: DataSet, folder: Path, features: list[NewFeature], tables: set[Path]
 ) -> None:
-    """The statistics of the data set and of its episodes, where it has them."""
+    """Writes the statistics of the data set and of its episodes, where it has them.
+
+    Version 2 has a file of all and a JSON line for each episode, version 3 instead of the latter
+    the tables of the episodes.
+
+    Args:
+        data_set: the original.
+        folder: root of the copy.
+        features: of which the statistics are added.
+        tables: files of the episodes' tables; empty: version 2.
+
+    Raises:
+        InputError: a file of statistics is damaged.
+    """
     root = data_set.root
     path = root / _STATS
     if path.is_file():

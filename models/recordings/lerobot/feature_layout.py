@@ -68,7 +68,10 @@ def feature_layout(
     prismatic: Sequence[bool] | None = None,
     angle: str = "",
 ) -> KnownLayout:
-    """The description of a data set's columns.
+    """The description of a data set's columns, by the words in the names of its features.
+
+    The joints of the positions are the robot's; velocity, torque and current count where they are
+    of as many joints. Torque comes before current.
 
     Args:
         columns: columns of its tables, as `parquet_table` names them: FEATURE.1..FEATURE.k.
@@ -142,7 +145,15 @@ def _torque_substitute(entries: Sequence[_Entry], columns: Sequence[str]) -> str
 
 
 def _entries(data_set: DataSet, columns: Sequence[str]) -> list[_Entry]:
-    """Every number of a frame that may be a joint's."""
+    """Every number of a frame that may be a joint's: with its quantity, joint, group and column.
+
+    Numbers of one feature are a group; features of one number each are one group together. A number
+    is left out where its name, or its feature's, has a word for something else (a gripper's width,
+    a pose, an action), or none for a quantity.
+
+    Args:
+        columns: names of the table's columns: FEATURE, or FEATURE.1..FEATURE.k.
+    """
     column_numbers = {name: k for k, name in enumerate(columns)}
     entries: list[_Entry] = []
     for feature in data_set.features.values():
@@ -228,6 +239,14 @@ def _angle_unit(
     data_set: DataSet, joints: Sequence[_Entry], prismatic: Sequence[bool] | None, angle: str
 ) -> tuple[str, list[str]]:
     """Unit of the positions of revolute joints, and notices of how it was decided.
+
+    Beyond _LARGEST_RAD they are no radians; up to _MAX_NORMALISED they may be degrees or LeRobot's
+    -100..100.
+
+    Args:
+        joints: entries of the positions.
+        prismatic: which of them slide; None: none.
+        angle: deg or rad as the user states; '': the size decides.
 
     Raises:
         InputError: the size of the positions does not decide it.

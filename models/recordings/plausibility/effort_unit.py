@@ -99,6 +99,9 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
         recordings: parts of the logs, with their effort in `tau_J`; samples that lack a number are
             skipped.
         robot: with its gravity torque and torque per ampere.
+
+    Returns:
+        unit "N m" or "A"; "" where too little of the log tells, or both fit alike.
     """
     n = robot.num_joints
     unknown = EffortUnit("", np.full(n, np.nan), np.zeros(n, np.bool_))

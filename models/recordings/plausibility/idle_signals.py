@@ -35,8 +35,9 @@ def idle_velocities(part: Recording) -> NDArray[np.intp] | None:
     travel = np.ptp(q, axis=0)
     if not (travel > _MIN_TRAVEL).any():
         return None
-    path = np.abs(np.trapezoid(v, t, axis=0))
+    path = np.abs(np.trapezoid(v, t, axis=0))  # how far the velocity says that a joint moved
     is_exchanged = (travel == 0.0) & (path > _MIN_TRAVEL)
+    # A velocity that is constant and right, as of a joint that turns evenly, leaves nothing over.
     unexplained = np.ptp(q - v[0] * t[:, None], axis=0)
     is_idle = (np.ptp(v, axis=0) < _SMALLEST_SPEED) & (
         np.minimum(travel, unexplained) > _MIN_TRAVEL

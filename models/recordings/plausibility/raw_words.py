@@ -32,7 +32,7 @@ def raw_words(columns: Array) -> RawWords | None:
     bits = int(columns.max()).bit_length()  # a number below zero sets the highest bit of a word
     if not _LEAST_BITS <= bits <= _MOST_BITS:
         return None
-    half = 2.0 ** (bits - 1)
+    half = 2.0 ** (bits - 1)  # from here on a word stands for a number below zero
     changes = np.abs(np.diff(columns >= half, axis=0)).sum()
     if changes < _LEAST_CHANGES:
         return None

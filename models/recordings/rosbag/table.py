@@ -202,6 +202,7 @@ class RosbagTable:
     row_word = "message"
 
     def __init__(self, path: Path) -> None:
+        """Finds the columns: time, then TOPIC/NAME of each number in the first messages' topics."""
         self.path = path
         self.notices: list[str] = []
         self.progress = 0.0
@@ -256,7 +257,16 @@ class RosbagTable:
         rows: tuple[int, int] | None = None,
         may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, Rows]]:
-        """As the protocol."""
+        """As the protocol LogTable: blocks of (values (N, k), numbers (N,) of their rows).
+
+        The rows are the messages of one of the columns' topics, the main one; the numbers of the
+        others are interpolated to their times.
+
+        Args:
+            columns: numbers of the k columns, from 0; 0 is the time.
+            rows: the first and the last message that is read, from 1; None: all.
+            may_be_empty: columns of which a value may be missing: NaN.
+        """
         assert self.names is not None
         main = self._main_topic(columns)
         count = self._counts[main]
@@ -339,7 +349,10 @@ class _InterpolatedTopic:
         self._step = np.inf
 
     def at(self, t: Array) -> Array:
-        """(N, k) numbers at times (N,); NaN in long gaps, and before and after the messages.
+        """(N, k) numbers of the topic, linear between its messages, at times (N,).
+
+        NaN in gaps longer than _LONGEST_BRIDGE s or _BRIDGED_STEPS of its usual steps, and before
+        and after the messages. Messages are read as far as needed, and forgotten behind t.
 
         Args:
             t: increasing, and not before the times of an earlier call.
