@@ -81,6 +81,7 @@ def impedance_law(
     Args:
         effort_limit: (n,) N m.
         friction: table of SemiParametricFriction.
+        spring_damper: stiffness and damping (6, 6), rotation first, and whether in axes of E or W.
         force: None where no force is controlled.
         time_step: s.
         friction_velocity: rad/s, of `friction_feedforward`.
@@ -371,10 +372,15 @@ def impedance_action(
         law: of `impedance_law`; without has_force the integral stays.
         terms: of `terms_type`.
         pose_reference: (18,) R_WD row by row, p_WD, V_WD.
-        packed_force: ForceControlInputs.
+        reference: (3n,) q_d, v_d, vdot_d, of which v_d and vdot_d are fed forward.
+        packed_force: ForceControlInputs: the set-point is a push in N along the direction d, the
+            wrench what the environment does to the robot.
         tau: (n,) N m, written.
         error: (6,) of `pose_error`, written.
-        others: as in impedance_torque.
+
+    Returns:
+        Whether the inputs were usable, and the integral of the force error, N s. While no force is
+        controlled, the integral is such that force control takes over without a jump.
     """
     force = ForceControlInputs(*packed_force)
     is_active, setpoint, integral = force.is_active, force.setpoint, force.integral

@@ -82,7 +82,11 @@ def tracking_law(
 def tracking_torque(
     law: Record, dynamics: JointDynamics, reference: Array, integral: Array, tau: Array
 ) -> None:
-    """Writes the torque (n,); the law is in JointTrackingController's docstring.
+    """Writes the torque (n,) N m within the effort limits.
+
+        feedback = kp (q_d - q) + kd (v_d - v) + ki integral (bounded)
+        tau      = M a + C v + G + tau_f(v_d),  a = vdot_d + feedback        computed torque
+        tau      = M vdot_d + C v + G + tau_f(v_d) + feedback                feed-forward with PD
 
     Args:
         law: of `tracking_law`.

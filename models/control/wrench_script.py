@@ -116,7 +116,9 @@ def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
     """Writes the wrench (6,) of a script at time t, s; rotation first, N m, N.
 
     Args:
-        table: (segments, _NUM_COLUMNS), columns _KIND to _PUSH_PERIOD.
+        table: (segments, _NUM_COLUMNS), columns _KIND to _PUSH_PERIOD: shape and times of
+            a segment, and from _WRENCH_BEGIN on the wrench (6,) that its shape multiplies. Segments
+            add up.
         tones: (pushes, 6 axes, tones, 2) angular frequency rad/s and phase rad of each push.
         t: s.
         wrench: written.

@@ -64,7 +64,18 @@ def load_configuration(path: str | Path, schema: type[T]) -> T:
 
 @functools.lru_cache(maxsize=16)
 def _loaded(path: Path, text: str, schema: Any) -> Any:
-    """The content of a file's text; see `load_configuration`."""
+    """The content of a YAML text as an object of `schema`; see `load_configuration`.
+
+    Keys and types are checked before Drake's loader reads it, whose errors name no line.
+
+    Args:
+        path: of the file, for error lines.
+        text: its content.
+        schema: a dataclass, or dict[str, dataclass].
+
+    Raises:
+        InputError: no YAML, an unknown key, or a value of another type; names the line.
+    """
     try:
         loader = yaml.SafeLoader(text)
         node = loader.get_single_node()
@@ -209,7 +220,12 @@ class _Check:
         """Checks a node of several possible types: by its tag, or by the first type that fits.
 
         Args:
+            node: of the YAML text.
+            schema: a union of types, maybe with None.
             name: of the key, for error lines.
+
+        Raises:
+            InputError: a tag (!Kind) that names no type of the union, or a value that fits none.
         """
         options = typing.get_args(schema)
         if node.tag == _NULL_TAG and type(None) in options:

@@ -103,12 +103,12 @@ class FrictionStructure:
         ]
 
     def column(self, term: str, joint: int, z: Array, q: Array, v: Array, load: Array) -> Array:
-        """Returns one term's column (N,) of one joint.
+        """Returns one term's column (N,) of one joint: friction torque per unit of its coefficient.
 
         Args:
-            term: one of `structures()`.
+            term: one of `structures()`, or a further term's name.
             joint: its index.
-            z: (N, n) slip, of `slip_path`.
+            z: (N, n) slip, of `slip_path`: sgn(v) once a joint slides, between -1 and 1 before.
             q: (N, n) rad.
             v: (N, n) rad/s.
             load: (N, n) transmitted torque, N m.

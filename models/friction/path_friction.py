@@ -57,7 +57,11 @@ class PathPlaces(NamedTuple):
 
         Args:
             q, v, torque: rad, rad/s and N m, residual of the law.
-            slides: where a joint slides; elsewhere its torque does not count.
+            slides: (N, n) where a joint slides; elsewhere its torque does not count.
+
+        Returns:
+            A place for each cell of posture (PLACE_REACH), speed (on a scale of logarithms) and
+            direction that holds samples; those at rest are left out. Rounded, as they are stored.
         """
         speed = np.linalg.norm(v, axis=1)
         moving = speed > 0.0
@@ -149,8 +153,13 @@ def add_place_torques(
 ) -> None:
     """Adds the residual at N samples to tau_f (N, n); zero where one is not finite.
 
+    It is the mean of the torques at M places, each with a Gaussian weight of its distance in q
+    (PLACE_REACH, rad) and in velocity (VELOCITY_TOLERANCE of the speed), times its number of
+    samples; PRIOR_SAMPLES samples of zero torque beside them let it fade where no place is near.
+
     Args:
-        place_q, place_v, place_torque, place_samples: (M, n) PathPlaces.
+        place_q, place_v, place_torque, place_samples: (M, n) of PathPlaces: rad, rad/s, N m, and
+            how many samples a joint slid in.
         q, v: (N, n).
         tau_f: changed.
     """

@@ -185,7 +185,10 @@ def slip_rows(
         tau_f <- (1 - r) tau_f + r (offset + viscous v)
 
     Args:
-        table, motor_rates, joint_rates: SlipElements.
+        table: of SlipElements.
+        motor_rates: (n, n) of SlipElements, v_motor = motor_rates v_joint; empty where each motor
+            moves its own joint. Slip elements are those of the motors.
+        joint_rates: its inverse.
         state: (state_rows, n), changed; without rows there are no elements.
         q, v, tau_J: (N, n) rad, rad/s and N m.
         rest: (N, n) r.

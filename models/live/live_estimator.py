@@ -265,6 +265,10 @@ class LiveEstimator:
     def _prepare(self, step: float) -> None:
         """Makes the estimator at a stream's step in s, and what follows contact and drift with it.
 
+        `_reader` is what reads a sample of the grid: of external torque that of the joints alone;
+        else the contact estimator, or the tracked one, inside that of a known contact where one is
+        stated. Each has `run(q, v, current)`.
+
         Raises:
             InputError: an option that a stream of external torque does not take.
         """
@@ -330,6 +334,7 @@ class LiveEstimator:
         """Takes a sample of the source onto the grid; appends readings and events to `out`.
 
         Args:
+            out: gets them, in order.
             is_stale: whether it waited too long to be of use.
         """
         events: list[StreamEvent] = []
@@ -421,13 +426,15 @@ class LiveEstimator:
         """The reading at a point of the grid.
 
         Args:
-            point: q, v, motor current, and how much a faulty sample weighs in them.
+            point: x (3 n + 1,) of q, v, motor current, and how much faulty samples weigh in them:
+                0 none, up to OTHER_FAULT_WEIGHT one of another fault than FAULT_BEYOND.
             sample: the one that the grid took last.
             is_stale: whether the stream is late.
         """
         n = self._num_joints
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
         sample_fault = 0 if point.x[-1] == 0.0 else FAULT_BEYOND
+        # The sample check of the estimator takes a current of inf for an impossible sample.
         if point.x[-1] > OTHER_FAULT_WEIGHT and not self._is_external:
             current = np.full(n, np.inf)
         batch, detection = self._reader.run(q[None], v[None], current[None])

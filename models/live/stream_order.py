@@ -72,6 +72,10 @@ class StreamOrder:
         Args:
             sample: as it came.
             events: gets an event for whatever is wrong.
+
+        Returns:
+            Whether the sample counts (else it is to be left out), and whether the reading begins
+            anew with it: after a jump of the clock, or a gap longer than `max_gap`.
         """
         last, t = self._last, sample.t
         if not math.isfinite(t):
@@ -188,7 +192,12 @@ class SampleGrid:
         self._next = 1
 
     def take(self, sample: GridSample) -> Iterator[GridSample]:
-        """The grid's samples up to the next one of the stream, whose time must be later."""
+        """The grid's samples up to the next one of the stream, whose time must be later.
+
+        As long as the stream's steps are h, they are its own; from the first other step on they are
+        linear between the stream's at even times. A dropout is one inside a gap, or between samples
+        of which one is a dropout.
+        """
         last, self._last = self._last, sample
         if last is None:
             yield sample
@@ -207,8 +216,8 @@ class SampleGrid:
                 break
             self._next += 1
             weight = (t - last.t) / step
-            offset = min(t - last.t, sample.t - t)
-            bridged = step > DROPOUT_STEPS * h and offset > UNIFORM_TOLERANCE * h
+            to_nearest = min(t - last.t, sample.t - t)
+            bridged = step > DROPOUT_STEPS * h and to_nearest > UNIFORM_TOLERANCE * h
             dropout = bridged or sample.dropout or (last.dropout and weight < 1.0)
             # At the sample itself, what the last one lacked does not count.
             x = last.x + weight * (sample.x - last.x) if weight < 1.0 else sample.x

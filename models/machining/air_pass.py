@@ -217,6 +217,7 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
     raised = p_WE - height * R_WE[:, :, 2]
     try:
         steps = np.linspace(0.0, 1.0, 5)[:, np.newaxis]
+        # Up from the first point in some steps, so that the branch stays that of the motion.
         up = p_WE[0] + steps * (raised[0] - p_WE[0])
         first = follow_path(robot, R_WE[0], up, motion.q[0])[-1]
         q = follow_path(robot, R_WE, raised, first)

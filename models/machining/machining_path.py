@@ -89,9 +89,14 @@ class PassSettings:
 def plan_machining(
     robot: Robot, path: SurfacePath, q: Array, settings: PassSettings, source: str = "machining"
 ) -> MachiningPath:
-    """Plans a pass.
+    """Plans a pass: the joints' motion along a path, to and fro, with the force to push with.
+
+    The returned path holds, at the times of the motion, the place s in [0, 1], the set-point in N,
+    whether the speed is steady (long enough for the force to be settled), and the posture above the
+    path's start from which the tool approaches.
 
     Args:
+        robot: its limits.
         path: N points with normals in W.
         q: (N, n) postures there.
         settings: settings of the pass.

@@ -254,10 +254,15 @@ class PhaseInputs(NamedTuple):
 def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
     """Takes one tick, changing `state` in place; returns whether the phase has changed.
 
+    APPROACH, TOUCH, WORK, RELEASE and LIFT follow one another, then DONE; a fault leads from any of
+    the first four to RETREAT. Times in s since a phase began are `since`.
+
     Args:
         table: table of PhasesConfig.
-        inputs: inputs of the tick.
-        state: changed.
+        inputs: of the tick: period s, time s, force and set-point N (positive: pushed), duration of
+            the work s, distance to the nearest joint limit rad, and whether the force is trusted.
+        state: phase and when it began, fault, baseline of the force in free motion N, and for how
+            long the force has been above the touch's or below the lost contact's bound s; changed.
     """
     time_step, t, force, setpoint_now, work_duration, joint_room, is_trusted = inputs
     phase = int(state[PHASE])

@@ -101,6 +101,7 @@ class MachiningProcess:
         contact: WorkpieceContact | None = None,
         time_step: float = 1e-3,
     ) -> None:
+        """Checks the settings, packs them for the kernels, and draws the variations, if any."""
         for name, low, high in (
             ("cutting_ratio", 0.0, 10.0),
             ("speed_exponent", 0.0, 1.0),

@@ -161,9 +161,15 @@ def machining_reference(
 ) -> PassProgress:
     """Writes the reference of a pass at time t; returns its progress.
 
+    D is the pose that the tool is to follow, with its z axis into the surface. While force is
+    controlled it goes along the planned path; at the touch of an arm whose reading is wrong at rest
+    the joints also get the speed of a slow push into the surface.
+
     Args:
+        plan: of `plan_pass`.
         t: s.
-        memory: of the pass.
+        memory: state of the phases, and anchor (15,): R_WD row by row, p_WD and unit direction
+            outward, where the last motion along the normal began.
         terms: of `terms_type`: where the arm is.
         pose: (18,), written: R_WD row by row, p_WD m, V_WD rad/s, m/s.
         reference: (3, n), written: q_d, v_d, vdot_d: rad, rad/s, rad/s^2.
@@ -218,9 +224,12 @@ def advance_reference(
     """Advances the memory of a pass by one tick, in place.
 
     Args:
+        plan: of `plan_pass`.
         t: s, the beginning of the tick.
+        terms: of `terms_type`: where the arm is.
         wrench: (6,) F_E_W of the force feedback, environment on robot, rotation first.
-        others: as in `machining_reference`.
+        memory: state of the phases; and anchor, which takes the tool's pose and the direction
+            outward (-z of E) where it begins to lift or retreats.
     """
     state, anchor = memory
     q, R_WE, p_WE = plain(terms[0].q), plain(terms[0].R_WE), plain(terms[0].p_WE)

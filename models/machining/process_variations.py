@@ -379,9 +379,17 @@ def engagement(table: Array, ends: Array, p: Array) -> float:
 def regenerated(table: Array, place: float, memory: Array) -> float:
     """Returns the height (m) that the last turn has left; stores the tool's place in the memory.
 
+    Chatter: the tool's vibration one turn of the spindle ago has left waves, which it now meets.
+    The slow part of its motion leaves none.
+
+        height = ratio (overlap vibration(t - turn) - vibration(t)),  vibration = place - low-pass
+
     Args:
+        table: of ProcessVariations: gain of the low-pass, ticks of a turn, ratio and overlap.
         place: m, of the tool out of the surface, from any fixed origin.
         memory: memory of `memory_size`; zeros at the first contact, and again after it was lost.
+            Low-passed place, number of stored vibrations, where the next goes, and from _TRACE on
+            the vibrations, m, in a ring.
     """
     if memory[_FILLED] == 0.0:
         memory[_SLOWLY] = place
@@ -393,7 +401,7 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
     memory[_NEXT] = (now + 1) % size
     memory[_FILLED] = min(memory[_FILLED] + 1.0, float(size))
     # The force acts at the next tick; a turn before that lies between two ticks.
-    back = table[_TURN] - 1.0
+    back = table[_TURN] - 1.0  # ticks before this one
     whole = math.floor(back)
     last_turn = 0.0
     if back >= 0.0 and memory[_FILLED] > whole + 1:
@@ -408,9 +416,11 @@ def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: A
     """Turns the cutting force of a steady process into that of this place and time, in place.
 
     Args:
-        tables: tables of the process.
-        sample: sample of the tool.
-        memory: (memory_size,), changed.
+        tables: tables of the process: numbers, waves of the surface (height, m) and of the material
+            (log of its factor), pose of the workpiece (R_WP and below it p_WP), ends of the path.
+        sample: time s, normal force N of the simulator's contact, normal n out of the surface,
+            direction of the tool's motion, and position of E in W, m.
+        memory: (memory_size,), changed; of chatter, empty without it.
         force: (3,) N, steady cutting force in W; becomes all that acts besides the simulator's
             contact.
     """
@@ -429,6 +439,7 @@ def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: A
     if len(memory) > 0:
         place = p[0] * n[0] + p[1] * n[1] + p[2] * n[2]
         height += regenerated(table, place, memory)
+    # Normal force with that height, N; the material's factor scales what it does along the surface.
     push = pressed(table[_STIFFNESS], table[_EXPONENT], normal_force, height)
     spread = table[_SPREAD]
     factor = math.exp(spread * field_at(patches, x, y)[0] - 0.5 * spread * spread)

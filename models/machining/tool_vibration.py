@@ -348,8 +348,12 @@ def _weigh(evidence: Array, weights: Array) -> None:
 def freed_friction(amplitudes: Array, state: Array, torque: Array, sd: Array) -> float:
     """Writes the friction that the tool frees; returns the tool's mean amplitude, m/s.
 
+    The torque is the mean over m hypotheses on the amplitude, weighted by their evidence; its sd
+    holds their scatter, that of the correction, and how much the friction at other shares of the
+    amplitude than its own would free (`steps`).
+
     Args:
-        amplitudes: (m,) m/s.
+        amplitudes: (m,) m/s, of the hypotheses.
         state: of `track_vibration`.
         torque: (n,) N m, written.
         sd: (n,) N m, of it and of the correction, written.
@@ -423,10 +427,14 @@ def track_vibration(
 ) -> None:
     """Takes a tick's reading into the state.
 
-    An impossible sample is no evidence, nor is a reading that does not count though the correction
-    does. A sample whose speed or friction is not known leaves the state as it is.
+    Each of m hypotheses is an amplitude of the tool's vibration, with a deviation of the joints'
+    shares in it; its evidence is the log-likelihood of the observed torque once the dry friction
+    that it frees is taken off. An impossible sample is no evidence, nor is a reading that does not
+    count though the correction does. A sample whose speed or friction is not known leaves the state
+    as it is.
 
     Args:
+        constants: of `vibration_constants`.
         terms: of `terms_type`, at the sample: J and v are read.
         observed: torque at the same tick.
         work: at the same tick.

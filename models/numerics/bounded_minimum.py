@@ -70,12 +70,20 @@ def bounded_minimum(
 def _newton(
     value_and_gradient: Callable[[Array], tuple[float, Array]], x: Array, limits: Array
 ) -> Array:
-    """Newton's method in the variables that no bound holds, as long as the gradient falls."""
+    """Newton's method in the variables that no bound holds, as long as the gradient falls.
+
+    The curvature comes from differences of the gradient; where it is not clearly positive definite
+    in these variables, x stays where it is.
+
+    Args:
+        x: (D,) near a minimum.
+        limits: (D, 2) lower and upper.
+    """
     _, gradient = value_and_gradient(x)
     for _ in range(_NEWTON_STEPS):
         free = _free(x, gradient, limits)
-        size = float(np.max(np.abs(gradient[free]), initial=0.0))
-        if size == 0.0:
+        largest_slope = float(np.max(np.abs(gradient[free]), initial=0.0))
+        if largest_slope == 0.0:
             break
         curvature = np.empty((len(free), len(free)))
         for row, i in enumerate(free):
@@ -92,7 +100,7 @@ def _newton(
         _, trial_gradient = value_and_gradient(x_trial)
         if (
             not np.max(np.abs(trial_gradient[_free(x_trial, trial_gradient, limits)]), initial=0.0)
-            < size
+            < largest_slope
         ):
             break
         x, gradient = x_trial, trial_gradient

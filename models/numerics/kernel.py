@@ -85,7 +85,16 @@ def kernel_stamp(file: Path, name: str) -> str:
 
 @cache
 def _definitions(file: str) -> _Definitions:
-    """Name -> its digest and what it uses: a name of the same module, or "FILE:NAME"."""
+    """Of each function, class and constant of a module: its digest, and the names it uses.
+
+    From these the stamp of a kernel is made: its cached code counts as long as neither it nor
+    anything that it uses, directly or not, has changed. Docstrings, comments and annotations are
+    no part of a digest.
+
+    Returns:
+        By name: digest, and sorted names used: NAME of the same module, or "FILE:NAME" of another
+        of this package.
+    """
     # A file that changed since then is not what runs: its stamp is one that no other process finds.
     date = _date(file)
     salt = b"" if _dates.get(file, date) == date else os.urandom(16)

@@ -72,9 +72,13 @@ def peaks_above(statistic: ArrayLike, level: float, time_step: float) -> Array:
 def fit_exceedances(runs: Sequence[ArrayLike], time_step: float) -> ExceedanceTail | None:
     """The tail of a statistic along some logs, (N,) each; None where too few excursions are seen.
 
+    The peaks of excursions above a level have a generalised Pareto distribution (`shape`, `scale`).
+    The level is the highest of the quantiles 1 - TAIL_SHARES that ENOUGH_EXCURSIONS exceed, else
+    the lowest of them.
+
     Args:
         runs: every sample counts.
-        time_step: s.
+        time_step: s, from sample to sample.
     """
     values = [np.asarray(run, float) for run in runs]
     pooled = np.concatenate(values)
@@ -88,6 +92,7 @@ def fit_exceedances(runs: Sequence[ArrayLike], time_step: float) -> ExceedanceTa
     if len(excess) < MIN_EXCURSIONS:
         return None
     shape, scale = _most_likely(excess)
+    # A lighter tail than the number of peaks can show is not believed: it would end somewhere.
     if shape < 1.0 / len(excess):
         shape, scale = 1.0 / len(excess), excess.mean()
     return ExceedanceTail(

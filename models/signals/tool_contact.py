@@ -26,13 +26,16 @@ def add_contact(
 ) -> None:
     """Adds a contact to those in `contact` (10,), in place; the normal is that of the last.
 
+    The normal points out of the workpiece at C: from C to the centre of the ball, which lies
+    `tip_radius` behind E along the tool's axis (z of E). The normal force is positive.
+
     Args:
         p_WE, R_WE: (3,) m and (3, 3), pose of E.
         tip_radius: m, of the ball at the tool's tip.
         force: (3,) N, on the tool, axes of W.
         moment: (3,) N m, on the tool about C.
         p_WC: (3,) m, where it touches.
-        contact: (10,), changed.
+        contact: (10,), changed: wrench at E in W, rotation first, normal, normal force.
     """
     wrench, normal = contact[WRENCH], contact[NORMAL]
     r = p_WC - p_WE

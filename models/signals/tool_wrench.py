@@ -92,7 +92,8 @@ def contact_wrench(
         moment about C = I alpha + w x I w - moment_J - (p_J - p_C) x force_J
 
     Args:
-        table: table of `tool_table`.
+        table: table of `tool_table`: mass, centre of mass p_C and inertia I about it, pose R_EJ and
+            p_J of the mount J, all in axes of E, and gravity g in W.
         R_WE: (3, 3).
         w_WE: (3,) angular velocity, axes of W, rad/s.
         A_WE: (6,) acceleration of E, rotation first, axes of W, rad/s^2 and m/s^2.
@@ -103,6 +104,7 @@ def contact_wrench(
     R_EJ = table[_R_EJ : _R_EJ + 3]
     w, alpha, force, moment = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     force_J, moment_J, x = np.empty(3), np.empty(3), np.empty(3)
+    # From here on in axes of E; `force` is a_C - g until it is multiplied by the mass.
     _turn_back(R_WE, w_WE, w)
     _turn_back(R_WE, A_WE[:3], alpha)
     _turn_back(R_WE, A_WE[3:] - table[_GRAVITY_ROW], force)
@@ -121,7 +123,7 @@ def contact_wrench(
         moment[k] -= moment_J[k]
         x[k] = table[_P_EJ, k] - com[k]
     _add_cross(-1.0, x, force_J, moment)
-    _add_cross(1.0, com, force, moment)
+    _add_cross(1.0, com, force, moment)  # from C to E
     _turn(R_WE, moment, out[:3])
     _turn(R_WE, force, out[3:])
 

@@ -288,7 +288,12 @@ def arm_motion(
 ) -> None:
     """Writes the terms, encoder readings and wrench of a sample, before anything is commanded.
 
+    Of the wrench on the robot at E, in W, rotation first: `wrench` is script and process, `applied`
+    that with the tool's unbalance, `sensed` what the force/torque sensor reads; `torque` is what
+    `wrench` puts on the joints, J^T F.
+
     Args:
+        constants: of the true arm.
         t: s.
         x: (2n,) q and v of the links, rad, rad/s.
         state: flat, of ArmState.
@@ -327,19 +332,23 @@ def arm_drives(
     state: Array,
     drives: Array,
 ) -> None:
-    """Writes the joints' response to a command.
+    """Writes the joints' response to a command; the state stays as it is.
 
     Args:
-        t, state: as in `arm_motion`.
+        constants: of the drives.
+        t: s; the noise depends on its tick alone.
         motion: motion of `arm_motion`.
         command: (n,) A, of the motors, within the drives' limits.
-        drives: flat, of Drives, written.
+        state: flat, of ArmState.
+        drives: flat, of Drives, written: signals of the tick, current as it is reported, and the
+            joints' state at the tick's end.
     """
     n, time_step = constants.joints.shape[0], constants.layout.time_step
     arm, out = arm_state(state.copy(), constants.layout, n), drive_parts(drives, n)
     tick, noise = _tick_number(t, time_step), np.empty(2 * n)
     gaussian_noise(constants.seed, tick, noise)
-    # Where motors are coupled, the joints' tick takes currents joint by joint, and gives them so.
+    # Where motors are coupled, the joints' tick takes currents joint by joint, and gives them so:
+    # `motors` holds the (n, n) matrices of currents from motors to joints and back.
     joint_command = command.copy()
     if constants.motors.shape[0] > 0:
         mixed_currents(constants.motors[0], command, joint_command)
@@ -412,7 +421,14 @@ def arm_memory(constants: MemoryConstants, t: float, signals: TickSignals, state
 def _take_process(
     constants: MemoryConstants, t: float, signals: TickSignals, arm: ArmState
 ) -> None:
-    """Advances the process, its force on the tool and the vibration of the joints by a tick."""
+    """Advances the process, its force on the tool and the vibration of the joints by a tick.
+
+    Args:
+        constants: tables of the process; no `variations`: it is steady.
+        t: s, the tick's beginning.
+        signals: of the tick: motion (terms), joint accelerations and contact are read.
+        arm: its `process`, the force in its `wrench` and the joints' VIBRATION (rad/s) are written.
+    """
     sample, time_step = signals.motion[0], constants.layout.time_step
     contact = truth_parts(signals.truth, signals.vdot.shape[0]).contact
     V_WE, process = plain(sample.V_WE), arm.process

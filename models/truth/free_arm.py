@@ -163,6 +163,7 @@ def simulate_free_arm(
     )
     times = trajectory.t[0] + time_step * np.arange(ticks)
     truth_rows = np.empty((4, rows if whole else 0, n))
+    # What is measured: q, v, current, and the true friction; and the truth: q, v, tau_J, rise.
     log = _Rows(np.empty((4, rows, n)), truth_rows, np.zeros((rows, 6)))
     arm = _Arm(
         table=joints.table,
@@ -298,7 +299,16 @@ def _run(
     memory: _Memory,
     log: _Rows,
 ) -> None:
-    """Ticks as many times as `reference` has rows. `log.truth_rows` may have no rows."""
+    """Ticks as many times as `reference` has rows, and writes the log's rows that fall in them.
+
+    Args:
+        arm: constants of the true arm; it is logged at every `every`-th tick.
+        control: constants of the controller and of the current sensor.
+        script: wrench on the robot at E over time; without rows there is none.
+        reference: number of its first tick, and a row of q_d, v_d, vdot_d (3n,) for each tick.
+        memory: joints' state, motion, controller's integral and lagged current, each changed.
+        log: written; `truth_rows` may have no rows.
+    """
     time_step, seed, state = arm.time_step, arm.seed, memory.joints
     q, v, lagged = memory.q, memory.v, memory.lagged
     n = q.shape[0]

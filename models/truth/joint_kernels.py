@@ -206,6 +206,11 @@ def joint_tick(
 ) -> None:
     """Single-sample kernel: one tick of all joints.
 
+    Each joint's drive gives a torque, its friction is made of slip elements and dampers, and what
+    depends on position is added (`balance`); all joints' velocities at the tick's end then follow
+    together, and with them friction, its heat, and the gears' deflection. The equations are in the
+    module's docstring.
+
     Args:
         table: (n, FIRST_ELEMENT + 3 K + 3 H), see the columns above; H stands in NUM_HARMONICS.
         time_step: h, s.
@@ -218,7 +223,7 @@ def joint_tick(
     balance = new_balance(n, K)
     for i in range(n):
         motor_velocity = links.v[i] + state[RATE, i]
-        load = state[TRANSMITTED, i]
+        load = state[TRANSMITTED, i]  # N m, of the tick before; NaN at the first
         if math.isnan(load):
             load = links.G[i]
         _drive(i, table, motor_velocity, inputs, memory)
@@ -490,7 +495,8 @@ def encoder_reading(
         table: as in `joint_tick`.
         state: state of JointMemory.
         links: bodies, of which q and v are read; G counts before the first tick only.
-        sample: sample of the encoders.
+        sample: whether the encoders sit on the motors (they then see the gears' deflection), the
+            seed of the velocities' noise, and the tick's number, on which alone the noise depends.
         q_read, v_read: (n,) rad, rad/s, written.
     """
     G, q, v = links.G, links.q, links.v
@@ -534,12 +540,19 @@ class _Newton(NamedTuple):
 
 @kernel
 def velocity_after(M: Array, time_step: float, v: Array, balance: Balance) -> None:
-    """Writes the velocity at the tick's end: the equation at the top of this file.
+    """Writes the velocity v+ at the tick's end, the root of
+
+        M (v+ - v) / h + sum_k s_k(v+) + damper v+ = force
+
+    s_k(v+) = clip(spring + stiffness v+, low, high) are the torques of the slip elements. The left
+    side minus the right is the gradient of a convex potential, which Newton's method minimises.
 
     Args:
         M: (n, n) kg m^2.
+        time_step: h, s.
         v: (n,) at the beginning, rad/s.
-        balance: its end_velocity is written, all else is read.
+        balance: its end_velocity is written, all else is read: force and damper (n,), elements of
+            (K, n) each.
     """
     n, end = v.shape[0], balance.end_velocity
     newton = _Newton(np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n))
@@ -566,7 +579,7 @@ def velocity_after(M: Array, time_step: float, v: Array, balance: Balance) -> No
         solve_factorised(factor, n, step)
         for i in range(n):
             slope += newton.gradient[i] * step[i]
-        share, lower = 1.0, math.inf
+        share, lower = 1.0, math.inf  # of the step; the potential after it
         while True:
             for i in range(n):
                 trial[i] = end[i] + share * step[i]

@@ -239,7 +239,18 @@ def _pack_friction(
 
 
 def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader: "_Reader") -> None:
-    """Packs what depends on position: transmission error, ripple of two gear wheels, cogging."""
+    """Packs what depends on position: transmission error, ripple of two gear wheels, cogging.
+
+    Each is a wave of some periods per turn, with a phase (rad) drawn for each joint; ripple alone,
+    of a truth without mechanisms, has phase 0. Ripple and cogging have four columns each, from
+    FIRST_RIPPLE on: amplitude N m, share of the load, periods per turn, phase.
+
+    Args:
+        table: (n, columns), columns as `joint_kernels` names them; written.
+        robot: its truth states the first wheel's ripple.
+        config: of the mechanisms.
+        reader: of the configuration's numbers; it reports those out of range.
+    """
     truth, n = robot.truth, robot.num_joints
     phases = np.random.default_rng([config.individual, _PHASE_STREAM]).uniform(
         0.0, 2.0 * np.pi, (4, n)
@@ -318,6 +329,14 @@ def _pack_elements(table: Array, slip: SlipConfig, reader: "_Reader", time_step:
 
     A slip element carries up to its share of the joint's Coulomb friction, as a spring over its
     displacement; without a displacement it is a damper that is stiff within a tick.
+
+    Args:
+        table: (n, columns), columns as `joint_kernels` names them; COULOMB, COMPLIANCE and
+            FREQUENCY are read, those of the elements written.
+        slip: `displacement` (rad) of each joint; `weight` (share), `spread` (factor of the
+            displacement) and `creep_time` (s) of each element.
+        reader: of the configuration's numbers; it reports those out of range.
+        time_step: s.
     """
     displacement = reader.per_joint(slip, "displacement")
     weight = np.array(slip.weight, dtype=np.float64)

@@ -252,7 +252,17 @@ class World:
     def _mechanisms(
         self, about: MechanismsConfig, scaled: "_Scaled", num_joints: int
     ) -> MechanismsConfig:
-        """The scenario's mechanisms, each number scaled by the world's draw of its name."""
+        """The scenario's mechanisms, each number scaled by the world's draw of its name.
+
+        Mechanisms that the scenario lacks stay off (None). A few numbers are drawn as they are
+        instead of scaled (`drawn_or`: the draw, or the scenario's where none is drawn).
+
+        Args:
+            about: mechanisms of the scenario.
+            scaled: the world's draws: scaled(name, values) multiplies a list, joint by joint, by
+                the factors of that name.
+            num_joints: n.
+        """
 
         def part(config: Any, **changes: Callable[[Any], Any]) -> Any:
             """The part with some of its fields changed; None stays None."""
@@ -261,6 +271,7 @@ class World:
             return replace(config, **{name: change(config) for name, change in changes.items()})
 
         def times(name: str, key: str) -> Callable[[Any], list[float]]:
+            """A change that multiplies the field `key` by the factors drawn for `name`."""
             return lambda config: scaled(name, getattr(config, key))
 
         return replace(
