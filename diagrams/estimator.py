@@ -204,7 +204,7 @@ def _staged(
     """The estimator as a block a stage.
 
     q, v, current --> samples --> terms, motor, friction, observer, torque_error
-                                     --> [correction] --> reconstruction [, detection]
+                                     --> (correction) --> reconstruction, (detection)
 
     Args:
         estimator: its parts are those of the blocks.

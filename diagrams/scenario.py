@@ -557,18 +557,18 @@ def _fourier(motion: FourierMotion, robot: Robot) -> JointTrajectory:
 def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     """The motion along a straight line: there, back, there, ... after a lead-in.
 
-        start         begin                                          end
-        |   lead-in   |   there   |   back   |   there   |   ...   |
-        |  (a way back)   each takes one_way, `passes` of them
+        start     begin                                 end
+        | lead-in | there | back | there | ...           |
+                  `passes` of them, each takes one_way
 
-    Equal cycles of there and back are put one after another, so that one begins at `begin`, and
-    what lies between start and end is cut out of them.
+    Equal cycles of there and back are put one after another, cycle 0 from `begin` on, and what lies
+    between start and end is cut out of them. The lead-in is the end of a way back.
     """
     _check_line(motion)
     cycle = _line_cycle(motion, robot)
     begin = motion.start + motion.lead_in
     end = begin + motion.passes * motion.one_way
-    first_cycle = -1 if motion.lead_in > 0 else 0  # a lead-in is the end of one more
+    first_cycle = -1 if motion.lead_in > 0 else 0
     cycles = range(first_cycle, (motion.passes + 1) // 2)
     t = np.concatenate([begin + k * cycle.duration + cycle.t for k in cycles])
     # The last sample of a cycle is the first of the next one.

@@ -87,9 +87,9 @@ class ContactDetection(SampledBlock):
             self, "detector", self._calc_detector, {self._pole.ticket(), self._sliding.ticket()}
         )
         ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
-        # Motors and gears count for the sample after, which the update sees to. The output reads
-        # them only behind an observer that does: else it does not feed through from the motors, and
-        # zeros stand for their torque.
+        # tau_J and tau_f count for the sample after: the update reads them. The output does so only
+        # behind an observer that reads the present torque. Else zeros stand for them there, and it
+        # does not feed through from the motors.
         if detector.reads_present_torque:
             ports += [self._tau_J, self._tau_f]
         self._no_torque = np.zeros((1, n))  # N m

@@ -105,6 +105,7 @@ class ExternalTorqueObserver(SampledBlock):
             self, "observed", self._calc_observed, prerequisites | {self._tuned_observer.ticket()}
         )
         of_observed = {self._observed.ticket()}
+        # `take_sample` returns the held outputs, reading and wrench, in this order.
         self._reading = self.declare_held_output("reading", n + 1, self._calc_reading, of_observed)
         reading_parts = {"tau_ext": n, "valid": 1}
         declare_port_of_each_part(self, self._reading.Eval, reading_parts, of_observed)

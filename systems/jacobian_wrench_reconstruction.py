@@ -37,7 +37,7 @@ MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 _LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
 _OBSERVED_SIZE = 42  # entries of a wrench and its covariance
 _FLAG_ROWS = {flag: np.array([flag]) for flag in (False, True)}  # of one sample
-_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
+_READING_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
 
 
 class _TunedReading(NamedTuple):
@@ -146,7 +146,7 @@ class JacobianWrenchReconstruction(SampledBlock):
 
     def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
         SampledBlock.__init__(self, period=time_step, initial_memory=reading.initial_state())
-        self.reading_sizes = list(_PARTS.values())
+        self.reading_sizes = list(_READING_PARTS.values())
         """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, invalid."""
         self._wrench_reading = reading
         self._n = n = reading.num_joints
@@ -154,6 +154,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         # a run.
         self._parameters = TunedParameters(self, reading.parameters)
 
+        # All but terms and tau_ext may be left unconnected; the class's docstring says what then.
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
@@ -185,7 +186,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._reading = self.declare_held_output(
             "reading", sum(self.reading_sizes), self._calc_reading, of_reading
         )
-        declare_port_of_each_part(self, self._reading.Eval, _PARTS, of_reading)
+        declare_port_of_each_part(self, self._reading.Eval, _READING_PARTS, of_reading)
 
     def _calc_tuned(self, context: Context) -> _TunedReading:
         K_0, has_usable_pole = None, True

@@ -122,6 +122,7 @@ class JointTrackingController(SampledBlock):
             time_step=time_step,
         )
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
+        # `take_sample` returns these two in this order.
         inputs = {self._terms.ticket(), self._reference.ticket()}
         self._tau_command = self.declare_held_output(
             "tau_command", n, self._calc_tau_command, inputs | {self._law.ticket()}

@@ -44,6 +44,7 @@ class SampleCheckSystem(SampledBlock):
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
+        # `take_sample` returns these two in this order.
         self._motion = self.declare_held_output(
             "motion", self._motion_size, self._calc_motion, {self._q.ticket(), self._v.ticket()}
         )

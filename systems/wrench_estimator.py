@@ -134,7 +134,7 @@ class WrenchEstimatorSystem(SampledBlock):
         return {name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()}
 
     def _declare_outputs(self) -> None:
-        """Declares the output ports."""
+        """Declares the output ports; `take_sample` returns those that are held, in their order."""
         n, sizes = self._n, self.reading_sizes
         of_reading = {self._reading_and_state.ticket()}
         reading = self.declare_held_output(

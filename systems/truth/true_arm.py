@@ -142,6 +142,7 @@ class TrueArm(SampledBlock):
 
         self._x = self.DeclareVectorInputPort("state", 2 * n)  # q, v of the links
         self._command = self.DeclareVectorInputPort("current_command", n)
+        # Held outputs, of some arms `truth` after them: `take_sample` returns them in this order.
         self._motion = self.declare_held_output(
             "motion", sum(self.motion_sizes.values()), self._calc_motion, {self._x.ticket()}
         )
