@@ -73,22 +73,25 @@ def draft_of_log(
     knows_robot: bool,
     judgement: Judgement | None = None,
 ) -> str:
-    """The description of a log that is read.
+    """The description of a log that is read, as YAML: a line a signal, the further ones last.
+
+    Where the hypotheses found that the currents are parts of each drive's rated torque, they are
+    described as torque, in that unit.
 
     Args:
         reader: reader of the log.
         words: encodings that its signals seem to have, by name.
         knows_robot: whether it was held against a robot, so that units are no question.
-        judgement: what the hypotheses say of the log.
+        judgement: what the hypotheses say of the log; None: they were not tried.
     """
     table = reader.table
     lines = [_FIRST_LINE]
     fault = None if judgement is None else judgement.fault
     if judgement is not None and fault is not None:
         lines.append(f"# ? {judgement.problem()}: {judgement.remedy()}\n")
-    rated = None if fault is None else fault.values.get("rated_torque_nm")
+    rated_torque = None if fault is None else fault.values.get("rated_torque_nm")
     lines += _text_keys(table)
-    extra = []
+    further_lines = []  # of signals without a key of their own
     for signal in reader.layout.signals:
         if signal.name == "dropout":
             continue
@@ -97,10 +100,10 @@ def draft_of_log(
             lines.append(f"rate_hz: {table.rate_hz:g}\n")
             continue
         entry = _entry(signal, key, table, words.get(signal.name))
-        if key == "current" and fault is not None and isinstance(rated, list):
+        if key == "current" and fault is not None and isinstance(rated_torque, list):
             unit = RATED_UNITS[float(fault.values["parts_of_rated"])]  # type: ignore[arg-type]
             values = {"columns": entry.values["columns"], "unit": unit}
-            values["gain"] = numbers_text(rated)
+            values["gain"] = numbers_text(rated_torque)
             question = "? gain: rated torque of each drive at its joint, N m, by its data sheet"
             entry = _Entry("motor_torque", values, question)
         elif key in ("current", "motor_torque") and not knows_robot:
@@ -108,14 +111,16 @@ def draft_of_log(
         if key:
             lines.append(entry.line())
         else:
-            extra.append(entry.line("  "))
-    if extra:
-        lines += ["extra:\n", *extra]
+            further_lines.append(entry.line("  "))
+    if further_lines:
+        lines += ["extra:\n", *further_lines]
     return "".join(lines)
 
 
 def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
     """The description of a log that is not read, as far as the names of its columns show it.
+
+    Of a table without names, the first column counts as the time.
 
     Args:
         joint_names: joint names of the robot; None: not known.
@@ -124,7 +129,7 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
     series = _series(table, joint_names)
     time = None if table.names is None else time_columns(table.names)
     if time is not None and table.names is not None:
-        numbers = [int(column) - 1 for column in str(time.columns).split(",")]
+        numbers = [int(column) - 1 for column in str(time.columns).split(",")]  # from 0
         lines.append(_Entry("time", {"columns": _columns_text(numbers, table)}).line())
     elif table.names is None:
         lines.append(_Entry("time", {"columns": "1", "unit": "s"}, "? its column and unit").line())
@@ -160,8 +165,14 @@ def _text_keys(table: LogTable) -> list[str]:
 
 
 def _entry(signal: Signal, key: str, table: LogTable, words: RawWords | None) -> _Entry:
-    """The line of a signal that is read."""
+    """The line of a signal that is read; only what differs from the defaults is stated.
+
+    Args:
+        key: of the description; empty: the signal has none, and stands by its name.
+        words: encoding that its numbers seem to have; None: as the layout has it.
+    """
     values = {"columns": _columns_text(signal.columns, table)}
+    # SI units per number of the log, without the sign that `exerted_on` states.
     scale = -signal.scale if signal.exerted_on == ENVIRONMENT else signal.scale
     if not (signal.name == "t" and len(signal.columns) > 1):
         # The unit of this size; with none, the first of the signal's units and a gain.

@@ -121,6 +121,10 @@ def _inspected(
     Args:
         robot: None: it is read without one, and only by itself.
         is_one_of_several: whether its draft needs a name of its own.
+
+    Returns:
+        With a `problem` in words where the log contradicts the robot, by the checks of a reader or
+        by the hypotheses; and with a draft of its description.
     """
     notices: list[str] = []
     if root_of(path) is not None:

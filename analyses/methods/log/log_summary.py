@@ -81,12 +81,15 @@ def effort(part: Recording) -> Array:
 def summarised(chunks: Iterable[Recording]) -> LogSummary:
     """The figures of a log's successive parts.
 
+    Extremes, efforts and rests are of the samples without drop-outs. Of the samples every
+    stride-th is kept for a figure; the stride doubles when they become too many.
+
     Raises:
         InputError: as the chunks.
         ValueError: there is no part.
     """
     kept: list[Recording] = []
-    stride, num_samples, count = 1, 0, 0
+    stride, num_samples, num_complete = 1, 0, 0
     times: list[Array] = []
     lowest = highest = fastest = squares = resting = np.zeros(0)
     for chunk in chunks:
@@ -101,8 +104,8 @@ def summarised(chunks: Iterable[Recording]) -> LogSummary:
         fastest = np.maximum(fastest, np.abs(complete.v).max(axis=0, initial=0.0))
         squares = squares + (effort(complete) ** 2).sum(axis=0)
         resting = resting + (np.abs(complete.v) < REST_SPEED).sum(axis=0)
-        count += complete.num_samples
-        first = -num_samples % stride
+        num_complete += complete.num_samples
+        first = -num_samples % stride  # of this chunk that is kept
         kept.append(chunk[first::stride])
         num_samples += chunk.num_samples
         if sum(part.num_samples for part in kept) > 2 * _MAX_DRAWN_SAMPLES:
@@ -122,7 +125,7 @@ def summarised(chunks: Iterable[Recording]) -> LogSummary:
         q_min=lowest,
         q_max=highest,
         v_max=fastest,
-        effort_rms=np.sqrt(squares / max(count, 1)),
-        rest=resting / max(count, 1),
+        effort_rms=np.sqrt(squares / max(num_complete, 1)),
+        rest=resting / max(num_complete, 1),
         drawn=concatenated(kept),
     )

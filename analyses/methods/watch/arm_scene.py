@@ -46,6 +46,7 @@ class ArmScene:
         self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._instance, self._frame_E = parts.model_instance, parts.frame_E
         self._bodies = [self._plant.get_body(i) for i in self._plant.GetBodyIndices(self._instance)]
+        # What links look like is one role of shapes in Drake, what they collide with another.
         inspector = scene_graph.model_inspector()
         has_looks = inspector.NumGeometriesWithRole(Role.kIllustration) > 0
         role = Role.kIllustration if has_looks else Role.kProximity

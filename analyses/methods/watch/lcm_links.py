@@ -109,6 +109,9 @@ class LcmSource:
     def _sample(self, data: bytes, now: float) -> Sample:
         """The sample of a message; a Panda states its external torque with the other sign.
 
+        Its effort is the joint torque, and the external torque comes with it; or, if the source was
+        opened so, the effort is the external torque.
+
         Args:
             now: s, when it was received.
 
@@ -133,14 +136,14 @@ class LcmSource:
         if not q.shape == v.shape == tau.shape:
             raise ValueError("signals of different lengths")
         t = 1e-6 * message.utime
-        external = np.array(message.joint_torque_external, float)
+        logged_external = np.array(message.joint_torque_external, float)
         if not self._external:
-            more = {"external_torque": external}
+            more = {"external_torque": logged_external}
             return Sample(t, now, q, v, tau, True, running, state, more)
-        if external.shape != q.shape:
+        if logged_external.shape != q.shape:
             raise ValueError("no external torque of each joint")
-        tau = -external if self._kind == "panda" else external
-        return Sample(t, now, q, v, tau, True, running, state, is_external=True)
+        tau_ext = -logged_external if self._kind == "panda" else logged_external
+        return Sample(t, now, q, v, tau_ext, True, running, state, is_external=True)
 
 
 class LcmPublisher:

@@ -51,8 +51,9 @@ class LoadSearch:
 
     def restart(self) -> None:
         """The stream begins anew."""
-        self._begin: float | None = None
-        self._looks = list(LOOK_TIMES)
+        self._begin: float | None = None  # s, of the stream; None: no sample has come
+        self._looks = list(LOOK_TIMES)  # s after the begin, of the looks to come
+        # Gathered since the last look; all readings so far are in the monitor.
         self._speeds: list[_Speed] = []
         self._readings: list[Reading] = []
         self._estimator: WrenchEstimator | None = None
@@ -78,7 +79,11 @@ class LoadSearch:
             self._readings.append(reading)
 
     def look(self, t: float, estimator: WrenchEstimator) -> None:
-        """Begins a look where one is due.
+        """Begins a look where one is due; `result` gives what it finds.
+
+        A look hands the speeds and readings gathered since the last one to the monitor, and weighs
+        all that the monitor has. Another estimator than before means that reading began anew: so
+        does the search.
 
         Args:
             t: s, of the stream.
@@ -93,19 +98,21 @@ class LoadSearch:
         if t - self._begin < self._looks[0]:
             return
         self._looks.pop(0)
+        # The last speed stays: the next look interpolates from it.
         speeds, self._speeds = self._speeds, self._speeds[-1:]
         readings, self._readings = self._readings, []
         observer = estimator.observer
         if self._monitor is None:
             pole, step = observer.pole, observer.time_step
             self._monitor = FrictionMonitor(self._model, estimator.chain, pole, step, self._robot)
-        settled = self._begin + max(SETTLING_TIME, observer.settling_time)
+        settled_from = self._begin + max(SETTLING_TIME, observer.settling_time)  # s
+        arguments = self._monitor, speeds, readings, settled_from
         if self._in_background:
             self._pool = self._pool or ThreadPoolExecutor(1)
-            self._running = self._pool.submit(self._judge, self._monitor, speeds, readings, settled)
+            self._running = self._pool.submit(self._judge, *arguments)
         else:
             self._running = Future()
-            self._running.set_result(self._judge(self._monitor, speeds, readings, settled))
+            self._running.set_result(self._judge(*arguments))
 
     def result(self) -> LoadOrDrift | None:
         """The load, once, where a look that is over has shown one."""

@@ -62,29 +62,38 @@ class Recorder:
             if any(folder.iterdir()):
                 raise InputError(folder, "", "is not empty", "give a new folder to --record")
         self._folder, self._robot, self._form, self._begin = folder, robot, form, begin
-        self._rows: list[Array] = []
+        self._rows: list[Array] = []  # of the segment that is being recorded
         self._files: list[_File] = []  # the newest last
-        self._segment = 0
-        self._saved = time.monotonic()
-        self._failed = False
-        self._last = -np.inf
+        self._segment = 0  # its number, which names its file
+        self._saved = time.monotonic()  # s, of the last attempt
+        self._failed = False  # whether that failed
+        self._last = -np.inf  # s, time of the last reading
         self.lost = 0
 
     def take(self, rows: list[Array]) -> str:
-        """Takes the rows of readings; returns a message, or an empty text."""
+        """Takes the rows of readings; returns a message, or an empty text.
+
+        A segment of SEGMENT_TIME s of readings is a file, which is written anew every SAVE_TIME s
+        while it grows. Where it cannot be written, the segment grows on until it can.
+
+        Args:
+            rows: of `Reading`; t, s, is first.
+        """
         message = ""
         for row in rows:
-            if row[0] == self._last:  # the same reading, no longer valid
+            t = row[0]
+            if t == self._last:  # the same reading, no longer valid
                 continue
-            self._last = row[0]
-            if self._form == "mcap" and not 0.0 <= row[0] < LAST_STAMP:
+            self._last = t
+            if self._form == "mcap" and not 0.0 <= t < LAST_STAMP:
                 if not self.lost:
                     message = (
                         "readings before t = 0 are left out: a ROS time stamp holds no such time"
                     )
                 self.lost += 1
                 continue
-            is_full = self._rows and not 0.0 <= row[0] - self._rows[0][0] < SEGMENT_TIME
+            # Full, or its clock has gone back.
+            is_full = self._rows and not 0.0 <= t - self._rows[0][0] < SEGMENT_TIME
             if is_full and not self._failed:
                 message = self._save() or message
                 if not self._failed:
@@ -133,7 +142,13 @@ class Recorder:
         return len(self._rows) - saved
 
     def _write(self, rows: Array) -> None:
-        """Writes rows of `Reading` into a file; one of the same name is replaced."""
+        """Writes rows of `Reading` into the segment's file; an earlier state of it is replaced.
+
+        A bag has wrench and covariance with E's place; a table has sds, tau_ext and flags.
+
+        Raises:
+            InputError: it cannot be written.
+        """
         name = self._name()
         path = self._folder / name
         readings = [Reading(row) for row in rows]

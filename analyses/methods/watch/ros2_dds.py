@@ -107,6 +107,10 @@ def topic_name(address: SourceAddress) -> str:
 def join(address: SourceAddress) -> Any:
     """Joins the domain that an address asks for, as a participant.
 
+    The domain is that of the address, else of ROS_DOMAIN_ID, else 0; the network is this computer
+    alone unless the address names an interface. A process opens a domain once: where the address
+    names no network, and the user has configured DDS himself, his configuration counts.
+
     Raises:
         InputError: a domain or a network that is none, or that DDS cannot open.
     """
@@ -117,14 +121,16 @@ def join(address: SourceAddress) -> Any:
     if not _INTERFACE.fullmatch(network):
         problem = f'is "{network}", expected an interface such as eth0, or any'
         raise InputError("ros2://", "network", problem)
-    here = network == LOOPBACK
+    is_local = network == LOOPBACK
     interface = 'autodetermine="true"' if network == "any" else f'name="{network}"'
-    multicast = "<AllowMulticast>false</AllowMulticast>" if here else ""
-    config = _CONFIG.format(interface=interface, multicast=multicast, peers=_HERE if here else "")
+    multicast = "<AllowMulticast>false</AllowMulticast>" if is_local else ""
+    peers = _HERE if is_local else ""
+    config = _CONFIG.format(interface=interface, multicast=multicast, peers=peers)
+    opened_config, _ = _domains.get(domain, (None, None))
     try:
-        if domain not in _domains and ("network" in address.options or not _is_configured()):
+        if opened_config is None and ("network" in address.options or not _is_configured()):
             _domains[domain] = config, Domain(domain, config)
-        elif domain in _domains and _domains[domain][0] != config:
+        elif opened_config not in (None, config):
             problem = f"domain {domain} is open on another network already"
             raise InputError("ros2://", "network", problem, "give one network for a domain")
         return DomainParticipant(domain)

@@ -21,7 +21,7 @@ from wrenchsight.models.robot.robot import Robot
 def play_joint_states(
     recording: Recording, robot: Robot, address: SourceAddress, tell: Callable[[str], None]
 ) -> None:
-    """Plays it once, from the first subscriber on; returns when it is over.
+    """Plays a recording as JointStates, once, from the first subscriber on; returns at its end.
 
     Stamps are ROS' own: this computer's time. Efforts are torques, as sensor_msgs/JointState has
     them; `effort=current` sends currents, as some drivers do.
@@ -41,19 +41,21 @@ def play_joint_states(
     effort = robot.joint_torque(recording.current) if is_torque else recording.current
     writer = TopicWriter(join(address), topic, JOINT_STATE)
     values = np.concatenate([recording.q, recording.v, effort], axis=1)
-    names, kind = list(robot.joint_names), typestore().types[JOINT_STATE]
+    names, joint_state = list(robot.joint_names), typestore().types[JOINT_STATE]
 
     def message(stamp: int, number: float) -> object:
-        each = np.full(len(names), number)
-        return kind(header(robot.config.base_link, stamp), names, each, each, each)
+        """One of these sizes; `Layout` finds from it where stamp and numbers lie in the bytes."""
+        numbers = np.full(len(names), number)
+        base_link = robot.config.base_link
+        return joint_state(header(base_link, stamp), names, numbers, numbers, numbers)
 
     layout = Layout(JOINT_STATE, message)
     tell(f"plays {recording.duration:.1f} s once a client reads {topic}; Ctrl-C ends it")
     while not writer.is_read:
         time.sleep(0.05)
-    begin, since = time.time(), recording.t - recording.t[0]
-    stamps = nanoseconds(begin + since)
-    for k, due in enumerate(since.tolist()):
+    begin, elapsed = time.time(), recording.t - recording.t[0]  # s
+    stamps = nanoseconds(begin + elapsed)
+    for k, due in enumerate(elapsed.tolist()):
         time.sleep(max(0.0, begin + due - time.time()))
         writer.write(layout.encode(stamps[k : k + 1], values[k : k + 1]).tobytes())
     time.sleep(0.5)  # what is on its way arrives

@@ -55,7 +55,7 @@ class Ros2Source:
         self._is_publishing = self._closed = False
         self._counts: Counter[str] = Counter()
         self._event_times: dict[str, float] = {}
-        self._begin = 0.0
+        self._begin = 0.0  # s, from which on a publisher is waited for
 
     @classmethod
     def open(cls, address: SourceAddress, robot: Robot) -> "Ros2Source":
@@ -65,7 +65,10 @@ class Ros2Source:
         return cls(join(address), topic, robot, effort)
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
-        """As the protocol."""
+        """As the protocol; the topic is joined at the first call.
+
+        Without a publisher for WAIT_TIME s an event says so, again and again.
+        """
         if self._closed:
             return []
         items: list[Sample | StreamEvent] = []
@@ -79,7 +82,7 @@ class Ros2Source:
             time.sleep(timeout)
             return items
         now = time.monotonic()
-        for data in received:
+        for data in received:  # bytes of a message; None: the last publisher has gone
             if data is None:
                 self._is_publishing, self._begin = False, now
                 self._say(items, EventKind.LOST, "no publisher any more; waiting for one")

@@ -70,10 +70,12 @@ class RtdeController:
         rate: float = 1.0,
         tamper: Tamper | None = None,
     ) -> None:
-        self.robot_mode, self.safety_mode, self.payload = ROBOT_RUNS, 1, 0.0
+        # A thread accepts clients, one each answers them, another plays to all that have asked.
+        self.robot_mode, self.safety_mode, self.payload = ROBOT_RUNS, 1, 0.0  # 1: normal
         self._parts, self._rate, self._tamper = parts, rate, tamper
         self._clients: list[_Client] = []
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # of the clients
+        # Set when a client has asked for data, when `close` was called, when all is played.
         self._started, self._closing = threading.Event(), threading.Event()
         self.ended = threading.Event()
         try:
@@ -82,9 +84,9 @@ class RtdeController:
             reason = error.strerror or str(error)
             raise InputError(f"{host}:{port}", "", f"cannot be listened on ({reason})") from None
         self.port: int = self._listener.getsockname()[1]
-        self._iterator = iter(parts)
+        self._iterator = iter(parts)  # of the parts after the first
         self._first = next(self._iterator)
-        self._names = set(_signals(self._first))
+        self._names = set(_signals(self._first))  # of RTDE's fields that can be sent
         self._slack = 0.5 * self._first.time_step  # s, by which a row may be early
         self._threads = [
             threading.Thread(target=work, daemon=True) for work in (self._accept, self._play)

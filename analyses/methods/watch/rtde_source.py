@@ -202,7 +202,11 @@ class RtdeSource:
         return [StreamEvent(EventKind.REFUSED, text, time.monotonic())]
 
     def _started(self) -> StreamEvent:
-        """Connects, agrees on what is sent, and starts it.
+        """Connects, agrees on what is sent, and starts it; returns the event that says so.
+
+        The protocol: version 2, the software's version (on which the frequency depends), a recipe
+        of the fields that are sent, and the start. `_ask` sends a packet and returns the answer of
+        that kind.
 
         Raises:
             OSError: no connection, or no answer in time.
@@ -240,14 +244,16 @@ class RtdeSource:
         Raises:
             ProtocolError, _WrongTypeError: as `_started`.
         """
-        names = [*_NEEDED, self._effort, *_MODES, *_MORE]
-        names += [_TORQUE] if self._effort != _TORQUE else []
-        recipe = self._set_up(frequency, names)
         needed = {*_NEEDED, self._effort}
+        names = [*_NEEDED, self._effort, *_MODES, *_MORE]
+        if self._effort != _TORQUE:  # sent besides
+            names.append(_TORQUE)
+        recipe = self._set_up(frequency, names)  # as the controller answers it
         if missing := needed & {*recipe.missing}:
             raise ProtocolError(f"no {', '.join(sorted(missing))}")
         other_types = _other_types(recipe)
         for name in names:
+            # Modes may be missing, but not be something else: they say whether readings count.
             if name in other_types and name in {*needed, *_MODES}:
                 raise _WrongTypeError(f"states {other_types[name]}; check its software's version")
         left_out = {*recipe.missing, *other_types}

@@ -64,7 +64,9 @@ class WatchSettings:
 
 
 def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
-    """Returns the settings with their prior filled in.
+    """Returns the settings with their prior filled in: that of the rated payload, or two numbers.
+
+    The options that `estimate` has as well are checked as there.
 
     Raises:
         InputError: a setting that makes no sense.

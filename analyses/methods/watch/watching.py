@@ -213,6 +213,9 @@ class _Screen:
 def watch(settings: WatchSettings, console: Console) -> int:
     """The command `watch`: reads a robot until it ends, or its time is over.
 
+    Each sink (recorder, served view) follows the session in a thread of its own, so that a slow one
+    stops nobody. What sinks report is shown with the readings, or at the end.
+
     Args:
         console: to show readings on.
 
@@ -245,7 +248,7 @@ def watch(settings: WatchSettings, console: Console) -> int:
 def _sinks(
     settings: WatchSettings, robot: Robot, report: Callable[[str], None]
 ) -> list[Callable[[], Sink]]:
-    """What makes the recorder and the view of the settings, each in its own thread.
+    """What makes the recorder and the view of the settings; each is made in its own thread.
 
     Args:
         report: takes messages.
