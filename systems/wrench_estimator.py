@@ -7,10 +7,15 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, InputPort
 
-from wrenchsight.models.estimation.estimator import Correction, EstimatorState, WrenchEstimator
-from wrenchsight.models.estimation.wrench_reading import ReadingState
+from wrenchsight.models.estimation.estimator import (
+    Correction,
+    EstimatorState,
+    TakenSamples,
+    WrenchEstimator,
+)
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.states import assign_state
 from wrenchsight.systems.declarations import (
     TunedParameters,
     declare_cached,
@@ -22,16 +27,18 @@ from wrenchsight.systems.jacobian_wrench_reconstruction import reading_parts
 from wrenchsight.systems.sampled_block import SampledBlock
 
 
-class _ReadingAndState(NamedTuple):
-    """The estimate of the present sample.
+class _TakenSample(NamedTuple):
+    """The present sample, which the stages have taken on a copy of the memory.
 
     Attributes:
         reading: entries of the port of that name.
-        state: of the last stage, the wrench's reading, after the sample.
+        taken: what the stages have found.
+        state: of all stages, after the sample where its current was read.
     """
 
     reading: Array
-    state: ReadingState
+    taken: TakenSamples
+    state: EstimatorState
 
 
 class WrenchEstimatorSystem(SampledBlock):
@@ -63,9 +70,10 @@ class WrenchEstimatorSystem(SampledBlock):
                 reconstruction.prior_sd, .damping, .truncation, and .torque_covariance of a model
                 without a torque error
 
-    A tick calls the stages of `WrenchEstimator` one after another: up to the reading for the
-    outputs, and up to the observer once more for the update, which knows the current. That takes
-    two calls from Drake into Python instead of some fifteen.
+    A tick calls the stages of `WrenchEstimator` one after another for the outputs, without the
+    current where the observer does not read the present torque. The update then takes the current
+    into the memory (`WrenchEstimator.take_current`), without the stages that do not depend on it.
+    That takes two calls from Drake into Python instead of some fifteen.
 
     Args:
         estimator: robot, model and configuration.
@@ -118,10 +126,10 @@ class WrenchEstimatorSystem(SampledBlock):
         # The reading of the present sample and the state after it, once a tick: whichever output or
         # update asks first.
         prerequisites = {port.ticket() for port in ports} | {self._tuned.ticket()}
-        self._reading_and_state = declare_cached(
+        self._taken_sample = declare_cached(
             self,
-            "reading and state",
-            self._calc_reading_and_state,
+            "taken sample",
+            self._calc_taken_sample,
             prerequisites | self.time_and_memory_tickets,
         )
         self._declare_outputs()
@@ -136,7 +144,7 @@ class WrenchEstimatorSystem(SampledBlock):
     def _declare_outputs(self) -> None:
         """Declares the output ports; `take_sample` returns those that are held, in their order."""
         n, sizes = self._n, self.reading_sizes
-        of_reading = {self._reading_and_state.ticket()}
+        of_reading = {self._taken_sample.ticket()}
         reading = self.declare_held_output(
             "reading", sum(sizes.values()), self._calc_reading, of_reading
         )
@@ -204,12 +212,16 @@ class WrenchEstimatorSystem(SampledBlock):
             sd=values["correction_sd"][None],
         )
 
-    def _calc_reading_and_state(self, context: Context) -> _ReadingAndState:
+    def _calc_taken_sample(self, context: Context) -> _TakenSample:
         """Runs all stages over the present sample, on a copy of the memory."""
         estimator, state = self._tuned_at(context), self.memory(context)
-        current = self._current.Eval(context) if self._reads_current else self._unread
-        sample = (self._q.Eval(context)[None], self._v.Eval(context)[None], current[None])
-        taken = estimator.take(state, *sample, correction=self._correction_at(context))
+        q, v = self._q.Eval(context)[None], self._v.Eval(context)[None]
+        correction = self._correction_at(context)
+        if self._reads_current:
+            current = self._current.Eval(context)[None]
+            taken = estimator.take(state, q, v, current, correction=correction)
+        else:
+            taken = estimator.take_motion(state, q, v, correction)
         wrench_parts = reading_parts(estimator.read(state.reading, taken))
         parts = (  # in the order of `reading_sizes`; `wrench_parts` are five of them
             taken.tau_ext[0],
@@ -220,22 +232,20 @@ class WrenchEstimatorSystem(SampledBlock):
             taken.samples.tau_f[0],
             taken.error.flat,
         )
-        return _ReadingAndState(np.concatenate(parts), state.reading)
+        return _TakenSample(np.concatenate(parts), taken, state)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading_and_state.EvalAbstract(context).get_value().reading)
+        output.SetFromVector(self._taken_sample.EvalAbstract(context).get_value().reading)
 
     def take_sample(self, context: Context, memory: EstimatorState) -> Sequence[Array]:
-        reading, reading_state = self._reading_and_state.EvalAbstract(context).get_value()
-        # The stages up to the observer once more, with the current, on the memory itself: `take`
-        # changes it in place, but for the reading's state, which is known already.
+        reading, taken, state = self._taken_sample.EvalAbstract(context).get_value()
+        if self._reads_current:
+            assign_state(memory, state)
+            return reading, taken.samples.tau_J[0]
         ports = (self._q, self._v, self._current)
         sample = [port.Eval(context)[None] for port in ports]
-        correction = self._correction_at(context)
-        taken = self._tuned_at(context).take(memory, *sample, correction=correction)
-        for remembered, after_sample in zip(memory.reading, reading_state, strict=True):
-            remembered[:] = after_sample
-        return reading, taken.samples.tau_J[0]
+        tau_J = self._tuned_at(context).take_current(memory, state, taken, *sample)
+        return reading, tau_J[0]
 
     def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
         estimator, current = self._tuned_at(context), self._current.Eval(context)[None]

@@ -49,6 +49,7 @@ from wrenchsight.models.identification.torque_error_model import (
     REST_ROW,
     ConstantTorqueError,
     TorqueErrorModel,
+    take_transmitted,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -501,29 +502,108 @@ class WrenchEstimator:
         """
         signals = contiguous(q, v, current)
         self._check_shapes(state, signals, correction, tau_f)
-        N = len(signals[0])
+        fault = np.zeros(len(signals[0]), np.int64)
         if check and self.check is not None:
-            period = self.observer.time_step
-            checked, fault = self.check.run(state.check, signals[0], signals[1], signals[2], period)
+            q, v, current = signals
+            checked, fault = self.check.run(state.check, q, v, current, self.observer.time_step)
             signals = list(checked)
-        else:
-            fault = np.zeros(N, np.int64)
-        q, v, current = signals
-        # Model and motors.
-        momentum, CTv, G, J = self.chain.observer_terms(q, v)
+        tau_J = joint_torque(self.gain, self._motor_rates, signals[2])
+        known_friction = None if tau_f is None else np.asarray(tau_f, float)
+        return self._stages(state, signals[0], signals[1], tau_J, fault, correction, known_friction)
+
+    def take_motion(
+        self, state: EstimatorState, q: Array, v: Array, correction: Correction | None = None
+    ) -> TakenSamples:
+        """As `take`, of one sample whose current is not known yet.
+
+        For an observer that does not read the present torque: it finds the same tau_ext.
+
+        Args:
+            state: changed in place, but not to what it is after the sample: `take_current` makes
+                that of it.
+            q, v: (1, n) rad and rad/s (m and m/s), contiguous.
+            correction: learnt correction of an air pass, for this sample.
+        """
+        fault = np.zeros(1, np.int64)
+        if self.check is not None:
+            checked = np.empty((2, self.num_joints))
+            fault[0] = self.check.motion(state.check, q[0], v[0], self.observer.time_step, checked)
+            q, v = checked[:1], checked[1:]
+        return self._stages(state, q, v, None, fault, correction)
+
+    def take_current(
+        self,
+        state: EstimatorState,
+        state_of_motion: EstimatorState,
+        taken: TakenSamples,
+        q: Array,
+        v: Array,
+        current: Array,
+    ) -> Array:
+        """Completes the sample of a `take_motion`, followed by `read` or not.
+
+        Args:
+            state: before the sample; changed in place to what it is after.
+            state_of_motion: the other one, as `take_motion` and `read` have left it.
+            taken: of `take_motion`.
+            q, v, current: (1, n) rad and rad/s (m and m/s), A, contiguous.
+
+        Returns:
+            (1, n) N m, tau_J, NaN where the current is impossible.
+        """
+        samples, rows = taken.samples, taken.error.rows
+        if self.check is not None:
+            checked, _ = self.check.run(state.check, q, v, current, self.observer.time_step)
+            current = checked[2]
         tau_J = joint_torque(self.gain, self._motor_rates, current)
+        # What the motor torque changes: the memory of the friction, of the torque error's loads
+        # and of the observer.
+        if self.friction.state_rows > 0:
+            self.friction.run(state.friction, samples.q, samples.v, tau_J, self._rest(rows))
+        state.error[:] = state_of_motion.error
+        take_transmitted(state.error, tau_J[0], samples.tau_f[0])
+        self.observer.observe(state.observer, samples._replace(tau_J=tau_J))
+        for before, after in zip(state.reading, state_of_motion.reading, strict=True):
+            before[:] = after
+        return tau_J
+
+    def _rest(self, rows: Array) -> Array | None:
+        """(N, n) share by which each joint rests, of `TorqueErrorStage.follow`; None: not known."""
+        return np.ascontiguousarray(rows[:, REST_ROW]) if self.learnt else None
+
+    def _stages(
+        self,
+        state: EstimatorState,
+        q: Array,
+        v: Array,
+        known_tau_J: Array | None,
+        fault: Codes,
+        correction: Correction | None,
+        known_friction: Array | None = None,
+    ) -> TakenSamples:
+        """The stages from the terms to the observer, of checked samples.
+
+        Args:
+            known_tau_J: None of one sample whose current is not known yet. It leaves the torques of
+                the sample before in the torque error's state.
+        """
+        momentum, CTv, G, J = self.chain.observer_terms(q, v)
+        if known_tau_J is None:
+            tau_J, transmitted = np.zeros_like(q), np.full_like(q, np.nan)
+        else:
+            tau_J = transmitted = known_tau_J
         rows = self.error.follow(state.error, q, v)
         is_planned = correction is not None and self.friction.is_of_speed_alone
         # Friction: as it is known, at the planned speed, or by the law, which is told what rests.
-        if tau_f is not None:
-            tau_J, friction = tau_J - np.asarray(tau_f, float), np.zeros_like(tau_J)
+        if known_friction is not None:
+            tau_J, friction = tau_J - known_friction, np.zeros_like(tau_J)
+            transmitted = tau_J
         elif correction is not None and is_planned:
             friction = self.friction.feedforward.torque(correction.v_planned)
         else:
-            rest = np.ascontiguousarray(rows[:, REST_ROW]) if self.learnt else None
-            friction = self.friction.run(state.friction, q, v, tau_J, rest)
+            friction = self.friction.run(state.friction, q, v, tau_J, self._rest(rows))
         # The torque error, which holds what a correction does not know.
-        error = self.error.sds(state.error, rows, q, v, tau_J, friction, J)
+        error = self.error.sds(state.error, rows, q, v, transmitted, friction, J)
         if correction is not None:
             error = error._replace(sd=np.sqrt(error.sd**2 + np.square(correction.sd)))
         samples = ObserverSamples(
@@ -541,7 +621,7 @@ class WrenchEstimator:
         )
         observed = self.observer.observe(state.observer, samples)
         # What an air pass has shown of the observed torque, where it is known.
-        tau_ext, is_corrected = observed.tau_ext, np.empty(N, np.bool_)
+        tau_ext, is_corrected = observed.tau_ext, np.empty(len(q), np.bool_)
         is_corrected.fill(True)
         if correction is not None:
             added = np.asarray(correction.tau_correction, float)

@@ -40,6 +40,12 @@ class StateLayout:
         return self._made(iter(arrays))
 
 
+def assign_state(state: Any, other: Any) -> None:
+    """Writes the numbers of another state of the same shapes into the arrays of a state."""
+    for array, values in zip(_arrays_of(state), _arrays_of(other), strict=True):
+        array[:] = values
+
+
 def _arrays_of(state: Any) -> list[Array]:
     """The arrays of a state, in their order."""
     if isinstance(state, tuple):

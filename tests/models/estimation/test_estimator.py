@@ -1,11 +1,13 @@
 """The whole chain: against pinocchio and numpy, tick against log, holes, signs."""
 
+import copy
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from sample_models import sample_torque_error
 
 from wrenchsight.models.estimation.estimator import (
     Correction,
@@ -265,6 +267,42 @@ def test_friction_with_memory_tick_by_tick_is_the_log_in_any_split() -> None:
         tick = tool.step(state, q[k], v[k], current[k])
         np.testing.assert_array_equal(tick.tau_ext, whole.tau_ext[k])
     np.testing.assert_array_equal(np.vstack([p.tau_ext for p in parts]), whole.tau_ext[:90])
+
+
+@pytest.mark.parametrize("kind", ["learnt error", "friction with memory"])
+def test_motion_and_then_current_is_the_whole_sample(kind: str) -> None:
+    """To the last bit, the state after each sample as well; with impossible samples."""
+    known = replace(model(), torque_error=sample_torque_error())
+    tool = (
+        remembering() if kind == "friction with memory" else WrenchEstimator(arm(), known, CONFIG)
+    )
+    q, v, current = log(120)
+    current[40, 1], current[60:70, 4], v[80, 2] = 1e4, np.nan, 1e3
+    state, whole_state = tool.initial_state(), tool.initial_state()
+    for k in range(len(q)):
+        sample = (q[k : k + 1], v[k : k + 1], current[k : k + 1])
+        whole = tool.take(whole_state, *sample)
+        tool.read(whole_state.reading, whole)
+        state_of_motion = copy.deepcopy(state)
+        taken = tool.take_motion(state_of_motion, *sample[:2])
+        tool.read(state_of_motion.reading, taken)
+        tau_J = tool.take_current(state, state_of_motion, taken, *sample)
+        np.testing.assert_array_equal(taken.tau_ext, whole.tau_ext)
+        np.testing.assert_array_equal(taken.fault, whole.fault)
+        np.testing.assert_array_equal(taken.error.flat, whole.error.flat)
+        np.testing.assert_array_equal(tau_J, whole.samples.tau_J)
+        for now, expected in zip(
+            (state.check, state.error, state.friction, state.observer, *state.reading),
+            (
+                whole_state.check,
+                whole_state.error,
+                whole_state.friction,
+                whole_state.observer,
+                *whole_state.reading,
+            ),
+            strict=True,
+        ):
+            np.testing.assert_array_equal(now, expected)
 
 
 def test_the_load_is_the_torque_transmitted_at_the_sample_before() -> None:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.states import StateLayout
+from wrenchsight.models.numerics.states import StateLayout, assign_state
 
 
 class Inner(NamedTuple):
@@ -35,3 +35,13 @@ def test_the_vector_holds_all_arrays_in_their_order_and_gives_views() -> None:
 def test_an_array_alone_is_a_state() -> None:
     layout = StateLayout(np.zeros((2, 2)))
     np.testing.assert_array_equal(layout.state_of(np.arange(4.0)), [[0.0, 1.0], [2.0, 3.0]])
+
+
+def test_a_state_takes_the_numbers_of_another_in_its_own_memory() -> None:
+    state = Outer(np.zeros((2, 3)), Inner(np.zeros(1), np.empty((0, 4))))
+    layout = StateLayout(state)
+    vector = layout.initial.copy()
+    assign_state(
+        layout.state_of(vector), Outer(np.ones((2, 3)), Inner(np.array([4.0]), np.empty((0, 4))))
+    )
+    np.testing.assert_array_equal(vector, [1.0] * 6 + [4.0])
