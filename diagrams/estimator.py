@@ -253,12 +253,12 @@ def _staged(
     _connect_by_name(builder, [stages.reconstruction], reading_sources)
     output_sources |= _reading_ports(builder, stages.reconstruction)
 
+    known_terms = None if "terms" in replacements else sources["terms"]
+    terms_as_read = _terms_as_read(builder, estimator, known_terms)
     for signal in ("tau_ext", "tau_f", "tau_ext_valid", *_STAGE_OUTPUTS["reconstruction"]):
         builder.ExportOutput(output_sources[signal], signal)
-    # For a controller: of q and v as they come, also of a sample that the estimator leaves out.
-    known_terms = None if "terms" in replacements else sources["terms"]
-    builder.ExportOutput(_terms_as_read(builder, estimator, known_terms), "terms")
-    builder.ExportOutput(sources["fault"], "fault")
+    builder.ExportOutput(terms_as_read, "terms")
+    builder.ExportOutput(output_sources["fault"], "fault")
     if "detection" in replacements:
         _add_users_detector(builder, replacements["detection"], output_sources)
     elif detection is not None:
@@ -399,11 +399,13 @@ def _add_correction(
 def _terms_as_read(
     builder: DiagramBuilder, estimator: WrenchEstimator, known_terms: OutputPort | None
 ) -> OutputPort:
-    """The terms of q and v as they come, for a controller: an impossible sample that the estimator
-    leaves out must not leave the arm without its weight.
+    """The terms of q and v as they come, for a controller.
+
+    An impossible sample, which the estimator leaves out, must not leave the arm without its weight.
 
     Args:
-        known_terms: of the samples that the estimator takes; None: there are none of its chain.
+        known_terms: of the samples that the estimator takes, passed on where these are q and v;
+            None: a user's block computes the estimator's terms, perhaps of another model.
     """
     block = builder.AddNamedSystem(
         "terms_as_read", RigidBodyTermsSystem(estimator.chain, known_terms is not None)

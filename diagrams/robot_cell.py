@@ -221,14 +221,7 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
     motion = _add_demultiplexer(builder, true_arm, "motion", true_arm.motion_sizes)
     drives = _add_demultiplexer(builder, true_arm, "drives", true_arm.drive_sizes)
     builder.Connect(drives["tau_J"], plant.get_actuation_input_port(instance))
-    # Friction and gears act on the arm's joints. The plant's port takes the generalized force of
-    # all bodies: those that are not the arm's get none.
-    to_plant = np.zeros((plant.num_velocities(), cell.robot.num_joints))
-    for i, joint in enumerate(cell.arm.joints):
-        to_plant[joint.velocity_start(), i] = 1.0
-    spread = builder.AddNamedSystem("generalized_force", MatrixGain(to_plant))
-    builder.Connect(drives["generalized_force"], spread.get_input_port())
-    builder.Connect(spread.get_output_port(), plant.get_applied_generalized_force_input_port())
+    _connect_generalized_force(cell, drives["generalized_force"])
     _connect_spatial_forces(cell, true_arm)
     outputs = _truth_outputs(cell, true_arm, motion) | {
         "q": motion["q_read"],
@@ -247,6 +240,22 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
         outputs["contact_results"] = plant.get_contact_results_output_port()
     for name, port in outputs.items():
         builder.ExportOutput(port, name)
+
+
+def _connect_generalized_force(cell: _CellParts, arm_force: OutputPort) -> None:
+    """Connects what friction and gears put on the arm's joints, (n,) N m, with the plant.
+
+    The plant's port takes the generalized force of all bodies: those that are not the arm's get
+    none.
+    """
+    to_plant = np.zeros((cell.plant.num_velocities(), cell.robot.num_joints))
+    for i, joint in enumerate(cell.arm.joints):
+        to_plant[joint.velocity_start(), i] = 1.0
+    spread = cell.builder.AddNamedSystem("generalized_force", MatrixGain(to_plant))
+    cell.builder.Connect(arm_force, spread.get_input_port())
+    cell.builder.Connect(
+        spread.get_output_port(), cell.plant.get_applied_generalized_force_input_port()
+    )
 
 
 def _connect_spatial_forces(cell: _CellParts, true_arm: TrueArm) -> None:
@@ -438,9 +447,10 @@ def _material_of(
 def _prepare_contact(
     cell: _CellParts, scene_graph: SceneGraph, clear_links: Collection[str]
 ) -> None:
-    """Gives the links the workpiece's contact material, and no contact among each other.
+    """Says which shapes of the arm touch what stands around it, and in which material.
 
-    At a blade only the ball at the tool's tip makes contact: the links pass through the blade.
+    At a blade only the ball at the tool's tip makes contact: the links pass through the blade. The
+    links never touch each other.
 
     Args:
         cell: its plant is finalized.
@@ -465,14 +475,22 @@ def _prepare_contact(
     filters = scene_graph.collision_filter_manager()
     filters.Apply(CollisionFilterDeclaration().ExcludeWithin(arm_shapes))
     if cell.scenario.floor:
-        # What the robot stands on always touches the floor.
-        foot = GeometrySet(plant.GetCollisionGeometriesForBody(arm.joints[0].parent_body()))
-        floor = [
-            geometry
-            for geometry in inspector.GetAllGeometryIds(Role.kProximity)
-            if inspector.GetName(geometry).endswith("floor")  # Drake puts a model name before it
-        ]
-        filters.Apply(CollisionFilterDeclaration().ExcludeBetween(foot, GeometrySet(floor)))
+        _exclude_foot_on_floor(cell, scene_graph)
+
+
+def _exclude_foot_on_floor(cell: _CellParts, scene_graph: SceneGraph) -> None:
+    """Leaves the contact out of the floor with what the robot stands on, which never ends."""
+    inspector = scene_graph.model_inspector()
+    foot_body = cell.arm.joints[0].parent_body()
+    foot = GeometrySet(cell.plant.GetCollisionGeometriesForBody(foot_body))
+    floor = [
+        geometry
+        for geometry in inspector.GetAllGeometryIds(Role.kProximity)
+        if inspector.GetName(geometry).endswith("floor")  # Drake puts a model name before it
+    ]
+    scene_graph.collision_filter_manager().Apply(
+        CollisionFilterDeclaration().ExcludeBetween(foot, GeometrySet(floor))
+    )
 
 
 def _force_torque_sensor(cell: _CellParts) -> ForceTorqueSensor | None:
