@@ -114,7 +114,7 @@ def number(value: Any, decimals: int | None = None) -> str:
         decimals: decimals of a number; by default, and where they would leave nothing of it, as
             many as four significant digits need.
     """
-    if value is None:
+    if value is None:  # as NaN and infinity are stored
         return "not finite"
     if isinstance(value, bool):
         return "yes" if value else "no"

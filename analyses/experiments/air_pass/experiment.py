@@ -151,9 +151,8 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             f"Force at the load, {LAWS[law]}, {state}: RMSE X Y Z",
             f"{law}.{state}.rmse_f_n",
-            [float(value) for value in values],
-            "",
-            _PLAIN_TOOLS,
+            article=[float(value) for value in values],
+            source=_PLAIN_TOOLS,
         )
         for law, states in rmse_of_plain_tools.items()
         for state, values in states.items()
@@ -162,8 +161,7 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             f"Share of the torque error that did repeat, {LAWS[law]}, joints 1 to 6",
             f"{law}.repeated_share",
-            None,
-            "of its mean square",
+            remark="of its mean square",
         )
         for law in LAWS
     ]

@@ -381,7 +381,11 @@ def _phasors(t: Array, signals: Array, frequency: Array) -> ComplexArray:
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """Runs the experiment `bandwidth`."""
+    """Runs the experiment `bandwidth`.
+
+    Metrics are by gain (`_name`): of the sweep, then `step`, `ramp`, `sine` and noise; keys with
+    `max_` on top are the worst over all gains.
+    """
     robot = Robot.load("sts_sre4_600")
     lowest = LOWEST_FREQUENCY_QUICK if context.quick else LOWEST_FREQUENCY
     duration = SIGNAL_DURATION_QUICK if context.quick else SIGNAL_DURATION
@@ -431,8 +435,10 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         formula = complex(first_order(K_0, frequency))
         phase = float(np.angle(formula, deg=True))
         rows += [
-            ComparisonRow(f"Amplitude {where}", f"{near}.amplitude", abs(formula), "eq. 30"),
-            ComparisonRow(f"Phase {where}", f"{near}.phase_deg", phase, "eq. 30"),
+            ComparisonRow(
+                f"Amplitude {where}", f"{near}.amplitude", article=abs(formula), remark="eq. 30"
+            ),
+            ComparisonRow(f"Phase {where}", f"{near}.phase_deg", article=phase, remark="eq. 30"),
         ]
     return [
         *rows,

@@ -253,7 +253,7 @@ def _compared(measure: Measure, method: str, measured: Mapping[str, Any]) -> Com
     return ComparisonRow(
         measure.words if method == "ours" else f"{measure.words}, {method}",
         f"{measure.task}.{method}.{measure.key}",
-        None if stated is None else float(f"{stated:.3g}"),
+        article=None if stated is None else float(f"{stated:.3g}"),
         source=f"{measure.source}, measured here",
         more_is_better=measure.task == "link",
         unit=measure.unit,

@@ -96,8 +96,8 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             label.format(axis.upper(), "without" if key.startswith("initial") else "with"),
             key.format(axis),
-            values[k],
-            remark,
+            article=values[k],
+            remark=remark,
             ours=ours.format(axis),
         )
         for k, axis in enumerate(AXES)
@@ -193,7 +193,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _figures(readings: dict[str, VariantReading]) -> Iterator[Drawing]:
-    """Three figures of the force over time, to the scale of the reading without the method."""
+    """Three figures of the force over time, to the scale of the reading without the method.
+
+    Args:
+        readings: by key of VARIANTS.
+    """
     limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
     for name, key, colour, title, caption in (
         (

@@ -209,29 +209,42 @@ def _comparison() -> list[ComparisonRow]:
     elbow = "the article does not name the branch"
     median = "here the median of many draws"
     return [
-        ComparisonRow("largest Y error, initial", "initial.max_error_y_n", 24.86, median),
-        ComparisonRow("largest Y error, optimised", "optimised.max_error_y_n", 7.30, median),
+        ComparisonRow(
+            "largest Y error, initial", "initial.max_error_y_n", article=24.86, remark=median
+        ),
+        ComparisonRow(
+            "largest Y error, optimised", "optimised.max_error_y_n", article=7.30, remark=median
+        ),
         ComparisonRow(
             "largest Y error, optimised, other elbow",
             "optimised.other_elbow.max_error_y_n",
-            7.30,
-            elbow,
+            article=7.30,
+            remark=elbow,
         ),
         ComparisonRow(
-            "reduction of the largest Y error", "reduction_pct.max_error_y", 70.63, median
+            "reduction of the largest Y error",
+            "reduction_pct.max_error_y",
+            article=70.63,
+            remark=median,
         ),
         ComparisonRow("largest Y error, path found here", "found.max_error_y_n"),
-        ComparisonRow("largest JCN, initial", "initial.max_jcn", 59.5668),
-        ComparisonRow("largest JCN, optimised", "optimised.max_jcn", 17.5814, rounding),
-        ComparisonRow("mean JCN, initial", "initial.mean_jcn_over_time", 20.2378, over_time),
-        ComparisonRow("mean JCN, optimised", "optimised.mean_jcn_along_path", 10.8713, along),
+        ComparisonRow("largest JCN, initial", "initial.max_jcn", article=59.5668),
+        ComparisonRow(
+            "largest JCN, optimised", "optimised.max_jcn", article=17.5814, remark=rounding
+        ),
+        ComparisonRow(
+            "mean JCN, initial", "initial.mean_jcn_over_time", article=20.2378, remark=over_time
+        ),
+        ComparisonRow(
+            "mean JCN, optimised", "optimised.mean_jcn_along_path", article=10.8713, remark=along
+        ),
         ComparisonRow("mean JCN over 21 points, initial", "initial.mean_jcn"),
         ComparisonRow("mean JCN over 21 points, optimised", "optimised.mean_jcn"),
         ComparisonRow(
             "reduction of the mean JCN",
             "reduction_pct.mean_jcn",
-            46.28,
-            "of two means of different kinds",
+            article=46.28,
+            remark="of two means of different kinds",
         ),
     ]
 

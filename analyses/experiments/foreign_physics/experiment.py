@@ -346,7 +346,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         remark = "of the draws with valid samples"
         if lacking:
             remark += f"; no draw has one in {', '.join(lacking)}"
-        rows.append(ComparisonRow(label, f"{arm}.worst_inside_pct", None, remark))
+        rows.append(ComparisonRow(label, f"{arm}.worst_inside_pct", remark=remark))
     return rows
 
 

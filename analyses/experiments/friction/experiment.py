@@ -135,35 +135,40 @@ DIAGRAM_NOTE = (
     "<in_diagram.max_error_z_n:.1f> N."
 )
 COMPARISON = (
-    ComparisonRow("RMSE in Z, Coulomb-viscous", "coulomb_viscous.rmse_z_n", 8.1579),
+    ComparisonRow("RMSE in Z, Coulomb-viscous", "coulomb_viscous.rmse_z_n", article=8.1579),
     ComparisonRow(
-        "RMSE in Z, semi-parametric", "semi_parametric.rmse_z_n", 5.4073, ours="ours.rmse_z_n"
+        "RMSE in Z, semi-parametric",
+        "semi_parametric.rmse_z_n",
+        article=5.4073,
+        ours="ours.rmse_z_n",
     ),
-    ComparisonRow("Reduction of the RMSE in Z", "reduction_rmse_z_pct", 33.72),
-    ComparisonRow("Largest error in Z, Coulomb-viscous", "coulomb_viscous.max_error_z_n", 49.7432),
+    ComparisonRow("Reduction of the RMSE in Z", "reduction_rmse_z_pct", article=33.72),
+    ComparisonRow(
+        "Largest error in Z, Coulomb-viscous", "coulomb_viscous.max_error_z_n", article=49.7432
+    ),
     ComparisonRow(
         "Largest error in Z, semi-parametric",
         "semi_parametric.max_error_z_n",
-        20.4279,
+        article=20.4279,
         ours="ours.max_error_z_n",
     ),
     ComparisonRow(
         "Reduction of the largest error in Z",
         "reduction_max_z_pct",
-        58.93,
-        "the observer's lag contributes to it (see notes)",
+        article=58.93,
+        remark="the observer's lag contributes to it (see notes)",
     ),
     ComparisonRow(
         "Reduction of the largest error in Z within 2 s of the reversal",
         "near_reversal.reduction_max_z_pct",
-        58.93,
-        "the article's peak is at the reversal",
+        article=58.93,
+        remark="the article's peak is at the reversal",
     ),
     ComparisonRow(
         "Reduction of the largest error in Z, without lag",
         "without_lag.reduction_max_z_pct",
-        58.93,
-        "against the true force behind the same low-pass",
+        article=58.93,
+        remark="against the true force behind the same low-pass",
     ),
     ComparisonRow("RMSE in Z, ours", "ours.rmse_z_n"),
     ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band"),

@@ -338,9 +338,8 @@ def _comparison(arms: Mapping[str, LawsOnOneArm]) -> list[ComparisonRow]:
             ComparisonRow(
                 f"Share unexplained over ptp_10_points, {law}, joint {j + 1}",
                 f"real.{law}.validation.ptp_10_points.relative_pct.{j}",
-                value,
-                "",
-                "plain tools",
+                article=value,
+                source="plain tools",
             )
             for law, values in ((PLAIN, (26.0, 51.0)), ("presliding", (7.7, 19.3)))
             for j, value in zip((4, 5), values, strict=True)

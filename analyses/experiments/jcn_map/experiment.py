@@ -31,7 +31,11 @@ NUM_SAMPLES_QUICK = 50_000
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """The experiment `jcn-map` of `study`."""
+    """The experiment `jcn-map` of `study`.
+
+    The figures on top are over full turns of all joints, `within_limits` over the joint limits;
+    `slice` is of a plane, whose extent follows from the farthest samples.
+    """
     robot = Robot.load("sts_sre4_600")
     num_samples = NUM_SAMPLES_QUICK if context.quick else NUM_SAMPLES
     full = sample(robot, num_samples, context.seed, progress=context.part(0.0, 0.5))
@@ -64,18 +68,25 @@ def run(context: ExperimentContext) -> ExperimentResult:
             FigureFile(Path("recording.html"), "Condition numbers in space, and the arm in them.")
         ],
         comparison=[
-            ComparisonRow("Smallest JCN", "min", 9.1675, "the smallest of a random draw"),
+            ComparisonRow(
+                "Smallest JCN", "min", article=9.1675, remark="the smallest of a random draw"
+            ),
             ComparisonRow(
                 "JCN above 11",
                 "above_11_pct",
-                96.55,
-                "the article does not state the range of its joints; here full turns",
+                article=96.55,
+                remark="the article does not state the range of its joints; here full turns",
             ),
-            ComparisonRow("JCN above 11 within limits", "within_limits.above_11_pct", 96.55),
             ComparisonRow(
-                "Mean JCN", "mean", 1052.9, "caused by the few nearly singular samples of a draw"
+                "JCN above 11 within limits", "within_limits.above_11_pct", article=96.55
             ),
-            ComparisonRow("Median JCN", "median", None, "more robust than the mean"),
+            ComparisonRow(
+                "Mean JCN",
+                "mean",
+                article=1052.9,
+                remark="caused by the few nearly singular samples of a draw",
+            ),
+            ComparisonRow("Median JCN", "median", remark="more robust than the mean"),
         ],
         notes=NOTES,
         configuration={"robot": robot.name, "num_samples": num_samples, "slice": plane},

@@ -215,24 +215,28 @@ def _comparison() -> list[ComparisonRow]:
     mean = "even mean over 21 points; the article's mean is over time"
     along = "even mean over 21 points; the article's mean is along the path"
     return [
-        ComparisonRow("Largest JCN, initial path", "initial.max_jcn", 59.5668),
-        ComparisonRow("Mean JCN, initial path", "initial.mean_jcn", 20.2378, mean),
-        ComparisonRow("Mean JCN, the article's optimum", "article.mean_jcn", 10.8713, along),
+        ComparisonRow("Largest JCN, initial path", "initial.max_jcn", article=59.5668),
+        ComparisonRow("Mean JCN, initial path", "initial.mean_jcn", article=20.2378, remark=mean),
+        ComparisonRow(
+            "Mean JCN, the article's optimum", "article.mean_jcn", article=10.8713, remark=along
+        ),
         ComparisonRow("Mean JCN, optimised", "optimised.mean_jcn"),
         ComparisonRow(
             "Mean JCN along the path, optimised",
             "optimised.mean_jcn_along_path",
-            10.8713,
-            "both are means along the path",
+            article=10.8713,
+            remark="both are means along the path",
         ),
-        ComparisonRow("Largest JCN, optimised", "optimised.max_jcn", 17.5814),
-        ComparisonRow("Reduction of the mean JCN", "reduction_pct.mean_jcn", 46.28, mean),
-        ComparisonRow("Reduction of the largest JCN", "reduction_pct.max_jcn", 70.48),
+        ComparisonRow("Largest JCN, optimised", "optimised.max_jcn", article=17.5814),
+        ComparisonRow(
+            "Reduction of the mean JCN", "reduction_pct.mean_jcn", article=46.28, remark=mean
+        ),
+        ComparisonRow("Reduction of the largest JCN", "reduction_pct.max_jcn", article=70.48),
         ComparisonRow(
             "Mean JCN, PSO-GA, best of the seeds",
             "pso_ga.best_mean_jcn",
-            10.8713,
-            "our constants: the article gives none",
+            article=10.8713,
+            remark="our constants: the article gives none",
         ),
         ComparisonRow("Mean JCN, random seeds, worst", "from_seeds.worst_mean_jcn"),
         ComparisonRow("Mean JCN, with table", "with_table.optimised.mean_jcn"),

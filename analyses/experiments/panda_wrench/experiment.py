@@ -130,32 +130,32 @@ def _comparison() -> list[ComparisonRow]:
     plain = "plain tools"
     return [
         ComparisonRow(
-            "mean RMSE over ten poses, eq. 22", "inverse.mean_rmse_n", 0.87, source=plain
+            "mean RMSE over ten poses, eq. 22", "inverse.mean_rmse_n", article=0.87, source=plain
         ),
         ComparisonRow(
             "RMSE per pose, eq. 22",
             "inverse.rmse_n",
-            [0.57, 2.14, 0.79, 0.35, 0.34, 1.80, 0.40, 0.44, 0.32, 1.56],
+            article=[0.57, 2.14, 0.79, 0.35, 0.34, 1.80, 0.40, 0.44, 0.32, 1.56],
             source=plain,
         ),
         ComparisonRow(
             "mean RMSE, Bayesian",
             "bayesian.mean_rmse_n",
-            0.66,
-            "prior of maximum evidence; plain tools: 20 N and 0.2 N m",
-            plain,
+            article=0.66,
+            remark="prior of maximum evidence; plain tools: 20 N and 0.2 N m",
+            source=plain,
         ),
         ComparisonRow(
             "mean RMSE, Bayesian with 20 N, 0.2 N m and torque sd 0.1 N m",
             "bayesian_fixed_prior.mean_rmse_n",
-            0.66,
-            "the torque noise of that arm is not known",
-            plain,
+            article=0.66,
+            remark="the torque noise of that arm is not known",
+            source=plain,
         ),
         ComparisonRow(
             "rank correlation of condition number and RMSE, eq. 22",
             "inverse.rank_correlation.poses.condition_number",
-            0.25,
+            article=0.25,
             source=plain,
         ),
     ]

@@ -166,37 +166,42 @@ NOTES = (
 _STAYING = "which joints are noisy, and the time spent at the path's ends (see notes)"
 _NOISE = "noise of the assumed drives"
 COMPARISON = (
-    ComparisonRow("RMSE in Y, initial path", "initial.rmse_y_n", 3.2520, _NOISE),
+    ComparisonRow("RMSE in Y, initial path", "initial.rmse_y_n", article=3.2520, remark=_NOISE),
     ComparisonRow(
         "RMSE in Y, optimised path",
         "optimised.rmse_y_n",
-        2.0449,
-        _NOISE,
+        article=2.0449,
+        remark=_NOISE,
         ours="found_bayesian.rmse_y_n",
     ),
     ComparisonRow(
-        "Reduction of the RMSE in Y", "reduction_rmse_y_pct", ARTICLE_RMSE_REDUCTION, _STAYING
+        "Reduction of the RMSE in Y",
+        "reduction_rmse_y_pct",
+        article=ARTICLE_RMSE_REDUCTION,
+        remark=_STAYING,
     ),
     ComparisonRow("Reduction that noise alone predicts", "noise_alone.thirds.reduction_rmse_y_pct"),
     ComparisonRow(
         "Reduction of the RMSE in Y, path found here",
         "found_against_initial.reduction_rmse_y_pct",
-        37.12,
-        "our placement, the article's reading",
+        article=37.12,
+        remark="our placement, the article's reading",
     ),
-    ComparisonRow("Largest error in Y, initial", "initial.max_error_y_n", 49.3864, _NOISE),
+    ComparisonRow(
+        "Largest error in Y, initial", "initial.max_error_y_n", article=49.3864, remark=_NOISE
+    ),
     ComparisonRow(
         "Largest error in Y, optimised",
         "optimised.max_error_y_n",
-        14.9596,
-        _NOISE,
+        article=14.9596,
+        remark=_NOISE,
         ours="found_bayesian.max_error_y_n",
     ),
     ComparisonRow(
         "Reduction of the largest error in Y",
         "reduction_max_y_pct",
-        ARTICLE_MAX_REDUCTION,
-        "which joints are noisy (see notes)",
+        article=ARTICLE_MAX_REDUCTION,
+        remark="which joints are noisy (see notes)",
     ),
     ComparisonRow("RMSE in Y, path found here, K_0 = 20, bayesian", "found_bayesian.rmse_y_n"),
     ComparisonRow("Share in the 95 % band, path found here", "found_bayesian.share_in_95_band"),

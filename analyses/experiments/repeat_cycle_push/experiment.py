@@ -57,40 +57,43 @@ NOTES = (
 
 
 COMPARISON = (
-    ComparisonRow("RMSE in Y, initial path", "initial.rmse_y_n", 4.0661),
+    ComparisonRow("RMSE in Y, initial path", "initial.rmse_y_n", article=4.0661),
     ComparisonRow(
-        "RMSE in Y, optimised path", "optimised.rmse_y_n", 3.2274, ours="found_bayesian.rmse_y_n"
+        "RMSE in Y, optimised path",
+        "optimised.rmse_y_n",
+        article=3.2274,
+        ours="found_bayesian.rmse_y_n",
     ),
     ComparisonRow(
         "Reduction of the RMSE in Y",
         "reduction_rmse_y_pct",
-        20.93,
-        "over all points; the article removed abnormal ones",
+        article=20.93,
+        remark="over all points; the article removed abnormal ones",
     ),
     ComparisonRow(
         "Largest error in Y, initial path",
         "initial.max_error_y_n",
-        46.8357,
-        "the article removed abnormal points",
+        article=46.8357,
+        remark="the article removed abnormal points",
     ),
     ComparisonRow(
         "Largest error in Y, optimised path",
         "optimised.max_error_y_n",
-        14.4221,
-        "the article removed abnormal points",
+        article=14.4221,
+        remark="the article removed abnormal points",
         ours="found_bayesian.max_error_y_n",
     ),
     ComparisonRow(
         "Reduction of the largest error in Y",
         "reduction_max_y_pct",
-        66.39,
-        "the article removed abnormal points",
+        article=66.39,
+        remark="the article removed abnormal points",
     ),
     ComparisonRow(
         "Reduction of the RMSE in Y, path found here",
         "found_against_initial.reduction_rmse_y_pct",
-        20.93,
-        "our placement, the article's reading",
+        article=20.93,
+        remark="our placement, the article's reading",
     ),
     ComparisonRow("Share in the 95 % band, optimised path", "optimised.share_in_95_band"),
 )

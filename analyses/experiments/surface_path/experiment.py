@@ -33,7 +33,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
         recordings=pages,
         comparison=[
             ComparisonRow(
-                "Samples with a lower JCN", "samples_lower", None, "the article: every one"
+                "Samples with a lower JCN",
+                "samples_lower",
+                remark="the article: every one",
             ),
             ComparisonRow("Mean JCN on the surface, initial", "initial.mean_jcn"),
             ComparisonRow("Mean JCN on the surface, optimised", "optimised.mean_jcn"),

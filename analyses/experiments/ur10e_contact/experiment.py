@@ -82,11 +82,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.progress(0.3 + 0.1 * k / len(files), "reading the runs")
         contact_run = read_run(path)
         prepared.append(prepare(contact_run, robots[contact_run.name.controller], identified))
-    reads, air = read_runs(
+    reads, air_fits = read_runs(
         prepared, files, identified, lambda share: context.progress(0.4 + 0.5 * share, "forces")
     )
     metrics = contact_metrics(reads)
-    metrics["friction"] = {controller: refit.metrics() for controller, refit in air.items()}
+    metrics["friction"] = {controller: fit.metrics() for controller, fit in air_fits.items()}
     metrics["runs"] = _run_metrics(reads)
     metrics["invalid"] = invalid_by_kind(reads)
     context.progress(0.9, "figures")
@@ -187,20 +187,30 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
                 share = look_up(metrics, key.replace("rmse_n", "share_valid_pct"))
                 valid = "" if share is None else f"; {share:.0f} % of the readings are valid"
                 remark = f"the check reads K (i - i_target){valid}"
-                rows.append(ComparisonRow(text, key, rmse, remark, _CHECK))
+                rows.append(ComparisonRow(text, key, article=rmse, remark=remark, source=_CHECK))
     for method, label in _SHOWN.items():
         rmse_of_subtraction = round(metrics["summary"]["gravity"]["rest"]["rmse_n"], 2)
         text = f"RMSE of the force at rest, {label}"
         key = f"summary.{method}.rest.rmse_n"
         rows.append(
-            ComparisonRow(text, key, rmse_of_subtraction, "K i - gravity", "plain subtraction")
+            ComparisonRow(
+                text,
+                key,
+                article=rmse_of_subtraction,
+                remark="K i - gravity",
+                source="plain subtraction",
+            )
         )
     states = (("rest", "at rest"), ("slide", "sliding"))
     for (method, label), (state, words) in product(_SHOWN.items(), states):
         key = f"summary.{method}.{state}.inside_95_pct"
         if look_up(metrics, key) is not None:
             text = f"share of the true force inside the 95 % band, {words}, {label}"
-            rows.append(ComparisonRow(text, key, 95.0, "wanted", "the band's own claim"))
+            rows.append(
+                ComparisonRow(
+                    text, key, article=95.0, remark="wanted", source="the band's own claim"
+                )
+            )
     for method, label in _SHOWN.items():
         key = f"summary.{method}.{CONTACT}.inside_95_valid_pct"
         if look_up(metrics, key) is not None:
@@ -209,7 +219,9 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
                 f"share of the true force inside the band of valid readings, every 20 ms, {label}"
             )
             remark = f"from the touch to the lift; {share:.0f} % of the readings are valid"
-            rows.append(ComparisonRow(text, key, 95.0, remark, "the band's own claim"))
+            rows.append(
+                ComparisonRow(text, key, article=95.0, remark=remark, source="the band's own claim")
+            )
     for speed in ("v10", "v25"):
         key = f"ramp_ur.{speed}.slide.command.share_valid_pct"
         if look_up(metrics, key) is not None:

@@ -185,7 +185,7 @@ def _comparison() -> list[ComparisonRow]:
         """Percent of a joint's torque (from 1) unexplained; the metric is a list over joints."""
         label = f"Share unexplained over ptp_10_points{words}, joint {joint}"
         key = f"{key}.ptp_10_points.relative_pct.{joint - 1}"
-        return ComparisonRow(label, key, pct, remark, plain)
+        return ComparisonRow(label, key, article=pct, remark=remark, source=plain)
 
     torque, key = "Torque RMSE over 14harm50sec", "validation.14harm50sec.rmse_nm"
     of_best, of_plain = [1.09, 1.15, 0.53, 0.22, 0.24, 0.20], [1.97, 3.11, 1.30, 0.44, 0.40, 0.34]
@@ -193,16 +193,23 @@ def _comparison() -> list[ComparisonRow]:
     other, figaroh = "least squares with sgn friction", [2.52, 3.52, 1.42, 0.54, 0.50, 0.43]
     rests = "at rest, stiction carries what friction as a function of velocity cannot"
     return [
-        ComparisonRow(f"{torque}{best}, joints 1 to 6", f"best.{key}", of_best, "", plain),
+        ComparisonRow(
+            f"{torque}{best}, joints 1 to 6",
+            f"best.{key}",
+            article=of_best,
+            source=plain,
+        ),
         share("best.validation", best, 5, 7.7),
         share("best.validation", best, 6, 19.3),
-        ComparisonRow(f"{torque}, joints 1 to 6", key, of_plain, filtered, plain),
+        ComparisonRow(
+            f"{torque}, joints 1 to 6", key, article=of_plain, remark=filtered, source=plain
+        ),
         ComparisonRow(
             "torque RMSE over 14harm50sec, against the package figaroh",
             key,
-            figaroh,
-            other,
-            "figaroh",
+            article=figaroh,
+            remark=other,
+            source="figaroh",
         ),
         share("validation", "", 5, 26.0),
         share("validation", "", 6, 51.0, rests),

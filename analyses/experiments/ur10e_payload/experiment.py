@@ -236,7 +236,7 @@ def _comparison() -> list[ComparisonRow]:
     """Rows against the plain tools, whose friction had memory, Stribeck and load terms."""
 
     def row(label: str, key: str, value: float | None, remark: str = "") -> ComparisonRow:
-        return ComparisonRow(label, key, value, remark, "plain tools")
+        return ComparisonRow(label, key, article=value, remark=remark, source="plain tools")
 
     richer = "the plain tools' friction had memory, Stribeck and load terms"
     by_hand = "prior of maximum evidence; plain tools: set by hand (30 N, 2 N m)"

@@ -144,14 +144,24 @@ def stated_prior(config: EstimateConfig, robot: Robot | None) -> tuple[float, fl
 def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
     """Returns `config`, checked; without a robot its joints are not.
 
-    `_require(condition, setting, problem, remedy)` raises where the condition does not hold.
-
     Raises:
         InputError: a setting that makes no sense.
     """
-
     checked_reference(config.reference)
-    observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
+    _check_choices(config)
+    _check_prior(config)
+    _check_detection(config)
+    _check_numbers(config)
+    if config.contact.axis:
+        _check_contact(config)
+    if robot is not None:
+        _check_for_robot(config, robot)
+    return config
+
+
+def _check_choices(config: EstimateConfig) -> None:
+    """Raises InputError where a word is none of those that a setting may have."""
+    reconstruction = config.estimator.reconstruction
     for name, value, choices in (
         ("torque", config.torque, TORQUES),
         ("torque sign", config.torque_sign, SIGNS),
@@ -160,6 +170,10 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     ):
         problem = f'unknown {name} "{value}"'
         _require(value in choices, name, problem, f"give {' or '.join(choices)}")
+
+
+def _check_prior(config: EstimateConfig) -> None:
+    """Raises InputError for a prior that is neither a rule nor two sds, N and N m."""
     if config.prior not in PRIORS:
         try:
             force_sd, moment_sd = (float(x) for x in config.prior.split(","))
@@ -168,6 +182,10 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
         makes_sense = all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd))
         problem = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
         _require(makes_sense, "prior", problem, "give N and N m, such as 30,2")
+
+
+def _check_detection(config: EstimateConfig) -> None:
+    """Raises InputError for a rate of false alarms, or a drift of friction, out of range."""
     rate = config.detection.false_alarms_per_hour
     problem = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
     _require(
@@ -176,12 +194,17 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     drift = config.drift or 0.0
     problem = f"is {drift:g}, expected 0 to {LARGEST_DRIFT:g}"
     _require(0.0 <= drift <= LARGEST_DRIFT, "drift", problem, "0.05 is 5 % of the viscous torque")
+
+
+def _check_numbers(config: EstimateConfig) -> None:
+    """Raises InputError for a number out of range; 0 stands for the default of most."""
+    observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
+    default = "leave it out for the default"
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
         problem = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
         is_valid = number is None or LEAST_SD <= number <= LARGEST_SD
         _require(is_valid, name, problem, "give N or N m")
-    default = "leave it out for the default"
     for name, number, least, largest in (
         ("damping", reconstruction.damping, 0.0, np.inf),
         ("truncation", reconstruction.truncation, 0.0, np.inf),
@@ -199,19 +222,19 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     problem = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
     are_valid = all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd)
     _require(are_valid, "torque_sd", problem, "give N m, one for all joints or one each")
-    if config.contact.axis:
-        ContactFrame.of(config.contact)
-        for name in _POSITIVE_KEYS:
-            number = getattr(config.contact, name)
-            is_valid = bool(np.isfinite(number) and number > 0.0)
-            problem = f"is {number:g}, expected a positive number"
-            _require(is_valid, f"contact.{name}", problem, default)
-        problem = "does not go with a known direction of contact, whose reading is late by "
-        problem += f"{1000 * config.contact.lag:.0f} ms already"
-        _require(not config.smooth, "smooth", problem, "leave --smooth or --contact-axis out")
-    if robot is not None:
-        _check_for_robot(config, robot)
-    return config
+
+
+def _check_contact(config: EstimateConfig) -> None:
+    """Raises InputError for settings of a contact of known axis that make no sense."""
+    ContactFrame.of(config.contact)  # raises for an axis that is none
+    for name in _POSITIVE_KEYS:
+        number = getattr(config.contact, name)
+        is_valid = bool(np.isfinite(number) and number > 0.0)
+        problem = f"is {number:g}, expected a positive number"
+        _require(is_valid, f"contact.{name}", problem, "leave it out for the default")
+    problem = "does not go with a known direction of contact, whose reading is late by "
+    problem += f"{1000 * config.contact.lag:.0f} ms already"
+    _require(not config.smooth, "smooth", problem, "leave --smooth or --contact-axis out")
 
 
 def _require(condition: bool, option: str, problem: str, remedy: str) -> None:

@@ -182,7 +182,7 @@ def _unread(
     Raises:
         InputError: the file is no table at all.
     """
-    about_to_read(path)  # a pipe, or a result of this command: refused as it was
+    about_to_read(path)  # raises for a pipe, or a result of this command, as the reader did
     packed = UnpackedFile(path) if is_packed(path) else None
     inner = path if packed is None else packed.path
     table = (container_of(inner) or TEXT).open(inner, None)

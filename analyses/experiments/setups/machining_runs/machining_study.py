@@ -287,15 +287,19 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
         ComparisonRow(
             f"{force}: correlation",
             "article.correlation",
-            task.correlation,
+            article=task.correlation,
             ours="ours.correlation",
             more_is_better=True,
         ),
         ComparisonRow(
-            f"{force}: RMSE", "article.rmse_n", task.rmse_n, task.remark, ours="ours.rmse_n"
+            f"{force}: RMSE",
+            "article.rmse_n",
+            article=task.rmse_n,
+            remark=task.remark,
+            ours="ours.rmse_n",
         ),
-        ComparisonRow(f"{force}: correlation, ours", "ours.correlation", None, ours),
-        ComparisonRow(f"{force}: RMSE, ours", "ours.rmse_n", task.rmse_n, ours),
+        ComparisonRow(f"{force}: correlation, ours", "ours.correlation", remark=ours),
+        ComparisonRow(f"{force}: RMSE, ours", "ours.rmse_n", article=task.rmse_n, remark=ours),
         ComparisonRow(within, "article.within_ways.correlation"),
         ComparisonRow(f"{within}, ours", "ours.within_ways.correlation"),
         ComparisonRow(held.format("without", "RMS"), "regulation.estimate.rms_n"),
