@@ -48,21 +48,23 @@ class UnfoldedFile:
             try:
                 header = next(reader)
                 widths: list[int] = []  # entries of each column's lists; -1: single values
-                last_line = reader.line_num
+                last_line = 0  # of `path`, up to which the table is written
                 for cells in reader:
-                    rows = [entries(cell) for cell in cells]
-                    if not widths and cells:
-                        widths = [-1 if row is None else len(row) for row in rows]
-                        names = _names(header, widths)
-                        target.write(_line(names, separator, reader.line_num, 1))
+                    lists = [entries(cell) for cell in cells]
+                    if not widths:
+                        if not cells:
+                            continue  # the lines before the first row are the header's
+                        # The header waits for the first row, which tells how wide its lists are.
+                        widths = [-1 if row is None else len(row) for row in lists]
                         last_line = reader.line_num - 1
-                    _check_widths(path, reader.line_num, header, rows, widths)
+                        target.write(_line(_names(header, widths), separator, last_line))
+                    _check_widths(path, skip_lines + reader.line_num, header, lists, widths)
                     flat: list[str] = []
-                    for cell, row in zip(cells, rows, strict=True):
+                    for cell, row in zip(cells, lists, strict=True):
                         flat += [cell] if row is None else row
-                    span = reader.line_num - last_line  # lines of this row: a cell may have breaks
+                    num_lines = reader.line_num - last_line  # a cell may have line breaks
                     last_line = reader.line_num
-                    target.write(_line(flat, separator, span, 0) if cells else "\n" * span)
+                    target.write(_line(flat, separator, num_lines) if cells else "\n" * num_lines)
             except csv.Error as error:
                 place = f"line {skip_lines + reader.line_num}"
                 problem = f"cannot be read ({error})"
@@ -91,12 +93,12 @@ def _names(header: Sequence[str], widths: Sequence[int]) -> list[str]:
     return names
 
 
-def _line(cells: Sequence[str], separator: str, span: int, num_blank: int) -> str:
-    """Cells as a line, after as many blank lines as the row had further ones."""
+def _line(cells: Sequence[str], separator: str, num_lines: int) -> str:
+    """Cells on the last of `num_lines` lines; those before it are blank."""
     one_line = [cell.replace("\n", " ") for cell in cells]
     text = io.StringIO()
     csv.writer(text, delimiter=separator, lineterminator="\n").writerow(one_line)
-    return "\n" * max(0, span - 1 - num_blank) + text.getvalue()
+    return "\n" * (num_lines - 1) + text.getvalue()
 
 
 def _check_widths(
