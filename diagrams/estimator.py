@@ -80,9 +80,9 @@ def make_estimator(
 
     The outputs at a tick t = k time_step are those of row k of `WrenchEstimator.run` over the same
     samples: they use q and v of that very tick and motor torque up to it. Between two ticks the
-    outputs are those of the last one. With torque samples
-    "held" no output but feeds through from `current`, so that a controller may use the wrench. The
-    estimator starts by itself at its first update.
+    outputs are those of the last one. With torque samples "held" no output feeds through from
+    `current`, so that a controller may use the wrench. The estimator starts by itself at its first
+    update.
 
     `terms` are those of q and v as they come, an impossible sample as well.
 

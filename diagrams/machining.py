@@ -156,7 +156,7 @@ def _postures_at_angle(problem: RedundancyProblem, angle: Array, source: str) ->
         if problem.violation(q) > 0.0:
             continue
         cost = problem.cost(q)
-        # `better` is beyond rounding: of branches with one cost the first is taken, on every
+        # Cheaper by more than rounding: of branches with one cost the first is taken, on every
         # machine.
         if best_q is None or better(cost, best_cost):
             best_cost, best_q = cost, q

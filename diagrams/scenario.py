@@ -476,8 +476,8 @@ def _check_machining(scenario: Scenario, source: str) -> None:
         raise InputError(
             source, "machining.air_pass", f"{machining.air_pass:g} m, expected 0 or more"
         )
+    # These two raise InputError as well; a process is made for the checks of its constructor.
     check_phases(machining.phases, f"{source}: machining")
-    # The constructor of MachiningProcess checks the process's numbers, and names this source.
     process_source = f"{source}: machining.process"
     MachiningProcess(machining.process, process_source, time_step=scenario.time_step)
 
@@ -571,7 +571,8 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     first_cycle = -1 if motion.lead_in > 0 else 0
     cycles = range(first_cycle, (motion.passes + 1) // 2)
     t = np.concatenate([begin + k * cycle.duration + cycle.t for k in cycles])
-    # The last sample of a cycle is the first of the next one.
+    # The last sample of a cycle, which ends where it began, is the first of the next one: one of
+    # the two is left out, as the times of a JointTrajectory must rise.
     is_in_motion = np.concatenate([[True], np.diff(t) > _SAME_TIME])
     is_in_motion &= (t >= motion.start - _SAME_TIME) & (t <= end + _SAME_TIME)
     num_cycles = len(cycles)

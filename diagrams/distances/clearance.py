@@ -130,7 +130,7 @@ class Clearance:
         self._may_touch_workpiece = (
             _working_shapes(shapes, margin) if tip_only else self._tool_shapes()
         )
-        # What a pair of shapes (two ids, in Drake's order) must keep, m, where it is not `margin`;
+        # What a pair of shapes (two ids) must keep, m, where it is not `margin`;
         # -inf: the pair is left out. The home posture says it of arm and floor; of a workpiece and
         # obstacles it follows from what may touch them.
         self._required: dict[tuple[Any, Any], float] = {}
@@ -335,14 +335,13 @@ class Clearance:
         least = float(slack.min())  # taken out of the sum, whose terms would underflow
         terms = np.exp(-MINIMUM_SHARPNESS * (slack - least))
         total = float(terms.sum())
-        gradient = np.zeros(self.shapes.plant.num_velocities())  # by the plant's positions
+        value = least - float(np.log(total)) / MINIMUM_SHARPNESS
         shares = terms * scale / total
+        gradient = np.zeros(self.shapes.plant.num_velocities())  # by the plant's positions
         for pair, share in zip(pairs, shares[:-1], strict=True):
             if share >= _MIN_GRADIENT_SHARE:
                 gradient += share * self._distance_gradient(pair)
-        return least - float(np.log(total)) / MINIMUM_SHARPNESS, gradient[
-            self.shapes.position_indices
-        ]
+        return value, gradient[self.shapes.position_indices]
 
     def _distance_gradient(self, pair: SignedDistancePair) -> Array:
         """(n_v,) gradient of a pair's distance by the plant's positions, at the context's posture.
