@@ -69,6 +69,7 @@ from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWr
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import Validity
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.plausibility.effort_unit import NO_GRAVITY
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_format import TAU_EXT
 from wrenchsight.models.recordings.resampling import plausible_step
@@ -327,6 +328,13 @@ def _names(logs: Sequence[TorqueLog]) -> list[str]:
     return names
 
 
+def _as_external(notice: str) -> str:
+    """A notice of the reader, of which an effort without gravity is the external torque here."""
+    if not notice.startswith(NO_GRAVITY):
+        return notice
+    return f"{notice.partition(': ')[0]}: it is read as the external torque"
+
+
 def _notices(logs: Sequence[TorqueLog], runs: Sequence["_Run"]) -> list[str]:
     """What reading the logs involved, one sentence each."""
     notices = [sentence for run in runs for sentence in run.notices]
@@ -524,7 +532,7 @@ def _read(
                 )
                 run.rows.add(chunk.t, batch, R_WE, sensor)
     touches.episodes.finish()
-    run.notices = reader.notices
+    run.notices = tuple(map(_as_external, reader.notices))
     if touches.sign.contradicts:
         run.warnings.append(touches.sign.sentence(log.path.name, log.exerted_on))
     reads_moments = config.estimator.reconstruction.method != "force_only"

@@ -29,6 +29,8 @@ from wrenchsight.models.robot.robot import Robot
 
 # by which the logarithm of one ratio must be nearer than the other, joints' mean
 MAX_NEARER_SHARE = 0.7
+NO_GRAVITY = "effort holds no gravity torque"
+"""Begin of the sentence on an effort from which gravity is taken; what it is follows a colon."""
 _LEAST_SAMPLES = 20
 _LOADED_SHARE = 0.1  # of the effort limit, from which gravity shows beside friction
 _WITHOUT_GRAVITY = 0.25  # part of the gravity torque, below which an effort does not hold it
@@ -62,7 +64,7 @@ class EffortUnit:
         """
         if self.without_gravity:
             return (
-                f"effort holds no gravity torque ({self.without_gravity}): it is torque from which "
+                f"{NO_GRAVITY} ({self.without_gravity}): it is torque from which "
                 "the driver took gravity, or the external torque, which `estimate --torque "
                 "external` reads as it is; here it is read as joint torque in N m"
             )

@@ -206,3 +206,22 @@ def test_the_command_says_what_the_experiment_says(data_holding, tmp_path):
     for key in ("mean_rmse_n", "rmse_n", "stated_sd_n", "error_over_stated_sd"):
         # The axes are turned by a matrix of sines: rounding.
         np.testing.assert_allclose(metrics["reference"][key], expected[key], rtol=1e-9)
+
+
+def test_an_effort_without_gravity_is_said_to_be_the_external_torque(panda, tmp_path):
+    """Not joint torque, as a log of currents has it."""
+    t = np.arange(0.0, 6.0, 0.01)
+    q = np.array(panda.home) + 0.3 * np.sin(t[:, None] + np.arange(7.0))
+    v = 0.3 * np.cos(t[:, None] + np.arange(7.0))
+    torque = 0.1 * np.random.default_rng(0).normal(size=q.shape)
+    names = ["t", *(f"{key}_{name}" for key in ("position", "velocity", "effort")
+                    for name in panda.joint_names)]  # fmt: skip
+    log = tmp_path / "states.csv"
+    rows = np.column_stack([t, q, v, torque])
+    np.savetxt(log, rows, delimiter=",", header=",".join(names), comments="")
+    result = estimate_torque_logs(
+        [log], panda.source, tmp_path / "out", config=EstimateConfig(torque="external")
+    )
+    (notice,) = [text for text in result.notices if "gravity" in text]
+    assert notice.startswith("effort holds no gravity torque (")
+    assert notice.endswith("): it is read as the external torque")
