@@ -22,6 +22,7 @@ SURE_ODDS = 100.0  # odds at which a log counts as wrong
 PRIOR_WRONG_SHARE = 1.0 / 30.0  # share of logs that are wrong in one of the ways
 RIVAL_ODDS = 10.0  # odds within which a second hypothesis is named beside the best one
 MAX_LEFT_SHARE = 0.67  # of what the log as it is leaves unexplained, which a fault leaves at most
+MAX_SMALL_LEFT_SHARE = 0.88  # of it, which a small fault leaves where no other explains more
 MOST_LOGS = 3
 LASTING_SHARE = 0.9  # share of a log from which on a contact lasts for all of it
 MAX_EXPLAINED = 0.9  # by a log as it is that lacks gravity, or that `identify` refuses
@@ -223,13 +224,23 @@ def judge(case: Case) -> Judgement:
         for one in explanations
     }
     # A small fault needs not explain much more; but where all is as the model has it, it may not
-    # stand for what the model's own error explains.
-    most_left = MAX_LEFT_SHARE * (1.0 - explained) + 1e-9
+    # stand for what the model's own error explains, nor for another fault that is as likely.
+    largest_odds = max((log_odds[one.name] for one in explanations if one.is_fault), default=0.0)
+
+    def explains_enough(one: Explanation) -> bool:
+        """Whether a fault leaves little of what the log as it is leaves unexplained."""
+        if one.is_small and not case.base_is_good:
+            return True
+        # Beside an identified model: a robot's file has masses that gravity shows as a zero.
+        is_likeliest = case.model is not None and log_odds[one.name] == largest_odds
+        most_left = MAX_SMALL_LEFT_SHARE if one.is_small and is_likeliest else MAX_LEFT_SHARE
+        return 1.0 - one.explained < most_left * (1.0 - explained) + 1e-9
+
     faults = [
         one
         for one in explanations
         if one.is_fault
-        and ((one.is_small and not case.base_is_good) or 1.0 - one.explained < most_left)
+        and explains_enough(one)
         and stands_beside_contact(one, case.base_fit.kind_share, explained)
     ]
     faults.sort(key=lambda one: -log_odds[one.name])

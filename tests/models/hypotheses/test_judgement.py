@@ -315,3 +315,43 @@ def test_a_small_fault_is_none_where_the_log_fits_as_it_is(ur10e, monkeypatch, d
     log = later(motion(ur10e), delay)
     exact = replace(IdentifiedModel.nominal(ur10e), residual_covariance=0.5**2 * np.eye(6))
     assert (judge_log([log], ur10e, exact).fault is not None) == stands
+
+
+@pytest.mark.parametrize(
+    ("left", "rival", "logs", "stands"),
+    [
+        (0.8, 0.0, 1, True),
+        (0.9, 0.0, 1, False),  # the model's own error
+        (0.8, 60.0, 1, False),  # another fault is likelier, if it explains too little to be named
+        (0.8, 0.0, 0, False),  # a robot's file: its masses show as a zero
+    ],
+)
+def test_a_small_fault_is_named_where_the_log_fits_as_it_is(
+    ur10e, monkeypatch, left, rival, logs, stands
+):
+    """A fifth of what an identified model leaves unexplained, as a zero that is off by .05 rad
+    leaves on recordings of a UR10e."""
+
+    def explanation(case: Case, name: str, gain: float, is_small: bool) -> Explanation:
+        explained = 1.0 - left * (1.0 - case.explained(case.base, case.base_fit))
+        share = np.array((0.99, 0.01, 0.0, 0.0, 0.0))
+        evidence = case.base_fit.log_evidence + gain
+        return Explanation(name, evidence, explained, share, "it", "mend it", is_small=is_small)
+
+    hypotheses = {
+        "zero": lambda case: explanation(case, "zero", 50.0, True),
+        "tilt": lambda case: explanation(case, "tilt", rival, False),
+    }
+    monkeypatch.setattr(judgement, "HYPOTHESES", hypotheses)
+    model = replace(
+        IdentifiedModel.nominal(ur10e),
+        friction=SemiParametricFriction(CoulombViscous(COULOMB, np.zeros(6), np.zeros(6))),
+        residual_covariance=0.5**2 * np.eye(6),
+        provenance=Provenance(logs=[LogSource("identification.csv")] * logs),
+    )
+    log = motion(ur10e)
+    case = Case(judgement.log_rows([log], ur10e), ur10e, model)
+    assert case.base_is_good
+    fault = judge_log([log], ur10e, model).fault
+    assert (fault is not None) == stands
+    assert fault is None or fault.name == "zero"
