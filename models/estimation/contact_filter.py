@@ -148,7 +148,10 @@ class ContactFrame(NamedTuple):
 
     @classmethod
     def of(cls, config: ContactConfig) -> "ContactFrame":
-        """The frame that the configuration states.
+        """The frame that the configuration states: x along the contact's axis, y and z across it.
+
+        A tool axis (`tool_z`, `-tool_x` ...) gives a frame fixed to E, three numbers one fixed to
+        W. The force is along x; the point is in axes of E, m.
 
         Raises:
             InputError: an axis that is no direction, or a point that is not three numbers.
@@ -320,7 +323,11 @@ class ContactFilter:
 
             x <- d x,    P <- d d^T P + diag((1 - d^2) v)
 
-        The wrench before becomes the newest of the past ones, which stay as they are.
+        The wrench before becomes the newest of the past ones, which stay as they are. The state is
+        [F: force along the axis, two across, three moments; errors e (n); offsets o (n); past F].
+
+        Args:
+            block: means over the period; its sd (n,) is that of the torque, `tool_speed` in m/s.
         """
         config, T = self._config, self._period
         decay, variance = np.ones(len(self._x)), np.zeros(len(self._x))

@@ -154,14 +154,24 @@ class ContactReader:
     def _add(
         self, q: Array, v: Array, tau_J: Array, is_measured: Flags, batch: EstimateBatch
     ) -> None:
-        """Adds N samples to those that wait; arguments as `take`."""
+        """Adds N samples to those that wait, each with the mean torque over the period before it.
+
+        Of a joint that rests the torque is read otherwise: what the drive holds less the friction
+        that it had when it last moved, scaled (`_rest_scale`), since stiction hides the rest.
+
+        Args:
+            q, v, tau_J: (N, n) rad, rad/s, N m; NaN where a sample is missing.
+            is_measured: (N,) whether the observer's torque is of this sample.
+            batch: reading of the same samples; tau_ext, transmitted (torque that the gears pass
+                on, tau_J without friction) and J are read.
+        """
         is_finite = np.asarray(np.isfinite(q + v).all(axis=1))
         has_torque = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
         is_measured = is_measured & is_finite & has_torque
         tau_mean, is_period = self._period_means(batch.tau_ext, is_measured)
         rigid = np.where(is_period[:, None], tau_mean + batch.transmitted, 0.0)
         is_moving = np.abs(v) >= self._rest_speed
-        tau_f = tau_J - batch.transmitted
+        tau_f = tau_J - batch.transmitted  # friction of the law
         friction = self._rest_share * self._last_friction(tau_f, is_moving, is_measured)
         tau_at_rest = self._rest_scale * (tau_mean + friction - tau_f)
         tau_mean = np.where(is_period[:, None] & ~is_moving, tau_at_rest, tau_mean)

@@ -418,7 +418,8 @@ class WrenchEstimator:
         rows = [np.asarray(signal, float)[None] for signal in (q, v, current)]
         if correction is not None:
             correction = Correction(*(np.asarray(part, float)[None] for part in correction))
-        taken = self.take(state, rows[0], rows[1], rows[2], correction=correction)
+        q_row, v_row, current_row = rows
+        taken = self.take(state, q_row, v_row, current_row, correction=correction)
         reading = self.read(state.reading, taken)
         return TickEstimate(
             taken.tau_ext[0],
@@ -494,11 +495,16 @@ class WrenchEstimator:
         tau_f: ArrayLike | None = None,
         check: bool = True,
     ) -> TakenSamples:
-        """The stages of `run` up to the observer.
+        """The stages of `run` up to the observer: check, model, friction, torque error, observer.
 
         Args:
-            state, q, v, current, correction, tau_f: as `run`; the reading's state stays as it is.
+            state: of `initial_state`; all but the reading's is changed in place.
+            q, v, current: (N, n) rad, rad/s, A.
+            correction, tau_f: as `run`, at most one of them.
             check: whether samples are checked, if the configuration says so.
+
+        Returns:
+            The observed torque with its error; tau_ext with the correction, where one is known.
         """
         signals = contiguous(q, v, current)
         self._check_shapes(state, signals, correction, tau_f)

@@ -152,6 +152,7 @@ def _log_evidence(
         moment_sd, force_sd: N m and N.
         weight: factor on `projected`.
     """
+    # A = L L^T, R = L^-1; half = L^-1 S projected, so that y = L^-T half.
     L, R = np.zeros((6, 6)), np.zeros((6, 6))
     half, y = np.empty(6), np.empty(6)
     total, by_moment, by_force, by_weight = 0.0, 0.0, 0.0, 0.0
@@ -174,7 +175,7 @@ def _log_evidence(
             for j in range(i, 6):
                 y[i] += R[j, i] * half[j]
                 inverse += R[j, i] * R[j, i]
-            if i < 3:
+            if i < 3:  # the wrench's moment, then its force
                 by_moment += y[i] * y[i] - 1.0 + inverse
             else:
                 by_force += y[i] * y[i] - 1.0 + inverse

@@ -185,7 +185,15 @@ class Findings(NamedTuple):
 
 @kernel(forceinline=True)
 def invalid_reasons(found: Findings) -> int:
-    """The reasons why the reading of one sample is not valid, summed up; 0: it is valid."""
+    """The reasons why the reading of one sample is not valid, bits of a sum; 0: it is valid.
+
+    The bits are those of this module, in the order of its table; here are the ones that a single
+    sample decides. Bounds are compared so that NaN is a reason, too.
+
+    Args:
+        found: of the sample; `is_fresh`: the observer's torque is of this sample, `has_reading`: a
+            wrench was computed from it.
+    """
     invalid = 0
     if not found.is_fresh or not found.has_reading:
         if found.fault != 0:

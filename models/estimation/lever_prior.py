@@ -51,6 +51,10 @@ def find_lever(
 ) -> Lever | None:
     """The lever of a log's force; None where E explains the torques as well.
 
+    A force that acts at P beside E has a moment at E, which a prior of the force at E alone would
+    not expect. P counts where it is within MAX_LEVER (m) and MIN_ODDS times likelier than E, with
+    samples closer than CORRELATION_TIME counted once.
+
     Args:
         J: (N, 6, n) at E in axes of W, as tau_ext saw it.
         R_WE: (N, 3, 3).
@@ -71,6 +75,7 @@ def find_lever(
     independent = min(len(chosen), duration / CORRELATION_TIME)
     if (point.log_likelihood - at_E.log_likelihood) * independent < np.log(MIN_ODDS):
         return None
+    # The moment's mean square at E: of the mean force, and of its deviations in all directions.
     of_mean = np.cross(R_WE[chosen] @ point.p_EP, point.mean_force_W)
     variance = np.mean(np.sum(of_mean**2, axis=1)) + 2.0 * (length * point.force_sd) ** 2
     return Lever(point.p_EP, float(np.sqrt(variance / 3.0)))

@@ -148,13 +148,13 @@ class _Likelihood(NamedTuple):
             x: (9,) p_EP in m; logarithms of force sd, moment sd and noise scale; mean force in
                 units of _UNIT_FORCE.
         """
+        p_EP, force = x[:3], _UNIT_FORCE * x[6:]
         force_sd, moment_sd, scale = np.exp(x[3:6])
-        J_P = jacobian_at(self.J, self.R_WE, x[:3])
+        J_P = jacobian_at(self.J, self.R_WE, p_EP)
         angular, linear = moment_sd * J_P[:, :3], force_sd * J_P[:, 3:]
         of_moment = angular.transpose(0, 2, 1) @ angular
         of_force = linear.transpose(0, 2, 1) @ linear
         covariance = of_moment + of_force + scale**2 * self.Sigma
-        force = _UNIT_FORCE * x[6:]
         residual = self.tau - (J_P[:, 3:].transpose(0, 2, 1) @ force)
         L = np.linalg.cholesky(covariance)
         inverse = np.linalg.inv(covariance)
@@ -163,6 +163,7 @@ class _Likelihood(NamedTuple):
         value = float(np.mean(0.5 * (residual * a).sum(axis=1) + log_det))
         by_C = inverse - a[:, :, None] * a[:, None, :]
         gradient = np.empty(9)
+        # `turned[c]` is the derivative of J_P's linear rows by coordinate c of p_EP.
         for c in range(3):
             half = (self.turned[c].transpose(0, 2, 1) @ J_P[:, 3:]) * force_sd**2
             gradient[c] = np.mean(

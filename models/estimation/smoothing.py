@@ -133,7 +133,12 @@ class WrenchSmoother:
         return self._estimator.run(self._estimator.initial_state(), empty, empty, empty)
 
     def _smooth(self, num_pending: int) -> EstimateBatch:
-        """Smooths all pending samples but the last `num_pending`, which stay pending."""
+        """Smooths all pending samples but the last `num_pending`, which stay pending.
+
+        These count for the others, too. Of the causal reading all stays but tau_ext, wrench and
+        covariance; the latter gains the error of the scale and what smoothing misses of a force
+        (`_missing_force`), as far as the log has shown it.
+        """
         signals = np.concatenate([samples.signals for samples in self._pending])
         batch = EstimateBatch.joined([samples.batch for samples in self._pending])
         num_smoothed = len(signals) - num_pending

@@ -49,6 +49,9 @@ class UncertainForce:
     def of(cls, estimator: WrenchEstimator, J: Array, torque_sd: Array) -> "UncertainForce":
         """Judges N samples: the sd as it is, and with one joint's error at a time made small.
 
+        The joint whose small error would help most is named (`joint`). `enough_payload` is the
+        rated payload (kg) whose prior would bring the sd below its limit.
+
         Args:
             estimator: estimator of the samples.
             J: (N, 6, n) at E in axes of W, rows [angular; linear].

@@ -58,6 +58,11 @@ class WrenchMessages:
     """
 
     def __init__(self, base_link: str, frame: str = FRAME) -> None:
+        """Makes the layouts of the messages: functions that build one from a stamp and a number.
+
+        A Layout learns from two such messages where in their bytes the stamp (ns) and the numbers
+        are, and then writes others without the message classes.
+        """
         kinds = typestore().types
         vector = kinds["geometry_msgs/msg/Vector3"]
         turn = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)

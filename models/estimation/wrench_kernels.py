@@ -56,7 +56,9 @@ def posterior_rows(
         sd: (N, n) N m, positive, of its errors.
         stiction: (N, n) N m, the part of them that is stiction.
         wrench, covariance: (N, 6) and (N, 6, 6), written.
-        quality: (N, NUM_QUALITY), written.
+        quality: (N, NUM_QUALITY), written: condition number, the force's largest principal sd and
+            the force that stiction may hide (N), with the live prior; 1 for full rank. The sd is
+            NaN where a sample is not finite.
     """
     n = J.shape[2]
     A, y, Ay, AAT = np.empty((6, n)), np.empty(n), np.empty(6), np.empty((6, 6))

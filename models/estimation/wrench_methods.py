@@ -175,7 +175,13 @@ def _read_by_singular_values(
 
 
 def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
-    """Readings by H = U diag(g) V^T; `valid` rests on those of the plain inverse."""
+    """Readings F = H tau_ext by H = U diag(g) V^T; `valid` rests on those of the plain inverse.
+
+    With J = U diag(s) V^T (N, 6, n), g is 1 / s (inverse), s / (s^2 + damping^2) (damped), or 1 / s
+    down to `truncation` of the largest s and 0 below (truncated). Singular values
+    within rounding of zero are not seen: along their directions of the wrench the covariance of the
+    plain inverse is very large.
+    """
     J, tau_ext, sd, _ = samples
     U, s, VT = np.linalg.svd(J)
     largest = s[:, :1]
@@ -239,8 +245,9 @@ def _balanced(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
         unseen_sd[:, :count] /= 1.0 + (force_sd * s) ** 2
         return H, _propagated(constants, H, sd) + _squared(U * unseen_sd[:, np.newaxis])
 
-    force_gain, force_covariance = reading(constants.live_prior_sd[3])
-    H, covariance = reading(constants.prior_sd[3])
+    live_force_sd, prior_force_sd = constants.live_prior_sd[3], constants.prior_sd[3]
+    force_gain, force_covariance = reading(live_force_sd)
+    H, covariance = reading(prior_force_sd)
     wrench, full_covariance = np.zeros((len(J), 6)), np.zeros((len(J), 6, 6))
     wrench[:, 3:], full_covariance[:, 3:, 3:] = _times(H, tau_ext), covariance
     return _Inversion(

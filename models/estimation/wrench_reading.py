@@ -230,7 +230,13 @@ class WrenchReading:
         return values
 
     def with_parameters(self, values: dict[str, Array], K_0: ArrayLike | None) -> "WrenchReading":
-        """Returns the reading with other `parameters`, behind an observer with this K_0."""
+        """Returns the reading with other `parameters`, behind an observer with this K_0.
+
+        Args:
+            values: as `parameters` gives them: prior_sd (2,) of force N and moment N m, damping and
+                truncation (1,) each; torque_covariance (n, n) of a constant torque error, or none.
+            K_0: (n,) or () 1/s; None: an observer without such a lag.
+        """
         force_sd, moment_sd = values["prior_sd"].tolist()
         config = replace(
             self.config,
@@ -272,8 +278,9 @@ class WrenchReading:
 
         Args:
             state: of `initial_state`, changed in place.
-            error: of N samples.
-            samples: N of them.
+            error: of the torque, of N samples; it gains `read_load` of what is read.
+            samples: N of them. Where they hold a wrench, an observer has read it: it stays, and
+                only `invalid` is judged as usual.
             conditions: whether condition numbers are wanted; NaN where not.
         """
         J, tau_ext = samples.J, samples.tau_ext
