@@ -77,9 +77,14 @@ def decide_contact(
 ) -> int:
     """Single-sample kernel: begins or ends contact; returns UNCHANGED, BEGUN or ENDED.
 
+    Contact begins where the mean, or the quick norm of two samples in a row, is above its level; a
+    single sample needs SINGLE_SAMPLE_RATIO of it. It ends after RELEASE_TIME s in which mean and
+    sample stay below their release levels; for MEAN_PAUSE s from then on no mean begins another.
+
     Args:
-        norms: of the sample.
-        levels: of the detector.
+        norms: of the sample: lengths, in sds, of the whitened torque of the sample (`sample`), of
+            its low-pass (`mean`), and of its change since the last calm (`change`).
+        levels: of the detector; an infinite `change`: the model knows no change.
         has_mean: whether the log is long enough for a mean, without which there is no change.
         time_step: s.
         memory: (NUM_MEMORY,), entries IN_CONTACT to LAST_QUICK_RATIO, changed.

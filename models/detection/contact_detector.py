@@ -300,6 +300,9 @@ def _joint_rows(
 ) -> Array:
     """(NUM_JOINT_ROWS, n): the table `joints` of `detect_tick`.
 
+    Rows: pole of the torque jump, speed and load up to which the model was fitted (inf: any), usual
+    torque jump, scale of the mean, and from CHANGE on the coefficients of a change's variance.
+
     Args:
         stage: torque error of the estimator; its `rates` (n,) 1/s are the observer's gains K_0.
         noise: of the model's whitened torque; None: Gaussian, and jumps and changes do not count.
@@ -340,6 +343,9 @@ def _settings(
     reads_present_torque: bool,
 ) -> Array:
     """(NUM_SETTINGS,): the levels and constants of `detect_tick`.
+
+    A level is what a norm exceeds at the stated rate of false alarms, by the tail that the noise
+    has; one that a log of another day may reach is OTHER_DAYS times as high.
 
     A model that states no torque error has infinite levels: it detects no contact.
 

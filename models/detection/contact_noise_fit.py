@@ -35,15 +35,15 @@ USUAL_JUMP_SHARE = 0.99  # share of the samples that have no more than the usual
 def fit_contact_noise(
     readings: Sequence[HeldOutReading], model: IdentifiedModel, chain: SerialChain
 ) -> ContactNoise | None:
-    """Returns the value for `model.contact_noise`; None where no reading is used.
+    """Returns the value for `model.contact_noise`; None where no reading is is_used.
 
     Args:
         readings: readings of motions that their models were not fitted on; of one time step.
         model: with the torque error that was fitted to them.
         chain: with the model's inertias.
     """
-    used = [reading.used & np.isfinite(reading.tau_ext).all(axis=1) for reading in readings]
-    count = sum(int(rows.sum()) for rows in used)
+    is_used = [reading.used & np.isfinite(reading.tau_ext).all(axis=1) for reading in readings]
+    count = sum(int(rows.sum()) for rows in is_used)
     if model.torque_error is None or not count:
         return None
     time_step = readings[0].time_step
@@ -54,7 +54,7 @@ def fit_contact_noise(
         torque_jumps(momentum, reading.transmitted, np.exp(-reading.K_0 * time_step), time_step)[
             rows
         ]
-        for reading, momentum, rows in zip(readings, momenta, used, strict=True)
+        for reading, momentum, rows in zip(readings, momenta, is_used, strict=True)
     ]
     n = chain.num_joints
     noise = ContactNoise(
@@ -64,7 +64,7 @@ def fit_contact_noise(
         hours=count * time_step / 3600.0,
     )
     model_with_noise = replace(model, contact_noise=noise)
-    white = _white(readings, momenta, used, model_with_noise, chain)
+    white = _white(readings, momenta, is_used, model_with_noise, chain)
     z = np.vstack([reading.z for reading in white])
     mean = np.vstack([reading.mean for reading in white])
     change = np.vstack([reading.change for reading in white])
@@ -75,13 +75,13 @@ def fit_contact_noise(
     features = np.concatenate(
         [
             features_along(model.torque_error, reading)[rows]
-            for reading, rows in zip(readings, used, strict=True)
+            for reading, rows in zip(readings, is_used, strict=True)
         ]
     )
     usual = np.asarray(noise.usual_jolt)
     all_jumps = np.vstack(jumps)
     noise.change_sd = _change_sd(features, all_jumps, usual, change).tolist()
-    white = _white(readings, momenta, used, model_with_noise, chain)
+    white = _white(readings, momenta, is_used, model_with_noise, chain)
     # Levels: tails of each statistic over the contact-free readings.
     noise.sample = fit_exceedances([w.lengths[:, SAMPLE_LENGTH] for w in white], time_step)
     noise.mean = fit_exceedances([w.lengths[:, MEAN_LENGTH] for w in white], time_step)
@@ -131,7 +131,7 @@ class _WhiteReading(NamedTuple):
 def _white(
     readings: Sequence[HeldOutReading],
     momenta: Sequence[Array],
-    used: Sequence[NDArray[np.bool_]],
+    is_used: Sequence[NDArray[np.bool_]],
     model: IdentifiedModel,
     chain: SerialChain,
 ) -> list[_WhiteReading]:
@@ -140,7 +140,7 @@ def _white(
     Args:
         readings: held-out.
         momenta: (N, n) kg m^2/s of each.
-        used: (N,) of each.
+        is_used: (N,) of each: rows that are kept.
         model: with a torque error, and the contact noise as far as it is known.
         chain: with the model's inertias.
     """
@@ -148,7 +148,7 @@ def _white(
     error = model.torque_error
     assert error is not None
     config = WrenchReconstructionConfig("force_only")
-    for reading, momentum, rows in zip(readings, momenta, used, strict=True):
+    for reading, momentum, rows in zip(readings, momenta, is_used, strict=True):
         stage = TorqueErrorStage(
             error, reading.friction, reading.K_0, reading.time_step, reading.resolution
         )

@@ -249,9 +249,11 @@ def detect_tick(
 
     Args:
         tables: tables of ContactDetector.
-        state: (state_rows, n), changed.
+        state: (state_rows, n), changed; the rows from _SINGLE_ROW on hold what is not of a joint,
+            one number after another.
         sample: without the first axis.
-        out: (NUM_OUT,), written.
+        out: (NUM_OUT,), written: lengths; 1 or 0 for contact, rest, out of the fitted range, and a
+            misfit with E; the link that is touched, from 1, or 0.
         whitened: written, where the sample is read.
     """
     joints, settings = tables.joints, tables.settings
@@ -367,7 +369,19 @@ def _whiten(
     change_variance: Array,
     whitened: Whitened,
 ) -> None:
-    """Writes all of `whitened` but y; takes the sample into the local scales, base and LP(z)."""
+    """Writes all of `whitened` but y; takes the sample into the local scales, base and LP(z).
+
+    z is the torque beyond what friction at rest may hide, over its sd; the change is that since the
+    base, its low-pass without contact. Both sds grow where the recent squares (_LOCAL2, _CHANGE2)
+    are above 1, as of a day that is noisier than the model's.
+
+    Args:
+        detector: its state is changed.
+        error: of the sample.
+        tau_ext: (n,) N m, finite.
+        change_variance: (n,) (N m)^2, of a change.
+        whitened: written.
+    """
     keep, state, single = detector.keep, detector.state, detector.single
     T, in_contact = detector.tables.settings[PERIOD], single[IN_CONTACT] == 1.0
     follows = _follows_noise(state, single, tau_ext.shape[0])

@@ -312,30 +312,37 @@ def _slides(J: Array) -> Flags:
 
 
 def _surfaces(J: Array) -> list[_Surface]:
-    """The surfaces of link 1 to n."""
+    """The surfaces of link 1 to n, as points with weights and normals, from the Jacobian alone.
+
+    Each axis has a housing along it, from foot to foot and HOUSING_OVERHANG m beyond, which the
+    links on both sides share; a tube leads from a link's last foot to the next axis, or to E.
+
+    Args:
+        J: (6, n), rows [angular; linear], at E in axes of W; the points are relative to E.
+    """
     axis = np.where(_slides(J), J[3:], J[:3]).T
     first_foot, last_foot = axis_feet(J)
     n = len(axis)
-    parts: list[list[_Surface]] = [[] for _ in range(n)]
+    parts_of_link: list[list[_Surface]] = [[] for _ in range(n)]
     for k in range(n):
         between = last_foot[k] - first_foot[k]
         length = float(np.linalg.norm(between))
-        u = between / length if length > _MIN_LINE_LENGTH else axis[k]
-        side = axis[k - 1] if k else np.eye(3)[int(np.argmin(np.abs(u)))]
+        along_axis = between / length if length > _MIN_LINE_LENGTH else axis[k]
+        side = axis[k - 1] if k else np.eye(3)[int(np.argmin(np.abs(along_axis)))]
         end = (
             last_foot[k]
-            + (0.0 if k == n - 1 and length > _MIN_LINE_LENGTH else HOUSING_OVERHANG) * u
+            + (0.0 if k == n - 1 and length > _MIN_LINE_LENGTH else HOUSING_OVERHANG) * along_axis
         )
-        housing, position = _housing(first_foot[k] - HOUSING_OVERHANG * u, end, side)
+        housing, position = _housing(first_foot[k] - HOUSING_OVERHANG * along_axis, end, side)
         housing_length = float(np.linalg.norm(end - first_foot[k])) + HOUSING_OVERHANG
         share = 0.5 + length / housing_length * position  # of link k, the others of link k - 1
-        parts[k].append(housing.shared(share))
+        parts_of_link[k].append(housing.shared(share))
         if k:
-            parts[k - 1].append(housing.shared(1.0 - share))
+            parts_of_link[k - 1].append(housing.shared(1.0 - share))
         next_foot = first_foot[k + 1] if k < n - 1 else np.zeros(3)
         if np.linalg.norm(next_foot - last_foot[k]) > _MIN_LINE_LENGTH:
-            parts[k].append(_tube(last_foot[k], next_foot, axis[k]).surface)
-    return [_Surface.of(part) for part in parts]
+            parts_of_link[k].append(_tube(last_foot[k], next_foot, axis[k]).surface)
+    return [_Surface.of(part) for part in parts_of_link]
 
 
 def _tube(begin: Array, end: Array, side: Array) -> _LineSurface:

@@ -188,8 +188,12 @@ def learn_reported_torque_sd(t: Array, tau_ext: Array, J: Array) -> ReportedTorq
 
     Args:
         t: (N,) s.
-        tau_ext: (N, n) N m.
-        J: (N, 6, n).
+        tau_ext: (N, n) N m, as the arm's controller reports it.
+        J: (N, 6, n) at E, rows [angular; linear].
+
+    Returns:
+        sd at rest and in motion, (n,) N m each, at least _MIN_SD; both this least where the log is
+        too short.
     """
     is_finite = np.isfinite(tau_ext).all(axis=1) & np.isfinite(J).all(axis=(1, 2)) & np.isfinite(t)
     rows = np.flatnonzero(is_finite)[:MAX_SAMPLES]
@@ -292,11 +296,12 @@ def torque_contact_log(
     """Detects contact at N samples.
 
     Args:
-        error: error of the torque.
+        error: sd of the torque, at rest and in motion.
         state: state of TorqueContactDetector, changed.
-        samples: N of them.
-        out: (N, 3) statistic, contact and motion, written.
-        base: (N, n) N m, the baseline, written.
+        samples: N of them; one that is not finite leaves the state and its row of `out` as they
+            are.
+        out: (N, 3), written: statistic over its level for contact; 1 for contact; 1 for motion.
+        base: (N, n) N m, the baseline without contact, written.
     """
     t, tau_ext, J = samples
     z = np.empty(tau_ext.shape[1])

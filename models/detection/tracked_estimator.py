@@ -148,9 +148,16 @@ class TrackedEstimator:
     ) -> tuple[EstimateBatch, Detection]:
         """As `run`, for samples that another estimator of model and configuration has taken.
 
+        The samples are taken in parts, up to each step of the friction tracker, since what it
+        learns corrects the torque of the next part. The correction is friction's drift less the
+        weight of a payload that was zeroed.
+
         Args:
-            q, v, current: (N, n) as `run`.
-            plain: its estimates, without tracking.
+            q, v, current: (N, n) rad, rad/s, A.
+            plain: its estimates of the same samples, without tracking.
+
+        Returns:
+            The corrected estimates, with the variance of both corrections, and the detection.
         """
         missing = np.asarray(np.isnan(plain.J).any(axis=(1, 2)))
         is_read = plain.fresh & ~missing & (self._settling <= np.arange(len(q)))
