@@ -65,6 +65,9 @@ class EffortScale:
 def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortScale:
     """Returns the scale from the masses of the robot's file.
 
+    Of each joint effort = b torque + offset + rotor, dry and viscous terms is fitted; the scale is
+    1 / b in N m (N) per unit of effort, NaN with an infinite error where gravity hardly loads it.
+
     Args:
         recordings: recordings of free motion; `tau_J` is the effort where there is one, else
             `current`.
@@ -80,7 +83,7 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
         least = _LEAST_BLOCKS * REST_ERROR_TIME
         problem = f"lasts less than the {least:g} s that standard errors need"
         raise InputError(recordings[0].source, "", problem, "log a longer motion")
-    turn = _SIGN_FADING_SHARE * np.where(
+    fading_speed = _SIGN_FADING_SHARE * np.where(
         np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0
     )
     torque_per_unit, error = np.full(n, np.nan), np.full(n, np.inf)
@@ -90,7 +93,7 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
         if np.var(rows.gravity[:, j]) < _GRAVITY_SHARE * np.var(torque) or not torque.any():
             continue
         columns = [torque, np.ones(len(torque))]
-        motion = (rows.vdot[:, j], np.tanh(v / turn[j]), v)
+        motion = (rows.vdot[:, j], np.tanh(v / fading_speed[j]), v)
         columns += [column for column in motion if np.std(column) > 1e-6]
         b, sd = _slope(np.stack(columns, axis=1), rows.effort[:, j], rows.block)
         if b != 0.0:
@@ -105,6 +108,9 @@ def scale_from_weight(
     parameters: Array,
 ) -> EffortScale:
     """Returns the scale from one weight, in postures that are held with it and without it.
+
+    Of each joint the change of effort is b times the weight's torque over the K postures; the scale
+    is 1 / b in N m (N) per unit of effort, NaN where the weight hardly loads it.
 
     Args:
         empty, laden: logs without and with the weight.
@@ -135,11 +141,11 @@ def scale_from_weight(
         raise InputError(laden[0].source, "", problem, remedy)
     still = np.zeros((len(q), robot.num_joints))
     torque = load_columns(robot, np.array(q), still, still) @ parameters
-    u = np.array(change)
+    effort_change = np.array(change)
     squares = (torque**2).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        b = (torque * u).sum(axis=0) / squares
-        residual = u - b * torque
+        b = (torque * effort_change).sum(axis=0) / squares
+        residual = effort_change - b * torque
         sd = np.sqrt((residual**2).sum(axis=0) / (len(q) - 1) / squares)
         torque_per_unit, error = 1.0 / b, sd / b**2
     is_loaded = np.sqrt(squares / len(q)) > 1e-3 * np.sqrt(squares.max() / len(q))

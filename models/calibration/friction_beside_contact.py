@@ -114,7 +114,14 @@ def refresh_beside_contact(
 
 
 def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> tuple[Array, Array, Array]:
-    """Information (K, k, k), projection (K, k) and constant (K,) of one segment's states.
+    """Likelihood of one segment's residual, as a function of the drift x (k,), in each of K states.
+
+    log p = constant + x^T projection - x^T information x / 2. The states: nothing touches the arm;
+    a force of each of FORCE_SHARES of the prior acts at E; a force that each joint feels for
+    itself, as anywhere else on the arm.
+
+    Returns:
+        Information (K, k, k), projection (K, k), constant (K,) with the log prior of the state.
 
     Args:
         rows: m rows of the segment; the vectors below go joint after joint.
@@ -129,11 +136,11 @@ def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> tuple[Arra
         part = slice(j * m, (j + 1) * m)
         columns[part, 3 * j : 3 * j + 3] = drift[:, j]
         noise[part, part] = rows.covariance(j)
-    lasting = np.tile(np.exp(-np.abs(rows.t[:, None] - rows.t) / FORCE_TIME), (n, n))
+    time_correlation = np.tile(np.exp(-np.abs(rows.t[:, None] - rows.t) / FORCE_TIME), (n, n))
     levers = J.transpose(1, 2, 0).reshape(6, n * m)
-    shared = np.einsum("ai,a,aj->ij", levers, wrench_variance, levers) * lasting
-    alone = shared * np.kron(np.eye(n), np.ones((m, m)))
-    covariances = [noise, *(noise + share**2 * shared for share in FORCE_SHARES), noise + alone]
+    shared = np.einsum("ai,a,aj->ij", levers, wrench_variance, levers) * time_correlation
+    elsewhere = shared * np.kron(np.eye(n), np.ones((m, m)))
+    covariances = [noise, *(noise + share**2 * shared for share in FORCE_SHARES), noise + elsewhere]
     touched = 1.0 - FREE_PROBABILITY - ELSEWHERE_PROBABILITY
     probabilities = [
         FREE_PROBABILITY,
@@ -153,16 +160,28 @@ def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> tuple[Arra
 
 
 def _sampled(segments: _Segments, prior_sd: Array) -> tuple[Array, Array, Array]:
-    """Mean (k,) and covariance (k, k) of x, and the share (S,) of samples that are free."""
+    """Mean and covariance of the drift x, by Gibbs sampling of the segments' states.
+
+    In each sweep the state of one segment after another is drawn, given those of all others, with x
+    integrated out. The first sweeps are left out.
+
+    Args:
+        segments: information (S, K, k, k), projection (S, K, k) and constant (S, K) of S segments
+            in K states.
+        prior_sd: (k,) of x, whose prior mean is zero.
+
+    Returns:
+        Mean (k,), covariance (k, k), and the share (S,) of sweeps in which a segment was free.
+    """
     rng = np.random.default_rng(0)
     num_segments, num_states = segments.constant.shape
-    every = np.arange(num_segments)
+    all_segments = np.arange(num_segments)
     states = np.ones(num_segments, dtype=np.intp)  # touched
     prior = np.diag(1.0 / np.maximum(prior_sd, 1e-12) ** 2)
     means, covariances, free = [], [], np.zeros(num_segments)
     for sweep in range(FIRST_SWEEPS + SWEEPS):
-        information = prior + segments.information[every, states].sum(axis=0)
-        projection = segments.projection[every, states].sum(axis=0)
+        information = prior + segments.information[all_segments, states].sum(axis=0)
+        projection = segments.projection[all_segments, states].sum(axis=0)
         for s in rng.permutation(num_segments):
             information -= segments.information[s, states[s]]
             projection -= segments.projection[s, states[s]]

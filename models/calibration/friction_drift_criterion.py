@@ -87,6 +87,11 @@ def friction_disagreements(
             residual is -tau_ext, and dry, viscous and sliding go through the observer's pole.
         law: the model's coefficients.
         refresh: today's coefficients; None: those of the rows.
+
+    Returns:
+        The joints whose change is significant (MIN_STANDARD_ERRORS) and larger than the model's own
+        error, and whose residual it explains; once there is one, others count with less evidence.
+        Empty where there are fewer than MIN_ROWS rows.
     """
     if len(rows.t) < MIN_ROWS:
         return []

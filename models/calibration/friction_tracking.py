@@ -173,6 +173,9 @@ class FrictionTracker:
     def correction(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Takes the motion of the next samples.
 
+        With x the drift of a joint's coefficients, the correction is what x adds to friction: the
+        columns (dry, viscous, offset, through the observer's pole) times x, times `share`.
+
         Args:
             q, v: (N, n) rad and rad/s, N at most `until_step`.
 
@@ -234,7 +237,16 @@ class FrictionTracker:
         return self._P[: 3 * n, : 3 * n].reshape(n, 3, n, 3)[joints, :, joints]
 
     def _step(self, tau_ext: Array, J: Array) -> None:
-        """The filter's update with one sample."""
+        """The filter's update with one sample.
+
+        The state x is [drift of dry, viscous and offset joint after joint (3 n); slow error of each
+        joint (n, of sd 1); slow wrench at E (6)]; tau_ext = H x + white noise. Joints that rest, or
+        whose torque is not finite, say nothing.
+
+        Args:
+            tau_ext: (n,) N m, without the correction.
+            J: (6, n) through the observer's poles.
+        """
         n, sd = self._n, self._residual_sd
         is_known = np.isfinite(tau_ext) & np.isfinite(J).all(axis=0)
         moving = np.flatnonzero((np.abs(self._v) >= V_REST) & is_known)

@@ -68,10 +68,14 @@ def gain_at_rest(
     """Torque per ampere of a joint from its longest rest; None where no rest shows it.
 
     Args:
-        samples: some seconds of them.
+        samples: N, some seconds of them: motion, current, and the drive's own torque.
         joint: its index.
         gravity_torque: (N,) N m or N, of the joint.
-        effort_limit: N m or N, of the joint.
+        effort_limit: N m or N, of the joint; not finite: not known.
+
+    Returns:
+        Torque per ampere (positive) and its sd. None where no rest is long enough, gravity or
+        current is too small in it, the joint creeps, or the ratio scatters.
     """
     t, q = samples.t, samples.q[:, joint]
     still = np.abs(samples.v[:, joint]) < V_REST

@@ -230,7 +230,17 @@ class GainProblem:
         )
 
     def _step(self, x: Array, u: Array, loads: Array) -> PriorFit:
-        """One linearised fit about x, u and the loads; values: x, loads, u, drifts."""
+        """One linearised fit about x, u and the loads.
+
+        Unknowns, in the order of columns and of the fit's values: x (p,): inertial parameters (10 a
+        link), then joint by joint rotor and friction terms; loads (10 each); u (n,): logarithms of
+        the gains' factors; friction's drift, 3 a joint in each log.
+
+        Args:
+            x: (p,).
+            u: (n,).
+            loads: (L, 10) in the flange's frame.
+        """
         n, p, num_logs = self._robot.num_joints, len(x), len(self._logs)
         counts = self._counts
         inertial, rotor, coefficients = split_terms(x, counts)

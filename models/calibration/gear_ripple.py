@@ -129,7 +129,11 @@ def find_ripple(
     other: Array,
     other_sd: Array,
 ) -> GearRipple:
-    """Looks for gear ripple in rows without contact.
+    """Looks for gear ripple in rows without contact: waves of some periods per turn of a joint.
+
+    Each joint's log odds of a ripple come from `_joint_ripple` for K numbers of periods; then two
+    hypotheses are weighed: one number for all joints, or one for each. A ripple that the model's
+    torque error holds already counts as none.
 
     Args:
         rows: m rows of the known model's residual, of n joints.
@@ -211,17 +215,23 @@ def _joint_ripple(
 ) -> tuple[Array, Array, Array]:
     """Joint j's ripple with each of K numbers of periods a turn.
 
+    A ripple is a wave of the joint's position through the residual's low-pass; its two amplitudes
+    (cosine, sine) have a prior of the residual's sd. What else the residual may be is fitted first.
+
     Args:
+        rows: m rows of all joints.
+        j: index of the joint.
         q: (m,) rad.
-        rate: 1/s.
+        rate: 1/s, of the residual's low-pass.
         columns: (m, k) of what else the residual may be; column_sd: (k,) of its prior.
         periods: (K,) per turn.
 
     Returns:
-        (K,) log B, mean square of the amplitude, variance of the amplitude, both N^2 m^2.
+        (K,) each: log of how many times likelier a ripple makes the rows; mean square of its
+        amplitude and variance of the amplitude, N^2 m^2, the prior's where the rows cannot show it.
     """
     sd, K = float(rows.sd[j]), len(periods)
-    nothing = np.zeros(K), np.full(K, 2.0 * sd**2), np.full(K, sd**2)
+    prior_result = np.zeros(K), np.full(K, 2.0 * sd**2), np.full(K, sd**2)
     v = rows.v[:, j]
     # At rest it is one more unknown of the stiction.
     counts = (np.abs(v) >= V_REST)[:, None] & (np.abs(v)[:, None] * periods <= MAX_RATE)
@@ -230,7 +240,7 @@ def _joint_ripple(
     least = max(MIN_ROWS, MIN_SLOW_SHARE * (np.abs(v) >= V_REST).sum())
     is_seen = (counts.sum(axis=0) >= least) & (periods * turns >= MIN_CYCLES)
     if not is_seen.any():
-        return nothing
+        return prior_result
     seen = periods[is_seen]
     wave = np.exp(1j * q[:, None] * seen) / (1.0 + 1j * v[:, None] * seen / rate)
     wave *= counts[:, is_seen]
@@ -247,7 +257,7 @@ def _joint_ripple(
     S = np.linalg.inv(G + np.eye(2) / sd**2)
     mean = np.einsum("kab,kb->ka", S, g)
     spread = np.trace(S, axis1=1, axis2=2)
-    log_factor, square, variance = nothing
+    log_factor, square, variance = prior_result
     log_factor[is_seen] = 0.5 * ((g * mean).sum(axis=1) + np.log(np.linalg.det(S / sd**2)))
     square[is_seen] = (mean**2).sum(axis=1) + spread
     variance[is_seen] = 0.5 * spread

@@ -48,7 +48,9 @@ def with_known_tool(
     """Returns the model with the tool that the robot carries.
 
     Args:
-        source: the model's file.
+        model: as its file has it, with the tool of its logs.
+        robot: with the tool that robot.yaml states.
+        source: the model's file, for error lines.
         tool: whether robot.yaml's tool is on the arm and known.
         other_robot: whether the model may have another tool.
 

@@ -161,6 +161,10 @@ def estimate_load(
         law: the friction coefficients behind the rows.
         empty: a log without the load, of the same day. Its residual, as friction and as a weight
             at the flange, is then subtracted.
+        prior: of the load's mass and of the torques per ampere.
+
+    The load is fitted twice: with a vague prior, which gives its mass and about where its centre
+    is; then about that point, with the inertia of a body of such a mass for its prior.
     """
     logs = [log] if empty is None else [log, empty]
     spread = vague_spread(prior.mass)
@@ -254,7 +258,15 @@ def _solve(
 
 
 def _estimate(solution: _Solution, com: Array, frame: Array, spread: Array) -> LoadEstimate:
-    """Mass, centre of mass and inertia about it, from parameters about a point near it."""
+    """Mass, centre of mass and inertia about it, from parameters about a point near it.
+
+    Args:
+        solution: its first ten values are mass, first moment (3) and inertia (6) about `com`, then
+            3 a joint of friction's change.
+        com: (3,) m in the flange's frame, near the centre of mass.
+        frame: (10, 10) from parameters about `com` to those in the flange's frame.
+        spread: (10,) sd of the prior.
+    """
     values = solution.values[:_NUM_LOAD]
     mass = float(values[0])
     divisor = mass if abs(mass) > 1e-9 else 1e-9

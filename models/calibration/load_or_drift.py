@@ -139,7 +139,9 @@ def weigh_begin(
 ) -> LoadOrDrift | None:
     """As `weigh`, for a load that is taken up at some row, MIN_ROWS or more from both ends.
 
-    None also where a load is less likely than none.
+    The row is looked for in passes of PLACES_PER_PASS rows, each between the neighbours of the best
+    row before, the first ones on a part of the log's rows; its odds are those of any row, shared by
+    all that it may be. None also where a load is less likely than none.
     """
     count = len(log.rows.t)
     first_row, last_row = MIN_ROWS, count - MIN_ROWS

@@ -45,8 +45,11 @@ class ObservedRegressor:
     def along(self, q: Array, v: Array, at: NDArray[np.intp]) -> tuple[Array, Array]:
         """Processes the next samples; returns torque per parameter at the indices `at` (m,).
 
+        The regressor goes through the observer's low-pass, so that it compares with tau_ext;
+        accelerations are differences of v, zero where one is not finite.
+
         Args:
-            q, v: (N, n).
+            q, v: (N, n) rad and rad/s, with the time step of the observer.
             at: rising indices among these N samples.
 
         Returns:

@@ -109,6 +109,10 @@ class PayloadZero:
     ) -> None:
         """Takes the next samples.
 
+        Moving joints count in each sample, at `_rate` per sample since errors last; a rest of a
+        joint counts once, with its mean, when it ends (`_take_rest`). Postures in which the whole
+        arm rests are remembered.
+
         Args:
             q, v, tau_ext, sd: (N, n); sd of tau_ext where nothing touches the arm.
             J: (N, 6, n) as `ZeroedPayload.torque`, R_WE (N, 3, 3).

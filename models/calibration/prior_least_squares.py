@@ -58,6 +58,10 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
         prior_sd: (k,) positive; infinite where nothing is known.
         prior_mean: (k,).
 
+    Returns:
+        Values (k,), covariance (k, k), `scale` of each joint's errors over their stated sd, and the
+        log evidence up to a constant of the rows; NaN where a prior is infinite.
+
     Raises:
         ValueError: numbers that are not finite, sds that are not positive, or a value that neither
             rows nor prior determine.

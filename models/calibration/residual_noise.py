@@ -115,9 +115,11 @@ class ResidualRows:
         Args:
             law: friction of the model whose residual it is.
             signals: signals of the whole log.
-            residual: (m, n) N m.
-            sd: (n,) N m.
-            low_pass: the residual's filter along time, for torques (N, n, 5).
+            residual: (m, n) N m, of the rows.
+            sd: (n,) N m, of the model's error.
+            at: indices of the rows among the log's N samples.
+            low_pass: the residual's filter along time, for torques (N, n, 5): dry, viscous, and the
+                three columns of friction's drift.
         """
         t, q, v, load = signals
         dry, viscous = dry_and_viscous(law, q, v, load)

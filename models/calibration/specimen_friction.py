@@ -167,7 +167,17 @@ def _fitted(
     prior: SpecimenPrior,
     gain: float | None,
 ) -> _Fitted:
-    """Each joint by itself, its gain free or given."""
+    """Fits each joint by itself, its gain free or given; a joint without rows keeps the prior.
+
+    Unknowns of a joint, in this order: coulomb (N m), load (share), viscous, offset, gain (of the
+    torque, relative). Its torque less Stribeck and cubic part of the known robot is linear in them.
+
+    Args:
+        law_of_known: law of the known robot; its numbers are the prior's mean.
+        rows: rows of each joint.
+        prior: how much the two may differ.
+        gain: of all joints; None: free, of prior mean 0.
+    """
     plain, n = law_of_known.coulomb_viscous, law_of_known.num_joints
     start = np.full(n, gain or 0.0)
     mean = np.stack(
