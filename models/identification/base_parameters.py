@@ -74,6 +74,10 @@ def find_base_parameters(
         tolerance: pivot, relative to the largest, below which a scaled column counts as dependent;
             and length, relative to the longest column, below which it counts as zero.
 
+    Returns:
+        The b base parameters, each a combination (row of (b, p)) of parameters: one of the columns
+        that are independent of one another, plus what depends on it.
+
     Raises:
         ValueError: shapes disagree, W is not finite, or W is zero.
     """
@@ -89,6 +93,7 @@ def find_base_parameters(
     b = int((pivots > tolerance).sum())
     independent, dependent = present[order[:b]], present[order[b:]]
     R = factor.R / factor.favour[order]
+    # The dependent columns are the independent ones times K, all scaled to length 1.
     K = solve_triangular(R[:b, :b], R[:b, b:])
     K[np.abs(K) < tolerance] = 0.0
     combination = np.zeros((b, len(names)))

@@ -118,7 +118,19 @@ def spread_beyond(table: Array, q: Array, variance: Array) -> None:
 
 @kernel
 def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> None:
-    """`spread_beyond` of links that are placed; bodies (n, 18+) of `place_links`."""
+    """`spread_beyond` of links that are placed.
+
+    Each direction of the spread is NUM_PARAMETERS columns of the table: of every link the change of
+    mass and first moment, and of its joint's offset. Its torque is squared and summed up.
+
+    Args:
+        table: (n, columns): gravity in W from _GRAVITY_COLUMN on, what the logs have shown already
+            (variance) in _FITTED2_COLUMN, and the directions from _FIRST_DIRECTION on.
+        q: (n,) rad; where one is not finite the variance is 0.
+        bodies: (n, 18 or more) of `place_links`, in axes of W: R_WJ row by row (0 to 8), p_WJ (9 to
+            11), screw of the joint about W's origin (angular 12 to 14, linear 15 to 17).
+        variance: (n,) (N m)^2, written.
+    """
     n, finite = q.shape[0], True
     for i in range(n):
         variance[i] = 0.0

@@ -414,7 +414,11 @@ def _at_joints(law: FrictionLaw, robot: Arm) -> FrictionLaw:
 
 
 def _friction_block(law: FrictionLaw) -> _FrictionBlock:
-    """A friction law as model.yaml holds it: nested laws lie in one block."""
+    """A friction law as model.yaml holds it: nested laws lie in one block.
+
+    A law may be coupled, extended by terms, or by places of a path, each around another law; the
+    innermost is one of velocity, with slip elements (presliding) or without.
+    """
     if isinstance(law, CoupledFriction):
         return _friction_block(law.law)
     if isinstance(law, ExtendedFriction):

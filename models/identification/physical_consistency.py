@@ -116,13 +116,21 @@ def fit_consistent(
 def _friction_rows(
     structure: FrictionStructure, v_max: Array, size: int
 ) -> list[tuple[Array, float, float]]:
-    """Bounds low <= row x <= high: rotor inertia and friction that takes energy out of motion."""
+    """Bounds low <= row x <= high: rotor inertia and friction that takes energy out of motion.
+
+    Args:
+        structure: friction terms of each joint.
+        v_max: (n,) rad/s, up to where friction must oppose motion.
+        size: p, length of x: ten inertial parameters a link; then joint by joint the rotor's
+            inertia and the friction terms.
+    """
     bounds = []
     start = _NUM_INERTIAL * structure.num_joints
     for j, terms in enumerate(structure.terms):
-        place = {term: start + 1 + k for k, term in enumerate(terms)}
+        place = {term: start + 1 + k for k, term in enumerate(terms)}  # in x
 
         def row(**weights: float) -> Array:
+            """(p,) weights of terms; terms that the joint has not are left out."""
             out = np.zeros(size)
             for term, weight in weights.items():
                 if term in place:  # noqa: B023  # called within this turn of the loop

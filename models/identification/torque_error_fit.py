@@ -94,6 +94,10 @@ def fit_torque_error(
 ) -> TorqueErrorModel:
     """Returns the model that explains the readings best.
 
+    First the variance of each joint's error as a sum of features times coefficients, by maximum
+    likelihood: constant, speed^2, load^2, acceleration^2, reversal^2 (in this order), beside a
+    fixed part. Then, from errors over these sds, how long they last and how joints go together.
+
     Args:
         readings: readings of one gain K_0.
         least: (n,) or () N m, a floor of `constant`: a simulation without noise has no error.
@@ -234,7 +238,12 @@ class _Minimum(NamedTuple):
 
 
 def most_likely(F: Array, e: Array) -> Array:
-    """c (M,) of one joint; F (N, M + 1) with the fixed part of the variance last, e (N,)."""
+    """Coefficients c (M,) of one joint, of the variance F[:, :M] c + F[:, M] of its errors.
+
+    Args:
+        F: (N, M + 1) features; the last is the part of the variance that is fixed, (N m)^2.
+        e: (N,) N m, errors.
+    """
     from scipy.optimize import minimize
 
     A, fixed, squares = np.ascontiguousarray(F[:, :-1]), F[:, -1].copy(), e**2
@@ -275,7 +284,9 @@ def most_likely(F: Array, e: Array) -> Array:
 
 @kernel
 def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slope: Array) -> float:
-    """The sum at the top of this file with opposite sign; writes its slope (M,) in c.
+    """Writes the slope (M,) by c of the value returned, with s_k = fixed_k + A_k c:
+
+        sum_k (log s_k + squares_k / s_k) / 2
 
     Args:
         A: (N, M), features.
@@ -338,10 +349,16 @@ def _correlation_of_reading(scaled: Array) -> Array:
 
 
 def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]:
-    """Share of correlated error and correlation time (n,) each, from means over MEAN_TIMES.
+    """Share of lasting error and correlation time in s, (n,) each, from means over MEAN_TIMES.
 
-    V(tau) = b + (1 - b) g(tau / T), with g of `averaged_share`, is fitted by least squares of the
-    logarithm on a grid. Windows longer than half of the shortest log are left out.
+    The variance of means over tau s of errors of sd 1 is V(tau) = b + (1 - b) g(tau / T), with b
+    what never averages out and g of `averaged_share`. It is fitted by least squares of the
+    logarithm on a grid. Windows longer than half of the shortest log are left out; without any,
+    nothing lasts and errors are correlated over 0.1 s.
+
+    Args:
+        scaled: (N, n) of each log, errors over their sds, sample by sample.
+        time_step: s.
     """
     n = scaled[0].shape[1]
     power = np.mean(np.vstack(scaled) ** 2, axis=0)

@@ -497,6 +497,10 @@ def torque_sd_rows(
 ) -> None:
     """Writes the sds of N samples, whose motion `rest_rows` has followed.
 
+    The variance is a sum, each with its column of the table: constant, speed^2, load^2,
+    acceleration^2 (K_0 times the speed less its low-pass), stiction and reversals, the viscous
+    torque's drift, the posture's gravity, and what lies beyond the fitted speed and load.
+
     A joint whose q or v is not finite keeps its state and has the sd of a joint at rest.
 
     Args:
@@ -552,7 +556,20 @@ def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
 
 @kernel
 def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> None:
-    """Updates the rows of joint i's motion; without a finite pair they stay."""
+    """Updates the rows of joint i's motion by a sample; without a finite pair they stay.
+
+    Rows of the state: the position with the encoder's rounding taken off (_POSITION), the same
+    behind a play (_PLAY_POSITION), by which a joint that trembles stands still; how much it stands
+    still in this period (_STILL), and rests (REST_ROW, 0 to 1); the share of its friction that is
+    unknown (_UNKNOWN_SHARE); and how far it has moved to which side lately, in units of the reach,
+    from -1 to 1 (_TURN).
+
+    Args:
+        table: (n, columns), `TorqueErrorModel.table`.
+        state: (TORQUE_ERROR_ROWS, n), changed.
+        i: index of the joint.
+        q, v: rad and rad/s of the joint.
+    """
     if not (np.isfinite(q) and np.isfinite(v)):
         state[_TAKEN, i] = _LOST_STATUS
         return
@@ -561,15 +578,15 @@ def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> No
     started = np.isfinite(previous)
     now = within_rounding(previous, q, v, row[_HALF_STEP], row[_PERIOD])
     moved = (now - previous) * row[_INVERSE_REACH] if started else 0.0
-    held = state[_PLAY_POSITION, i] if started else now
-    followed = min(max(held, now - row[_PLAY]), now + row[_PLAY])
-    slid = np.exp(-abs(followed - held) * row[_INVERSE_REACH])
-    creep = (followed - held) * row[_INVERSE_CREEP]
+    before_play = state[_PLAY_POSITION, i] if started else now
+    followed = min(max(before_play, now - row[_PLAY]), now + row[_PLAY])
+    slid = np.exp(-abs(followed - before_play) * row[_INVERSE_REACH])
+    creep = (followed - before_play) * row[_INVERSE_CREEP]
     still = np.exp(-creep * creep) if started else 0.0
-    creeps = v * row[_INVERSE_REST_SPEED]
+    creep_ratio = v * row[_INVERSE_REST_SPEED]
     decay = row[_DECAY]
-    if creeps != 0.0:
-        decay += (1.0 - decay) * (1.0 - np.exp(-creeps * creeps))
+    if creep_ratio != 0.0:
+        decay += (1.0 - decay) * (1.0 - np.exp(-creep_ratio * creep_ratio))
     r = state[REST_ROW, i] * slid if row[_RECOGNISED] > 0.0 else 0.0
     state[_UNKNOWN_SHARE, i] = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * decay) * slid
     state[REST_ROW, i] = r + still * row[_RECOGNISED] * (1.0 - r)

@@ -182,10 +182,15 @@ class RegressionRows:
         part: slice = slice(None),
         weights: Array | None = None,
     ) -> "TorqueFactors":
-        """Reduces the rows to their factors.
+        """Reduces the rows to their factors: of each joint R (rows, p + 1) of the least squares.
+
+        Columns are the p parameters of all joints (inertial ten a link, then rotor and friction
+        joint by joint), then the torque. A joint feels only the links from its first on: their
+        columns and its own are filled in.
 
         Args:
-            friction: friction of `friction_rows`.
+            friction: (m, terms) of each joint, of `friction_rows`; its rotor's column is the last
+                of the rigid part.
             part: which of the rows.
             weights: (m, n) of the squared residuals, None for one.
         """
@@ -299,7 +304,19 @@ class _WeightedFit(NamedTuple):
 def _weighted(
     factors: Sequence[TorqueFactors], independent: NDArray[np.intp], num_passes: int
 ) -> _WeightedFit:
-    """Solves for the columns `independent`; see `solve`."""
+    """Solves for the columns `independent` by least squares, each joint's rows over their sd.
+
+    The sds are those of the joints' residuals, found in turns with the solution.
+
+    Args:
+        factors: of each log, of each joint a triangular factor R (rows, p + 1), the torque last.
+        independent: (b,) columns of the p parameters.
+        num_passes: turns.
+
+    Returns:
+        Values (b,), sds of the residual (n,), each joint's factor of its b columns and torque, and
+        the lengths (b,) of the columns.
+    """
     n = len(factors[0].R)
     b = len(independent)
     # Per joint, [independent columns, torque] of all logs, reduced once more.
