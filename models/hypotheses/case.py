@@ -142,7 +142,15 @@ class Case:
         return np.asarray(effort if self.rows.is_torque else self.robot.joint_torque(effort))
 
     def view(self, rows: LogRows, gravity: Array | None = None) -> View:
-        """The log with other signals, and with another gravity (3,) in m/s^2 where it is given."""
+        """The log with other signals, and with another gravity (3,) in m/s^2 where it is given.
+
+        What is open of the model is linear: measured = expected + columns theta + error, theta with
+        the prior sds. The kinds of rows (`RowKinds`) are those at the indices `at`.
+
+        Args:
+            rows: T rows, on the grid of the case's own.
+            gravity: axes of the base.
+        """
         measured = self.joint_torque(rows.effort)
         chain = self._chain
         if gravity is not None:
@@ -204,7 +212,13 @@ class Case:
         return max(0.0, 1.0 - left_square / max(square, 1e-12))
 
     def _expected(self, rows: LogRows, chain: SerialChain) -> tuple[Array, Array, Array, Array]:
-        """Torque of links and of friction (T, n), columns (T, n, k) of what is open, prior sds."""
+        """What the model expects of T rows, and what of it is open.
+
+        Returns:
+            Torque of links and of friction (T, n) N m; columns (T, n, k) and prior sds (k,) of
+            errors of mass and first moment (4 a link), dry friction, viscous friction, offset and,
+            of a robot's file without a fitted model, rotor inertia (1 a joint each).
+        """
         n = self.num_joints
         rigid = np.asarray(chain.inverse_dynamics(rows.q, rows.v, rows.vdot))
         Y = chain.regressor(rows.q, rows.v, rows.vdot).reshape(len(rows.t), n, n, 10)

@@ -14,9 +14,14 @@ NAME = "signs of the drives"
 
 
 def explain(case: Case) -> Explanation | None:
-    """The signs of the drives that explain the log best."""
+    """The signs of the drives that explain the log best; None: those that it has.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+    """
 
     def score(signs: Array) -> float:
+        """Log evidence of the log with the drives' signals times signs (n,) of 1 or -1."""
         return case.fit(_view(case, signs), quick=True).log_evidence
 
     signs = best_signs(case.num_joints, score, case.quick_base_evidence)

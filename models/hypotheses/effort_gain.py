@@ -23,22 +23,31 @@ _LEAST_UNIT_GAIN = 3.0  # of all joints, from which on the signal is in another 
 
 
 def explain(case: Case) -> Explanation | None:
-    """The gains that explain the log best: one of all joints, of each, or of a single one."""
+    """The gains that explain the log best: one of all joints, of gain_of_each, or of a single one.
+
+    A gain is the factor by which the logged signal is too large; 1: it is right. None where no
+    gain differs from 1 by more than a tolerance.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+    """
     n = case.num_joints
-    each = _gains(case)
-    forms: list[tuple[Array, float]] = []
-    known = each > 0.0
-    if known.any():
-        common = float(np.exp(np.median(np.log(each[known]))))
+    gain_of_each = _gains(case)
+    forms: list[tuple[Array, float]] = []  # gains (n,), and how many of them were fitted
+    is_known = gain_of_each > 0.0
+    if is_known.any():
+        common = float(np.exp(np.median(np.log(gain_of_each[is_known]))))
         if abs(math.log(common)) > ALL_SMALLEST:  # of the whole arm: a unit, not a tolerance
             forms.append((np.full(n, common), 1.0))
-            forms.append((np.where(known, each, common), float(known.sum())))
+            forms.append((np.where(is_known, gain_of_each, common), float(is_known.sum())))
         forms += [(np.full(n, value), 1.0) for value in (1e3, 1e-3)]
     K = case.robot.torque_per_ampere
     forms.append((1.0 / K if case.rows.is_torque else K.copy(), 1.0))
     forms += [
-        (np.where(np.arange(n) == j, each, 1.0), 1.0 + math.log(n))
-        for j in np.flatnonzero(known & (np.abs(np.log(np.where(known, each, 1.0))) > MIN_LOG_GAIN))
+        (np.where(np.arange(n) == j, gain_of_each, 1.0), 1.0 + math.log(n))
+        for j in np.flatnonzero(
+            is_known & (np.abs(np.log(np.where(is_known, gain_of_each, 1.0))) > MIN_LOG_GAIN)
+        )
     ]
     best: Explanation | None = None
     for gains, num_free in forms:
@@ -115,7 +124,12 @@ def _rated(case: Case, gains: Array) -> tuple[float, Array]:
 
 
 def _named(case: Case, gains: Array) -> tuple[str, str]:
-    """Cause and remedy of the gains of a known unit; empty for others."""
+    """Cause and remedy of the gains of a known unit; empty for others.
+
+    Args:
+        case: its torque_per_ampere tells currents from torques, where no drive's is near 1.
+        gains: (n,) by which the logged signal is too large.
+    """
     logs, key = np.log(gains), case.key
     K = np.log(case.robot.torque_per_ampere)
 

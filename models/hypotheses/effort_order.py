@@ -15,7 +15,13 @@ NAME = "order of the drives"
 
 
 def explain(case: Case) -> Explanation | None:
-    """The order of the drives that explains the log best."""
+    """The order of the drives that explains the log best; None: that which it has.
+
+    An order has for each joint of the robot the index of the drive in the log, from 0.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+    """
     n = case.num_joints
     if n < 2:
         return None

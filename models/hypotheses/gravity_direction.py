@@ -17,7 +17,15 @@ SMALLEST_TILT = math.radians(2.0)
 
 
 def explain(case: Case) -> Explanation | None:
-    """The direction of gravity that explains the log best."""
+    """The direction of gravity, in axes of the base, that explains the log best.
+
+    None where the best gravity has another length than g, or where its tilt from robot.yaml's is
+    below SMALLEST_TILT. First gravity is free in all three components; then, of the right length,
+    in two turns across itself.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+    """
     g = np.array(case.robot.gravity)
     size = float(np.linalg.norm(g))
     base = case.base
@@ -50,6 +58,8 @@ def explain(case: Case) -> Explanation | None:
     listed = ", ".join(f"{value + 0.0:.2f}" for value in gravity)
     return Explanation(
         name=NAME,
+        # Beforehand any direction is as likely: a sphere of 4 pi, over the area 2 pi that the
+        # prior of the two turns (of sd 1 each) stands for.
         log_evidence=fit.log_evidence - math.log(4.0 * math.pi / (2.0 * math.pi)),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,

@@ -28,6 +28,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     """
 
     def score(signs: Array) -> float:
+        """Log evidence of the log with its joints' signals times signs (n,) of 1 or -1."""
         return case.fit(_view(case, signs, with_effort), quick=True).log_evidence
 
     signs = best_signs(case.num_joints, score, case.quick_base_evidence)
@@ -37,14 +38,16 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     fit = case.fit(view)
     turned = [int(j) + 1 for j in np.flatnonzero(signs < 0.0)]
     wrong = ", ".join(case.robot.joint_names[j - 1] for j in turned)
-    what = f"positions, velocities and {case.word}s" if with_effort else "positions and velocities"
+    signals = (
+        f"positions, velocities and {case.word}s" if with_effort else "positions and velocities"
+    )
     return Explanation(
         name=NAME,
         # All 2^n signs are equally likely beforehand, with or without the drives' signals.
         log_evidence=fit.log_evidence - (case.num_joints + 1) * math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
-        cause=f"{what} of the opposite sign at {wrong}",
+        cause=f"{signals} of the opposite sign at {wrong}",
         remedy=joint_remedy(case.key if with_effort else None, TURNED, f"{turned}", turned),
         values={"sign": signs.tolist()},
     )

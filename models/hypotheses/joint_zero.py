@@ -42,7 +42,15 @@ def explain(case: Case) -> Explanation | None:
 
 
 def _refined(case: Case, j: int, offset: float) -> Explanation | None:
-    """The hypothesis at joint j, from a first guess of its offset."""
+    """The hypothesis at joint j, from a first guess of its offset; None where it is not sure.
+
+    Newton's steps: the torque is linearised in the offset about the last one.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+        j: index of the joint.
+        offset: rad (m), to be added to the log's positions.
+    """
     for _ in range(3):
         shifted = _view(case, j, offset)
         view = shifted.with_columns(_derivative(case, j, offset), np.array([PRIOR_SD]))

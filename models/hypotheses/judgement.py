@@ -204,13 +204,22 @@ def stands_beside_contact(fault: Explanation, base_share: Array, explained: floa
 
 
 def judge(case: Case) -> Judgement:
-    """Tests all hypotheses on a case."""
+    """Tests all hypotheses on a case, and names the fault that counts, if one does.
+
+    Log odds of a fault are against the log as it is, or against the best explanation that is no
+    fault (such as a lasting force), with PRIOR_WRONG_SHARE for the odds beforehand. A fault must
+    leave much less unexplained than the log as it is, and be more than another word for a contact.
+    A second one of similar odds is its rival.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+    """
     explanation_of = {name: explain(case) for name, explain in HYPOTHESES.items()}
     base = case.base_fit.log_evidence
     explained = case.explained(case.base, case.base_fit)
     explanations = [one for one in explanation_of.values() if one is not None]
     # Of what is no fault the best one stands for the log as it is.
-    known = max(
+    without_fault = max(
         (
             one.log_evidence
             for one in explanations
@@ -218,9 +227,10 @@ def judge(case: Case) -> Judgement:
         ),
         default=base,
     )
-    known = max(known, base)
+    without_fault = max(without_fault, base)
     log_odds = {
-        one.name: one.log_evidence - (known - math.log(PRIOR_WRONG_SHARE) if one.is_fault else base)
+        one.name: one.log_evidence
+        - (without_fault - math.log(PRIOR_WRONG_SHARE) if one.is_fault else base)
         for one in explanations
     }
     # A small fault needs not explain much more; but where all is as the model has it, it may not

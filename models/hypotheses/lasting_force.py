@@ -56,8 +56,12 @@ def _fitted(
 ) -> tuple[View, Fit]:
     """The view and the fit of constant wrenches, from a first guess of their stretches.
 
+    In turns the wrenches are fitted within their stretches, and the stretches to the wrenches, as
+    long as the evidence grows.
+
     Args:
-        columns: (T, n, 6) torque of each component of a wrench.
+        case: the log, its model and the fit of the log as it is.
+        columns: (T, n, 6) torque of each component of a wrench, moment first.
         stretches: begin and end of each, s.
     """
     t, at = case.rows.t, case.at
@@ -71,6 +75,7 @@ def _fitted(
         if best is not None and fit.log_evidence <= best[1].log_evidence:
             break
         best = view, fit
+        # theta holds six numbers of each stretch's wrench, then what is open of the model.
         stretches = [
             _best_interval(case, fit, columns[at] @ fit.theta[6 * k : 6 * k + 6], is_within[at])
             for k, is_within in enumerate(masks)

@@ -61,12 +61,16 @@ def slowest_sliding(robot: Robot) -> Array:
 
 
 def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
-    """The rows of a log.
+    """The rows of a log: low-passed, ROW_RATE a second, of at most its first LONGEST_LOG s.
+
+    Missing samples are bridged, and rows near them, or near the ends of the low-pass, not used.
 
     Args:
         chunks: successive parts of the log, on a uniform grid.
+        robot: its joints' slowest sliding tells in which direction friction acts.
 
     Returns:
+        The rows, with `effort` the motor torque where the log has one (`is_torque`), else current.
         None where the log is too short, has too low a rate or holds no drives.
     """
     parts: list[Recording] = []

@@ -36,26 +36,28 @@ def best_order(
     """The order of the largest score by exchanges of pairs; None where no other order is better.
 
     Args:
+        num_joints: n; an order has for each joint of the robot its index in the log.
         starts: from which the search begins, beside the log's own order.
-        score: score of an order.
+        score: score of an order; each order's is computed once.
         base_score: score of the log's own order.
+        passes: exchanges of one pair, at most.
     """
-    known = tuple(range(num_joints))
-    scores = {known: base_score}
+    own_order = tuple(range(num_joints))
+    scores = {own_order: base_score}
 
     def scored(order: Order) -> float:
         if order not in scores:
             scores[order] = score(order)
         return scores[order]
 
-    best = max((known, *starts), key=scored)
+    best = max((own_order, *starts), key=scored)
     for _ in range(passes):
         neighbours = [exchanged(best, j, k) for j, k in combinations(range(num_joints), 2)]
         better = max(neighbours, key=scored)
         if scored(better) <= scored(best):
             break
         best = better
-    return None if best == known else best
+    return None if best == own_order else best
 
 
 def order_text(order: Order) -> str:

@@ -28,6 +28,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
         return None
 
     def score(order: Order) -> float:
+        """Log evidence of the log in an order: for each joint its index in the log, from 0."""
         return case.fit(_view(case, order, with_effort), quick=True).log_evidence
 
     # Each pass exchanges one pair. Where the log suits its model as it is, one pass is enough to
@@ -40,15 +41,15 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     fit = case.fit(view)
     # Odds beforehand: all n! orders are equally likely, with or without the drives' signals.
     log_prior = -math.lgamma(n + 1) - math.log(2.0)
-    listed, places = order_text(order), [k + 1 for k in order]
-    what = "all signals" if with_effort else "positions and velocities"
+    order_listed, places = order_text(order), [k + 1 for k in order]
+    signals = "all signals" if with_effort else "positions and velocities"
     return Explanation(
         name=NAME,
         log_evidence=fit.log_evidence + log_prior,
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
-        cause=f"{what} in the order {listed}",
-        remedy=joint_remedy(case.key if with_effort else None, ORDER, listed, places),
+        cause=f"{signals} in the order {order_listed}",
+        remedy=joint_remedy(case.key if with_effort else None, ORDER, order_listed, places),
         values={"order": [float(k + 1) for k in order]},
     )
 

@@ -28,7 +28,14 @@ _FLAT_CURVATURE = 1e-6  # 1/s^2; at or below it the log does not determine the s
 
 
 def explain(case: Case) -> Explanation | None:
-    """The shift, or the average with its shift, that explains the log best."""
+    """The shift, or the average with its shift, that explains the log best; None: neither does.
+
+    A positive shift: the drives' signals are late. An average over a window of MEAN_TIMES s must be
+    WINDOW_ODDS times likelier than a shift alone.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+    """
     window, best = 0.0, _best_shift(case, 0.0)
     for tried_window in MEAN_TIMES:
         if tried_window < 3.0 * case.rows.step:  # of fewer rows: the rows do not show it

@@ -14,7 +14,14 @@ MIN_ERROR_SDS = 2.0  # sds of the model's error, from which the expected sign is
 
 
 def explain(case: Case) -> Explanation | None:
-    """The log with the signs that the model expects; None where a value has the other sign."""
+    """The log with the signs that the model expects: sizes alone may have been logged.
+
+    None where a joint's signal has both signs (beyond NEGATIVE_SHARE of its largest value), or the
+    model expects no sign that it lacks.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+    """
     effort, base = case.rows.effort[case.at], case.base
     largest = np.abs(effort).max(axis=0)
     if (np.sign(np.median(effort, axis=0))[largest > 0.0] < 0.0).all():
