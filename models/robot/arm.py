@@ -155,7 +155,17 @@ def frozen(values: Sequence[float] | Array) -> Array:
 def _ordered_drives(
     drives: Sequence[DriveConfig], source: Path, joint_names: tuple[str, ...]
 ) -> list[DriveConfig]:
-    """The drives in joint order, each checked."""
+    """The drives in joint order, each checked.
+
+    Args:
+        drives: of robot.yaml, in any order.
+        source: the robot.yaml, for error lines.
+        joint_names: moving joints, base to tool.
+
+    Raises:
+        InputError: a joint without a drive or with two, a drive of no moving joint, or a sign or
+            side that is none.
+    """
     by_joint: dict[str, DriveConfig] = {}
     for index, drive in enumerate(drives):
         key = f"drives[{index}]"

@@ -288,7 +288,10 @@ class ArmStructure:
         return link, X
 
     def _reaches(self) -> dict[str, int]:
-        """By link, the joints of the longest line from it on, without those that follow others.
+        """By link, the number of joints on the longest line from it outwards.
+
+        Joints that move count, but those that follow others (mimic). `_by_child` and `_below` are
+        the joint above and those below a link.
 
         Raises:
             InputError: the joints are no tree.
@@ -299,7 +302,7 @@ class ArmStructure:
             problem = f'link "{twice[0]}" is the child of two joints'
             raise InputError(self._path, "", problem, "a URDF is a tree")
         ordered = [link for link in self._links if link not in self._by_child]
-        for link in ordered:
+        for link in ordered:  # grows meanwhile: parents before their children
             ordered += [joint.child for joint in self._below.get(link, ())]
         looped = self._links - set(ordered)
         if looped:

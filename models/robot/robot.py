@@ -339,7 +339,14 @@ def _urdf_path(config: RobotConfig, source: Path) -> Path:
 
 
 def _check_config(config: RobotConfig, source: Path) -> None:
-    """Checks sizes of numbers and lengths of lists, which the YAML schema cannot state."""
+    """Checks sizes of numbers and lengths of lists, which the YAML schema cannot state.
+
+    Numbers of the simulated truth are checked where a truth is made of them.
+
+    Raises:
+        InputError: a number out of the range of its key, a list of another length, or a shape of
+            the tool that is none or several of sphere, cylinder and box.
+    """
     checked_config = replace(config, simulated_truth=SimulatedTruthConfig())  # which may hold inf
     check_numbers(checked_config, str(source), _KEY_RANGES)
 

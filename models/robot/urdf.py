@@ -87,7 +87,14 @@ class _Reader:
         self.child_joints: dict[str, list[ET.Element]] = {}  # by parent link
 
     def read(self) -> EffectiveUrdf:
-        """The document: checked, locked, cut to the arm, with its tool."""
+        """The document: checked, locked, cut to the arm, with its tool.
+
+        The steps change `root`, `links` and `joints` in place and rely on this order: only a
+        checked tree can be locked, only a locked one cut, and what is dropped needs no check.
+
+        Raises:
+            InputError: what makes the file no arm of moving joints from base to flange.
+        """
         self._collect()
         if self.rounded:
             joints = ", ".join(self.rounded)
@@ -119,7 +126,12 @@ class _Reader:
     # Reading ----------------------------------------------------------------------------------
 
     def _collect(self) -> None:
-        """Registers links and joints by name, and checks what each joint states of itself."""
+        """Registers links and joints by name, and checks what each joint states of itself.
+
+        Raises:
+            InputError: a name that is taken, an unknown type, a link that does not exist, or an
+                axis of length zero.
+        """
         if self.base == "world":
             self.base = self._renamed_world()
         for link in self.root.findall("link"):
@@ -245,7 +257,14 @@ class _Reader:
             joint.set("type", "fixed")
 
     def _keep_below_base(self) -> None:
-        """Drops all links that the base link does not carry: W is the base link's frame."""
+        """Drops all links that the base link does not carry: W is the base link's frame.
+
+        Those with collision shapes go to `standing`: as obstacles at rest, each with a fixed joint
+        to the base. `poses` are those of the links with all joints at zero, from the file's root.
+
+        Raises:
+            InputError: there is no base link of this name.
+        """
         base = self.base
         if base not in self.links:
             problem = f'"{base}" is no link of the robot in {self.path.name}'
@@ -299,7 +318,12 @@ class _Reader:
             )
 
     def _serial_chain(self) -> list[ET.Element]:
-        """The moving joints from base to flange; any other moving joint is a branch."""
+        """The moving joints from base to flange, in this order.
+
+        Raises:
+            InputError: no such flange or no joint to it, one of another type or that follows
+                another (mimic), or a moving joint off the line, which has to be locked.
+        """
         flange = self.config.flange
         if flange not in self.links:
             problem = f'"{flange}" is no link below "{self.base}"'
@@ -397,7 +421,15 @@ class _Reader:
     # Inertia ----------------------------------------------------------------------------------
 
     def _check_inertias(self, moving: list[ET.Element]) -> None:
-        """Checks inertias of links, and of what moves as one; notes those that forbid dynamics."""
+        """Checks inertias of links, and of what moves as one; notes those that forbid dynamics.
+
+        A link fixed to a moving one may be wrong: it becomes a point mass. Any other inertia that
+        is not physical is removed; of links that move the fault goes to `inertia_faults`, and
+        commands that need inertias will refuse the robot.
+
+        Args:
+            moving: joints from base to flange.
+        """
         if self.config.tool is not None:
             self._check_tool(self.config.tool)
         self.may_be_mended = self._has_masses(moving)
@@ -476,7 +508,17 @@ class _Reader:
             self._check_physical(link, f'link "{name}"', about_com, self._nearest(link, about_com))
 
     def _check_composite(self, body: str) -> None:
-        """Checks a moving link with what is fixed to it."""
+        """Checks a moving link with what is fixed to it.
+
+        Masses, centres of mass and inertias are put into the link's frame and summed up about the
+        common centre of mass.
+
+        Args:
+            body: name of the link.
+
+        Raises:
+            InputError: no mass, or an inertia that no body has.
+        """
         tool = self.config.tool
         parts = []
         for name, pose in self._below(body, True).items():
