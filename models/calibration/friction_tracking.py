@@ -86,6 +86,13 @@ class FrictionTracker:
         force_sd: float,
         resolution: ArrayLike | None = None,
     ) -> None:
+        """Prepares the filter; arguments as the class has them.
+
+        The state, in the order of `_spread` (its variances) and `_fade` (what is left of it after a
+        step): drift of dry, viscous and offset joint after joint (3 n), slow error of each joint
+        (n), slow wrench at E (moment, force). The tables with a dry friction one N m larger
+        (`law_with_unit`) give by difference what one N m of it does to the torque.
+        """
         if isinstance(model.friction, CoupledFriction):
             raise ValueError("friction of coupled joints is that of several motors: not tracked")
         if not time_step > 0.0:
@@ -97,6 +104,8 @@ class FrictionTracker:
         self._tables = self._law.elements.table, law_with_unit.elements.table
         self._velocity_laws = self._law.velocity_law, law_with_unit.velocity_law
         self._n = n = self._law.num_joints
+        # Entries of the state: drift (3 a joint); then slow errors (n); then the slow wrench.
+        self._drift, self._wrench = slice(0, 3 * n), slice(4 * n, 4 * n + 6)
         self._keep = np.zeros(n) if pole is None else np.exp(-pole * time_step)
         self._every = max(1, round(STEP_PERIOD / time_step))
         self._residual_sd = sd = np.sqrt(np.diag(model.residual_covariance))
@@ -153,12 +162,12 @@ class FrictionTracker:
     @property
     def change(self) -> Array:
         """(n, 3) of Coulomb (N m), viscous (N m s/rad) and offset (N m), today's minus model's."""
-        return self._x[: 3 * self._n].reshape(-1, 3).copy()
+        return self._x[self._drift].reshape(-1, 3).copy()
 
     @property
     def standard_deviation(self) -> Array:
         """(n, 3) of `change`."""
-        return np.asarray(np.sqrt(np.diag(self._P)[: 3 * self._n]).reshape(-1, 3))
+        return np.asarray(np.sqrt(np.diag(self._P)[self._drift]).reshape(-1, 3))
 
     @property
     def share(self) -> Array:
@@ -198,7 +207,7 @@ class FrictionTracker:
         columns[:, :, 1], columns[:, :, 2] = v, 1.0
         low_pass(self._keep, self._columns, columns)
         self._v = np.where(np.isfinite(v[-1]), v[-1], 0.0) if len(v) else self._v
-        x = self._x[: 3 * self._n].reshape(-1, 3)
+        x = self._x[self._drift].reshape(-1, 3)
         variance = ((columns[:, :, None] @ self._covariances)[:, :, 0] * columns).sum(axis=2)
         return (columns * x).sum(axis=2) * self.share, variance
 
@@ -234,7 +243,7 @@ class FrictionTracker:
         """(n, 3, 3) covariance of each joint's coefficients."""
         n = self._n
         joints = np.arange(n)
-        return self._P[: 3 * n, : 3 * n].reshape(n, 3, n, 3)[joints, :, joints]
+        return self._P[self._drift, self._drift].reshape(n, 3, n, 3)[joints, :, joints]
 
     def _step(self, tau_ext: Array, J: Array) -> None:
         """The filter's update with one sample.
@@ -253,21 +262,22 @@ class FrictionTracker:
         if not len(moving):
             return
         columns = self._columns
-        force = self._x[4 * n :]
+        force = self._x[self._wrench]
         force_is_significant = (
-            force @ np.linalg.solve(self._P[4 * n :, 4 * n :], force) > FORCE_SIGNIFICANT
+            force @ np.linalg.solve(self._P[self._wrench, self._wrench], force) > FORCE_SIGNIFICANT
         )
         self._judge(tau_ext - J.T @ force if force_is_significant else tau_ext, moving)
         slow = (noise.SLOW_SHARE * sd) ** 2 + (
             noise.COULOMB_SHARE * self._coulomb * columns[:, 0]
         ) ** 2
         slow += (noise.VISCOUS_SHARE * self._viscous * columns[:, 1]) ** 2
+        # White noise is larger where a joint has just reversed.
         turning = 1.0 + noise.REVERSAL_RATIO * np.exp(-((self._v / noise.REVERSAL_VELOCITY) ** 2))
         H = np.zeros((n, len(self._x)))
         for j in moving:
             H[j, 3 * j : 3 * j + 3] = -columns[j]
             H[j, 3 * n + j] = np.sqrt(slow[j])
-            H[j, 4 * n :] = J[:, j]
+            H[j, self._wrench] = J[:, j]
         H, white = H[moving], (noise.WHITE_SHARE * sd * turning)[moving] ** 2
         HP = H @ self._P
         S = HP @ H.T + np.diag(white)
@@ -277,7 +287,7 @@ class FrictionTracker:
         self._P -= gain @ HP
         self._P = 0.5 * (self._P + self._P.T)
         reach = MAX_PRIOR_SDS * self._prior_sd.ravel()
-        self._x[: 3 * n] = np.clip(self._x[: 3 * n], -reach, reach)
+        self._x[self._drift] = np.clip(self._x[self._drift], -reach, reach)
         step = self._every * self.time_step
         share = step / _UNEXPLAINED_TIME
         self._mean_square[moving] += share * (surprise**2 / np.diag(S) - self._mean_square[moving])
@@ -285,7 +295,7 @@ class FrictionTracker:
 
     def _judge(self, tau_ext: Array, moving: NDArray[np.int64]) -> None:
         """Adds one sample, less a slow force, to the sums behind `share` of moving joints."""
-        correction = (self._columns * self._x[: 3 * self._n].reshape(-1, 3)).sum(axis=1)[moving]
+        correction = (self._columns * self._x[self._drift].reshape(-1, 3)).sum(axis=1)[moving]
         reading, alike = tau_ext[moving], self._noise[moving]
         for total, new in (
             (self._borne_out, -reading * correction),

@@ -169,32 +169,44 @@ def find_ripple(
     log_factor, square, variance = (np.array(column) for column in zip(*joints, strict=True))
     is_known = 0.5 * square <= known_sd[:, None] ** 2
     factor = np.exp(np.clip(np.where(is_known, np.minimum(log_factor, 0.0), log_factor), -50, 500))
-    probability = factor / (1.0 + factor)
-    joint_odds = np.log(0.5 + 0.5 * factor)
-    # One number of periods for all joints, or one for each.
-    shared = joint_odds.sum(axis=0)
-    log_shared, shared_weight = _mean_and_weight(shared)
-    own = np.log(0.5 + 0.5 * factor.mean(axis=1))
-    log_own = float(own.sum())
-    is_shared = 1.0 / (1.0 + np.exp(np.clip(log_own - log_shared, -500.0, 500.0)))
-    own_weight = factor / factor.sum(axis=1, keepdims=True)
-    own_probability = factor.mean(axis=1) / (1.0 + factor.mean(axis=1))
-    weight = is_shared * shared_weight * probability
-    weight = weight + (1.0 - is_shared) * own_probability[:, None] * own_weight
-    ripples = weight.sum(axis=1)
-    weight = weight / np.maximum(ripples, 1e-300)[:, None]
+    log_odds, probability = _weigh_periods(factor)
+    ripples = probability.sum(axis=1)
+    weight = probability / np.maximum(ripples, 1e-300)[:, None]  # of each number, if it ripples
     number = weight @ periods
     spread = (weight * (periods - number[:, None]) ** 2).sum(axis=1)
     spread += (CYCLES_ERROR / np.maximum(np.ptp(q, axis=0) / (2.0 * np.pi), 1e-9)) ** 2
     best = weight.argmax(axis=1)
     return GearRipple(
-        log_odds=float(np.log(PRIOR_RIPPLE) + np.logaddexp(log_shared, log_own) - np.log(2.0)),
+        log_odds=float(np.log(PRIOR_RIPPLE) + log_odds - np.log(2.0)),
         probability=ripples,
         amplitude=np.sqrt((weight * square).sum(axis=1)),
         amplitude_sd=np.sqrt(variance[np.arange(n), best]),
         periods=number,
         periods_sd=np.sqrt(spread),
     )
+
+
+def _weigh_periods(factor: Array) -> tuple[float, Array]:
+    """Weighs one number of periods for all joints against one for each.
+
+    Beforehand both are equally likely, and so is each of the K numbers; a joint ripples with
+    probability one half.
+
+    Args:
+        factor: (n, K), by which a ripple of each number makes a joint's rows likelier.
+
+    Returns:
+        Logarithm of the sum of both hypotheses' odds against no ripple; and the probability (n, K)
+        that a joint ripples with each number.
+    """
+    log_shared, shared_weight = _mean_and_weight(np.log(0.5 + 0.5 * factor).sum(axis=0))
+    log_own = float(np.log(0.5 + 0.5 * factor.mean(axis=1)).sum())
+    is_shared = 1.0 / (1.0 + np.exp(np.clip(log_own - log_shared, -500.0, 500.0)))
+    own_weight = factor / factor.sum(axis=1, keepdims=True)
+    own_probability = factor.mean(axis=1) / (1.0 + factor.mean(axis=1))
+    probability = is_shared * shared_weight * (factor / (1.0 + factor))
+    probability = probability + (1.0 - is_shared) * own_probability[:, None] * own_weight
+    return np.logaddexp(log_shared, log_own), probability
 
 
 def _mean_and_weight(log_odds: Array) -> tuple[float, Array]:
@@ -233,7 +245,8 @@ def _joint_ripple(
     sd, K = float(rows.sd[j]), len(periods)
     prior_result = np.zeros(K), np.full(K, 2.0 * sd**2), np.full(K, sd**2)
     v = rows.v[:, j]
-    # At rest it is one more unknown of the stiction.
+    # (m, K): a sample counts while it moves (at rest a ripple is one more unknown of the stiction)
+    # and the wave is slow enough for the log.
     counts = (np.abs(v) >= V_REST)[:, None] & (np.abs(v)[:, None] * periods <= MAX_RATE)
     largest = np.where(counts, q[:, None], -np.inf).max(axis=0)
     turns = (largest - np.where(counts, q[:, None], np.inf).min(axis=0)) / (2.0 * np.pi)
@@ -242,6 +255,7 @@ def _joint_ripple(
     if not is_seen.any():
         return prior_result
     seen = periods[is_seen]
+    # The real part is the cosine, the imaginary one the sine, both low-passed.
     wave = np.exp(1j * q[:, None] * seen) / (1.0 + 1j * v[:, None] * seen / rate)
     wave *= counts[:, is_seen]
     whitened = rows.whitened(j, np.column_stack([columns, wave.real, wave.imag]))
@@ -251,6 +265,7 @@ def _joint_ripple(
     others = np.vstack([whitened[:, k:] / scale, prior])
     others -= basis @ (basis.T @ others)
     cosine, sine = others[:, : len(seen)], others[:, len(seen) : -1]
+    # Posterior of both amplitudes (K, 2), covariance S, beside what the columns explain.
     both = (cosine * sine).sum(axis=0)
     G = np.array([[(cosine**2).sum(axis=0), both], [both, (sine**2).sum(axis=0)]]).T
     g = np.array([others[:, -1] @ cosine, others[:, -1] @ sine]).T

@@ -177,7 +177,15 @@ def _weighed(
     row: int,
     odds: float,
 ) -> LoadOrDrift:
-    """Weighs the four with a load from `row` on; `odds`: log odds of this row against others."""
+    """Weighs nothing, a load, drifted friction, and both, with a load from `row` on.
+
+    Args:
+        log: rows of the log; their columns of the load are zero before `row`.
+        law: the friction coefficients behind the rows.
+        prior: of the load.
+        row: index of the load's first row.
+        odds: log odds of this row against others, beforehand and by the evidence.
+    """
     load = estimate_load(log, law, prior)
     # Of a body of that size, wherever it may be; its mass may be any up to the payload.
     spread = vague_spread(max(abs(load.mass), load.standard_deviation[0]))

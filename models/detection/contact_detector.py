@@ -165,6 +165,14 @@ class ContactDetector:
         config: ContactDetectionConfig | None = None,
         reads_present_torque: bool = False,
     ) -> None:
+        """Computes the levels from the stated rate of false alarms; arguments as the class has
+        them.
+
+        `settings` and `_tables` are what the kernels read; the state is the caller's.
+
+        Raises:
+            ValueError: a rate of false alarms out of range.
+        """
         config = config if config is not None else ContactDetectionConfig()
         rate = config.false_alarms_per_hour
         if not LEAST_RATE <= rate <= LARGEST_RATE:

@@ -392,6 +392,7 @@ def _whiten(
     scale_gain = 1.0 - np.exp(-T / min(max(single[_SEEN], UNIT_SCALE_TIME), LOCAL_TIME))
     base_gain = 1.0 - np.exp(-T / min(single[_SEEN], MEAN_TIME))
     for j in range(tau_ext.shape[0]):
+        # Writes the sds of torque and change of this joint.
         _take_torque_sd(detector, error, j, change_variance[j], whitened)
         # The part that friction at rest cannot carry.
         hidden = hidden_torque(detector.tables.error, error.rows, j)
@@ -400,6 +401,7 @@ def _whiten(
             state[_BASE, j] = beyond_stiction
         elif not in_contact:
             state[_BASE, j] += base_gain * (beyond_stiction - state[_BASE, j])
+        # The change since the base, and z, each with its scale of the day.
         change, change_sd = beyond_stiction - state[_BASE, j], whitened.change_sd[j]
         scaled_change = change / change_sd if change_sd > 0.0 else 0.0
         whitened.change[j] = change

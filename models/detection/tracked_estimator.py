@@ -70,6 +70,14 @@ class TrackedEstimator:
         detection: ContactDetectionConfig | None = None,
         follows_friction: bool = True,
     ) -> None:
+        """Makes an estimator that tracks and, for its detector, one that does not.
+
+        The one that tracks states no allowance for drift in its error, since drift is what is
+        tracked. Arguments as the class has them.
+
+        Raises:
+            ValueError: the model states no torque error.
+        """
         if model.torque_error is None:
             raise ValueError("the model states no torque error: its friction cannot be tracked")
         self._tracks = follows_friction
@@ -163,6 +171,7 @@ class TrackedEstimator:
         is_read = plain.fresh & ~missing & (self._settling <= np.arange(len(q)))
         self._settling -= len(q)
         correction, variance = np.empty_like(q), np.empty_like(q)
+        # Torque of the zeroed payload's weight, and per each of its four parameters.
         weight, columns = np.zeros_like(q), np.zeros((*q.shape, 4))
         J_seen, R_WE = np.nan_to_num(plain.J_seen), self._plain.chain.pose(np.nan_to_num(q))[0]
         if self.zero is not None:

@@ -250,6 +250,14 @@ class ContactFilter:
     def __init__(
         self, config: ContactConfig, force_sd: float, num_joints: int, period: float
     ) -> None:
+        """Starts the state at zero with the prior's covariance.
+
+        Args:
+            config: of the contact.
+            force_sd: N, prior of the force along the axis.
+            num_joints: n.
+            period: s of a block.
+        """
         # Order of the state: F (force along the axis, two across, three moments), errors e (n),
         # offsets o (n), and F of the last `lag` blocks, the newest first.
         n, self._n = num_joints, num_joints

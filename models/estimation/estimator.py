@@ -284,6 +284,13 @@ class WrenchEstimator:
     def __init__(
         self, robot: Arm, model: IdentifiedModel, config: WrenchEstimatorConfig | None = None
     ) -> None:
+        """Builds the stages in the order in which a sample runs through them.
+
+        The configuration is completed first: priors that it leaves out follow from the payload, the
+        resolution of positions from robot.yaml. An observer that uses the model's errors (a Kalman
+        observer) is informed of them before the stages that depend on its pole are made. Arguments
+        as the class has them.
+        """
         config = config if config is not None else WrenchEstimatorConfig()
         self.robot = robot
         self.model = model

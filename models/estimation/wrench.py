@@ -230,6 +230,17 @@ class WrenchReconstruction:
         torque_covariance: ArrayLike,
         usual_sd: ArrayLike | None = None,
     ) -> None:
+        """Checks and packs the constants of all readings.
+
+        Args:
+            config: method, priors and limits.
+            torque_covariance: (n, n) Sigma_tau, N^2 m^2.
+            usual_sd: (n,) or () N m, typical sds of the torque error, by which a point force's
+                reading is weighed besides the sample's own; None: those alone.
+
+        Raises:
+            ValueError: a covariance that is not (n, n), or an sd that is not positive and finite.
+        """
         Sigma = np.array(torque_covariance, float)
         if Sigma.ndim != 2 or Sigma.shape[0] != Sigma.shape[1] or not Sigma.shape[0]:
             raise ValueError(f"torque covariance must be (n, n), not {Sigma.shape}")

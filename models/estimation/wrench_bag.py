@@ -72,6 +72,7 @@ class WrenchMessages:
         ]
         layout = kinds["std_msgs/msg/MultiArrayLayout"](sides, 0)
 
+        # Each with one number in all its places.
         def wrench(stamp: int, number: float) -> Any:
             half = vector(number, number, number)
             both = kinds["geometry_msgs/msg/Wrench"](half, half)

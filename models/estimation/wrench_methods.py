@@ -181,6 +181,10 @@ def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inve
     down to `truncation` of the largest s and 0 below (truncated). Singular values
     within rounding of zero are not seen: along their directions of the wrench the covariance of the
     plain inverse is very large.
+
+    Args:
+        constants: method, damping or truncation, torque covariance.
+        samples: of N samples J, tau_ext (N, n) and its sd (N, n), N m.
     """
     J, tau_ext, sd, _ = samples
     U, s, VT = np.linalg.svd(J)

@@ -48,6 +48,7 @@ from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.observers.explained_torque import (
     ONSET_SDS,
+    ExplainedConstants,
     explained_constants,
     is_explained,
     unexplained_log,
@@ -60,6 +61,7 @@ from wrenchsight.models.observers.fault_signature import (
     is_believed,
 )
 from wrenchsight.models.observers.lag import (
+    LagSettings,
     initial_lag_state,
     lag_settings,
     lag_tick,
@@ -115,14 +117,14 @@ class JudgementConstants(NamedTuple):
     Attributes:
         max_force_sd, max_stiction_force: N, of a valid reading.
         lag: of `lag_settings`.
-        explained: numbers of ExplainedConstants.
+        explained: of `explained_constants`.
         faults: of `fault_constants`.
     """
 
     max_force_sd: float
     max_stiction_force: float
-    lag: Array
-    explained: Array
+    lag: LagSettings
+    explained: ExplainedConstants
     faults: FaultConstants
 
 
@@ -173,6 +175,11 @@ class WrenchReading:
         usual_sd: ArrayLike | None = None,
         torques: ArrayLike | None = None,
     ) -> None:
+        """Packs the constants of reading and judgement; arguments as the class has them.
+
+        With a constant torque error (no model of it was learnt) lag, misfit and faults are not
+        judged: what they would be compared with is not known.
+        """
         learnt = not isinstance(error, ConstantTorqueError)
         self.error, self._usual_sd, self._torques = error, usual_sd, torques
         self._time_step, self._force_bandwidth_hz = time_step, force_bandwidth_hz
@@ -197,7 +204,7 @@ class WrenchReading:
             max_force_sd=limits.max_force_sd,
             max_stiction_force=limits.max_stiction_force,
             lag=self.lag,
-            explained=self.explained.numbers,
+            explained=self.explained,
             faults=self.faults,
         )
 

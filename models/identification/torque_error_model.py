@@ -578,12 +578,16 @@ def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> No
     started = np.isfinite(previous)
     now = within_rounding(previous, q, v, row[_HALF_STEP], row[_PERIOD])
     moved = (now - previous) * row[_INVERSE_REACH] if started else 0.0
+    # The position behind a play of row[_PLAY] to both sides; how much of the rest is left after the
+    # way that it went, and whether it went as slowly as a creep.
     before_play = state[_PLAY_POSITION, i] if started else now
     followed = min(max(before_play, now - row[_PLAY]), now + row[_PLAY])
     slid = np.exp(-abs(followed - before_play) * row[_INVERSE_REACH])
     creep = (followed - before_play) * row[_INVERSE_CREEP]
     still = np.exp(-creep * creep) if started else 0.0
     creep_ratio = v * row[_INVERSE_REST_SPEED]
+    # Of the friction that is known, what a period at rest leaves known; of one in motion nothing
+    # is lost.
     decay = row[_DECAY]
     if creep_ratio != 0.0:
         decay += (1.0 - decay) * (1.0 - np.exp(-creep_ratio * creep_ratio))

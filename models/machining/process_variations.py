@@ -224,6 +224,18 @@ class ProcessVariations:
         time_step: float,
         source: str = "variations",
     ) -> None:
+        """Packs the constants, and draws the waves of surface and material.
+
+        Args:
+            config: of the variations.
+            contact: stiffness, friction, pose and ends of the workpiece.
+            spindle_frequency: Hz.
+            time_step: s.
+            source: place of the configuration, for error lines.
+
+        Raises:
+            InputError: as `check_variations`.
+        """
         check_variations(config, spindle_frequency, time_step, source)
         chatter = config.chatter
         turn = 0.0  # ticks of a turn of the spindle
@@ -259,7 +271,17 @@ class ProcessVariations:
 def check_variations(
     config: VariationsConfig, spindle_frequency: float, time_step: float, source: str
 ) -> None:
-    """Raises InputError, naming `source`, for a number out of range."""
+    """Raises InputError, naming `source`, for a number out of range.
+
+    Run-out and chatter turn with the spindle, so that the tick must be short enough to see it; with
+    `enabled` off they count for nothing.
+
+    Args:
+        config: of the variations; lengths in m, `chatter.corner` in Hz.
+        spindle_frequency: Hz.
+        time_step: s.
+        source: place of the configuration, for error lines.
+    """
     chatter, run_out = config.chatter, config.run_out
     for name, value, low, high in (
         ("waviness.height", config.waviness.height, 0.0, 1e-3),

@@ -443,26 +443,45 @@ def track_vibration(
     v, tau_f = plain(terms[0].v), observed.tau_f
     if not (all_below(v, np.inf) and all_below(tau_f, np.inf)):
         return
-    amplitudes, deviations, viscous, poles, prior, _, read_load, rates = constants
-    correction, v_planned, shares, touches, works = work
-    m, n = amplitudes.shape[0], viscous.shape[0]
-    evidence, freed, steps, departed, correction_sd = _tracked(state, m, n)
-    J = plain(terms[0].J)
-    error_variance, weights = np.empty(n), np.empty(m)
-    _weigh(evidence, weights)
-    # What each of the m amplitudes frees of the dry friction, through the observer's poles; and how
-    # far the joint is from the planned speed, beyond which the correction says nothing.
+    m, n = constants.amplitudes.shape[0], v.shape[0]
+    tracked, error_variance = _tracked(state, m, n), np.empty(n)
     for i in range(n):
         # The correction's sd stays in: it limits what the torque can show.
         error_variance[i] = (
             max(observed.sd[i] ** 2 - observed.freed_sd[i] ** 2, 0.0)
-            + correction_sd[i] ** 2
-            + (read_load * observed.tau_ext[i]) ** 2
+            + tracked.correction_sd[i] ** 2
+            + (constants.read_load * observed.tau_ext[i]) ** 2
         )
+    _free_friction(constants, v, tau_f, work, tracked)
+    counts = observed.counts[0] == 1.0 or work.correction.counts[0] != 1.0
+    if work.works and counts and observed.fault[0] == 0.0:
+        _take_evidence(constants, plain(terms[0].J), observed, error_variance, tracked)
+
+
+@kernel
+def _free_friction(
+    constants: VibrationConstants, v: Array, tau_f: Array, work: WorkTick, tracked: _Tracked
+) -> None:
+    """Takes a tick into all of `tracked` but the evidence.
+
+    That is what each of the m amplitudes frees of the dry friction, through the observer's poles;
+    and how far the joint is from the planned speed, beyond which the correction says nothing.
+
+    Args:
+        v, tau_f: (n,) rad/s and N m of the friction law, finite.
+        work: at the tick.
+    """
+    amplitudes, deviations, shares = constants.amplitudes, constants.deviations, work.shares
+    correction, touches = work.correction, work.touches
+    m, n = amplitudes.shape[0], v.shape[0]
+    evidence, freed, steps, departed, correction_sd = tracked
+    weights = np.empty(m)
+    _weigh(evidence, weights)
+    for i in range(n):
         share = shares[i]
         share_sd = math.hypot(shares[n + i], FREE_MASS * share)
-        pole = poles[i]
-        dry = tau_f[i] - viscous[i] * v[i] + correction.correction[i]
+        pole = constants.poles[i]
+        dry = tau_f[i] - constants.viscous[i] * v[i] + correction.correction[i]
         mean = 0.0
         for h in range(m):
             amplitude = abs(share + deviations[i, h] * share_sd) * amplitudes[h]
@@ -472,14 +491,30 @@ def track_vibration(
         for step in range(_NUM_STEPS):
             loose = 1.0 - held_share(v[i], _STEPS[step] * mean) if touches else 0.0
             steps[step, i] = pole * steps[step, i] + (1.0 - pole) * dry * loose
-        apart = departure(v[i], v_planned[i]) if correction.counts[0] == 1.0 else 1.0
+        apart = departure(v[i], work.v_planned[i]) if correction.counts[0] == 1.0 else 1.0
         departed[i] = pole * departed[i] + (1.0 - pole) * apart
         correction_sd[i] = pole * correction_sd[i] + (1.0 - pole) * apart * correction.spread[i]
-    counts = observed.counts[0] == 1.0 or correction.counts[0] != 1.0
-    # The likelihood of each amplitude: the torque that it leaves to a wrench of the prior at E and
-    # to the torque error, whose covariance J^T P J + S has the Cholesky factor `factor`.
-    if not (works and counts and observed.fault[0] == 0.0):
-        return
+
+
+@kernel
+def _take_evidence(
+    constants: VibrationConstants,
+    J: Array,
+    observed: ObservedTorque,
+    error_variance: Array,
+    tracked: _Tracked,
+) -> None:
+    """Adds the likelihood of each amplitude to the evidence, which fades meanwhile.
+
+    It is that of the torque which the amplitude leaves to a wrench of the prior at E and to the
+    torque error, whose covariance J^T P J + S has the Cholesky factor `factor`.
+
+    Args:
+        J: (6, n) rows [angular; linear].
+        error_variance: (n,) N^2 m^2, the diagonal of S.
+    """
+    prior, rates, (evidence, freed, _, _, _) = constants.prior, constants.rates, tracked
+    m, n = evidence.shape[0], error_variance.shape[0]
     factor = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
@@ -494,8 +529,7 @@ def track_vibration(
         tau[i] = observed.tau_ext[i] + observed.freed_torque[i]
         whitening[i, i] = 1.0
         solve_lower(factor, n, whitening[i])
-    likelihood, whitened = weights, np.empty(m)
-    likelihood[:] = 0.0
+    likelihood, whitened = np.zeros(m), np.empty(m)
     for i in range(n):
         whitened[:] = 0.0
         for j in range(i + 1):

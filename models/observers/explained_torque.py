@@ -33,24 +33,29 @@ RELEASE_TIME = 0.1  # s
 _BLOCK_ROWS = 4096  # rows a thread takes at a time
 _LARGEST_SD = 1e6  # N or N m; stands for no prior
 
-_MOMENT_VARIANCE, _FORCE_VARIANCE, _SCALE2, _PERIOD, _BEYOND2 = range(5)
-
 
 class ExplainedConstants(NamedTuple):
     """Constants of the test.
 
     Attributes:
-        numbers: (5,) variances of moment and force, scale^2, period, bound^2.
+        moment_variance, force_variance: (N m)^2 and N^2, of the live prior; very large for none.
+        scale_squared: square of the relative sd of the reading's scale.
+        period: s.
+        bound_squared: of D, beyond which a torque is not explained; inf: any is.
         correlation: (n, n) of the joints' errors.
     """
 
-    numbers: Array
+    moment_variance: float
+    force_variance: float
+    scale_squared: float
+    period: float
+    bound_squared: float
     correlation: Array
 
     @property
     def explains_all(self) -> bool:
         """Whether any torque counts as explained."""
-        return math.isinf(self.numbers.item(_BEYOND2))
+        return math.isinf(self.bound_squared)
 
 
 def explained_constants(
@@ -70,9 +75,17 @@ def explained_constants(
         time_step: s.
         bound: see above; inf: any torque is explained.
     """
-    sds = [_LARGEST_SD if sd is None else min(sd, _LARGEST_SD) for sd in (moment_sd, force_sd)]
-    numbers = [sds[0] ** 2, sds[1] ** 2, scale**2, time_step, bound**2]
-    return ExplainedConstants(np.array(numbers), np.array(correlation, float))
+    moment_bound, force_bound = (
+        _LARGEST_SD if sd is None else min(sd, _LARGEST_SD) for sd in (moment_sd, force_sd)
+    )
+    return ExplainedConstants(
+        moment_variance=float(moment_bound**2),
+        force_variance=float(force_bound**2),
+        scale_squared=float(scale**2),
+        period=float(time_step),
+        bound_squared=float(bound**2),
+        correlation=np.array(correlation, float),
+    )
 
 
 def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd: Array) -> Array:
@@ -87,11 +100,11 @@ def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd:
         return np.zeros(len(J))
     D = np.empty(len(J))
     if len(J) <= _BLOCK_ROWS:
-        unexplained_rows(*constants, J, tau_ext, sd, D)
+        unexplained_rows(constants, J, tau_ext, sd, D)
         return D
 
     def run(rows: slice) -> None:
-        unexplained_rows(*constants, J[rows], tau_ext[rows], sd[rows], D[rows])
+        unexplained_rows(constants, J[rows], tau_ext[rows], sd[rows], D[rows])
 
     in_row_blocks(run, len(J), _BLOCK_ROWS)
     return D
@@ -99,7 +112,7 @@ def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd:
 
 @kernel(nogil=True)
 def unexplained_rows(
-    numbers: Array, correlation: Array, J: Array, tau_ext: Array, sd: Array, D: Array
+    constants: ExplainedConstants, J: Array, tau_ext: Array, sd: Array, D: Array
 ) -> None:
     """Writes D = tau_ext^T (Sigma + J^T P J)^-1 tau_ext of each of N samples.
 
@@ -107,7 +120,7 @@ def unexplained_rows(
     live prior covariance of the wrench, rotation first.
 
     Args:
-        numbers, correlation: of ExplainedConstants.
+        constants: of `explained_constants`.
         J: (N, 6, n) as tau_ext saw it.
         tau_ext, sd: (N, n) N m.
         D: (N,), written; n on average where a wrench at E explains the torque.
@@ -115,7 +128,7 @@ def unexplained_rows(
     numpy on the log takes 5.5 times as long (`tests/benchmarks/bench_small_matrices.py`).
     """
     n = tau_ext.shape[1]
-    scale_squared = numbers[_SCALE2]
+    scale_squared, correlation = constants.scale_squared, constants.correlation
     covariance = np.empty((n, n))
     error_sd, floor, whitened = np.empty(n), np.empty(n), np.empty(n)
     for k in range(len(D)):
@@ -127,7 +140,7 @@ def unexplained_rows(
             for j in range(i + 1):
                 total = error_sd[i] * correlation[i, j] * error_sd[j]
                 for a in range(6):
-                    variance = numbers[_MOMENT_VARIANCE] if a < 3 else numbers[_FORCE_VARIANCE]
+                    variance = constants.moment_variance if a < 3 else constants.force_variance
                     total += J[k, a, i] * variance * J[k, a, j]
                 covariance[i, j] = total
         # Rounding takes no more from the diagonal than the error's own part.
@@ -139,20 +152,22 @@ def unexplained_rows(
 
 
 @kernel
-def is_explained(numbers: Array, unexplained_time: float, D: float) -> tuple[bool, float]:
+def is_explained(
+    constants: ExplainedConstants, unexplained_time: float, D: float
+) -> tuple[bool, float]:
     """Whether a reading may be valid, and for how long the next ones may not.
 
     Args:
-        numbers: of ExplainedConstants.
+        constants: of `explained_constants`.
         unexplained_time: s that remained after the sample before; NaN at the start.
         D: of `unexplained_log`; one that is not finite counts as small.
 
     Returns:
         Whether it may be valid; s after this sample in which no reading may.
     """
-    remaining_time, bound_squared = 0.0, numbers[_BEYOND2]
+    remaining_time, bound_squared = 0.0, constants.bound_squared
     if np.isfinite(unexplained_time):
-        remaining_time = max(unexplained_time - numbers[_PERIOD], 0.0)
+        remaining_time = max(unexplained_time - constants.period, 0.0)
     if bound_squared < D or (remaining_time > 0.0 and not D < RELEASE_SDS * RELEASE_SDS):
         remaining_time = RELEASE_TIME
     return remaining_time <= 0.0, remaining_time

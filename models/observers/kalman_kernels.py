@@ -35,7 +35,9 @@ DECAY_F, NOISE_F, START_F, JUMP_F, SIXES = range(5)
 RATE_X, SMOOTH, WHITE, LASTING, ROUND, JOINTS = range(6)
 
 MOST_DOUBT = 1e4  # largest factor by which a gross innovation widens the variance
-# Status: this or less, one less for each sample lost in a row; this.
+# Entries of KalmanState.status: the phase, and the number of measured samples. Phase: the first of
+# these or less, one less for each sample lost in a row; the second while the filter runs.
+_PHASE, _NUM_MEASURED = 0, 1
 _LOST_STATUS, _RUNNING_STATUS = 0.0, 1.0
 
 
@@ -63,7 +65,7 @@ class KalmanState(NamedTuple):
 
     Attributes:
         x, gain, P, C: (N,), (N, n), (N, N), (N, n) of the coming sample, before it is measured.
-        status: (2,).
+        status: (2,) phase, and number of measured samples.
         previous_smooth: (n,) s of the sample before; zero: there was none.
         sums: (NUM_SUMS, n) of the whitened innovations.
     """
@@ -111,7 +113,7 @@ def sample_momentum(numbers: Array, signals: Array, i: int) -> float:
 @kernel
 def _is_measured(numbers: Array, status: Array, signals: Array) -> bool:
     """Whether the filter runs and the sample's momentum is finite."""
-    is_measured: bool = status[0] == _RUNNING_STATUS
+    is_measured: bool = status[_PHASE] == _RUNNING_STATUS
     for i in range(signals.shape[1]):
         is_measured = is_measured and np.isfinite(sample_momentum(numbers, signals, i))
     return is_measured
@@ -166,7 +168,7 @@ def _torque_after(table: KalmanTable, state: KalmanState, signals: Array, J: Arr
         for a in range(6):
             total += J[a, i] * wrench[a]
         signals[TAU_EXT, i] = total if np.isfinite(total) else 0.0
-    return bool(is_measured and state.status[1] >= table.numbers[SETTLED])
+    return bool(is_measured and state.status[_NUM_MEASURED] >= table.numbers[SETTLED])
 
 
 @kernel
@@ -214,8 +216,9 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
     """Updates the state `s` with a sample, in place: measurement, then prediction over a period.
 
     A sample that is not finite is not measured; the one after it starts the momentum again. After
-    SETTLED lost samples in a row the filter begins anew. status[0] is 1 while the filter runs, else
-    0 or less, one less for each lost sample; status[1] counts the measured samples.
+    SETTLED lost samples in a row the filter begins anew. The status holds the phase,
+    _RUNNING_STATUS or, from _LOST_STATUS on, one less for each lost sample, and counts the measured
+    samples.
 
     Args:
         t: constants.
@@ -238,7 +241,7 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
     if _is_measured(numbers, status, signals):
         whitened = _whitened_innovation(s, rounding, arrived)
         _measure(s, rounding, arrived)
-        status[1] += 1.0
+        status[_NUM_MEASURED] += 1.0
         square = 0.0
         for i in range(n):
             square += whitened[i] * whitened[i]
@@ -249,7 +252,7 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
                 P[n + a, n + a] += sixes[JUMP_F, a]
             s.sums[:] = 0.0
     # After a gap the momentum is what the sample says, without regard to the one before.
-    if status[0] != _RUNNING_STATUS:
+    if status[_PHASE] != _RUNNING_STATUS:
         for i in range(n):
             x[i] = arrived[i]
             P[i], P[:, i], C[i] = 0.0, 0.0, 0.0
@@ -267,12 +270,12 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
         renew(error.decay, t.mixing, x, P)
         _advance(t, s, J, error)
         _find_gain(s, rounding)
-        status[0] = _RUNNING_STATUS
+        status[_PHASE] = _RUNNING_STATUS
     else:
         for a in range(6):  # without a motion only time goes by
             P[n + a, n + a] += sixes[NOISE_F, a]
-        status[0] = min(status[0], _LOST_STATUS) - 1.0
-        if status[0] <= -numbers[SETTLED]:
+        status[_PHASE] = min(status[_PHASE], _LOST_STATUS) - 1.0
+        if status[_PHASE] <= -numbers[SETTLED]:
             _begin(t, s)
 
 
@@ -280,7 +283,7 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
 def _begin(t: KalmanTable, s: KalmanState) -> None:
     """Writes the state of a filter before its first sample."""
     n = t.mixing.shape[0]
-    s.x[:], s.P[:], s.C[:], s.sums[:], s.status[1] = 0.0, 0.0, 0.0, 0.0, 0.0
+    s.x[:], s.P[:], s.C[:], s.sums[:], s.status[_NUM_MEASURED] = 0.0, 0.0, 0.0, 0.0, 0.0
     for a in range(6):
         s.P[n + a, n + a] = t.sixes[START_F, a]
     for i in range(n):

@@ -45,6 +45,7 @@ stated relative sd: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,20 +62,37 @@ MAX_POWER_RATIO = 2.1  # of the rates seen through both corners
 MAX_LAG_RATIO = 4.0  # variance of the lag of a force faster than stated, over that of all else
 _DOUBTED_PACE = 0.1  # pace of the low-passes where the reading is not valid
 
-# Entries of the settings: poles per tick of the low-passes at w and at omega, where the reading is
-# valid and where it is not; the pole over PACE_TIME; the factors w / K_0 and omega / K_0 of a tick;
-# the scale.
-_POLE, _SLOW_POLE, _DOUBTED_POLE, _DOUBTED_SLOW_POLE, _PACE_POLE, _FACTOR = range(6)
-_SLOW_FACTOR, _SCALE = 6, 7
 # Rows of the state, (LAG_ROWS, 6): the wrench through both low-passes, NaN before the first; L; and
 # in the last row the powers of the force's rate seen through both.
 _FAST, _SLOW, _POWER, _RATES, LAG_ROWS = 0, 1, 2, 8, 9
 
 
+class LagSettings(NamedTuple):
+    """The constants of `lag_tick` and `lag_update`.
+
+    Attributes:
+        pole, slow_pole: per tick, of the low-passes at the corner w and at omega.
+        doubted_pole, doubted_slow_pole: the same where the reading is not valid.
+        pace_pole: per tick, of the powers' mean over PACE_TIME.
+        rate_factor, slow_rate_factor: w / K_0 and omega / K_0, for samples a tick apart; 0: the
+            observer has no lag.
+        scale: relative sd of the scale of all readings.
+    """
+
+    pole: float
+    slow_pole: float
+    doubted_pole: float
+    doubted_slow_pole: float
+    pace_pole: float
+    rate_factor: float
+    slow_rate_factor: float
+    scale: float
+
+
 def lag_settings(
     K_0: ArrayLike | None, time_step: float, force_bandwidth_hz: float, scale: float
-) -> Array:
-    """Returns the constants of `lag_tick`, by the names of their entries in this module.
+) -> LagSettings:
+    """Returns the constants of `lag_tick`.
 
     Args:
         K_0: (n,) or () 1/s of the observer, of which the slowest counts; None: it has no such lag,
@@ -90,17 +108,24 @@ def lag_settings(
         if not (np.isfinite(value) and value >= 0.0):
             raise ValueError(f"{name} must be zero or more, not {value}")
     omega = 2.0 * np.pi * force_bandwidth_hz
-    settings = np.zeros(_SCALE + 1)
-    settings[_SCALE] = scale
-    if K_0 is not None:
-        rates = np.array([RATE_CORNERS, 1.0]) * omega
-        settings[[_POLE, _SLOW_POLE]] = np.exp(-rates * time_step)
-        settings[[_DOUBTED_POLE, _DOUBTED_SLOW_POLE]] = np.exp(-_DOUBTED_PACE * rates * time_step)
-        settings[_PACE_POLE] = np.exp(-omega * time_step / PACE_TIME)
-        # Such that a ramp, low-passed up to the sample before, shows its rate exactly.
-        ramp_rates = (1.0 - np.exp(-rates * time_step)) / time_step
-        settings[[_FACTOR, _SLOW_FACTOR]] = ramp_rates / float(np.min(K_0))
-    return settings
+    if K_0 is None:
+        return LagSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(scale))
+    rates = np.array([RATE_CORNERS, 1.0]) * omega
+    pole, slow_pole = np.exp(-rates * time_step).tolist()
+    doubted_pole, doubted_slow_pole = np.exp(-_DOUBTED_PACE * rates * time_step).tolist()
+    # Such that a ramp, low-passed up to the sample before, shows its rate exactly.
+    ramp_rates = (1.0 - np.exp(-rates * time_step)) / time_step
+    rate_factor, slow_rate_factor = (ramp_rates / float(np.min(K_0))).tolist()
+    return LagSettings(
+        pole=pole,
+        slow_pole=slow_pole,
+        doubted_pole=doubted_pole,
+        doubted_slow_pole=doubted_slow_pole,
+        pace_pole=float(np.exp(-omega * time_step / PACE_TIME)),
+        rate_factor=rate_factor,
+        slow_rate_factor=slow_rate_factor,
+        scale=float(scale),
+    )
 
 
 def initial_lag_state() -> Array:
@@ -145,7 +170,7 @@ def see_jacobian_rows(poles: Array, state: Array, J: Array, J_seen: Array) -> No
 
 @kernel
 def lag_tick(
-    settings: Array, state: Array, wrench: Array, covariance: Array, lateness: Array
+    settings: LagSettings, state: Array, wrench: Array, covariance: Array, lateness: Array
 ) -> bool:
     """Single-sample kernel: adds lag and scale to the covariance (6, 6).
 
@@ -172,27 +197,27 @@ def lag_tick(
     for i in range(6):
         rate, slow_rate = 0.0, 0.0
         if np.isfinite(state[_FAST, i]) and np.isfinite(wrench[i]):
-            rate = settings[_FACTOR] * (wrench[i] - state[_FAST, i])
-            slow_rate = settings[_SLOW_FACTOR] * (wrench[i] - state[_SLOW, i])
+            rate = settings.rate_factor * (wrench[i] - state[_FAST, i])
+            slow_rate = settings.slow_rate_factor * (wrench[i] - state[_SLOW, i])
         power = rate * rate - NOISE_FACTOR * covariance[i, i]
         lateness[i] = np.copysign(np.sqrt(power), rate) if power > 0.0 else 0.0
         if i >= 3:
             fast_power += rate * rate
             slow_power += slow_rate * slow_rate
             force_variance += covariance[i, i]
-    decay = settings[_SLOW_POLE]  # L = LP_omega(g g^T)
+    decay = settings.slow_pole  # L = LP_omega(g g^T)
     for i in range(6):
         for j in range(6):
             product = lateness[i] * lateness[j]
             state[_POWER + i, j] = decay * state[_POWER + i, j] + (1.0 - decay) * product
-    decay = settings[_PACE_POLE]  # powers over PACE_TIME, which tell a force faster than stated
+    decay = settings.pace_pole  # powers over PACE_TIME, which tell a force faster than stated
     state[_RATES, 0] = decay * state[_RATES, 0] + (1.0 - decay) * fast_power
     state[_RATES, 1] = decay * state[_RATES, 1] + (1.0 - decay) * slow_power
     # From here on `lateness` holds h, the part of g that L does not contain.
     for i in range(6):
         missing = lateness[i] * lateness[i] - state[_POWER + i, i] / LAG_POWER_SHARE
         lateness[i] = np.copysign(np.sqrt(missing), lateness[i]) if missing > 0.0 else 0.0
-    lag_variance, scale = 0.0, settings[_SCALE]
+    lag_variance, scale = 0.0, settings.scale
     for i in range(6):
         for j in range(i + 1):
             lag = state[_POWER + i, j] / LAG_POWER_SHARE + lateness[i] * lateness[j]
@@ -205,15 +230,15 @@ def lag_tick(
 
 
 @kernel
-def lag_update(settings: Array, state: Array, wrench: Array, is_force: bool) -> None:
+def lag_update(settings: LagSettings, state: Array, wrench: Array, is_force: bool) -> None:
     """Single-sample kernel: updates `state` with the reading of a sample, in place.
 
     Args:
         settings, state, wrench: as `lag_tick`.
         is_force: whether the reading is valid, apart from its lag.
     """
-    pole = settings[_POLE] if is_force else settings[_DOUBTED_POLE]
-    slow_pole = settings[_SLOW_POLE] if is_force else settings[_DOUBTED_SLOW_POLE]
+    pole = settings.pole if is_force else settings.doubted_pole
+    slow_pole = settings.slow_pole if is_force else settings.doubted_slow_pole
     for i in range(6):
         if np.isfinite(wrench[i]):
             if np.isfinite(state[_FAST, i]):

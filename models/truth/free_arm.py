@@ -291,6 +291,24 @@ class _Rows(NamedTuple):
 
 
 @kernel
+def _wrench_torque(chain: Array, links: Array, wrench: Array, tau_ext: Array) -> None:
+    """Writes the joint torque (n,) of a wrench (6,) at E, axes of W, rotation first.
+
+    Args:
+        chain: SerialChain.table.
+        links: (n, SCRATCH_COLUMNS), of `dynamics_terms` at the same posture.
+    """
+    n = tau_ext.shape[0]
+    J, R_WE, p_WE = np.empty((6, n)), np.empty((3, 3)), np.empty(3)
+    tool_pose(chain, links, R_WE, p_WE)
+    tool_jacobian(links, p_WE, J)
+    for i in range(n):
+        tau_ext[i] = 0.0
+        for axis in range(6):
+            tau_ext[i] += J[axis, i] * wrench[axis]
+
+
+@kernel
 def _run(
     arm: _Arm,
     control: _Control,
@@ -315,7 +333,6 @@ def _run(
     dynamics = JointDynamics(np.empty((n, n)), np.empty(n), np.empty(n), q, v)
     q_read, v_read, tau = np.empty(n), np.empty(n), np.empty(n)
     model_dynamics = JointDynamics(np.empty((n, n)), np.empty(n), np.empty(n), q_read, v_read)
-    J, R_WE, p_WE = np.empty((6, n)), np.empty((3, 3)), np.empty(3)
     scratch = np.empty((n, SCRATCH_COLUMNS))
     wander_noise = np.empty(2 * n)
     command, noise, current = np.empty(n), np.empty(n), np.empty(n)
@@ -329,12 +346,7 @@ def _run(
         dynamics_terms(arm.chain, dynamics, scratch)
         if script.table.shape[0] > 0:
             sample_script(script.table, script.tones, script.start + tick * time_step, wrench)
-            tool_pose(arm.chain, scratch, R_WE, p_WE)
-            tool_jacobian(scratch, p_WE, J)
-            for i in range(n):
-                tau_ext[i] = 0.0
-                for axis in range(6):
-                    tau_ext[i] += J[axis, i] * wrench[axis]
+            _wrench_torque(arm.chain, scratch, wrench, tau_ext)
         # The controller: what the encoders say, and the torque that it asks for by its model.
         encoders = EncoderSample(arm.on_motor, seed + VELOCITY_STREAM, tick)
         encoder_reading(arm.table, state, dynamics, encoders, q_read, v_read)

@@ -202,6 +202,8 @@ def _pack_friction(
 
     Args:
         table: (n, columns), columns as `joint_kernels` names them.
+        robot: its truth states friction on a usual day, N m and N m s/rad.
+        config: of the mechanisms; one that is None is off.
         reader: of the configuration's numbers; it reports those out of range.
         time_step: s.
     """
