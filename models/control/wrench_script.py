@@ -235,7 +235,13 @@ def _random_tones(push: HandPush, random: np.random.Generator) -> Array:
 
 
 def _check(segment: WrenchSegment, index: int, source: str) -> None:
-    """Raises InputError where a number of a segment is out of range."""
+    """Raises InputError where a number of a segment is out of range.
+
+    Args:
+        segment: forces in N, moments in N m, times in s, bandwidth and frequency in Hz.
+        index: of the segment in the script, from 0, for error lines.
+        source: of the script, for error lines.
+    """
     location = f"wrench segment {index + 1} ({type(segment).__name__})"
     for name in ("force", "moment"):
         value = getattr(segment, name)

@@ -8,7 +8,7 @@ from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.hypotheses.sign_search import best_signs
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.log_words import DRIVES, TURNED, correction_word
+from wrenchsight.models.recordings.log_words import DRIVE_SIGNALS, TURNED_WORD, correction_word
 
 NAME = "signs of the drives"
 
@@ -35,6 +35,7 @@ def explain(case: Case) -> Explanation | None:
     remedy = f"set {case.key}: {{turned: {turned}}} in a description"
     if not case.rows.is_torque:
         remedy += ", or turn current_sign of these joints in robot.yaml"
+    option = correction_word(DRIVE_SIGNALS, TURNED_WORD, turned)
     return Explanation(
         name=NAME,
         # All 2^n signs are equally likely beforehand.
@@ -42,7 +43,7 @@ def explain(case: Case) -> Explanation | None:
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
         cause=f"{word}s of the opposite sign at {wrong}",
-        remedy=f"{remedy}, or try --log-format {correction_word(DRIVES, TURNED, turned)}",
+        remedy=f"{remedy}, or try --log-format {option}",
         values={"sign": signs.tolist()},
     )
 

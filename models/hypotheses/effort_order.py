@@ -9,7 +9,7 @@ from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.hypotheses.order_search import Order, best_order, order_text, usual_orders
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.log_words import DRIVES, ORDER, correction_word
+from wrenchsight.models.recordings.log_words import DRIVE_SIGNALS, ORDER_WORD, correction_word
 
 NAME = "order of the drives"
 
@@ -44,7 +44,7 @@ def explain(case: Case) -> Explanation | None:
         cause=f"{word}s in the order {order_text(order)}",
         remedy=(
             f"set {case.key}: {{order: {order_text(order)}}} in a description, or try "
-            f"--log-format {correction_word(DRIVES, ORDER, [k + 1 for k in order])}"
+            f"--log-format {correction_word(DRIVE_SIGNALS, ORDER_WORD, [k + 1 for k in order])}"
         ),
         values={"order": [float(k + 1) for k in order]},
     )

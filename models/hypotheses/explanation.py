@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.log_words import DRIVES, JOINTS, correction_word
+from wrenchsight.models.recordings.log_words import DRIVE_SIGNALS, JOINT_SIGNALS, correction_word
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +52,13 @@ def joint_remedy(key: str | None, correction: str, listed: str, joints: Sequence
 
     Args:
         key: of the drives' signals in a description, if they need it, too.
-        correction: TURNED or ORDER of `log_words`.
+        correction: TURNED_WORD or ORDER_WORD of `log_words`.
         listed: its value in a description.
         joints: its value on the command line.
     """
     keys = ["position", "velocity", *([key] if key else [])]
     description = ", ".join(f"{key}: {{{correction}: {listed}}}" for key in keys)
-    signals = [JOINTS, DRIVES] if key else [JOINTS]
+    signals = [JOINT_SIGNALS, DRIVE_SIGNALS] if key else [JOINT_SIGNALS]
     words = ",".join(correction_word(signal, correction, joints) for signal in signals)
     return f"set {description} in a description, or try --log-format {words}"
 

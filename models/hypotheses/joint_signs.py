@@ -9,7 +9,7 @@ from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation, joint_remedy, likeliest
 from wrenchsight.models.hypotheses.sign_search import best_signs
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.log_words import TURNED
+from wrenchsight.models.recordings.log_words import TURNED_WORD
 
 NAME = "signs of the joints"
 
@@ -48,7 +48,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
         cause=f"{signals} of the opposite sign at {wrong}",
-        remedy=joint_remedy(case.key if with_effort else None, TURNED, f"{turned}", turned),
+        remedy=joint_remedy(case.key if with_effort else None, TURNED_WORD, f"{turned}", turned),
         values={"sign": signs.tolist()},
     )
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation, joint_remedy, likeliest
 from wrenchsight.models.hypotheses.order_search import Order, best_order, order_text, usual_orders
-from wrenchsight.models.recordings.log_words import ORDER
+from wrenchsight.models.recordings.log_words import ORDER_WORD
 
 NAME = "order of the joints"
 
@@ -49,7 +49,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
         cause=f"{signals} in the order {order_listed}",
-        remedy=joint_remedy(case.key if with_effort else None, ORDER, order_listed, places),
+        remedy=joint_remedy(case.key if with_effort else None, ORDER_WORD, order_listed, places),
         values={"order": [float(k + 1) for k in order]},
     )
 

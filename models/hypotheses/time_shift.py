@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.log_words import DELAY, DRIVES, correction_word
+from wrenchsight.models.recordings.log_words import DELAY_WORD, DRIVE_SIGNALS, correction_word
 
 NAME = "time of the drives"
 MIN_SHIFT = 0.025  # s; filters of drives and encoders differ by less
@@ -83,7 +83,7 @@ def _known_of_friction(case: Case, shift: float, window: float) -> float:
 def _sentences(case: Case, best: "_Shift", window: float) -> tuple[str, str]:
     """What is wrong with the log, and what to do."""
     word, shift, spread = case.word, best.shift, f"+- {max(best.sd, 0.005):.1g} s"
-    option = f"--log-format {correction_word(DRIVES, DELAY, shift)}"
+    option = f"--log-format {correction_word(DRIVE_SIGNALS, DELAY_WORD, shift)}"
     if window:
         sense = "late" if shift >= 0.0 else "late (they lead)"
         return (

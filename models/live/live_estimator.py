@@ -114,6 +114,13 @@ class LiveEstimator:
         step: float | None = None,
         rate: float = 1.0,
     ) -> None:
+        """Prepares what does not depend on the stream's step; arguments as the class has them.
+
+        The estimator itself is made by `_prepare`, once the step is known: here, where
+        configuration or source state it, else after the first samples, which wait until then. The
+        encoders' resolution is the robot's where it states one; else the model's, until the stream
+        shows its own.
+        """
         self._config = config if config is not None else LiveConfig()
         self._robot, self._model = robot, model
         self._num_joints = robot.num_joints

@@ -37,7 +37,13 @@ class UnfoldedFile:
     """
 
     def __init__(self, path: Path, separator: str, skip_lines: int) -> None:
-        """Writes the table; its lines keep their numbers, so that errors name those of the log."""
+        """Writes the table; its lines keep their numbers, so that errors name those of the log.
+
+        Args:
+            path: of the table with lists.
+            separator: of its cells, and of the new table's.
+            skip_lines: lines before the header; blank lines take their place.
+        """
         self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
         self.path = Path(self._folder.name) / path.name
         with opened(path, "a log") as raw, self.path.open("w", encoding="utf-8") as target:

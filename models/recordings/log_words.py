@@ -25,11 +25,13 @@ WORDS = (
     WITHOUT_GRAVITY,
 )
 PREFIX, RATE = "joint-prefix=", "rate_hz="  # each followed by its value
-JOINTS, DRIVES = "joints", "drives"
+JOINT_SIGNALS, DRIVE_SIGNALS = "joints", "drives"
 """Signals that a correction is of: positions and velocities, or currents and torques."""
-ORDER, TURNED, DELAY = "order", "turned", "delay"
+ORDER_WORD, TURNED_WORD, DELAY_WORD = "order", "turned", "delay"
 _CORRECTIONS = tuple(
-    f"{signals}-{what}=" for signals in (JOINTS, DRIVES) for what in (ORDER, TURNED, DELAY)
+    f"{signals}-{what}="
+    for signals in (JOINT_SIGNALS, DRIVE_SIGNALS)
+    for what in (ORDER_WORD, TURNED_WORD, DELAY_WORD)
 )
 _VALUES = (PREFIX, RATE, *_CORRECTIONS)
 _EFFORT_UNITS = {IN_AMPERES: "A", IN_NEWTON_METRES: "N m"}
@@ -46,7 +48,7 @@ class LogWords:
     in_robot_order: bool = False  # joints without names are in the robot's order
     rate_hz: float = 0.0  # at which a log without a time was recorded
     corrections: tuple[tuple[str, SignalCorrection], ...] = ()
-    """of the signals JOINTS and DRIVES"""
+    """of the signals JOINT_SIGNALS and DRIVE_SIGNALS"""
 
     def angle_words(self) -> tuple[str, ...]:
         """The word that states `angle`; none where it is empty."""
@@ -74,7 +76,10 @@ def log_words(description: str | Path | None) -> LogWords | None:
         values.get(PREFIX, ""),
         IN_ROBOT_ORDER in words,
         _rate(values[RATE]) if RATE in values else 0.0,
-        tuple((signals, _correction(signals, values, words)) for signals in (JOINTS, DRIVES)),
+        tuple(
+            (signals, _correction(signals, values, words))
+            for signals in (JOINT_SIGNALS, DRIVE_SIGNALS)
+        ),
     )
 
 
@@ -82,8 +87,8 @@ def correction_word(signals: str, what: str, value: Sequence[int] | float) -> st
     """The word that states a correction.
 
     Args:
-        signals: JOINTS or DRIVES.
-        what: ORDER, TURNED or DELAY.
+        signals: JOINT_SIGNALS or DRIVE_SIGNALS.
+        what: ORDER_WORD, TURNED_WORD or DELAY_WORD.
         value: joints counted from 1, or s.
     """
     text = f"{value:.3f}" if isinstance(value, float) else "-".join(str(k) for k in value)
@@ -92,10 +97,10 @@ def correction_word(signals: str, what: str, value: Sequence[int] | float) -> st
 
 def _correction(signals: str, values: dict[str, str], words: list[str]) -> SignalCorrection:
     return SignalCorrection(
-        order=_joints(f"{signals}-{ORDER}=", values),
-        turned=_joints(f"{signals}-{TURNED}=", values),
-        delay=_delay(f"{signals}-{DELAY}=", values),
-        without_gravity=signals == DRIVES and WITHOUT_GRAVITY in words,
+        order=_joints(f"{signals}-{ORDER_WORD}=", values),
+        turned=_joints(f"{signals}-{TURNED_WORD}=", values),
+        delay=_delay(f"{signals}-{DELAY_WORD}=", values),
+        without_gravity=signals == DRIVE_SIGNALS and WITHOUT_GRAVITY in words,
     )
 
 

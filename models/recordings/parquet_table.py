@@ -69,6 +69,15 @@ class ParquetTable:
     row_word = "row"
 
     def __init__(self, path: Path, part: range | None = None) -> None:
+        """Reads the file's schema and the lengths of its lists.
+
+        Args:
+            path: of the file.
+            part: rows of the file, from 0, that are the table's; None: all.
+
+        Raises:
+            InputError: the file is damaged, has no rows, or fewer than `part` says.
+        """
         self.path = path
         self.notices: list[str] = []
         self.progress = 0.0  # share of the file that has been read

@@ -282,7 +282,12 @@ def rows_for(description: RecordingFormat, file: Path) -> tuple[int, int] | None
 
 
 def _check_description(description: RecordingFormat, path: Path) -> None:
-    """Raises InputError for a key that is out of range or contradicts another."""
+    """Raises InputError for a key that is out of range or contradicts another.
+
+    Args:
+        description: as its file has it; signals are checked with the log's columns.
+        path: its file, for error lines.
+    """
     if len(description.separator) != 1 or description.separator in '"\n\r':
         problem = f'expected one character, found "{description.separator}"'
         raise InputError(path, "separator", problem, 'write separator: ";", or "\\t" for tabs')
@@ -525,7 +530,7 @@ def column_items(text: str, place: str, source: str) -> list[str]:
         place, source: key and file of the description, for error lines.
 
     Returns:
-        Each column's number (from 1) or name: ["1", "3", "4", "5"], ["t", "q1", "q2", "q3"].
+        Each column's number (from 1) or name: of these texts 1, 3, 4, 5 and t, q1, q2, q3.
 
     Raises:
         InputError: the text cannot be read.

@@ -37,10 +37,10 @@ from wrenchsight.models.recordings.log_containers import (
     usual_suffixes,
 )
 from wrenchsight.models.recordings.log_words import (
-    DRIVES,
+    DRIVE_SIGNALS,
     IN_AMPERES,
     IN_NEWTON_METRES,
-    JOINTS,
+    JOINT_SIGNALS,
     RATE,
     LogWords,
     log_words,
@@ -84,7 +84,12 @@ _EFFORT_EPISODES = 8  # of a data set, from which the unit of its effort is deci
 _SETTLED_CHUNKS = 8  # of a log, in which a joint moves or none does
 _EFFORT_CHUNKS = 4  # of a log, from which the unit of its effort is decided
 MIN_SAMPLES = 10  # fewer show no motion
-_CORRECTED = {"q": JOINTS, "v": JOINTS, "current": DRIVES, "tau_J": DRIVES}
+_CORRECTED = {
+    "q": JOINT_SIGNALS,
+    "v": JOINT_SIGNALS,
+    "current": DRIVE_SIGNALS,
+    "tau_J": DRIVE_SIGNALS,
+}
 _DESCRIBE = "or describe the columns with --log-format (`wrenchsight log` drafts that)"
 
 
@@ -159,6 +164,12 @@ class RecordingReader:
         further: dict[str, SignalColumns] | None = None,
         requested_by: str = "",
     ) -> None:
+        """Opens the log, finds its signals and settles their units; no sample is checked yet.
+
+        The steps rely on their order: how the log is opened depends on the words that the user
+        states, units and velocities on the layout, and the unit of effort on both. Arguments as the
+        class has them.
+        """
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
             if description is not None:
@@ -556,7 +567,17 @@ class RecordingReader:
         return self._open_undescribed(container, path)
 
     def _open_undescribed(self, container: LogContainer, path: Path) -> _OpenedLog:
-        """Recognises the columns: by a bundled description, a known program's names, or t,q1.."""
+        """Recognises the columns: by a bundled description, a known program's names, or t,q1..
+
+        Where none of these fits, words in the names decide, if they leave no doubt.
+
+        Args:
+            container: opens a file of this ending as a table.
+            path: of the log, unpacked.
+
+        Raises:
+            InputError: the columns have no names, none is a time, or signals are missing.
+        """
         table = container.open(path, None)
         if self._words.rate_hz:
             table = RatedTable(table, self._words.rate_hz)

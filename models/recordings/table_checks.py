@@ -52,7 +52,9 @@ def refuse_missing(
     """Refuses values that are no finite numbers, except NaN where a value may be missing.
 
     Args:
+        table, path: for error lines.
         values: (N, k), of these rows (N,) and columns (k,) of the table.
+        may_be_empty: columns of which a value may be missing.
 
     Raises:
         InputError: names the first such value, row by row.

@@ -132,6 +132,17 @@ class TextTable:
         header: bool | None = None,
         unfolded: UnfoldedFile | None = None,
     ) -> None:
+        """Reads the head of the file: where the table begins, its separator, names and units.
+
+        Args:
+            path: of the log, for error lines.
+            separator, decimal_mark, header: None: recognised from the first lines.
+            skip_lines: lines before the header or the first row.
+            unfolded: a copy in which cells with lists have become columns; None: the log is read.
+
+        Raises:
+            InputError: an empty or binary file, or numbers in place of names.
+        """
         self.path = path
         self._unfolded = unfolded
         self._source = path if unfolded is None else unfolded.path
@@ -326,7 +337,15 @@ class TextTable:
     def _parsed(
         self, block: bytes, line: int, columns: list[int], may_be_empty: Collection[int]
     ) -> tuple[Array, Lines]:
-        """The numbers (N, k) of a block whose first line has the number `line`, and their lines.
+        """The numbers (N, k) of a block of whole lines, and the numbers (N,) of their lines.
+
+        Arrow parses it; what it refuses is looked at line by line for an error that names the cell.
+
+        Args:
+            block: bytes of some lines.
+            line: number of its first line in the file, from 1.
+            columns: (k,) numbers of the columns, from 0.
+            may_be_empty: columns of which a value may be missing: NaN.
 
         Raises:
             InputError: a line or a cell is wrong.

@@ -60,6 +60,19 @@ class Arm(ABC):
         coupling: list[list[float]],
         payload: float,
     ) -> None:
+        """Gathers drives and limits in joint order, all (n,) and read-only.
+
+        Args:
+            name, source: of the robot, and its robot.yaml for error lines.
+            limits: of the joints, base to tool.
+            drives: of robot.yaml, in any order.
+            coupling: rows of the matrix C of q_joint = C q_motor; empty: each motor moves its
+                joint.
+            payload: kg, rated.
+
+        Raises:
+            InputError: drives or coupling that do not fit the joints.
+        """
         self.name, self.source, self.payload = name, source, payload
         self.joint_names: tuple[str, ...] = tuple(joint.name for joint in limits)
         self.num_joints = len(self.joint_names)

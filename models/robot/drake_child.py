@@ -87,7 +87,14 @@ def urdf_of_sdf(root: ET.Element, path: Path) -> ET.Element:
 
 
 def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
-    """The <robot> that a <mujoco> means.
+    """The <robot> that a <mujoco> means, by way of a plant that Drake makes of it.
+
+    Where a mesh cannot be read, the model is read without shapes; each link with shapes then gets a
+    collision of no known kind, which is reported as dropped later on.
+
+    Args:
+        root: of the MJCF, changed.
+        path: of its file; meshes are searched for beside it.
 
     Raises:
         RuntimeError, ValueError: Drake cannot read it, or it holds no model or several.

@@ -343,6 +343,10 @@ def _check_config(config: RobotConfig, source: Path) -> None:
 
     Numbers of the simulated truth are checked where a truth is made of them.
 
+    Args:
+        config: of robot.yaml.
+        source: the robot.yaml, for error lines.
+
     Raises:
         InputError: a number out of the range of its key, a list of another length, or a shape of
             the tool that is none or several of sphere, cylinder and box.

@@ -61,6 +61,7 @@ def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> Effective
 
 class _Reader:
     def __init__(self, path: Path, config: RobotConfig, config_source: Path) -> None:
+        """Holds the document while `read` changes it step by step; nothing is checked yet."""
         self.path = path
         self.config = config
         self.base = config.base_link

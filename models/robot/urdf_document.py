@@ -96,6 +96,10 @@ def is_xacro(path: Path, root: ET.Element) -> bool:
 def parse_document(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
     """Parses XML without namespaces: a prefix, declared or not, stays part of a name.
 
+    Args:
+        data: bytes of the document, in the encoding that it states.
+        path: of its file, for error lines.
+
     Returns:
         The root, and the line of each element.
 

@@ -197,6 +197,10 @@ class ExcitationProgram:
         slack: SlackFunction | None = None,
         reserve: Reserve = DEFAULT_RESERVE,
     ) -> None:
+        """Builds the program, without a start; arguments as the class has them.
+
+        Its variables are (n, 1 + 2 H): of each joint the centre, the H sines and the H cosines.
+        """
         settings = ProgramSettings() if settings is None else settings
         self.chain, self.bounds, self.information = chain, bounds, information
         self.measure = settings.measure

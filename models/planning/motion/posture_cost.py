@@ -132,6 +132,7 @@ class ForceSd:
         torque_covariance: ArrayLike,
         config: WrenchReconstructionConfig | None = None,
     ) -> None:
+        """Checks that the measure has a meaning for this arm and method; see the class."""
         check_joints(chain)
         config = WrenchReconstructionConfig() if config is None else config
         if config.method in ("damped", "truncated"):

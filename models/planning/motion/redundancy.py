@@ -206,6 +206,8 @@ def refine(
 
     Args:
         q: keeps to the bounds and to the task.
+        max_iterations: quadratic programs, at most.
+        progress: called with the share that is done.
     """
     q, cost, radius = q.copy(), problem.cost(q), _FIRST_RADIUS
     # What must fall from step to step; the best trajectory so far is the cheapest within bounds.
@@ -247,6 +249,11 @@ def local_descent(problem: RedundancyProblem, q_start: Array, num_inner: int = 5
     measure's gradient, projected on the null space of the task, is followed downhill until it ends,
     or until a joint limit or the largest step is met. This favours the baseline: published versions
     take one step of fixed gain per sample.
+
+    Args:
+        problem: path, measure and bounds.
+        q_start: near the first sample's posture.
+        num_inner: steps downhill at a sample, at most.
 
     Raises:
         InputError: the path cannot be followed within the limits from there; the line names the

@@ -239,7 +239,12 @@ def _unit(direction: list[float]) -> Array:
 
 
 def _check_numbers(task: PlacementTask, source: Path) -> None:
-    """Raises InputError for a number out of range, or a list of a wrong length."""
+    """Raises InputError for a number out of range, or a list of a wrong length.
+
+    Args:
+        task: lengths in m, angles in degrees where the key says so; None: not asked for.
+        source: its file, for error lines.
+    """
 
     def expect(values: list[float], length: int, key: str) -> None:
         if len(values) != length:
@@ -371,7 +376,13 @@ def _degrees_between(a: Array, b: Array) -> float:
 
 
 def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Path) -> None:
-    """Raises InputError for a size out of range, a taken name, or a path off the workpiece."""
+    """Raises InputError for a size out of range, a taken name, or a path off the workpiece.
+
+    Args:
+        task: whose path runs along the workpiece's face, if there is one.
+        clearance: distance, obstacles and workpiece, in m.
+        source: the task's file, for error lines.
+    """
     if not 0.0 <= clearance.distance <= 1.0:
         raise InputError(source, "clearance.distance", f"{clearance.distance:g}, expected 0 to 1 m")
     sizes = [(f"obstacles[{i}]", o.size) for i, o in enumerate(clearance.obstacles)]

@@ -171,6 +171,12 @@ def _series(
     which topic is the robot's (main). Each further quantity is taken from there, or from the only
     other topic that has it for all joints. None: the log has no such columns or no time.
 
+    Args:
+        names: of the columns.
+        path: of the log, for error lines.
+        joint_names: of the robot, base to tool; None: those of the log, in its order.
+        words: what the user states.
+
     Raises:
         InputError: no or several topics hold the joints' positions, or an effort lacks joints.
     """

@@ -150,6 +150,11 @@ def _description(feature: NewFeature) -> dict[str, Any]:
 def _write_data(data_set: DataSet, source: Path, target: Path, features: list[NewFeature]) -> None:
     """Copies a Parquet file of frames, group by group, and appends the features.
 
+    Args:
+        data_set: the original, whose episodes say which frames the file holds.
+        source, target: the file and its copy.
+        features: of all episodes.
+
     Raises:
         InputError: the file is damaged.
     """
