@@ -65,9 +65,14 @@ class Assumed:
 
 
 def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
-    """Assumes what the description of a loaded robot does not hold."""
+    """Assumes what the description of a loaded robot does not hold.
+
+    What a joint carries is, in the worst of many postures, the weight of the links beyond it and
+    what a brisk start of that joint alone takes, and at least a share of what the strongest joint
+    of its kind carries. Without inertias only the payload is assumed, from the arm's reach.
+    """
     n = robot.num_joints
-    q = postures(robot)
+    q = postures(robot)  # (N, n)
     if not robot.has_inertias:
         payload = _PAYLOAD_PER_REACH * reach_of(robot, q) ** 2
         zero = np.zeros(n)
@@ -77,23 +82,25 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     needed = np.abs(gravity).max(axis=0)
     carried = needed.copy()
     for j in range(n):
-        starts = still.copy()
-        starts[:, j] = _BRISK_ACCELERATION
-        inertial = robot.chain.inverse_dynamics(q, still, starts)
-        brisk = float(np.abs(inertial - gravity)[:, j].max())
-        carried[j] += brisk
-        needed[j] = max(needed[j], _SLOW_ACCELERATION / _BRISK_ACCELERATION * brisk)
+        acceleration = still.copy()
+        acceleration[:, j] = _BRISK_ACCELERATION
+        torque = robot.chain.inverse_dynamics(q, still, acceleration)
+        brisk_start = float(np.abs(torque - gravity)[:, j].max())
+        carried[j] += brisk_start
+        slow_start = _SLOW_ACCELERATION / _BRISK_ACCELERATION * brisk_start
+        needed[j] = max(needed[j], slow_start)
     for kind in (robot.chain.prismatic, ~robot.chain.prismatic):  # seals turn with any load
         carried[kind] = np.maximum(carried[kind], _LEAST_CARRIED * carried[kind].max(initial=0.0))
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
     payload = _rounded(max(_PAYLOAD_SHARE * mass, 0.01))
     weight = payload * robot.gravity
-    loaded = np.abs(np.einsum("kij,i->kj", robot.chain.jacobian(q)[:, 3:], weight)).max(axis=0)
+    J_linear = robot.chain.jacobian(q)[:, 3:]
+    payload_torque = np.abs(np.einsum("kij,i->kj", J_linear, weight)).max(axis=0)
     stated = _stated(arm)
     # An exporter writes one number for several joints: where it is wrong for one, it is for all.
-    short = np.unique(stated[is_placeholder(stated, needed)])
-    unknown = ~(stated > 0.0) | np.isin(stated, short)
-    likely = [_rounded(value) for value in _EFFORT_MARGIN * (carried + loaded)]
+    placeholders = np.unique(stated[is_placeholder(stated, needed)])
+    unknown = ~(stated > 0.0) | np.isin(stated, placeholders)
+    likely = [_rounded(value) for value in _EFFORT_MARGIN * (carried + payload_torque)]
     effort = np.where(unknown, np.maximum(likely, stated), 0.0)
     limits = np.where(unknown, effort, stated)
     return Assumed(payload, carried, needed, effort, _rotor_inertia(robot, q, limits))
@@ -151,6 +158,11 @@ def good_posture(
 ) -> tuple[Array, float | None]:
     """Chooses the home posture and the height of the floor.
 
+    Random postures are looked at above the likelier floor, the best conditioned first. The first
+    with 5 cm beyond the clearance is taken; else the one with the most of those looked at: of the
+    _BEST_CONDITIONED, and of worse ones until one has _CLEARANCE_SLACK. The next floor is tried
+    only where none is free above this one.
+
     Args:
         middle: (n,) rad or m, where nothing better is found.
         floors: m in W, the likelier first; None: no floor.
@@ -161,9 +173,10 @@ def good_posture(
     """
     low, high = _range(robot)
     rng = np.random.default_rng(0)
-    span = 0.35 * (high - low)
+    # Over the middle 70 % of each joint's range.
+    half_span = 0.35 * (high - low)
     centre = 0.5 * (low + high)
-    candidates = centre + span * rng.uniform(-1.0, 1.0, (_NUM_CANDIDATES, robot.num_joints))
+    candidates = centre + half_span * rng.uniform(-1.0, 1.0, (_NUM_CANDIDATES, robot.num_joints))
     conditions = np.array([float(robot.chain.condition_number(q)) for q in candidates])
     best, largest_slack, best_floor = middle, -np.inf, None
     for floor in floors:

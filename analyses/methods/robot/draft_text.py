@@ -51,6 +51,9 @@ class DraftText:
     def text(self, home: Array, floor: float | None, assumed: Assumed) -> str:
         """The robot.yaml.
 
+        Numbers that no URDF holds stand in the lines marked FILL_IN: of the tool's frame and the
+        payload, and a line a drive.
+
         Args:
             home: (n,) rad or m.
             floor: m, its height in W; None: there is none.
@@ -94,8 +97,8 @@ class DraftText:
             "# rotor_inertia, kg m^2 on the joint side: data sheet, times the gear ratio squared.",
             "drives:",
         ]
-        columns = (carried, assumed.effort, assumed.rotor_inertia)
-        for joint, torque, effort, rotor in zip(self.arm, *columns, strict=True):
+        columns = (carried, assumed.effort, assumed.rotor_inertia, assumed.needed)
+        for joint, torque, effort, rotor, needed in zip(self.arm, *columns, strict=True):
             fields = f"joint: {_quoted(joint.name)}, torque_per_ampere: 1.0, "
             fields += f"rotor_inertia: {float(rotor):.2g}, rotor_inertia_side: joint"
             if torque > 0.0:
@@ -105,8 +108,7 @@ class DraftText:
             if effort > 0.0:
                 fields += f", effort_limit: {effort:g}"
                 comment += (
-                    ", also effort_limit: weight and inertia need "
-                    f"{assumed.needed[self.arm.index(joint)]:.3g}"
+                    f", also effort_limit: weight and inertia need {needed:.3g}"
                     if joint.effort > 0.0
                     else ", also effort_limit, which the URDF lacks"
                 )
@@ -126,7 +128,12 @@ class DraftText:
 
 
 def _truth_lines(arm: list[DescribedJoint], carried: Array) -> list[str]:
-    """Plain friction and resolution of the simulated arm, which only `simulate` reads."""
+    """Plain friction and resolution of the simulated arm, which only `simulate` reads.
+
+    Args:
+        carried: (n,) N m (N), of which the friction is a share.
+    """
+    # rad/s (m/s): where Stribeck's rise has fallen, and where viscous friction equals Coulomb's.
     slow = [0.02 if joint.kind == "prismatic" else 0.1 for joint in arm]
     fast = [0.2 if joint.kind == "prismatic" else 1.0 for joint in arm]
     coulomb = FRICTION_SHARE * carried

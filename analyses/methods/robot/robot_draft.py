@@ -135,7 +135,16 @@ def _with_meshes(urdf: bytes, description: Path, renamed: Mapping[str, Path]) ->
 def _draft(
     urdf: Path, origin: str, out: Path, base: str | None, flange: str | None
 ) -> DraftedRobot:
-    """`draft_robot` of a description that is no xacro."""
+    """`draft_robot` of a description that is no xacro.
+
+    Args:
+        urdf: URDF, SDF or MJCF.
+        origin: what robot.yaml says that it was drafted from.
+
+    Returns:
+        With notes on what was decided: units, mounting, effort limits, rotors, joints at rest, and
+        what is in the arm's way.
+    """
     root, _ = read_document(urdf)
     drop_commas(root)  # the robot's reader says so
     structure = ArmStructure(root, urdf)

@@ -58,10 +58,10 @@ def export_robot(
         raise InputError("robot export", "--to", f'is "{form}"', f"give {' or '.join(FORMATS)}")
     robot = Robot.load(robot_name or _named_robot(model_path))
     model = IdentifiedModel.load(model_path, robot)
-    bad = unphysical_links(model.inertial_parameters, robot.joint_names)
-    if bad:
-        problem = f"the inertia of the link behind {', '.join(bad)} is not physical: no simulator "
-        problem += "takes it, or the motion diverges"
+    unphysical = unphysical_links(model.inertial_parameters, robot.joint_names)
+    if unphysical:
+        problem = f"the inertia of the link behind {', '.join(unphysical)} is not physical: "
+        problem += "no simulator takes it, or the motion diverges"
         raise InputError(model_path, "inertial_parameters", problem, "identify with --consistent")
     if robot.is_coupled and form == "mjcf":
         problem = "has motors that move several joints, for which MJCF has no element"
