@@ -54,10 +54,13 @@ def read_stream(
 ) -> None:
     """Reads a source until it ends, or `go_on` returns False.
 
+    The source gives samples and events. A sample becomes no reading, one or several (of samples
+    that it fills a gap to); where nothing comes, the estimator says so by readings, too.
+
     Args:
         live: that reads it.
-        emit: given each reading and event.
-        checks: of the first seconds.
+        emit: given each reading and event, of the source, the checks or the estimator.
+        checks: of the first seconds; None: the stream is not checked.
         q_offset: (n,) rad (m), added to the positions; None: they are at the robot's zeros already.
     """
     while go_on():
@@ -66,21 +69,21 @@ def read_stream(
             if isinstance(item, Sample):
                 if q_offset is not None and item.q.shape == q_offset.shape:
                     item = replace(item, q=item.q + q_offset)
-                out = live.take(item)
+                results = live.take(item)
                 if checks is not None and (event := checks.take(item, live)) is not None:
                     emit(event)
             else:
                 emit(item)
-                out = live.interrupt(item.received) if item.kind in _INTERRUPTIONS else []
-            for one in out:
-                emit(one)
-                if checks is not None and isinstance(one, Reading):
-                    checks.add(one)
+                results = live.interrupt(item.received) if item.kind in _INTERRUPTIONS else []
+            for result in results:  # readings and events
+                emit(result)
+                if checks is not None and isinstance(result, Reading):
+                    checks.add(result)
             if isinstance(item, StreamEvent) and item.kind is EventKind.ENDED:
                 return
         if not items:
-            for one in live.idle(time.monotonic()):
-                emit(one)
+            for result in live.idle(time.monotonic()):
+                emit(result)
 
 
 def warm_up(settings: WatchSettings, robot: Robot, model: IdentifiedModel) -> None:
@@ -113,6 +116,9 @@ def make_live(
 
 def main(readings: Ring, events: Ring, wake: int) -> int:
     """Reads what the settings on standard input ask for; returns the exit code.
+
+    It ends with the source, with an InputError (which becomes the last event), or when the process
+    that started it has gone.
 
     Args:
         readings, events: rings of shared memory, which the process that started this one reads.

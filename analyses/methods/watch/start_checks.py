@@ -60,17 +60,18 @@ class StartChecks:
         self._chain = model.chain(robot)
         self._checks = RecordingChecks(robot)
         self._judgement = StreamJudgement(robot, model, in_background)
-        self._samples: list[Sample] = []
-        self._begin: float | None = None
-        self._last_check = 0.0
+        self._samples: list[Sample] = []  # since the last check
+        self._begin: float | None = None  # s, of the stream; None: no sample has come
+        self._last_check = 0.0  # s, of the stream
         self._events: deque[StreamEvent] = deque()  # one is returned a sample
-        self._agrees = False
+        self._agrees = False  # whether robot and stream were found to agree
         self._is_over = not robot.has_inertias
         # --zero takes a load off, and coupled joints' friction is not that of one motor.
         self._search: LoadSearch | None = None
         if not (config.live.zero_s or robot.is_coupled):
             self._search = LoadSearch(robot, model, in_background)
         self._previous: list[Sample] = []  # of the second before, for rests
+        # Joints whose torque per ampere is still to be compared with the controller's.
         self._open_gains = set() if robot.is_coupled else set(range(robot.num_joints))
 
     def add(self, reading: Reading) -> None:
@@ -94,7 +95,12 @@ class StartChecks:
         return self._events.popleft() if self._events else None
 
     def _take(self, sample: Sample, live: LiveEstimator) -> None:
-        """Takes a sample; every CHECK_PERIOD s the samples since then are judged."""
+        """Takes a sample; every CHECK_PERIOD s the samples since then are judged.
+
+        Where the clock jumps, all begins anew. The checks are over when the stream agrees with
+        robot and model, no load is searched any more and all gains were compared; or with the first
+        contradiction. Findings become events; a contradiction is noted in `live`.
+        """
         if self._is_over or sample.is_external or not (sample.running and np.isfinite(sample.t)):
             return
         shapes = {array.shape for array in (sample.q, sample.v, sample.effort)}
@@ -121,8 +127,8 @@ class StartChecks:
         self._last_check = sample.t
         samples = self._samples_to_judge(live)
         self._samples = [sample]
-        for one in samples:
-            self._judgement.add(one)
+        for judged_sample in samples:
+            self._judgement.add(judged_sample)
         self._judge_stream(samples, live)
         if not self._is_over:
             self._judge_load(sample.t, live)
