@@ -135,6 +135,8 @@ class FrictionMonitor:
         is_finite = np.isfinite(tau_ext).all(axis=1)
         indices = np.flatnonzero(is_usable & is_finite)[:: self._row_stride]
         self._count += len(indices)
+        # Of the rows: whether nothing touches, the torque of a load and of the model's errors, J
+        # and q, and friction's residual with its columns as the observer sees them.
         self._is_free.append(is_free[indices])
         if self._regressor is not None:
             load_columns, model_columns = self._regressor.along(q, v, indices)
@@ -144,9 +146,11 @@ class FrictionMonitor:
         self._q.append(q[indices])
         signals = LogSignals(t, q, v, self._chain.gravity_torque(q))
         sd = np.sqrt(np.diag(self._model.residual_covariance))
+        # tau_ext counts against friction: what it reads without contact is friction's residual.
+        residual = -tau_ext[indices]
         self._rows.append(
             ResidualRows.of_law(
-                self._model.friction, signals, -tau_ext[indices], sd, indices, self._observed
+                self._model.friction, signals, residual, sd, indices, self._observed
             )
         )
 

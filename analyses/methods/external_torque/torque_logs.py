@@ -57,9 +57,11 @@ from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.estimation.invalid import OTHER_LINK, SAMPLE_MISSING, marked
 from wrenchsight.models.estimation.wrench import (
     ValidityLimits,
+    WrenchEstimate,
     WrenchReconstruction,
     WrenchReconstructionConfig,
 )
@@ -459,6 +461,26 @@ class _Run:
         if self.config.reference.columns:
             self.sensor_log, self.rows = SensorLogCollector(step), RowsBesideSensor(_MAX_ROWS)
 
+    def add_beside_sensor(self, log: TorqueLog, chunk: Recording, batch: WrenchEstimate) -> None:
+        """Takes the readings of a chunk beside the sensor's; nothing without a sensor."""
+        if self.sensor_log is None or self.rows is None:
+            return
+        R_WE, sensor = log.axes(chunk), chunk.extra[REFERENCE]
+        # A log without positions rests, as far as anyone knows.
+        v = chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1))
+        self.sensor_log.add(
+            SensorSamples(
+                t=chunk.t,
+                reading=batch.wrench[:, FORCE_FIRST],
+                sd=batch.standard_deviation[:, FORCE_FIRST],
+                valid=np.asarray(batch.valid, float),
+                R_WE=R_WE,
+                v=v,
+                sensor=sensor,
+            )
+        )
+        self.rows.add(chunk.t, batch, R_WE, sensor)
+
     def loaded_rows(self) -> LogReading | None:
         """The rows beside the sensor; None where no sensor is named or none is in contact."""
         reading = None if self.rows is None else self.rows.reading
@@ -494,43 +516,13 @@ def _read(
             # The reading's own reasons, and two that it does not know of.
             invalid = marked(batch.invalid, OTHER_LINK, ~may_be_valid)
             batch = batch._replace(invalid=marked(invalid, SAMPLE_MISSING, chunk.dropout))
-            sd = batch.standard_deviation
-            table.write(
-                WrenchRows(
-                    t=chunk.t,
-                    wrench=batch.wrench,
-                    standard_deviation=sd,
-                    condition_number=batch.condition_number,
-                    tau_ext=np.nan_to_num(tau_ext),
-                    statistic=detection.statistic,
-                    flags={
-                        **detection._asdict(),
-                        "fault": np.zeros(chunk.num_samples, np.int8),
-                        "invalid": batch.invalid,
-                    },
-                    covariance=batch.covariance,
-                )
-            )
+            table.write(_table_rows(chunk, batch, tau_ext, detection))
             if bag is not None and robot is not None:
                 _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
             touches.episodes.add(chunk.t, detection, batch.wrench[:, 3:], batch.valid, odds)
             run.summary.add(chunk, batch, tau_ext, detection.contact)
-            if run.sensor_log is not None and run.rows is not None:
-                R_WE, sensor = log.axes(chunk), chunk.extra[REFERENCE]
-                v = chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1))
-                run.sensor_log.add(
-                    SensorSamples(
-                        t=chunk.t,
-                        reading=batch.wrench[:, FORCE_FIRST],
-                        sd=sd[:, FORCE_FIRST],
-                        valid=np.asarray(batch.valid, float),
-                        R_WE=R_WE,
-                        v=v,
-                        sensor=sensor,
-                    )
-                )
-                run.rows.add(chunk.t, batch, R_WE, sensor)
+            run.add_beside_sensor(log, chunk, batch)
     touches.episodes.finish()
     run.notices = tuple(map(_as_external, reader.notices))
     if touches.sign.contradicts:
@@ -544,6 +536,30 @@ def _bag(log: TorqueLog, path: Path, robot: Robot | None) -> WrenchBagWriter:
         problem = "needs the place of E, which only a robot and its positions give"
         raise InputError("estimate", "--mcap", problem, "leave it out")
     return WrenchBagWriter(path, robot.config.base_link)
+
+
+def _table_rows(
+    chunk: Recording, batch: WrenchEstimate, tau_ext: Array, detection: Detection
+) -> WrenchRows:
+    """The table's rows of a chunk of N samples; samples are not checked here, so none has a fault.
+
+    Args:
+        tau_ext: (N, n) N m; what is missing stands as zero.
+    """
+    return WrenchRows(
+        t=chunk.t,
+        wrench=batch.wrench,
+        standard_deviation=batch.standard_deviation,
+        condition_number=batch.condition_number,
+        tau_ext=np.nan_to_num(tau_ext),
+        statistic=detection.statistic,
+        flags={
+            **detection._asdict(),
+            "fault": np.zeros(chunk.num_samples, np.int8),
+            "invalid": batch.invalid,
+        },
+        covariance=batch.covariance,
+    )
 
 
 def _compared(

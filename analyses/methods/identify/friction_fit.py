@@ -318,11 +318,11 @@ class FrictionFit:
         Chosen joint by joint, by the error on held-out folds: the slip elements' displacement and
         Stribeck's velocity, in turn, and then whether friction depends on the load at all.
         """
-        if len(self.folds) < MIN_FOLDS:
+        if len(self.folds) < MIN_FOLDS:  # stretches of the logs are held out instead
             one_group = [0] * len(self.regressions)
             stretched = replace(self, groups=one_group, stretches=SHAPE_STRETCHES)
             return stretched.choose(structure)
-        loads = self.loads(self.fit(structure))
+        loads = self.loads(self.fit(structure))  # rigid-body torque, which the load term takes
         is_elastic = bool(structure.displacement.any())
         has_stribeck = structure.has("stribeck")
         velocities = (*(() if is_elastic else CREEP_VELOCITIES), *STRIBECK_VELOCITIES)

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -173,18 +173,7 @@ def train_networks(
     band_rows = [_band(v[:, j], torque[:, j], float(edge[j]), names[j]) for j in range(n)]
     group = np.zeros(len(v), int) if groups is None else np.asarray(groups)
     rng = np.random.default_rng(config.seed)
-    # One row a joint: velocity over its edge, torque, and weights of the fitted and the held-out
-    # samples: 1 / their number, else 0. Joints with fewer samples have zeros at the end.
-    size = min(MOST_SAMPLES, max(len(rows) for rows in band_rows))
-    x, y, fitted, held_out = np.zeros((4, n, size))
-    for j, rows in enumerate(band_rows):
-        # Evenly through the log, so that the same stretch of it stays together in the split.
-        rows = rows[np.linspace(0, len(rows) - 1, min(size, len(rows))).astype(int)]
-        away = _held_out(group[rows], rng)
-        x[j, : len(rows)] = v[rows, j] / edge[j]
-        y[j, : len(rows)] = torque[rows, j]
-        fitted[j, : len(rows)] = ~away / max(1, int((~away).sum()))
-        held_out[j, : len(rows)] = away / max(1, int(away.sum()))
+    x, y, fitted, held_out = _band_samples(v, torque, edge, band_rows, group, rng)
     # The networks are trained on torques of mean zero and unit sd, and scaled back below.
     mean = (fitted * y).sum(axis=1)
     sd = np.sqrt((fitted * (y - mean[:, None]) ** 2).sum(axis=1)) + 1e-12
@@ -222,6 +211,51 @@ def _band(v: Array, torque: Array, v_crit: float, name: str) -> NDArray[np.intp]
             "record slow motion of this joint in both directions",
         )
     return rows
+
+
+class _BandSamples(NamedTuple):
+    """The samples of all joints' bands, a row a joint; zeros at the end of joints with fewer.
+
+    Attributes:
+        x: (n, K) velocity over the band's edge, -1 to 1.
+        y: (n, K) N m.
+        fitted: (n, K) weights of the samples that are fitted: 1 / their number, else 0.
+        held_out: (n, K) the same of those that are not.
+    """
+
+    x: Array
+    y: Array
+    fitted: Array
+    held_out: Array
+
+
+def _band_samples(
+    v: Array,
+    torque: Array,
+    edge: Array,
+    band_rows: list[NDArray[np.intp]],
+    group: NDArray[Any],
+    rng: np.random.Generator,
+) -> _BandSamples:
+    """Takes MOST_SAMPLES of each joint's band at most, and holds some of them out.
+
+    Args:
+        v, torque: (N, n) rad/s and N m.
+        edge: (n,) rad/s, of the bands.
+        band_rows: of each joint the rows in its band.
+        group: (N,) which run a row is of.
+    """
+    size = min(MOST_SAMPLES, max(len(rows) for rows in band_rows))
+    samples = _BandSamples(*np.zeros((4, len(edge), size)))
+    for j, rows in enumerate(band_rows):
+        # Evenly through the log, so that the same stretch of it stays together in the split.
+        rows = rows[np.linspace(0, len(rows) - 1, min(size, len(rows))).astype(int)]
+        away = _held_out(group[rows], rng)
+        samples.x[j, : len(rows)] = v[rows, j] / edge[j]
+        samples.y[j, : len(rows)] = torque[rows, j]
+        samples.fitted[j, : len(rows)] = ~away / max(1, int((~away).sum()))
+        samples.held_out[j, : len(rows)] = away / max(1, int(away.sum()))
+    return samples
 
 
 def _held_out(group: NDArray[Any], rng: np.random.Generator) -> NDArray[np.bool_]:

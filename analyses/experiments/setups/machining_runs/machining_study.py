@@ -150,54 +150,63 @@ def feed_metrics(
         `within_ways`, and those of each component. Then, by feedback: bands, shares of valid
         readings and reasons in percent by part of the work, regulation, vibration and fault.
     """
-    run = runs["sensor"]
+    out = _errors_by_method(task, runs["sensor"], readings)
+    for key in ("correlation", "rmse_n"):
+        out[key] = out["article"][key]
+    out["steady_share"] = float(runs["sensor"].steady.sum() / runs["sensor"].working.sum())
+    out["band"] = {feedback: band_shares(run) for feedback, run in runs.items()}
+    out["band_of_valid"] = {
+        feedback: band_shares(run, valid_only=True) for feedback, run in runs.items()
+    }
+    out["valid_share"] = {
+        feedback: {
+            part: float(run.signals["valid"][rows].mean())
+            for part, rows in run.parts.items()
+            if rows.any()
+        }
+        for feedback, run in runs.items()
+    }
+    out["invalid"] = {
+        feedback: {
+            part: invalid_pct(run.signals["invalid"][rows, 0].astype(np.int64))
+            for part, rows in run.parts.items()
+            if rows.any()
+        }
+        for feedback, run in runs.items()
+    }
+    out["regulation"] = {feedback: regulation(run) for feedback, run in runs.items()}
+    out["tool_vibration_m_per_s"] = {
+        feedback: float(np.median(run.signals["tool_vibration"][run.working]))
+        for feedback, run in runs.items()
+    }
+    out["fault"] = {
+        feedback: FAULT_SENTENCES.get(run.fault, "none") for feedback, run in runs.items()
+    }
+    return out
+
+
+def _errors_by_method(
+    task: MachiningTask, run: MachiningRun, readings: Mapping[str, Mapping[str, Array]]
+) -> dict[str, Any]:
+    """Errors of each method's reading of a run: of the article's component, then of each one."""
     truth = run.components(run.signals["wrench_true"][:, 3:])
+    true_component = truth[task.component]
     working, steady = run.working, run.steady
-    out: dict[str, Any] = {}
-    for name in READINGS:
+    by_method: dict[str, Any] = {}
+    for method in READINGS:
+        reading = readings[method]
         by_component = {
-            component: errors(readings[name][component][working], truth[component][working])
+            component: errors(reading[component][working], truth[component][working])
             for component in COMPONENTS
         }
-        while_steady = errors(readings[name][task.component][steady], truth[task.component][steady])
-        within = errors_within_ways(readings[name][task.component], truth[task.component], run.ways)
-        out[name] = (
+        while_steady = errors(reading[task.component][steady], true_component[steady])
+        within = errors_within_ways(reading[task.component], true_component, run.ways)
+        by_method[method] = (
             by_component[task.component]
             | {"steady": while_steady, "within_ways": within}
             | by_component
         )
-    for key in ("correlation", "rmse_n"):
-        out[key] = out["article"][key]
-    out["steady_share"] = float(steady.sum() / working.sum())
-    out["band"] = {feedback: band_shares(entry) for feedback, entry in runs.items()}
-    out["band_of_valid"] = {
-        feedback: band_shares(entry, valid_only=True) for feedback, entry in runs.items()
-    }
-    out["valid_share"] = {
-        feedback: {
-            part: float(entry.signals["valid"][rows].mean())
-            for part, rows in entry.parts.items()
-            if rows.any()
-        }
-        for feedback, entry in runs.items()
-    }
-    out["invalid"] = {
-        feedback: {
-            part: invalid_pct(entry.signals["invalid"][rows, 0].astype(np.int64))
-            for part, rows in entry.parts.items()
-            if rows.any()
-        }
-        for feedback, entry in runs.items()
-    }
-    out["regulation"] = {feedback: regulation(entry) for feedback, entry in runs.items()}
-    out["tool_vibration_m_per_s"] = {
-        feedback: float(np.median(entry.signals["tool_vibration"][entry.working]))
-        for feedback, entry in runs.items()
-    }
-    out["fault"] = {
-        feedback: FAULT_SENTENCES.get(entry.fault, "none") for feedback, entry in runs.items()
-    }
-    return out
+    return by_method
 
 
 def sources(models: ArmModels, runs: Mapping[float, MachiningRun]) -> dict[str, Any]:
@@ -226,7 +235,11 @@ def sources(models: ArmModels, runs: Mapping[float, MachiningRun]) -> dict[str, 
 
 
 def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
-    """The figures that are compared, as lists over the feeds; NaN of those that were not run."""
+    """The figures that are compared, as lists over the feeds; NaN of those that were not run.
+
+    Args:
+        metrics: of `feed_metrics`, by `feed_key`.
+    """
 
     def collect(*path: str) -> list[float]:
         """The figure at this path of keys below each feed."""
