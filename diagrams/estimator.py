@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
+from wrenchsight.diagrams.outputs import split_outputs
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.friction.friction_law import FrictionLaw
@@ -230,8 +231,6 @@ def _staged(
     # Ports by the names of the inputs that take them: `_connect_by_name` connects a block to those
     # that it has an input for.
     sources = _signal_sources(builder, estimator, stages, replacements.get("samples"))
-    if estimator.observer.reads_wrench and "observer" not in replacements:
-        sources["observed"] = stages.observer.GetOutputPort("wrench")
     _connect_by_name(builder, [stages.terms, stages.motor, stages.observer], sources)
     if stages.torque_error is not None:
         _connect_torque_error(builder, stages.torque_error, sources, corrected)
@@ -364,12 +363,10 @@ def _signal_sources(
 
     Returns:
         Ports of q, v, current and fault (checked), terms, tau_J, tau_f, sliding, pole, tau_ext,
-        tau_ext_valid, and torque_error where there is such a stage.
+        tau_ext_valid; torque_error where there is such a stage, observed (42,) of an observer that
+        reads the wrench itself.
     """
-    # What the observer calls `valid` goes by tau_ext_valid: `valid` is that of the wrench.
-    tau_ext, tau_ext_valid = _output_ports(
-        builder, "observed", stages.observer, ("tau_ext", "valid")
-    )
+    observed = _observer_ports(builder, stages.observer)
     sources = _checked_inputs(builder, estimator, replacement)  # q, v, current and fault
     sources |= {
         "terms": stages.terms.GetOutputPort("terms"),
@@ -377,12 +374,31 @@ def _signal_sources(
         "tau_f": stages.friction.GetOutputPort("tau_f"),
         "sliding": _sliding_port(builder, stages.friction, estimator.friction),
         "pole": _pole_port(builder, stages.observer, estimator.num_joints),
-        "tau_ext": tau_ext,
-        "tau_ext_valid": tau_ext_valid,
+        "tau_ext": observed["tau_ext"],
+        # What the observer calls `valid` goes by this name: `valid` is that of the wrench.
+        "tau_ext_valid": observed["valid"],
     }
+    if "wrench" in observed:  # of an observer that reads the wrench itself
+        sources["observed"] = observed["wrench"]
     if stages.torque_error is not None:
-        sources["torque_error"] = stages.torque_error.GetOutputPort("torque_error")
+        sources["torque_error"] = _torque_error_port(builder, stages.torque_error)
     return sources
+
+
+def _observer_ports(builder: DiagramBuilder, observer: LeafSystem) -> dict[str, OutputPort]:
+    """The observer's estimates by name: tau_ext, valid, and wrench of one that reads it."""
+    signals = ["tau_ext", "valid"]
+    if isinstance(observer, ExternalTorqueObserver) and observer.HasOutputPort("wrench"):
+        signals.append("wrench")
+    ports = _output_ports(builder, "observed", observer, signals)
+    return dict(zip(signals, ports, strict=True))
+
+
+def _torque_error_port(builder: DiagramBuilder, torque_error: LeafSystem) -> OutputPort:
+    """The torque error; of our block split off by Drake, as in `_output_ports`."""
+    if isinstance(torque_error, TorqueErrorSystem):
+        return split_outputs(builder, torque_error)["torque_error"]
+    return torque_error.GetOutputPort("torque_error")
 
 
 def _add_correction(

@@ -80,6 +80,16 @@ def declare_cached(
     return block.DeclareCacheEntry(name, producer, tickets)
 
 
+def joined_ticket(block: LeafSystem, tickets: set[DependencyTicket]) -> set[DependencyTicket]:
+    """One prerequisite in the place of several, for ports that share them.
+
+    When a value changes, Drake notifies all that depends on it, along each edge from a prerequisite
+    to a port. Five ports with ten prerequisites have 50 edges, and with this one between them 15.
+    It is the ticket of a cache entry that is never computed.
+    """
+    return {declare_cached(block, "joined prerequisites", lambda context: None, tickets).ticket()}
+
+
 def declare_outputs(
     block: LeafSystem,
     sizes: Mapping[str, int],
@@ -101,6 +111,7 @@ def declare_outputs(
     Returns:
         The port `all`.
     """
+    tickets = joined_ticket(block, tickets)
     port = block.DeclareVectorOutputPort("all", sum(sizes.values()), calc, tickets)
     declare_port_of_each_part(block, port.Eval, sizes, tickets)
     return port
@@ -116,9 +127,9 @@ def declare_held_outputs(
 
     `all` is one held output (`SampledBlock.declare_held_output`): `take_sample` returns it whole.
     """
+    tickets = joined_ticket(block, tickets | block.time_and_memory_tickets)
     port = block.declare_held_output("all", sum(sizes.values()), calc, tickets)
-    parts_tickets = tickets | block.time_and_memory_tickets
-    declare_port_of_each_part(block, port.Eval, sizes, parts_tickets)
+    declare_port_of_each_part(block, port.Eval, sizes, tickets)
     return port
 
 

@@ -1,7 +1,7 @@
 """An observer of external joint torque as a block, whatever its kind."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -9,24 +9,18 @@ from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.observers.observer import Observed, Observer, ObserverSamples
+from wrenchsight.models.observers.observer import Observer, ObserverSamples
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import (
     TunedParameters,
     declare_cached,
     declare_port_of_each_part,
+    joined_ticket,
     torque_error_size,
 )
 from wrenchsight.systems.sampled_block import SampledBlock
 
 _WRENCH_SIZE = 6 + 36  # entries of a wrench and its covariance
-
-
-class _Tick(NamedTuple):
-    """The present sample, its motor torque only where the estimate reads it, and the estimate."""
-
-    samples: ObserverSamples
-    observed: Observed
 
 
 class ExternalTorqueObserver(SampledBlock):
@@ -49,17 +43,20 @@ class ExternalTorqueObserver(SampledBlock):
                          that it reads the present torque
                 valid    (1,) 1, or 0 where tau_ext is the last one, held, and while it is still
                          settling after the start
-                reading  these two, one after the other, in one port; Drake's Demultiplexer splits
-                         it with `reading_sizes`
-                pole     (n,) 1/s, below 0 for an observer without one
                 wrench   (42,) F_E_W and its covariance, row by row, of an observer that reads the
                          wrench itself; others have no such port
+                reading  these, one after the other, in one port; Drake's Demultiplexer splits it
+                         with `reading_sizes`
+                pole     (n,) 1/s, below 0 for an observer without one
     State:      memory, which `take_sample` updates at each tick: the observer's,
                 `Observer.initial_state`
     Parameters: of the observer, in its order
 
     Args:
         observer: of `wrenchsight.models.observers.observer_kinds`.
+
+    Attributes:
+        reading_sizes: sizes of the parts of `reading`: tau_ext, valid, and wrench if there is one.
 
     Raises:
         ValueError: when a parameter is changed to what the observer does not accept and an output
@@ -99,24 +96,16 @@ class ExternalTorqueObserver(SampledBlock):
         self._no_torque = np.zeros((1, n))  # N m
         # Stands for the torque error where its port is not connected.
         self._no_error = TorqueError.of_flat(np.zeros(torque_error_size(n)), n)
-        # The estimate of the present sample, once a tick: all outputs but `pole` are parts of it.
-        prerequisites = {port.ticket() for port in ports} | self.time_and_memory_tickets
-        self._observed = declare_cached(
-            self, "observed", self._calc_observed, prerequisites | {self._tuned_observer.ticket()}
+        # The estimate of the present sample: all outputs but `pole` are parts of it.
+        prerequisites = {port.ticket() for port in ports} | {self._tuned_observer.ticket()}
+        prerequisites = joined_ticket(self, prerequisites | self.time_and_memory_tickets)
+        parts = {"tau_ext": n, "valid": 1} | ({"wrench": _WRENCH_SIZE} if self._has_wrench else {})
+        self.reading_sizes = list(parts.values())
+        self._reading = self.declare_held_output(
+            "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
-        of_observed = {self._observed.ticket()}
-        # `take_sample` returns the held outputs, reading and wrench, in this order.
-        self._reading = self.declare_held_output("reading", n + 1, self._calc_reading, of_observed)
-        reading_parts = {"tau_ext": n, "valid": 1}
-        declare_port_of_each_part(self, self._reading.Eval, reading_parts, of_observed)
+        declare_port_of_each_part(self, self._reading.Eval, parts, prerequisites)
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, of_parameters)
-        if self._has_wrench:
-            self.declare_held_output("wrench", _WRENCH_SIZE, self._calc_wrench, of_observed)
-
-    @property
-    def reading_sizes(self) -> list[int]:
-        """Sizes of the parts of `reading`: tau_ext, valid."""
-        return [self._n, 1]
 
     def _calc_observer(self, context: Context) -> Observer:
         """The observer with the parameters of a context."""
@@ -146,43 +135,22 @@ class ExternalTorqueObserver(SampledBlock):
             drift=error.drift,
         )
 
-    def _calc_observed(self, context: Context) -> _Tick:
-        """The present sample, which is not taken yet, and its estimate."""
+    def _observe(self, context: Context, memory: Any, tau_J: Array, reading: Array) -> None:
+        """Writes the reading of the present sample, which `memory` takes; tau_J (1, n)."""
+        observer: Observer = self._tuned_observer.EvalAbstract(context).get_value()
+        observed, n = observer.observe(memory, self._samples(context, tau_J)), self._n
+        reading[:n], reading[n] = observed.tau_ext, observed.is_fresh.item()
+        if observed.wrench is not None and observed.covariance is not None:
+            reading[n + 1 : n + 7] = observed.wrench
+            reading[n + 7 :] = observed.covariance.ravel()
+
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
         tau_J = self._no_torque
         if self._observer.reads_present_torque:
             tau_J = self._tau_J.Eval(context)[None]
-        observer: Observer = self._tuned_observer.EvalAbstract(context).get_value()
-        samples = self._samples(context, tau_J)
-        return _Tick(samples, observer.observe(self.memory(context), samples))
-
-    def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        tick: _Tick = self._observed.EvalAbstract(context).get_value()
-        output.SetFromVector(_reading_of(tick.observed))
-
-    def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        tick: _Tick = self._observed.EvalAbstract(context).get_value()
-        output.SetFromVector(_wrench_of(tick.observed))
+        self._observe(context, self.memory(context), tau_J, output.get_mutable_value())
 
     def take_sample(self, context: Context, memory: Any) -> Sequence[Array]:
-        samples: ObserverSamples = self._observed.EvalAbstract(context).get_value().samples
-        observer: Observer = self._tuned_observer.EvalAbstract(context).get_value()
-        tau_J = self._tau_J.Eval(context)[None]
-        observed = observer.observe(memory, samples._replace(tau_J=tau_J))
-        outputs = [_reading_of(observed)]
-        if self._has_wrench:
-            outputs.append(_wrench_of(observed))
-        return outputs
-
-
-def _reading_of(observed: Observed) -> Array:
-    """(n + 1,) tau_ext and whether it is fresh, of one sample."""
-    reading = np.empty(observed.tau_ext.size + 1)
-    reading[:-1], reading[-1] = observed.tau_ext, observed.is_fresh.item()
-    return reading
-
-
-def _wrench_of(observed: Observed) -> Array:
-    """(42,) the wrench and its covariance, row by row, of one sample."""
-    assert observed.wrench is not None
-    assert observed.covariance is not None
-    return np.concatenate([observed.wrench[0], observed.covariance[0].ravel()])
+        reading = np.empty(self._reading.size())
+        self._observe(context, memory, self._tau_J.Eval(context)[None], reading)
+        return (reading,)

@@ -143,7 +143,7 @@ class ForceTorqueSensor(SampledBlock):
         self._wrench = self.declare_held_output("wrench", 6, self._calc_wrench, tickets=set())
 
     @property
-    def memory_size(self) -> int:
+    def filter_size(self) -> int:
         """Entries of the filter's state."""
         return 6 * self._filter.order
 

@@ -23,11 +23,13 @@ from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import all_below
+from wrenchsight.models.numerics.states import assign_state
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import (
     TunedParameters,
     declare_cached,
     declare_port_of_each_part,
+    joined_ticket,
     sliding_size,
     torque_error_size,
 )
@@ -38,6 +40,7 @@ _LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
 _OBSERVED_SIZE = 42  # entries of a wrench and its covariance
 _FLAG_ROWS = {flag: np.array([flag]) for flag in (False, True)}  # of one sample
 _READING_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
+_READING_SIZE = sum(_READING_PARTS.values())
 
 
 class _TunedReading(NamedTuple):
@@ -56,18 +59,6 @@ class _TunedReading(NamedTuple):
     constant_error: TorqueError
     has_usable_pole: bool
     unseen_rest_table: Array | None
-
-
-class _ReadingAndState(NamedTuple):
-    """The reading of the present sample.
-
-    Attributes:
-        reading: (45,) entries of the port of that name.
-        state: of the reading after the sample: the memory of the next tick.
-    """
-
-    reading: Array
-    state: ReadingState
 
 
 def reading_parts(estimate: WrenchEstimate) -> Array:
@@ -122,8 +113,9 @@ class JacobianWrenchReconstruction(SampledBlock):
                  condition_number   (1,) of J in m and rad; inf where J is singular
                  valid              (1,) 1, or 0 where there is a reason against the reading
                  invalid            (1,) the reasons, a sum of codes of `models.estimation.invalid`
-                 reading            these five, one after the other, in one port; Drake's
-                                    Demultiplexer splits it with `reading_sizes`
+                 reading            these five, one after the other, and then the memory after the
+                                    sample, in one port; Drake's Demultiplexer splits it with
+                                    `reading_sizes`
                  All with direct feedthrough, all from one computation.
     State:       memory, which `take_sample` updates at each tick: `WrenchReading.initial_state`
     Parameters:  prior_sd           (2,) force, N, and moment, N m; inf where nothing is known
@@ -146,8 +138,9 @@ class JacobianWrenchReconstruction(SampledBlock):
 
     def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
         SampledBlock.__init__(self, period=time_step, initial_memory=reading.initial_state())
-        self.reading_sizes = list(_READING_PARTS.values())
-        """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, invalid."""
+        self.reading_sizes = [*_READING_PARTS.values(), self.memory_size]
+        """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, invalid,
+        and the memory after the sample."""
         self._wrench_reading = reading
         self._n = n = reading.num_joints
         # The reading's parameters become numeric parameters of the Context, which may be changed in
@@ -169,24 +162,16 @@ class JacobianWrenchReconstruction(SampledBlock):
         # from them): made anew when one of these changes, not at every tick.
         tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
         self._tuned_reading = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
-        # The reading of the present sample and the state after it, once a tick: the outputs are
-        # parts of the one, and the update takes the other.
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._corrected, self._fault]
         ports += [self._observed, self._torque_error]
         prerequisites = {port.ticket() for port in ports} | {self._tuned_reading.ticket()}
-        self._reading_and_state = declare_cached(
-            self,
-            "reading and state",
-            self._calc_reading_and_state,
-            prerequisites | self.time_and_memory_tickets,
-        )
+        prerequisites = joined_ticket(self, prerequisites | self.time_and_memory_tickets)
         self._unknown = np.full((1, n), np.nan)  # in the place of what cannot be used
-
-        of_reading = {self._reading_and_state.ticket()}
+        # All outputs are parts of it, and the update takes the memory from it.
         self._reading = self.declare_held_output(
-            "reading", sum(self.reading_sizes), self._calc_reading, of_reading
+            "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
-        declare_port_of_each_part(self, self._reading.Eval, _READING_PARTS, of_reading)
+        declare_port_of_each_part(self, self._reading.Eval, _READING_PARTS, prerequisites)
 
     def _calc_tuned(self, context: Context) -> _TunedReading:
         K_0, has_usable_pole = None, True
@@ -213,7 +198,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         stage = TorqueErrorStage(error, sliding, K_0, self._period, None)
         return stage.table if stage.may_rest_unseen else None
 
-    def _calc_reading_and_state(self, context: Context) -> _ReadingAndState:
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
         """Reads the present sample. `WrenchReading` reads logs: all arrays are logs of one row.
 
         A sample that cannot be used is read with NaN in the place of torque and motion, which the
@@ -247,11 +232,12 @@ class JacobianWrenchReconstruction(SampledBlock):
             wrench=observed_wrench,
             covariance=observed_covariance,
         )
-        state = self.memory(context)  # a copy, which `run` changes in place
+        entries = output.get_mutable_value()
+        state = self.memory(context, entries[_READING_SIZE:])  # a copy, which `run` changes
         estimate = tuned.wrench_reading.run(state, error, samples)
         if tuned.unseen_rest_table is not None:  # not valid where such a joint rests
             estimate = with_unseen_rests(estimate, tuned.unseen_rest_table, error.rows, tau_ext)
-        return _ReadingAndState(reading_parts(estimate), state)
+        entries[:_READING_SIZE] = reading_parts(estimate)
 
     def _torque_error_at(self, context: Context, tuned: _TunedReading, J: Array) -> TorqueError:
         """The torque error of the sample, N = 1; of an unconnected port the constant one."""
@@ -272,11 +258,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         """Whether a port is 1 or not connected."""
         return not port.HasValue(context) or port.Eval(context).item() == 1.0
 
-    def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading_and_state.EvalAbstract(context).get_value().reading)
-
     def take_sample(self, context: Context, memory: ReadingState) -> Sequence[Array]:
-        reading, state = self._reading_and_state.EvalAbstract(context).get_value()
-        for remembered, after_sample in zip(memory, state, strict=True):
-            remembered[:] = after_sample
-        return (reading,)
+        entries = self._reading.Eval(context)
+        assign_state(memory, self.memory_of(entries[_READING_SIZE:]))
+        return (entries,)

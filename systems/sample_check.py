@@ -68,15 +68,22 @@ class SampleCheckSystem(SampledBlock):
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
         current = self._current.Eval(context)
-        if self._check is not None:
-            current = self._check.current(self.memory(context), current, self._time_step)
-        output.SetFromVector(current)
+        if self._check is None:
+            output.SetFromVector(current)
+            return
+        checked = output.get_mutable_value()
+        self._check.current(self.memory(context), current, self._time_step, checked)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        if self._check is None:
-            return self._motion.Eval(context), self._checked_current.Eval(context)
-        q, v, current = (port.Eval(context)[None] for port in (self._q, self._v, self._current))
-        checked, fault = self._check.run(memory, q, v, current, self._time_step)
-        motion = np.empty(self._motion_size)
-        motion[0], motion[1:] = fault[0], checked[:2].ravel()
-        return motion, checked[2, 0]
+        motion, current = self._motion.Eval(context), self._checked_current.Eval(context)
+        if self._check is not None:
+            self._check.take(
+                memory,
+                self._q.Eval(context),
+                self._v.Eval(context),
+                self._current.Eval(context),
+                self._time_step,
+                motion[1:].reshape(2, self._n),
+                current,
+            )
+        return motion, current

@@ -155,12 +155,31 @@ class SampledBlock(LeafSystem):
             were declared.
         """
 
-    def memory(self, context: Context) -> Any:
-        """A copy of the block's memory, in the shapes of the initial one."""
+    @property
+    def memory_size(self) -> int:
+        """Number of the memory's entries."""
+        return self._memory_layout.initial.size
+
+    def memory(self, context: Context, vector: Array | None = None) -> Any:
+        """A copy of the block's memory, in the shapes of the initial one.
+
+        Args:
+            vector: (memory_size,) that the copy is written into, as views of which it is returned;
+                None: the copy has a vector of its own.
+        """
         if self._memory_index is None:
-            return self._memory_layout.state_of(self._memory_layout.initial.copy())
-        value = context.get_discrete_state().value(self._memory_index)
-        return self._memory_layout.state_of(value.copy())
+            value = self._memory_layout.initial
+        else:
+            value = context.get_discrete_state().value(self._memory_index)
+        if vector is None:
+            vector = value.copy()
+        else:
+            vector[:] = value
+        return self._memory_layout.state_of(vector)
+
+    def memory_of(self, vector: Array) -> Any:
+        """The memory that stands in a vector (memory_size,), as views of it."""
+        return self._memory_layout.state_of(vector)
 
     def _take_before_all(self, context: Context, state: State) -> None:
         self._take(context, state.get_mutable_discrete_state())

@@ -12,7 +12,12 @@ from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import take_transmitted
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_cached, sliding_size, torque_error_size
+from wrenchsight.systems.declarations import (
+    declare_cached,
+    declare_held_outputs,
+    sliding_size,
+    torque_error_size,
+)
 from wrenchsight.systems.sampled_block import SampledBlock
 
 
@@ -22,7 +27,7 @@ class TorqueErrorSystem(SampledBlock):
                        +-------------------+
       terms       -->  |                   |
       tau_J, tau_f --> | TorqueErrorSystem | --> torque_error
-      pole        -->  |                   |
+      pole        -->  |                   | --> all
       sliding     -->  |                   |
       added_sd    -->  |                   |
                        +-------------------+
@@ -34,8 +39,10 @@ class TorqueErrorSystem(SampledBlock):
                            now; its level is the stiction band
              added_sd      (n,) N m, of what corrects the observed torque, added in squares;
                            optional
-    Output:  torque_error  (ERROR_ROWS n,) a `TorqueError`, flat: sd, stiction, drift, J_seen row by
+    Outputs: torque_error  (ERROR_ROWS n,) a `TorqueError`, flat: sd, stiction, drift, J_seen row by
                            row, rows of its state; no direct feedthrough from tau_J and tau_f
+             all           it, and then the memory that has followed the sample's motion, which the
+                           update takes from there (`declarations.declare_held_outputs`)
     State:   memory, which `take_sample` updates at each tick: (STAGE_ROWS, n) of
              `TorqueErrorStage.initial_state`, flat
 
@@ -63,32 +70,22 @@ class TorqueErrorSystem(SampledBlock):
             self, "stage", self._calc_stage, {self._pole.ticket(), self._sliding.ticket()}
         )
         # The error depends on what the gears transmitted a tick ago, which is in the memory: the
-        # output has no feedthrough from tau_J and tau_f, and only the update reads them. NaN stands
-        # for them in the output, whose stage does not look at them.
+        # outputs have no feedthrough from tau_J and tau_f, and only the update reads them. NaN
+        # stands for them in the outputs, whose stage does not look at them.
         self._no_torque = np.full((1, n), np.nan)
+        self._error_size = torque_error_size(n)
+        self.output_sizes = {"torque_error": self._error_size, "memory": self.memory_size}
         inputs = {self._terms.ticket(), self._added_sd.ticket(), self._tuned_stage.ticket()}
-        # The error and the memory after it, so that the update need not compute them again.
-        self._error_and_memory = declare_cached(
-            self,
-            "torque error and memory",
-            self._calc_error_and_memory,
-            inputs | self.time_and_memory_tickets,
-        )
-        self.declare_held_output(
-            "torque_error",
-            torque_error_size(n),
-            self._calc_error,
-            {self._error_and_memory.ticket()},
-        )
+        self._all = declare_held_outputs(self, self.output_sizes, self._calc_all, inputs)
 
     def _calc_stage(self, context: Context) -> TorqueErrorStage:
         pole = self._pole.Eval(context)
         sliding = SlidingLaw.of_flat(self._sliding.Eval(context))
         return self._stage.retuned(sliding, pole if (pole >= 0.0).all() else None)
 
-    def _calc_error_and_memory(self, context: Context) -> tuple[Array, Array]:
-        """(ERROR_ROWS n,) the error of the present sample, and the memory that has taken it."""
-        state, none = self.memory(context), self._no_torque
+    def _calc_all(self, context: Context, output: BasicVector) -> None:
+        out = output.get_mutable_value()
+        state, none = self.memory(context, out[self._error_size :]), self._no_torque
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         q, v, J = terms["q"], terms["v"], terms["J"]
         stage: TorqueErrorStage = self._tuned_stage.EvalAbstract(context).get_value()
@@ -96,13 +93,10 @@ class TorqueErrorSystem(SampledBlock):
         error = stage.sds(state, rows, q, v, none, none, J)
         if self._added_sd.HasValue(context):
             error = error._replace(sd=np.sqrt(error.sd**2 + self._added_sd.Eval(context) ** 2))
-        return error.flat, state
-
-    def _calc_error(self, context: Context, output: BasicVector) -> None:
-        error, _ = self._error_and_memory.EvalAbstract(context).get_value()
-        output.SetFromVector(error)
+        out[: self._error_size] = error.flat
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        error, memory[:] = self._error_and_memory.EvalAbstract(context).get_value()
+        outputs = self._all.Eval(context)
+        memory[:] = self.memory_of(outputs[self._error_size :])
         take_transmitted(memory, self._tau_J.Eval(context), self._tau_f.Eval(context))
-        return (error,)
+        return (outputs,)

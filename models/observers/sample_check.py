@@ -156,11 +156,29 @@ class SampleCheck:
         fault: int = _check_motion(self.table, state, period, q, v, checked)
         return fault
 
-    def current(self, state: Array, current: Array, period: float) -> Array:
-        """Checks the current (n,) of the sample that follows, likewise; returns it (n,)."""
-        checked: Array = np.empty((3, self.num_joints))
+    def current(self, state: Array, current: Array, period: float, checked: Array) -> None:
+        """Checks the current (n,) of the sample that follows, likewise, into `checked` (n,)."""
         _check_current(self.table, state, period, current, checked)
-        return np.asarray(checked[2])
+
+    def take(
+        self,
+        state: Array,
+        q: Array,
+        v: Array,
+        current: Array,
+        period: float,
+        checked_motion: Array,
+        checked_current: Array,
+    ) -> None:
+        """Takes a sample that `motion` and `current` have checked into `state`, as `run` would.
+
+        Args:
+            state: of `initial_state`, changed.
+            q, v, current: (n,), contiguous.
+            period: s since the sample before.
+            checked_motion, checked_current: (2, n) and (n,), as those have written them.
+        """
+        _take_sample(self.table, state, period, q, v, current, checked_motion, checked_current)
 
 
 class _Joint(NamedTuple):
@@ -218,13 +236,13 @@ def _check_current(
     current: Array,
     checked: Array,
 ) -> None:
-    """Writes the current (n,) into row 2 of `checked`, as `_check_motion`.
+    """Writes the current (n,) into `checked` (n,), as `_check_motion`.
 
     Its fault is reported with the next sample, as no reading of this one depends on it.
     """
     for j in range(current.shape[0]):
         code = _wrong_current(_Joint(table, state, period, j), current[j])
-        checked[2, j] = current[j] if code == 0 else np.nan
+        checked[j] = current[j] if code == 0 else np.nan
 
 
 @kernel
@@ -235,7 +253,8 @@ def _take_sample(
     q: Array,
     v: Array,
     current: Array,
-    checked: Array,
+    checked_motion: Array,
+    checked_current: Array,
 ) -> None:
     """Single-sample kernel: updates `state` with a sample.
 
@@ -260,7 +279,7 @@ def _take_sample(
         is_recent = is_known and age <= max(RESTART_TIME, RESTART_TICKS * period)
         # A sample that is not finite, or after none that was, is as useless as one beyond a limit.
         code = FAULT_BEYOND
-        if np.isfinite(checked[0, j]) and np.isfinite(checked[1, j]):
+        if np.isfinite(checked_motion[0, j]) and np.isfinite(checked_motion[1, j]):
             code = 0
         elif is_known:
             code = _wrong_motion(joint, fade, q[j], v[j])
@@ -289,7 +308,7 @@ def _take_sample(
         elif abs(v[j]) > table[_MOVING, j]:
             state[_SAME, j] = min(state[_SAME, j] + period, 2.0 * FROZEN_TIME)
         state[_I_AGE, j] += period
-        if np.isfinite(checked[2, j]) or current[j] == state[_I, j]:
+        if np.isfinite(checked_current[j]) or current[j] == state[_I, j]:
             state[_I, j], state[_I_AGE, j] = current[j], 0.0
 
 
@@ -385,8 +404,8 @@ def check_rows(
         codes: (N,) written: the faults of q and v, and of the current of the sample before.
     """
     for k in range(q.shape[0]):
-        sample = checked[:, k]
+        motion, measured = checked[:2, k], checked[2, k]
         # Both checks compare with the sample before, in whose place `_take_sample` puts this one.
-        codes[k] = _check_motion(table, state, periods[k], q[k], v[k], sample)
-        _check_current(table, state, periods[k], current[k], sample)
-        _take_sample(table, state, periods[k], q[k], v[k], current[k], sample)
+        codes[k] = _check_motion(table, state, periods[k], q[k], v[k], motion)
+        _check_current(table, state, periods[k], current[k], measured)
+        _take_sample(table, state, periods[k], q[k], v[k], current[k], motion, measured)

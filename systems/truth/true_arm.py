@@ -354,6 +354,6 @@ def _memory_at_rest(parts: ArmParts) -> tuple[ArmLayout, Array]:
     lagged = np.full(parts.joints.num_joints, np.nan)
     process = np.zeros(0) if parts.process is None else parts.process.initial_state
     wrench, sensed = np.zeros(6), np.zeros(6)
-    sensor_filter = np.zeros(0 if parts.sensor is None else parts.sensor.memory_size)
+    sensor_filter = np.zeros(0 if parts.sensor is None else parts.sensor.filter_size)
     layout = ArmLayout(joints.size, process.size, parts.joints.time_step)
     return layout, np.concatenate([joints, lagged, process, wrench, sensed, sensor_filter])

@@ -63,8 +63,9 @@ def test_ports():
     ports = ["terms", "tau_ext", "tau_ext_valid", "corrected", "observed", "fault"]
     ports += ["torque_error", "pole", "sliding"]
     assert names == ports
-    sizes = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "reading": 45}
-    sizes["invalid"] = 1
+    sizes = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
+    sizes["reading"] = 45 + block.memory_size
+    assert block.reading_sizes == [6, 36, 1, 1, 1, block.memory_size]
     assert {name: block.GetOutputPort(name).size() for name in sizes} == sizes
     assert block.num_output_ports() == len(sizes)
     assert block.CreateDefaultContext().num_total_states() == 0
