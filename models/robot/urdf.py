@@ -537,11 +537,11 @@ class _Reader:
         total = sum(mass for mass, _, _ in parts)
         link = self.links[body]
         if total <= 0:
-            self._fail(
-                link,
-                f'moving link "{body}" and what is fixed to it have no mass',
-                "give it an <inertial>",
-            )
+            remedy = "give it an <inertial>"
+            if self.config.flange in self._below(body, True):
+                remedy += f", or state what it carries as tool in {self.config_source.name}"
+            problem = f'moving link "{body}" and what is fixed to it have no mass'
+            self._fail(link, problem, remedy)
         com = sum((mass * p for mass, p, _ in parts), np.zeros(3)) / total
         composite = np.zeros((3, 3))
         for mass, p, about_com in parts:

@@ -670,7 +670,8 @@ def test_a_moving_body_without_mass(tmp_path: Path) -> None:
     start = SMALL_URDF.index('<inertial><origin xyz="0 0 .1"/><mass value="1"/>')
     end = SMALL_URDF.index("</inertial>", start) + len("</inertial>")
     massless = SMALL_URDF[:start] + SMALL_URDF[end:]
-    with pytest.raises(InputError, match=r'line 7: moving link "lower" .* have no mass'):
+    expected_line = r'line 7: moving link "lower" .* have no mass; .* as tool in robot\.yaml'
+    with pytest.raises(InputError, match=expected_line):
         load_small(tmp_path, massless).require_inertias("simulate")
     # The tool, or a link that is fixed to it, can carry the inertia.
     tool = {"mass": 1.0, "com": [0, 0, 0.1], "inertia": [0.01, 0.01, 0.005, 0, 0, 0]}
