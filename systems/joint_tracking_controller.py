@@ -11,8 +11,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.control.joint_tracking import (
-    LARGEST_INPUT,
     advance_integral,
+    are_inputs_usable,
     tracking_law,
     tracking_torque_of,
     write_holding_torque,
@@ -20,7 +20,6 @@ from wrenchsight.models.control.joint_tracking import (
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
-from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -130,12 +129,14 @@ class JointTrackingController(SampledBlock):
         self._valid = self.declare_held_output("valid", 1, self._calc_valid, inputs)
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output[0] = float(self._is_usable(context))
+        *_, is_usable = self._inputs(context)
+        output[0] = float(is_usable)
 
-    def _is_usable(self, context: Context) -> bool:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        numbers = (self._reference.Eval(context), terms.q, terms.v)
-        return all(all_below(values, LARGEST_INPUT) for values in numbers)
+    def _inputs(self, context: Context) -> tuple[Record, Array, bool]:
+        """Record of the terms, reference (3n,), and whether these are finite numbers."""
+        terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
+        reference = self._reference.Eval(context)
+        return terms, reference, are_inputs_usable(terms, reference)
 
     def _calc_law(self, context: Context) -> Record:
         gains = context.get_numeric_parameter(self._gains).value().reshape(4, self._n)
@@ -143,24 +144,18 @@ class JointTrackingController(SampledBlock):
 
     def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
         tau = output.get_mutable_value()
-        if not self._is_usable(context):
-            terms = cast(RigidBodyTerms, self._terms.Eval(context))
-            write_holding_torque(terms.record, self._effort_limit, tau)
+        terms, reference, is_usable = self._inputs(context)
+        if not is_usable:
+            write_holding_torque(terms, self._effort_limit, tau)
             return
-        tracking_torque_of(
-            self._law.EvalAbstract(context).get_value(),
-            self._terms.Eval(context).record,
-            self._reference.Eval(context),
-            self.memory(context),
-            tau,
-        )
+        law: Record = self._law.EvalAbstract(context).get_value()
+        tracking_torque_of(law, terms, reference, self.memory(context), tau)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         tau, law = self._tau_command.Eval(context), self._law.EvalAbstract(context).get_value()
-        if not self._is_usable(context):
-            return tau, self._valid.Eval(context)
-        q_d, q = self._reference.Eval(context)[: self._n], self._terms.Eval(context).q
-        advance_integral(law, q, q_d, tau, memory)
+        terms, reference, is_usable = self._inputs(context)
+        if is_usable:
+            advance_integral(law, terms["q"][0], reference[: self._n], tau, memory)
         return tau, self._valid.Eval(context)
 
 
