@@ -41,10 +41,18 @@ the local scale of the change. A joint that comes to rest releases its friction 
 sooner than sd^2 shows rest. Below REST_SPEED the stiction part is therefore at least
 b^2 / 3 exp(-(v / REST_SPEED)^2), low-passed as the reading, until all joints have rested for
 REST_TIME. A joint that starts releases its friction later than it is seen to move, and the mean
-still holds it: until then the part is at least LP(w b)^2 / 3. In the first MEAN_TIME of a log there
-is no mean, hence no change. Over the UR10e's other days, in units of those of the fit, the size of
-z ranges from .9 to 3.6 and that of its changes from .9 to 2.5. For a model without s' `sample`
-takes the place of `change`.
+still holds it: until then the part is at least LP(w b)^2 / 3. Nor is s'^2 below the square of the
+white noise that speeds and currents show, as the observer reads it,
+
+    noise^2 = -LP(d_p d_p' + d_L d_L') / 4
+    d_p = (1 - pole) (p - 2 p' + p'') / T,    d_L = (1 - pole) (L - 2 L' + L'') / sqrt(1 - pole^2)
+
+of momentum p and transmitted torque L: in white noise of sd 1 successive second differences have
+the covariance -4, in smooth motion a positive one. Logs of fast motion hardly contain a slow joint,
+and their fit may give it a tenth of this noise. In the first MEAN_TIME of a log there is no mean,
+hence no change. Over the UR10e's other days, in units of those of the fit, the size of z ranges
+from .9 to 3.6 and that of its changes from .9 to 2.5. For a model without s' `sample` takes the
+place of `change`.
 
 **Mean** has a level OTHER_DAYS (`contact_detector`) times that of the held-out motion. Correlated
 errors differ from day to day, and the fitted motion covers few days. Without this factor the mean
@@ -121,8 +129,8 @@ REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
 
 # Rows of the state.
-_MOMENTUM, _PREVIOUS_MOMENTUM, _TORQUE, _BASE, _JUMP2, _LOCAL2 = range(6)
-_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(6, 13)
+_MOMENTUM, _PREVIOUS_MOMENTUM, _TORQUE, _PREVIOUS_TORQUE, _BASE, _JUMP2, _LOCAL2 = range(7)
+_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _NOISE2, _LAST_P, _LAST_TAU, _START = range(7, 17)
 NUM_UNKNOWN = _JUMP2  # rows before it are not known before the first sample
 _SINGLE_ROW = _START + 1  # first of the rows that hold single numbers
 # The single numbers: the memory of `decide_contact`, then these.
@@ -267,6 +275,7 @@ def detect_tick(
     is_out = np.any(np.abs(v) > joints[FITTED_SPEED]) or np.any(np.abs(load) > joints[FITTED_LOAD])
     out[OUT_OF_RANGE] = 1.0 if is_out else 0.0
     change_variance = _change_variance(detector, error.rows, v, load)
+    _take_noise(detector, sample.momentum, load)
     _take_jumps(detector, sample.momentum, load, sample.transmitted)
     single[_RESTING] = (
         single[_RESTING] + settings[PERIOD] if np.all(np.abs(v) < REST_SPEED) else 0.0
@@ -333,7 +342,25 @@ def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) ->
             part = joints[CHANGE + _STICTION_PART, j] * parts[_STICTION_PART]
             released = max(state[_STOP, j], state[_START, j])
             variance[j] += max(part, released * released)
+        # No joint is read with less noise than its speeds and its current have.
+        variance[j] = max(variance[j], state[_NOISE2, j])
     return variance
+
+
+@kernel
+def _take_noise(detector: _Detector, momentum: Array, load: Array) -> None:
+    """Takes second differences of momentum and motor torque into the square of the noise."""
+    joints, settings, state = detector.tables.joints, detector.tables.settings, detector.state
+    for j in range(momentum.shape[0]):
+        pole = joints[JUMP_POLE, j]
+        gain = 1.0 - pole
+        p = momentum[j] - 2.0 * state[_MOMENTUM, j] + state[_PREVIOUS_MOMENTUM, j]
+        tau = load[j] - 2.0 * state[_TORQUE, j] + state[_PREVIOUS_TORQUE, j]
+        read_p, read_tau = gain * p / settings[PERIOD], gain * tau / np.sqrt(1.0 - pole * pole)
+        product = read_p * state[_LAST_P, j] + read_tau * state[_LAST_TAU, j]
+        if np.isfinite(product):
+            state[_NOISE2, j] += (1.0 - detector.keep) * (-product / 4.0 - state[_NOISE2, j])
+        state[_LAST_P, j], state[_LAST_TAU, j] = read_p, read_tau
 
 
 @kernel
@@ -357,7 +384,7 @@ def _take_jumps(detector: _Detector, momentum: Array, load: Array, transmitted: 
         gain = 1.0 - pole
         state[_JUMP2, j] = pole * pole * state[_JUMP2, j] + gain * gain * square
         if np.isfinite(state[_MOMENTUM, j]):
-            state[_TORQUE, j] = load[j]
+            state[_PREVIOUS_TORQUE, j], state[_TORQUE, j] = state[_TORQUE, j], load[j]
         state[_PREVIOUS_MOMENTUM, j], state[_MOMENTUM, j] = state[_MOMENTUM, j], momentum[j]
 
 

@@ -350,6 +350,24 @@ def test_what_a_jump_of_motor_torque_reads_as_is_no_contact(sts, model, torque_s
     assert not Detection.of(out[1]).contact.any()
 
 
+@pytest.mark.parametrize("has_noisy_speeds", [False, True])
+def test_the_noise_of_speeds_is_no_contact_where_the_logs_had_less(sts, model, has_noisy_speeds):
+    """As where a slow arm stretches: its momentum grows, and so does what noise of speeds reads."""
+    learnt_model = learnt(model, sts, 60_000, 1)
+    assert learnt_model.contact_noise is not None
+    told = replace(learnt_model.contact_noise, usual_jolt=[1e3] * N)  # no jump is an unusual one
+    detector = detector_of(replace(model, contact_noise=told), sts)
+    samples = 1500
+    q, v, transmitted, momentum, J = still(model, sts, samples)
+    size = 6.0 * np.clip(np.arange(samples) / 100.0 - 10.0, 0.0, 1.0)  # N m, after 10 s
+    read = np.zeros((samples, N))
+    read[:, 2] = size * np.random.default_rng(5).normal(size=samples)
+    if has_noisy_speeds:
+        momentum[:, 2] = read[:, 2] * T / (1.0 - np.exp(-20.0 * T))
+    detection = Detection.of(judge(detector, q, v, transmitted, momentum, J, read))
+    assert detection.contact.any() != has_noisy_speeds
+
+
 def noise_and_friction(scale):
     """Noise whose changes alone are judged, excesses of this scale; dry friction of 2 N m."""
     high = ExceedanceTail(level=1e3, rate_per_hour=1.0, scale=1.0, shape=0.0)
