@@ -23,6 +23,7 @@ from wrenchsight.models.robot.mimic_joints import leader_of
 from wrenchsight.models.robot.rounded_angles import exact_angle
 
 _MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
+_FREE_JOINT_TYPES = ("planar", "floating")  # of a vehicle or a humanoid, which no motor holds
 _FLANGE_NAMES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_eef", "ee")
 _TOOL_WORDS = ("tool0", "tcp", "ee", "eef", "tool", "flange", "effector", "tip", "grasp")
 _HAND_WORDS = ("gripper", "hand")
@@ -154,7 +155,16 @@ class ArmStructure:
             carrying = [joint for joint in self._below[root] if self._carries(joint, flange)]
             if len(carrying) == 1 and not carrying[0].moves:
                 root = carrying[0].child
-        return self._beyond_vehicle(root, flange)
+        return self._beyond_vehicle(self._beyond_free_joint(root, flange), flange)
+
+    def _beyond_free_joint(self, root: str, flange: str | None) -> str:
+        """The link that a planar or floating joint moves, with the arm; the root without one."""
+        link = root
+        for parent in self._rigid(root):
+            for joint in self._below.get(parent, ()):
+                if joint.kind in _FREE_JOINT_TYPES and self._carries(joint, flange):
+                    link = joint.child
+        return link
 
     def _beyond_vehicle(self, root: str, flange: str | None) -> str:
         """The link that the joints of a vehicle move; the root itself where there are none.

@@ -153,7 +153,10 @@ def _draft(
             structure.require_link(link)
     flange = flange or structure.flange(base or structure.base(None))
     base = base or structure.base(flange)
-    arm = structure.joints_between(base, flange)
+    way = structure.joints_between(base, flange)
+    followed = {joint.leader for joint in way if joint.leader}
+    # Where nothing else is left, the robot's reader says what is wrong.
+    arm = [joint for joint in way if not joint.leader and joint.name not in followed] or way
     locked = structure.at_rest(arm)
     gravity, floors, mounting_note = _mounting(structure, base)
     name = root.get("name") or urdf.stem
@@ -179,6 +182,12 @@ def _draft(
             partial.write_text(text, encoding="utf-8")
     robot = Robot.load(out)
     notes = [*doubts, *mounting_note, *_effort_note(arm, assumed), *_rotor_note(arm, assumed)]
+    notes += [
+        f"{joint.name} and the joints that follow it (mimic) are held still in the arm: each of an "
+        "arm's joints needs a motor of its own"
+        for joint in way
+        if joint.name in followed and joint not in arm
+    ]
     notes += [
         *_rest_notes(structure, arm, locked, base),
         in_the_way(robot, *structure.sides(base, arm)),

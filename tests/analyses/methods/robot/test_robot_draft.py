@@ -349,3 +349,28 @@ def test_a_xacro_of_a_renamed_package_keeps_its_meshes(tmp_path: Path) -> None:
     )
     assert f'asks for the package "old_arm", which is not found: {folder}' in notes[0]
     assert (folder / "base.obj").as_uri() in (tmp_path / "robot.urdf").read_text()
+
+
+@pytest.mark.parametrize("kind", ["planar", "floating"])
+def test_an_arm_on_a_body_that_no_motor_holds_stands_on_that_body(
+    tmp_path: Path, kind: str
+) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    footprint = (
+        f"<link name='footprint'/><joint name='drives' type='{kind}'><parent link='footprint'/>"
+        "<child link='base'/><axis xyz='0 0 1'/></joint></robot>"
+    )
+    urdf.write_text(urdf.read_text().replace("</robot>", footprint))
+    robot, _, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert robot.config.base_link == "base"
+    assert robot.num_joints == 5
+
+
+def test_joints_of_the_arm_that_move_with_one_motor_are_held_still(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    head, elbow, rest = urdf.read_text().partition("<joint name='elbow_flex' type='revolute'>")
+    urdf.write_text(f"{head}{elbow}<mimic joint='shoulder_lift'/>{rest}")
+    robot, _, notes = draft_robot(urdf, tmp_path / "robot.yaml", flange="gripper_link")
+    assert robot.joint_names == ("shoulder_pan", "wrist_flex", "wrist_roll")
+    assert robot.config.locked_joints == {"shoulder_lift": 0.0, "gripper": 0.0}
+    assert any("shoulder_lift and the joints that follow it (mimic)" in note for note in notes)
