@@ -140,6 +140,7 @@ def first_pass(
         read: opens the log for one pass.
     """
     resolution = _encoder_resolution(read, robot, config)
+    # Sds of force and moment, N and N m; None: the configuration states them, or the log tells.
     prior, prior_rule = _prior_without_log(config, robot)
     prior_is_open = prior is None and not _states_prior(config.estimator)
     work_done = 0.0

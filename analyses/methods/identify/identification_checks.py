@@ -44,39 +44,56 @@ def gain_ratios(
         (n,) factors and their sds; NaN and infinity where a factor is not determined.
     """
     n = len(factors[0].R)
-    # Rows of each joint, over the sd of its residual.
+    # Rows of each joint from all logs, over the sd of its residual.
     stacked = [
         triangular_factor(np.vstack([f.R[j] for f in factors])) / residual_sd[j] for j in range(n)
     ]
+    rows = np.vstack(stacked)
     inertial_columns = slice(0, _INERTIAL * n)
     ends = np.cumsum([len(R) for R in stacked])
-    rows = np.vstack(stacked)
-    column_norms = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-12)
     ratios, deviations = np.full(n, np.nan), np.full(n, np.inf)
     for j in range(n):
         of_joint = slice(ends[j] - len(stacked[j]), ends[j])
-        ratio, parameters = 1.0, x
-        for _ in range(GAUSS_NEWTON_STEPS):
-            # All parameters, and the change of the joint's factor as the last one.
-            A = np.column_stack([rows[:, :-1], np.zeros(len(rows))])
-            A[of_joint, -1] = rows[of_joint, inertial_columns] @ parameters[inertial_columns]
-            A[of_joint, inertial_columns] *= ratio
-            factor_norm = np.linalg.norm(A[:, -1])
-            if not factor_norm > 0.0:  # the joint feels no mass
-                break
-            scale = np.append(column_norms, factor_norm)
-            U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
-            selected = s > RANK_TOLERANCE * s[0]
-            weight = Vt[selected, -1]  # the factor's part in each direction that is determined
-            deviation = (
-                float(np.linalg.norm(weight / s[selected])) / factor_norm * np.sqrt(oversampling)
-            )
-            if np.linalg.norm(weight) < 0.999:  # partly in the null space: not determined
-                break
-            solution = Vt[selected].T @ ((U[:, selected].T @ rows[:, -1]) / s[selected]) / scale
-            ratio, parameters = ratio + float(solution[-1]), solution[:-1]
-            ratios[j], deviations[j] = ratio, deviation
+        ratios[j], white_deviation = _gain_ratio(rows, of_joint, inertial_columns, x)
+        deviations[j] = white_deviation * np.sqrt(oversampling)
     return ratios, deviations
+
+
+def _gain_ratio(
+    rows: Array, of_joint: slice, inertial_columns: slice, x: Array
+) -> tuple[float, float]:
+    """The factor on one joint's rigid-body torque, fitted with all parameters, and its sd.
+
+    Args:
+        rows: of all joints, torque last, over the sd of their residual.
+        of_joint: those of the joint.
+        x: all parameters of the fit without the factor, from which the steps begin.
+
+    Returns:
+        NaN and infinity where the factor is not determined; the sd is that of white residuals.
+    """
+    column_norms = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-12)
+    result = (np.nan, np.inf)
+    ratio, parameters = 1.0, x
+    for _ in range(GAUSS_NEWTON_STEPS):
+        # Linearised: columns of all parameters, and last that of the factor's change.
+        A = np.column_stack([rows[:, :-1], np.zeros(len(rows))])
+        A[of_joint, -1] = rows[of_joint, inertial_columns] @ parameters[inertial_columns]
+        A[of_joint, inertial_columns] *= ratio
+        factor_norm = float(np.linalg.norm(A[:, -1]))
+        if not factor_norm > 0.0:  # the joint feels no mass
+            break
+        scale = np.append(column_norms, factor_norm)
+        U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+        is_determined = s > RANK_TOLERANCE * s[0]  # of the directions of parameters
+        U, s, Vt = U[:, is_determined], s[is_determined], Vt[is_determined]
+        factor_share = Vt[:, -1]  # the factor's part in each direction
+        if np.linalg.norm(factor_share) < 0.999:  # partly in the null space
+            break
+        solution = Vt.T @ ((U.T @ rows[:, -1]) / s) / scale
+        ratio, parameters = ratio + float(solution[-1]), solution[:-1]
+        result = ratio, float(np.linalg.norm(factor_share / s)) / factor_norm
+    return result
 
 
 def rigid_torque(factors: Sequence[TorqueFactors], x: Array) -> Array:

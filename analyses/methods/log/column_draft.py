@@ -129,8 +129,8 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
     series = _series(table, joint_names)
     time = None if table.names is None else time_columns(table.names)
     if time is not None and table.names is not None:
-        numbers = [int(column) - 1 for column in str(time.columns).split(",")]  # from 0
-        lines.append(_Entry("time", {"columns": _columns_text(numbers, table)}).line())
+        indices = [int(number) - 1 for number in str(time.columns).split(",")]  # stated from 1
+        lines.append(_Entry("time", {"columns": _columns_text(indices, table)}).line())
     elif table.names is None:
         lines.append(_Entry("time", {"columns": "1", "unit": "s"}, "? its column and unit").line())
     else:
@@ -178,7 +178,7 @@ def _entry(signal: Signal, key: str, table: LogTable, words: RawWords | None) ->
         # The unit of this size; with none, the first of the signal's units and a gain.
         units = UNITS.get(key, {"1": 1.0})
         size = float(np.abs(scale[0]))
-        unit = next((u for u, f in units.items() if abs(f / size - 1.0) < 1e-9), "")
+        unit = next((name for name, si in units.items() if abs(si / size - 1.0) < 1e-9), "")
         if not unit or not np.allclose(np.abs(scale), size, rtol=1e-9):
             unit = next(iter(units))
         gain = scale / units[unit]
@@ -211,7 +211,11 @@ def _numbers_text(values: Array) -> str:
 
 
 def _columns_text(columns: Sequence[int], table: LogTable) -> str:
-    """Columns by their names, as a series where they are one; by number where names fail."""
+    """Columns by their names, as a series where they are one; by number where names fail.
+
+    Args:
+        columns: their indices, from 0; the numbers in the text count from 1.
+    """
     names = table.names
     if names is not None:
         listed = [names[column] for column in columns]

@@ -228,6 +228,7 @@ class PlacementSearch:
         """
         result = SearchResult()  # counts and history grow in it along the way
         clock = _Clock(result)
+        # These grow solve by solve, so that an interrupt leaves what there is.
         ends: list[PlacementSolution] = []  # of the rough solves, in the order of their starts
         solutions: list[PlacementSolution] = []  # of the fine solves that keep all constraints
         sources: list[_Source] = []  # of these
@@ -241,16 +242,7 @@ class PlacementSearch:
                 result.nearest = sorted(ends, key=self._violation_of)
                 return result
             starts, ends = starts[: len(self._others) + effort.num_starts], []
-            for number in range(1 + effort.num_rounds):
-                for count, end in enumerate(self._rough(starts, ends, result)):  # adds to ends
-                    fraction = (number + count / len(starts)) / (1 + effort.num_rounds)
-                    message = f"round {number + 1}, start {count + 1}/{len(starts)}"
-                    progress(0.05 + 0.65 * fraction, message)
-                    self._record(end, clock)
-                if not any(self._is_kept(end) for end in ends):
-                    break
-                if number < effort.num_rounds:
-                    starts = self._varied(ends, effort, result)
+            self._rough_rounds(starts, ends, effort, result, clock, progress)
             result.num_starts = len(ends)
             kept = [end for end in ends if self._is_kept(end)]
             result.nearest = [] if kept else sorted(ends, key=self._violation_of)
@@ -303,13 +295,43 @@ class PlacementSearch:
                 break
         return ends
 
+    def _rough_rounds(
+        self,
+        starts: list[Placement],
+        ends: list[PlacementSolution],
+        effort: SearchEffort,
+        result: SearchResult,
+        clock: "_Clock",
+        progress: Callable[[float, str], None],
+    ) -> None:
+        """Rounds of rough solves, each after the first from variations of the best ends so far.
+
+        They end early where no end so far keeps the constraints.
+
+        Args:
+            starts: of the first round.
+            ends: grows by the end of each solve.
+            result: its counts grow.
+            clock: records the better ones.
+        """
+        for number in range(1 + effort.num_rounds):
+            for count, end in enumerate(self._rough(starts, ends, result)):
+                fraction = (number + count / len(starts)) / (1 + effort.num_rounds)
+                message = f"round {number + 1}, start {count + 1}/{len(starts)}"
+                progress(0.05 + 0.65 * fraction, message)
+                self._record(end, clock)
+            if not any(self._is_kept(end) for end in ends):
+                break
+            if number < effort.num_rounds:
+                starts = self._varied(ends, effort, result)
+
     def _rough(
         self,
         starts: list[Placement],
         ends: list[PlacementSolution],
         result: SearchResult,
     ) -> Iterator[PlacementSolution]:
-        """Solves the coarse program from each start and adds the ends."""
+        """Solves the coarse program from each start; adds each end to `ends` and yields it."""
         for start in starts:
             coarse_start = replace(start, q=start.q[:: self._stride])
             end = self._coarse.solve(coarse_start, options=_ROUGH_OPTIONS)
@@ -361,6 +383,7 @@ class PlacementSearch:
         rng = np.random.default_rng(seed)
         guesses = self.initial_guess()
         length = self.program.path_length
+        # Costs are infinite where a limit is passed by far: such paths count as none.
         random_paths = self.draw(rng, effort.num_samples, length, result)
         for share in _STAGE_SHARES:
             if np.sum(np.isfinite(self._costs(random_paths))) >= _MIN_STARTS:
@@ -374,7 +397,8 @@ class PlacementSearch:
         candidates = PlacementBatch.joined([random_paths[order], branches])
         costs = self._costs(candidates)
         result.evaluations += len(random_paths) + len(candidates)
-        cells, count = self._cells(candidates), max(effort.num_starts, effort.num_feasibility)
+        cells = self._cells(candidates)
+        count = max(effort.num_starts, effort.num_feasibility)  # as many as either stage takes
         if self.program.cell is not None:
             tried = best_of_each(cells, costs, _TRIED_PER_START * count)  # distances take time
             candidates, cells, costs = candidates[tried], cells[tried], costs[tried]

@@ -131,38 +131,17 @@ def best_free(
             there is none. It is not changed.
         progress: called with the share done.
     """
-    q = grid.q.copy()  # NaN where a posture is left out
-    N, K = q.shape[:2]
-    # Where postures at every few samples and angles collide, those around them are left out, too.
-    samples = np.unique(np.r_[np.arange(0, N, _SAMPLES_APART), N - 1])
-    for count, i in enumerate(samples):
-        for k in range(0, K, _ANGLES_APART):
-            for b in np.flatnonzero(np.isfinite(q[i, k, :, 0])):
-                # An earlier posture that collides may have left this one out, too.
-                if not np.isfinite(q[i, k, b, 0]) or cell.free(q[i, k, b]):
-                    continue
-                angles = np.arange(k, min(k + _ANGLES_APART, K))
-                _leave_out(q, grid.q, i, angles, int(b))
-        progress(0.6 * (count + 1) / len(samples))
+    q = _coarsely_free(cell, grid, lambda fraction: progress(0.6 * fraction))
     # The best way through what is left is looked at sample by sample; what collides goes, until
     # nothing does.
     for number in range(_MOST_ROUNDS):
-        free_grid = Candidates(grid.psi, q)
-        if not np.isfinite(q[..., 0]).any(axis=(1, 2)).all():
+        if not np.isfinite(q[..., 0]).any(axis=(1, 2)).all():  # a sample without postures
             return None
         try:
-            way = best_on_grid(problem, free_grid)
-        except InputError:
+            way = best_on_grid(problem, Candidates(grid.psi, q))
+        except InputError:  # no way leads through the postures left
             return None
-        try:
-            colliding = [i for i in range(N) if not cell.free(way.q[i])]  # samples
-            with_ends = cell.with_ends(problem, way.q)
-            # The first and last few postures, in which E comes and goes.
-            coming_and_going = np.vstack([with_ends[:4], with_ends[-4:]])
-            if not colliding and not all(cell.free(posture) for posture in coming_and_going):
-                colliding = [0, N - 1]
-        except InputError:  # the arm cannot come or go that far from here
-            colliding = [0, N - 1]
+        colliding = _colliding_samples(cell, problem, way)
         if not colliding:
             refined = refine(problem, way.q)
             return refined if clear_of_all(cell, problem, refined).is_free else way
@@ -174,8 +153,55 @@ def best_free(
     return None
 
 
+def _coarsely_free(
+    cell: Surroundings, grid: Candidates, progress: Callable[[float], None]
+) -> Array:
+    """q (N, K, B, n) of the grid, NaN where a posture collides or is near one that does.
+
+    Only postures at every few samples and angles are checked.
+    """
+    q = grid.q.copy()
+    N, K = q.shape[:2]
+    samples = np.unique(np.r_[np.arange(0, N, _SAMPLES_APART), N - 1])
+    for count, i in enumerate(samples):
+        for k in range(0, K, _ANGLES_APART):
+            for b in np.flatnonzero(np.isfinite(q[i, k, :, 0])):
+                # An earlier posture that collides may have left this one out, too.
+                if not np.isfinite(q[i, k, b, 0]) or cell.free(q[i, k, b]):
+                    continue
+                angles = np.arange(k, min(k + _ANGLES_APART, K))
+                _leave_out(q, grid.q, i, angles, int(b))
+        progress((count + 1) / len(samples))
+    return q
+
+
+def _colliding_samples(
+    cell: Surroundings, problem: RedundancyProblem, way: Trajectory
+) -> list[int]:
+    """Samples whose postures collide; the first and last where only coming or going fails."""
+    first_and_last = [0, len(way.q) - 1]
+    try:
+        colliding = [i for i in range(len(way.q)) if not cell.free(way.q[i])]
+        with_ends = cell.with_ends(problem, way.q)
+    except InputError:  # the arm cannot come or go that far from here
+        return first_and_last
+    # The first and last few postures, in which E comes and goes.
+    coming_and_going = np.vstack([with_ends[:4], with_ends[-4:]])
+    if not colliding and not all(cell.free(posture) for posture in coming_and_going):
+        return first_and_last
+    return colliding
+
+
 def _leave_out(q: Array, whole: Array, i: int, angles: Array, branch: int) -> None:
-    """Leaves out a posture that collides, and those near it on samples and angles around."""
+    """Leaves out a posture that collides, and those near it on samples and angles around.
+
+    Args:
+        q: (N, K, B, n) postures, set to NaN where they are left out.
+        whole: (N, K, B, n) all postures.
+        i: sample of the posture that collides.
+        angles: indices of the angles whose postures may go; the first is that of the posture.
+        branch: index of its branch.
+    """
     posture = whole[i, angles[0], branch]
     for sample in range(max(0, i - 1), min(len(q), i + _SAMPLES_APART)):
         for angle in angles:

@@ -12,6 +12,7 @@ sent.
 
 import struct
 import time
+from dataclasses import replace
 
 import numpy as np
 from drake import lcmt_force_torque, lcmt_iiwa_status, lcmt_panda_status
@@ -135,15 +136,23 @@ class LcmSource:
         q, v, tau = (np.array(signal, float) for signal in signals)
         if not q.shape == v.shape == tau.shape:
             raise ValueError("signals of different lengths")
-        t = 1e-6 * message.utime
-        logged_external = np.array(message.joint_torque_external, float)
+        stated_external = np.array(message.joint_torque_external, float)  # its sign as sent
+        sample = Sample(
+            t=1e-6 * message.utime,
+            received=now,
+            q=q,
+            v=v,
+            effort=tau,
+            is_torque=True,
+            running=running,
+            state=state,
+        )
         if not self._external:
-            more = {"external_torque": logged_external}
-            return Sample(t, now, q, v, tau, True, running, state, more)
-        if logged_external.shape != q.shape:
+            return replace(sample, more={"external_torque": stated_external})
+        if stated_external.shape != q.shape:
             raise ValueError("no external torque of each joint")
-        tau_ext = -logged_external if self._kind == "panda" else logged_external
-        return Sample(t, now, q, v, tau_ext, True, running, state, is_external=True)
+        tau_ext = -stated_external if self._kind == "panda" else stated_external
+        return replace(sample, effort=tau_ext, is_external=True)
 
 
 class LcmPublisher:

@@ -90,12 +90,12 @@ class LoadSearch:
             estimator: that gives the readings.
         """
         if self._estimator is not estimator:
-            if self._estimator is not None:  # reading began anew
+            if self._estimator is not None:  # not the first: reading began anew
                 self._begin, self._readings, self._monitor = t, [], None
             self._estimator = estimator
         if self._begin is None or not self._looks or self._running is not None:
             return
-        if t - self._begin < self._looks[0]:
+        if t - self._begin < self._looks[0]:  # not due
             return
         self._looks.pop(0)
         # The last speed stays: the next look interpolates from it.
