@@ -93,8 +93,8 @@ def make_estimator(
     K_0; the prior's sds) are changed through their Contexts. Stated sd, lag and `valid` follow.
 
     With `fused` all of them are one block, `block`, with the same parameters
-    (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers. It adds nine tenths of
-    what the stages add to a tick of a closed loop, with a learnt torque error seven tenths.
+    (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers. It adds four fifths
+    of what the stages add to a tick of a closed loop, with a learnt torque error three fifths.
 
     With `corrected` there are further inputs, all of them to be connected, for what is known of the
     model's error besides the model, as from an air pass (`models.machining.air_pass`):
