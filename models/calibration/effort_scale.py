@@ -80,8 +80,8 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
     rows = _joined([_motion_rows(recording, robot) for recording in recordings])
     n = robot.num_joints
     if len(np.unique(rows.block)) < _LEAST_BLOCKS:
-        least = _LEAST_BLOCKS * REST_ERROR_TIME
-        problem = f"lasts less than the {least:g} s that standard errors need"
+        least_duration = _LEAST_BLOCKS * REST_ERROR_TIME
+        problem = f"lasts less than the {least_duration:g} s that standard errors need"
         raise InputError(recordings[0].source, "", problem, "log a longer motion")
     fading_speed = _SIGN_FADING_SHARE * np.where(
         np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0

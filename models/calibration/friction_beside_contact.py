@@ -93,8 +93,11 @@ def refresh_beside_contact(
     force_sd, moment_sd = wrench_sd
     wrench_variance = np.repeat([moment_sd**2, force_sd**2], 3)
     numbers = np.floor((rows.t - rows.t[0]) / SEGMENT_TIME).astype(int)
-    parts = [numbers == number for number in np.unique(numbers)]
-    statistics = [_segment(rows[part], J[part], wrench_variance) for part in parts]
+    segment_masks = [numbers == number for number in np.unique(numbers)]
+    statistics = [
+        _segment(rows[is_in_segment], J[is_in_segment], wrench_variance)
+        for is_in_segment in segment_masks
+    ]
     segments = _Segments(*(np.array(column) for column in zip(*statistics, strict=True)))
     n = rows.num_joints
     prior = (drift or FrictionDrift()).deviation(rows, law)
@@ -108,8 +111,8 @@ def refresh_beside_contact(
         scale=np.ones(n),
     )
     is_free = np.zeros(len(rows.t), bool)
-    for part, share in zip(parts, free, strict=True):
-        is_free |= part & (share > SURELY_FREE)
+    for is_in_segment, share in zip(segment_masks, free, strict=True):
+        is_free |= is_in_segment & (share > SURELY_FREE)
     return RefreshBesideContact(refresh, is_free)
 
 
@@ -133,9 +136,9 @@ def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> tuple[Arra
     columns, noise = np.zeros((m * n, 3 * n)), np.zeros((m * n, m * n))
     drift = rows.drift
     for j in range(n):
-        part = slice(j * m, (j + 1) * m)
-        columns[part, 3 * j : 3 * j + 3] = drift[:, j]
-        noise[part, part] = rows.covariance(j)
+        joint_rows = slice(j * m, (j + 1) * m)
+        columns[joint_rows, 3 * j : 3 * j + 3] = drift[:, j]
+        noise[joint_rows, joint_rows] = rows.covariance(j)
     time_correlation = np.tile(np.exp(-np.abs(rows.t[:, None] - rows.t) / FORCE_TIME), (n, n))
     levers = J.transpose(1, 2, 0).reshape(6, n * m)
     shared = np.einsum("ai,a,aj->ij", levers, wrench_variance, levers) * time_correlation

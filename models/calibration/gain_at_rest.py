@@ -88,8 +88,8 @@ def gain_at_rest(
     if stop - start < 2 or t[stop - 1] - t[start] < LEAST_REST:
         return None
     current, torque = samples.current[start:stop, joint], samples.torque[start:stop, joint]
-    least = LEAST_LOAD * effort_limit if np.isfinite(effort_limit) else 0.0
-    is_loaded = np.abs(gravity_torque[start:stop]).min() > least
+    least_torque = LEAST_LOAD * effort_limit if np.isfinite(effort_limit) else 0.0
+    is_loaded = np.abs(gravity_torque[start:stop]).min() > least_torque
     if not is_loaded or not np.abs(current).min() > LEAST_CURRENT:
         return None
     if np.ptp(q[start:stop]) > REST_TOLERANCE:

@@ -250,8 +250,8 @@ def _joint_ripple(
     counts = (np.abs(v) >= V_REST)[:, None] & (np.abs(v)[:, None] * periods <= MAX_RATE)
     largest = np.where(counts, q[:, None], -np.inf).max(axis=0)
     turns = (largest - np.where(counts, q[:, None], np.inf).min(axis=0)) / (2.0 * np.pi)
-    least = max(MIN_ROWS, MIN_SLOW_SHARE * (np.abs(v) >= V_REST).sum())
-    is_seen = (counts.sum(axis=0) >= least) & (periods * turns >= MIN_CYCLES)
+    least_samples = max(MIN_ROWS, MIN_SLOW_SHARE * (np.abs(v) >= V_REST).sum())
+    is_seen = (counts.sum(axis=0) >= least_samples) & (periods * turns >= MIN_CYCLES)
     if not is_seen.any():
         return prior_result
     seen = periods[is_seen]

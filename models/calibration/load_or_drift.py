@@ -153,18 +153,18 @@ def weigh_begin(
         if end - begin <= PLACES_PER_PASS * every:
             every = 1
         evidence = _begin_evidence(log, law, prior, places, every)
-        best = int(np.argmax(evidence))
-        if evidence[best] < 0.0:
+        likeliest = int(np.argmax(evidence))
+        if evidence[likeliest] < 0.0:
             return None
-        begin = int(places[max(best - 1, 0)])
-        end = int(places[min(best + 1, len(places) - 1)])
+        begin = int(places[max(likeliest - 1, 0)])
+        end = int(places[min(likeliest + 1, len(places) - 1)])
         if end - begin <= 2:
             break
-    likely = np.exp(evidence - evidence[best])
+    likely = np.exp(evidence - evidence[likeliest])
     t = log.rows.t[places]
     mean = float(likely @ t / likely.sum())
     sd = float(np.sqrt(likely @ (t - mean) ** 2 / likely.sum()))
-    row = int(places[best])
+    row = int(places[likeliest])
     odds = np.log(likely.sum()) - np.log(last_row - first_row + 1)
     weighed = _weighed(loaded_from(log, row), law, prior, row, float(odds))
     return replace(weighed, begin=float(log.rows.t[row]), begin_sd=sd)
@@ -244,14 +244,14 @@ def _begin_evidence(
     used = log[::every]
     is_loaded = used_rows[:, None] >= places  # (rows, K)
     load_sd = vague_spread(prior.mass)  # (10,)
-    num_loads, size = len(places), len(load_sd)
+    num_loads, num_parameters = len(places), len(load_sd)
 
     def loads_columns(joint: int) -> Array:
         columns = is_loaded[:, :, None] * used.load[:, joint, None]  # (rows, K, 10)
-        return columns.reshape(len(used_rows), num_loads * size)
+        return columns.reshape(len(used_rows), num_loads * num_parameters)
 
     blocks, common_sd = _whitened_columns(used, law, loads_columns)
-    common_columns = np.arange(num_loads * size, blocks[0].shape[1])
+    common_columns = np.arange(num_loads * num_parameters, blocks[0].shape[1])
 
     def evidence(columns: NDArray[np.int64], prior_sd: Array) -> float:
         rows = [block[:, columns] for block in blocks]
@@ -260,7 +260,7 @@ def _begin_evidence(
     without_load = evidence(common_columns, common_sd)
     prior_sd = np.concatenate([load_sd, common_sd])
     with_load = [
-        evidence(np.r_[k * size : (k + 1) * size, common_columns], prior_sd)
+        evidence(np.r_[k * num_parameters : (k + 1) * num_parameters, common_columns], prior_sd)
         for k in range(num_loads)
     ]
     return np.array(with_load) - without_load

@@ -195,16 +195,23 @@ def _fitted(
     )
     spread: Array = np.maximum(prior_sd, _LEAST_SPREAD)
     values, deviation, scatter = mean.copy(), spread.copy(), np.full(n, np.nan)
-    for j, part in enumerate(rows):
-        if not len(part.torque):
+    for j, joint_rows in enumerate(rows):
+        if not len(joint_rows.torque):
             continue
         curved = law_of_known.stribeck[j] * np.exp(
-            -((part.v / law_of_known.stribeck_velocity[j]) ** 2)
+            -((joint_rows.v / law_of_known.stribeck_velocity[j]) ** 2)
         )
-        y = part.torque - curved * part.side - law_of_known.cubic[j] * part.v**3
+        y = joint_rows.torque - curved * joint_rows.side - law_of_known.cubic[j] * joint_rows.v**3
         ones = np.ones_like(y)
         A = np.stack(
-            [part.side, np.abs(part.load) * part.side, part.v, ones, part.external], axis=1
+            [
+                joint_rows.side,
+                np.abs(joint_rows.load) * joint_rows.side,
+                joint_rows.v,
+                ones,
+                joint_rows.external,
+            ],
+            axis=1,
         )
         values[j], deviation[j], scatter[j] = _posterior(A, y, mean[j], spread[j], prior.dependence)
     return _Fitted(values, deviation, scatter)

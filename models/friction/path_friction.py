@@ -76,18 +76,18 @@ class PathPlaces(NamedTuple):
         )
         _, cell = np.unique(cells, axis=0, return_inverse=True)
         cell = cell.ravel()
-        size = np.bincount(cell).astype(float)[:, None]
+        cell_samples = np.bincount(cell).astype(float)[:, None]
 
         def summed(x: Array) -> Array:
-            total = np.zeros((len(size), q.shape[1]))
+            total = np.zeros((len(cell_samples), q.shape[1]))
             np.add.at(total, cell, x)
             return total
 
         count = summed(slides.astype(float))
         mean = summed(np.where(slides, torque, 0.0)) / np.maximum(count, 1.0)
         return cls(
-            q=np.round(summed(q) / size, _STORED_DIGITS),
-            v=np.round(summed(v) / size, _STORED_DIGITS),
+            q=np.round(summed(q) / cell_samples, _STORED_DIGITS),
+            v=np.round(summed(v) / cell_samples, _STORED_DIGITS),
             torque=np.round(mean, _STORED_DIGITS),
             samples=np.round(count, _STORED_DIGITS),
         )

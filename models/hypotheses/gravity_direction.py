@@ -27,25 +27,25 @@ def explain(case: Case) -> Explanation | None:
         case: the log, its model and the fit of the log as it is.
     """
     g = np.array(case.robot.gravity)
-    size = float(np.linalg.norm(g))
+    g_length = float(np.linalg.norm(g))
     base = case.base
     columns = case.gravity_columns(base.rows)
-    size = size if size > 0.0 else STANDARD_GRAVITY
-    view = base.with_columns(columns, np.full(3, size))
+    g_length = g_length if g_length > 0.0 else STANDARD_GRAVITY
+    view = base.with_columns(columns, np.full(3, g_length))
     change = case.fit(view).theta[:3]
     length = float(np.linalg.norm(g + change))
-    if abs(length / size - 1.0) > SAME_LENGTH:
+    if abs(length / g_length - 1.0) > SAME_LENGTH:
         return None
     # Of the right length; what is left open is a turn about two axes.
     direction = (g + change) / length
     for _ in range(2):
-        turned = case.view(base.rows, size * direction)
+        turned = case.view(base.rows, g_length * direction)
         across = np.linalg.svd(direction[None])[2][1:]  # (2, 3)
-        view = turned.with_columns(columns @ (size * across.T), np.ones(2))
+        view = turned.with_columns(columns @ (g_length * across.T), np.ones(2))
         fit = case.fit(view)
         direction = direction + across.T @ fit.theta[:2]
         direction = direction / np.linalg.norm(direction)
-    bare = _without_load(case, columns, size)
+    bare = _without_load(case, columns, g_length)
     if bare is not None:
         direction = bare
     error = math.degrees(float(np.max(fit.sd[:2])))
@@ -54,7 +54,7 @@ def explain(case: Case) -> Explanation | None:
         tilt = math.acos(min(1.0, max(-1.0, float(direction @ g / np.linalg.norm(g)))))
     if tilt < SMALLEST_TILT:
         return None
-    gravity = size * direction
+    gravity = g_length * direction
     listed = ", ".join(f"{value + 0.0:.2f}" for value in gravity)
     return Explanation(
         name=NAME,

@@ -110,14 +110,14 @@ def fit_torque_error(
         raise ValueError("torque error: no held-out reading")
     _check_readings(readings)
     K_0, n = readings[0].K_0, readings[0].tau_ext.shape[1]
-    used = [reading.used & np.isfinite(reading.tau_ext).all(axis=1) for reading in readings]
-    count = sum(int(rows.sum()) for rows in used)
+    is_used = [reading.used & np.isfinite(reading.tau_ext).all(axis=1) for reading in readings]
+    count = sum(int(rows.sum()) for rows in is_used)
     if count < FEWEST_SAMPLES:
         raise ValueError(f"torque error: {count} samples, expected {FEWEST_SAMPLES} or more")
     unit = unit_torque_error(n, K_0, rest)
     features = [features_along(unit, reading) for reading in readings]
-    errors = [reading.tau_ext[rows] for reading, rows in zip(readings, used, strict=True)]
-    F = np.concatenate([f[rows] for f, rows in zip(features, used, strict=True)])
+    errors = [reading.tau_ext[rows] for reading, rows in zip(readings, is_used, strict=True)]
+    F = np.concatenate([f[rows] for f, rows in zip(features, is_used, strict=True)])
     e = np.concatenate(errors)
     coefficients = np.stack(
         [
@@ -132,7 +132,7 @@ def fit_torque_error(
     coefficients[:, 0] = constant**2
     sds = [
         np.sqrt((f[..., :-1] * coefficients).sum(axis=-1) + f[..., -1])[rows]
-        for f, rows in zip(features, used, strict=True)
+        for f, rows in zip(features, is_used, strict=True)
     ]
     scaled = [
         np.clip(tau_ext / sd, -_MAX_ERROR_SDS, _MAX_ERROR_SDS)
@@ -149,8 +149,8 @@ def fit_torque_error(
         correlation=_correlation(scaled),
         correlation_time=correlation_time,
         lasting=lasting,
-        fitted_speed=_largest([reading.v for reading in readings], used),
-        fitted_load=_largest([reading.transmitted for reading in readings], used),
+        fitted_speed=_largest([reading.v for reading in readings], is_used),
+        fitted_load=_largest([reading.transmitted for reading in readings], is_used),
         K_0=K_0,
         resolution=np.max([reading.resolution for reading in readings], axis=0),
         rest_time=rest.time,
@@ -295,10 +295,10 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
         c: (M,).
     """
     N, M = A.shape
-    value, part = 0.0, np.empty(M)
+    value, block_slope = 0.0, np.empty(M)
     slope[:] = 0.0
     for start in range(0, N, _BLOCK_SAMPLES):  # sums of sums: rounding does not grow with N
-        part[:] = 0.0
+        block_slope[:] = 0.0
         logarithms, ratios, factor = 0.0, 0.0, 1.0
         for k in range(start, min(N, start + _BLOCK_SAMPLES)):
             s = fixed[k]
@@ -309,7 +309,7 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
             ratios += ratio
             share = inverse - ratio * inverse
             for m in range(M):
-                part[m] += share * A[k, m]
+                block_slope[m] += share * A[k, m]
             if 1e-200 < factor * s < 1e200:
                 factor *= s  # one logarithm for many: they are what takes the time
             else:
@@ -317,7 +317,7 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
                 factor = s
         value += logarithms + math.log(factor) + ratios
         for m in range(M):
-            slope[m] += 0.5 * part[m]
+            slope[m] += 0.5 * block_slope[m]
     return 0.5 * value
 
 
@@ -368,10 +368,12 @@ def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]
         return np.zeros(n), np.full(n, 0.1)
     shares = []
     for window in windows:
-        size = round(window / time_step)
+        window_samples = round(window / time_step)
         means = np.concatenate(
             [
-                errors[: len(errors) // size * size].reshape(-1, size, n).mean(axis=1)
+                errors[: len(errors) // window_samples * window_samples]
+                .reshape(-1, window_samples, n)
+                .mean(axis=1)
                 for errors in scaled
             ]
         )
@@ -383,5 +385,5 @@ def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]
     expected = np.log(
         b[:, None] + (1.0 - b[:, None]) * averaged_share(np.asarray(windows) / T[:, None])
     )
-    best = ((expected[:, :, None] - log_shares) ** 2).sum(axis=1).argmin(axis=0)
-    return b[best], T[best]
+    nearest = ((expected[:, :, None] - log_shares) ** 2).sum(axis=1).argmin(axis=0)
+    return b[nearest], T[nearest]

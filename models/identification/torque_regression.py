@@ -368,16 +368,16 @@ def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[
     """
     chain, n = robot.chain, robot.num_joints
     reach = np.linalg.norm(chain.p_PJ, axis=1).sum() + float(np.linalg.norm(chain.p_LE))
-    size = max(0.5 * float(reach) / n, 0.01)  # m, half of a link's mean length
+    half_length = max(0.5 * float(reach) / n, 0.01)  # m, half of a link's mean length
     mass = np.maximum(chain.inertial_parameters[:, 0], 0.0)
     # A link that the file gives no mass has the error of a tenth of the mean link.
     mass = np.maximum(mass, 0.1 * max(float(mass.mean()), 1e-3))
     spread = np.empty((n, _INERTIAL))  # columns: mass, m c (3), inertia (6)
     spread[:, 0] = mass
-    spread[:, 1:4] = (mass * size)[:, None]
-    spread[:, 4:] = (mass * size**2)[:, None]
+    spread[:, 1:4] = (mass * half_length)[:, None]
+    spread[:, 4:] = (mass * half_length**2)[:, None]
     drive_prior, drive_spread = [], []
-    rotor_spread = np.maximum(chain.reflected_inertia, mass * size**2)
+    rotor_spread = np.maximum(chain.reflected_inertia, mass * half_length**2)
     num_friction = [_JOINT - 1] * n if counts is None else counts  # a joint's first is its rotor
     for j, count in enumerate(num_friction):
         drive_prior.append(np.r_[chain.reflected_inertia[j], np.zeros(count)])

@@ -142,17 +142,19 @@ def _check_settings(settings: PassSettings, source: str) -> None:
         raise InputError(source, "ramp", f"{ramp:g} s, expected more than 0")
     if settings.passes < 1:
         raise InputError(source, "passes", f"{settings.passes}, expected 1 or more")
-    least = force.value - abs(force.amplitude)
-    if not (math.isfinite(least) and least > 0.0):
-        raise InputError(
-            source, "force", f"falls to {least:g} N, expected a push above 0 all along the path"
-        )
-    most = force.value + abs(force.amplitude)
-    if most >= phases.max_force:
+    least_force = force.value - abs(force.amplitude)
+    if not (math.isfinite(least_force) and least_force > 0.0):
         raise InputError(
             source,
             "force",
-            f"rises to {most:g} N, at or above phases.max_force = {phases.max_force:g} N",
+            f"falls to {least_force:g} N, expected a push above 0 all along the path",
+        )
+    largest_force = force.value + abs(force.amplitude)
+    if largest_force >= phases.max_force:
+        raise InputError(
+            source,
+            "force",
+            f"rises to {largest_force:g} N, at or above phases.max_force = {phases.max_force:g} N",
             "lower the set-point, or raise max_force",
         )
 

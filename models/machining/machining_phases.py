@@ -285,20 +285,20 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
         # afterwards, as contact rises faster.
         rise = force - state[BASELINE]
         whole_way = table[_STANDOFF] + table[_SEARCH]
-        way = travelled(since, table[_APPROACH_SPEED], whole_way)[0]
-        near = way >= table[_STANDOFF] - table[_SEARCH]
-        above = near and rise > table[_TOUCH_FORCE]
-        state[ABOVE] = state[ABOVE] + time_step if above else 0.0
-        state[BASELINE] += time_step / _BASELINE_TIME[int(near)] * rise
+        travelled_way = travelled(since, table[_APPROACH_SPEED], whole_way)[0]
+        is_near = travelled_way >= table[_STANDOFF] - table[_SEARCH]
+        is_touching = is_near and rise > table[_TOUCH_FORCE]
+        state[ABOVE] = state[ABOVE] + time_step if is_touching else 0.0
+        state[BASELINE] += time_step / _BASELINE_TIME[int(is_near)] * rise
         state[FORCE_THERE] = max(0.0, force - state[BASELINE])
         if state[ABOVE] >= table[_TOUCH_TIME]:
             return _enter(state, Phase.TOUCH.value, t)
         if since >= travel_time(table[_APPROACH_SPEED], whole_way):
             return _retreat(state, Fault.NOTHING_TOUCHED.value, t)
         return False
-    ready = phase == Phase.WORK or (phase == Phase.TOUCH and since > table[_RISE])
-    lost = ready and is_trusted and force < table[_LOST_SHARE] * setpoint_now
-    state[LOST] = state[LOST] + time_step if lost else 0.0
+    is_in_contact = phase == Phase.WORK or (phase == Phase.TOUCH and since > table[_RISE])
+    is_lost = is_in_contact and is_trusted and force < table[_LOST_SHARE] * setpoint_now
+    state[LOST] = state[LOST] + time_step if is_lost else 0.0
     if state[LOST] >= table[_LOST_TIME]:
         return _retreat(state, Fault.CONTACT_LOST.value, t)
     if phase == Phase.TOUCH:

@@ -233,9 +233,9 @@ def advance_reference(
     """
     state, anchor = memory
     q, R_WE, p_WE = plain(terms[0].q), plain(terms[0].R_WE), plain(terms[0].p_WE)
-    room = np.inf
+    joint_room = np.inf
     for j in range(q.shape[0]):
-        room = min(room, q[j] - plan.limits[0, j], plan.limits[1, j] - q[j])
+        joint_room = min(joint_room, q[j] - plan.limits[0, j], plan.limits[1, j] - q[j])
     push = 0.0
     for i in range(3):
         push -= R_WE[i, 2] * wrench[3 + i]
@@ -245,12 +245,12 @@ def advance_reference(
         push,
         _setpoint_now(plan, state, t),
         plan.t[-1] - plan.t[0],
-        room,
+        joint_room,
         _is_trusted(plan, state, t),
     )
-    changed = advance(plan.phases, inputs, state)
+    has_changed = advance(plan.phases, inputs, state)
     phase = int(state[PHASE])
-    if changed and phase in (Phase.LIFT, Phase.RETREAT):
+    if has_changed and phase in (Phase.LIFT, Phase.RETREAT):
         anchor[:9] = R_WE.ravel()
         anchor[9:12] = p_WE
         for i in range(3):

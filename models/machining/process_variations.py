@@ -238,9 +238,9 @@ class ProcessVariations:
         """
         check_variations(config, spindle_frequency, time_step, source)
         chatter = config.chatter
-        turn = 0.0  # ticks of a turn of the spindle
+        ticks_per_turn = 0.0  # ticks of a turn of the spindle
         if chatter.ratio > 0.0:
-            turn = 1.0 / (spindle_frequency * time_step)
+            ticks_per_turn = 1.0 / (spindle_frequency * time_step)
         table = np.empty(_TURN + 1)
         table[_STIFFNESS], table[_EXPONENT] = contact.stiffness, contact.exponent
         table[_FRICTION], table[_SPREAD] = contact.friction, config.patches.spread
@@ -249,7 +249,7 @@ class ProcessVariations:
         table[_ZONE], table[_MARGIN] = config.engagement.zone, config.engagement.margin
         table[_CHATTER], table[_OVERLAP] = chatter.ratio, chatter.overlap
         table[_SLOW] = -math.expm1(-2.0 * math.pi * chatter.corner * time_step)  # gain a tick
-        table[_TURN] = turn
+        table[_TURN] = ticks_per_turn
         self.table = table
         # Surface and material have random numbers of their own: one keeps its when the other's
         # settings change.
@@ -260,7 +260,9 @@ class ProcessVariations:
         self.pose = np.vstack([contact.R_WP, contact.p_WP])
         self.ends = np.ascontiguousarray(contact.ends, dtype=np.float64)
         # The memory: some numbers, then the trace of a turn; none without chatter.
-        self.memory_size = _TRACE + math.ceil(turn) + _MEMORY_ENTRIES if chatter.ratio > 0.0 else 0
+        self.memory_size = (
+            _TRACE + math.ceil(ticks_per_turn) + _MEMORY_ENTRIES if chatter.ratio > 0.0 else 0
+        )
 
     @property
     def tables(self) -> VariationTables:
@@ -417,19 +419,19 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
         memory[_SLOWLY] = place
     memory[_SLOWLY] += table[_SLOW] * (place - memory[_SLOWLY])
     vibration = place - memory[_SLOWLY]
-    size = len(memory) - _TRACE
+    ring_size = len(memory) - _TRACE
     now = int(memory[_NEXT])
     memory[_TRACE + now] = vibration
-    memory[_NEXT] = (now + 1) % size
-    memory[_FILLED] = min(memory[_FILLED] + 1.0, float(size))
+    memory[_NEXT] = (now + 1) % ring_size
+    memory[_FILLED] = min(memory[_FILLED] + 1.0, float(ring_size))
     # The force acts at the next tick; a turn before that lies between two ticks.
-    back = table[_TURN] - 1.0  # ticks before this one
-    whole = math.floor(back)
+    ticks_back = table[_TURN] - 1.0  # ticks before this one
+    whole_ticks = math.floor(ticks_back)
     last_turn = 0.0
-    if back >= 0.0 and memory[_FILLED] > whole + 1:
-        share = back - whole
-        later = memory[_TRACE + (now - whole) % size]
-        last_turn = later + share * (memory[_TRACE + (now - whole - 1) % size] - later)
+    if ticks_back >= 0.0 and memory[_FILLED] > whole_ticks + 1:
+        share = ticks_back - whole_ticks
+        later = memory[_TRACE + (now - whole_ticks) % ring_size]
+        last_turn = later + share * (memory[_TRACE + (now - whole_ticks - 1) % ring_size] - later)
     return float(table[_CHATTER] * (table[_OVERLAP] * last_turn - vibration))
 
 

@@ -195,8 +195,8 @@ class ParquetTable:
                     break
                 if end > first:
                     start, stop = max(first - begin, 0), min(last + 1 - begin, batch.num_rows)
-                    part = batch.slice(start, stop - start)
-                    values = self._values(part, columns, begin + start)
+                    batch_rows = batch.slice(start, stop - start)
+                    values = self._values(batch_rows, columns, begin + start)
                     numbers = np.arange(begin + start, begin + start + len(values))
                     refuse_missing(self, self.path, values, numbers, columns, may_be_empty)
                     yield values, numbers

@@ -211,13 +211,13 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
     Raises:
         InputError: the correction names joints that the signal has not, or is none for it.
     """
-    size = len(signal.columns)
-    joint_numbers = list(range(1, size + 1))
+    num_columns = len(signal.columns)
+    joint_numbers = list(range(1, num_columns + 1))
     if correction.order and sorted(correction.order) != joint_numbers:
-        problem = f"is {list(correction.order)}, expected each of 1 to {size} once"
+        problem = f"is {list(correction.order)}, expected each of 1 to {num_columns} once"
         raise InputError(source, f"{place}, order", problem, "name each joint's place once")
     if not set(correction.turned) <= set(joint_numbers):
-        problem = f"is {list(correction.turned)}, expected joints from 1 to {size}"
+        problem = f"is {list(correction.turned)}, expected joints from 1 to {num_columns}"
         raise InputError(source, f"{place}, turned", problem, "correct it")
     if not abs(correction.delay) <= LARGEST_DELAY:
         problem = f"is {correction.delay:g} s, expected {LARGEST_DELAY:g} s at most"
@@ -230,8 +230,8 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
     if correction.without_gravity and signal.name not in ("current", "tau_J"):
         problem = "is no torque or current, which may be without gravity"
         raise InputError(source, f"{place}, without_gravity", problem, "remove it")
-    places = [k - 1 for k in correction.order] or list(range(size))
-    sign = np.ones(size)
+    places = [k - 1 for k in correction.order] or list(range(num_columns))
+    sign = np.ones(num_columns)
     sign[[k - 1 for k in correction.turned]] = -1.0
     return replace(
         signal,
@@ -425,9 +425,9 @@ class _LogColumns:
             raise InputError(source, place, f'unknown unit "{unit}"', f"give one of {listed}")
         # Scale and offset of each column, in the unit and sign of a recording.
         columns = self._columns(entry, place)
-        size = len(columns)
-        scale = units[unit] * self._per_column(entry.gain, 1.0, size, f"{place}, gain")
-        offset = self._per_column(entry.offset, 0.0, size, f"{place}, offset")
+        num_columns = len(columns)
+        scale = units[unit] * self._per_column(entry.gain, 1.0, num_columns, f"{place}, gain")
+        offset = self._per_column(entry.offset, 0.0, num_columns, f"{place}, offset")
         if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
             raise InputError(source, place, "a gain is zero or not a number", "correct it")
         if entry.exerted_on not in (ROBOT, ENVIRONMENT):
@@ -435,21 +435,23 @@ class _LogColumns:
             raise InputError(source, place, problem, "correct it")
         if entry.exerted_on == ENVIRONMENT:
             scale = -scale
-        for key, value, known in (
+        for key, value, allowed in (
             ("encoding", entry.encoding, _ENCODINGS),
             ("wrap", entry.wrap, _WRAPS if name == "q" else ("",)),
         ):
-            if value not in known:
-                remedy = f"give one of {', '.join(w for w in known if w) or 'none'}"
+            if value not in allowed:
+                remedy = f"give one of {', '.join(w for w in allowed if w) or 'none'}"
                 raise InputError(source, f"{place}, {key}", f'unknown "{value}"', remedy)
         if not 2 <= entry.bits <= _MOST_BITS:
             problem = f"{entry.bits}, expected 2 to {_MOST_BITS}"
             raise InputError(source, f"{place}, bits", problem, "give the length of a word")
         # The shape of a sample; time is a number, in one column or two.
-        shape = tuple(entry.shape) or (size,)
+        shape = tuple(entry.shape) or (num_columns,)
         shape_size = math.prod(shape)
-        if min(shape) < 1 or shape_size != size:
-            problem = f"{list(shape)} holds {shape_size} numbers, but {size} columns are named"
+        if min(shape) < 1 or shape_size != num_columns:
+            problem = (
+                f"{list(shape)} holds {shape_size} numbers, but {num_columns} columns are named"
+            )
             remedy = "correct the shape or the columns"
             raise InputError(source, f"{place}, shape", problem, remedy)
         if name == "t":
@@ -457,7 +459,7 @@ class _LogColumns:
             if entry.may_be_empty:
                 problem = "every sample needs its time"
                 raise InputError(source, place, problem, "remove may_be_empty")
-            if size == 2:  # seconds and nanoseconds
+            if num_columns == 2:  # seconds and nanoseconds
                 if entry.unit or entry.gain or entry.offset:
                     problem = (
                         "has two columns, seconds and nanoseconds, but also a unit, gain or offset"

@@ -254,14 +254,14 @@ class RecordingReader:
         """Differentiates the positions where the log holds no velocities, or idle ones."""
         if self.layout.signal("q") is None:
             return
-        how = (
+        differentiation = (
             "they are differentiated from the positions, without delay (slope of a cubic over "
             f"{2e3 * HALF_WINDOW_S:.0f} ms around each sample, or over {LEAST_WINDOW} samples "
             "where these are longer)"
         )
         if self.layout.signal("v") is None:
             self._is_differentiated = True
-            self._notices.append(f"the log holds no velocities: {how}")
+            self._notices.append(f"the log holds no velocities: {differentiation}")
             return
         for chunk in self._first_chunks():
             idle = idle_velocities(chunk)
@@ -273,7 +273,7 @@ class RecordingReader:
                 self._replace_signals({"v": None})
                 self._is_differentiated = True
                 self._notices.append(
-                    f"the velocities stand still while the joints move ({names}): {how}"
+                    f"the velocities stand still while the joints move ({names}): {differentiation}"
                 )
             return
 
@@ -403,32 +403,36 @@ class RecordingReader:
 
     def _read(self) -> Iterator[Recording]:
         """The parts of the log as written, without the samples that lack a number."""
-        used = sorted({column for signal in self.layout.signals for column in signal.columns})
+        used_columns = sorted(
+            {column for signal in self.layout.signals for column in signal.columns}
+        )
         time = self.layout.signal("t")
         time_columns = time.columns if time is not None else ()
         optional = {
             c for signal in self.layout.signals if signal.may_be_empty for c in signal.columns
         }
-        is_mandatory = np.array([column not in optional for column in used])
+        is_mandatory = np.array([column not in optional for column in used_columns])
         position = self.layout.signal("q")
         self._num_missing = 0
         self._stamps = StampFilter()
         is_wrapped = position is not None and position.wrap != ""
         self._angles = Unwrapper(self._robot, is_wrapped)
-        for values, rows in self.table.blocks(used, self._rows, {*used} - {*time_columns}):
+        for values, rows in self.table.blocks(
+            used_columns, self._rows, {*used_columns} - {*time_columns}
+        ):
             is_missing = np.isnan(values) & is_mandatory
             if is_missing.any():
-                values, rows = self._without_missing(values, rows, is_missing, used)
+                values, rows = self._without_missing(values, rows, is_missing, used_columns)
                 if not len(values):
                     continue
-            chunk = self._recording(values, rows, used)
+            chunk = self._recording(values, rows, used_columns)
             self._check_size(chunk)
             chunk = self._stamps.kept(chunk)
             if chunk.num_samples:
                 yield self._angles.unwrapped(chunk)
-        rest = self._stamps.rest()
-        if rest is not None:
-            yield rest
+        last_samples = self._stamps.rest()
+        if last_samples is not None:
+            yield last_samples
 
     def _without_missing(
         self, values: Array, rows: NDArray[np.int64], is_missing: NDArray[np.bool_], used: list[int]

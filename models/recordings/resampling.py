@@ -53,9 +53,9 @@ def resample_chunks(
         InputError: time stands still or runs backwards, a gap is too long, or the step is no
             plausible one (wrong unit of time).
     """
-    least, most = _REQUESTED_STEP
-    if time_step is not None and not least <= time_step <= most:
-        problem = f"{time_step:g} s, expected {least:g} to {most:g} s"
+    least_step, largest_step = _REQUESTED_STEP
+    if time_step is not None and not least_step <= time_step <= largest_step:
+        problem = f"{time_step:g} s, expected {least_step:g} to {largest_step:g} s"
         raise InputError("time step", "", problem, "give a step in seconds, such as 0.001")
     if max_gap is not None and not 0 <= max_gap <= LONGEST_BRIDGE:
         problem = f"{max_gap:g} s, expected 0 to {LONGEST_BRIDGE:g} s"

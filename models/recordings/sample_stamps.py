@@ -66,21 +66,21 @@ class StampFilter:
         if is_later and (np.diff(chunk.t) > 0.0).all():
             self._history = chunk[-_HISTORY_SAMPLES:]
             return chunk
-        part = chunk if history is None else concatenated([history, chunk])
-        begin = 0 if history is None else history.num_samples  # of the chunk within the part
-        is_kept = np.ones(part.num_samples, bool)
-        latest = np.maximum.accumulate(part.t)
-        late = 1 + np.flatnonzero(part.t[1:] <= latest[:-1])
-        late = late[late >= begin]
+        with_history = chunk if history is None else concatenated([history, chunk])
+        chunk_begin = 0 if history is None else history.num_samples  # of the chunk within the part
+        is_kept = np.ones(with_history.num_samples, bool)
+        latest = np.maximum.accumulate(with_history.t)
+        late = 1 + np.flatnonzero(with_history.t[1:] <= latest[:-1])
+        late = late[late >= chunk_begin]
         if len(late):
-            signals = _signals(part)
+            signals = _signals(with_history)
             for k in late.tolist():
-                if not self._is_repeat(part, signals, is_kept, k):
-                    raise _stamp_error(part, signals, k)
+                if not self._is_repeat(with_history, signals, is_kept, k):
+                    raise _stamp_error(with_history, signals, k)
                 is_kept[k] = False
                 self.num_repeated += 1
-            chunk = part[is_kept & (np.arange(part.num_samples) >= begin)]
-        self._history = part[is_kept][-_HISTORY_SAMPLES:]
+            chunk = with_history[is_kept & (np.arange(with_history.num_samples) >= chunk_begin)]
+        self._history = with_history[is_kept][-_HISTORY_SAMPLES:]
         return chunk
 
     def rest(self) -> Recording | None:

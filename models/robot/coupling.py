@@ -37,8 +37,8 @@ def coupling_of(rows: Sequence[Sequence[float]], num_joints: int, source: Path) 
         return np.eye(num_joints)
     lengths = {len(row) for row in rows}
     if len(rows) != num_joints or lengths != {num_joints}:
-        size = f"{len(rows)} rows of {' or '.join(str(k) for k in sorted(lengths))} numbers"
-        problem = f"{size}, expected {num_joints} rows of {num_joints}"
+        shape_text = f"{len(rows)} rows of {' or '.join(str(k) for k in sorted(lengths))} numbers"
+        problem = f"{shape_text}, expected {num_joints} rows of {num_joints}"
         remedy = "one row a joint: how far each motor, behind its own gear, turns it"
         raise InputError(source, "coupling", problem, remedy)
     matrix = np.array(rows, dtype=np.float64)

@@ -521,20 +521,20 @@ class _Reader:
             InputError: no mass, or an inertia that no body has.
         """
         tool = self.config.tool
-        parts = []
+        bodies = []
         for name, pose in self._below(body, True).items():
             mass, com, about_com = self._inertia(self.links[name])
             R = pose.rotation().matrix()
-            parts.append((mass, pose @ com, R @ about_com @ R.T))
+            bodies.append((mass, pose @ com, R @ about_com @ R.T))
             if tool is not None and name == self.config.flange:
-                parts.append(
+                bodies.append(
                     (
                         tool.mass,
                         pose @ np.array(tool.com),
                         R @ inertia_matrix(tool.inertia) @ R.T,
                     )
                 )
-        total = sum(mass for mass, _, _ in parts)
+        total = sum(mass for mass, _, _ in bodies)
         link = self.links[body]
         if total <= 0:
             remedy = "give it an <inertial>"
@@ -542,9 +542,9 @@ class _Reader:
                 remedy += f", or state what it carries as tool in {self.config_source.name}"
             problem = f'moving link "{body}" and what is fixed to it have no mass'
             self._fail(link, problem, remedy)
-        com = sum((mass * p for mass, p, _ in parts), np.zeros(3)) / total
+        com = sum((mass * p for mass, p, _ in bodies), np.zeros(3)) / total
         composite = np.zeros((3, 3))
-        for mass, p, about_com in parts:
+        for mass, p, about_com in bodies:
             d = p - com
             composite += about_com + mass * (d @ d * np.eye(3) - np.outer(d, d))
         self._check_physical(link, f'moving link "{body}" (with what is fixed to it)', composite)

@@ -256,16 +256,16 @@ class ExcitationProgram:
             k = np.arange(1, H + 1)
             x[:, 1 + H :] -= np.outer(x[:, 1 + H :] @ k, k) / (k @ k)
             q, v, vdot = (basis @ x.T for basis in self._basis)
-            room = self._share_at_samples * half - np.abs(centre - middle)
-            size = np.min(
+            room_about_centre = self._share_at_samples * half - np.abs(centre - middle)
+            amplitude = np.min(
                 [
-                    room / np.abs(q).max(axis=0),
+                    room_about_centre / np.abs(q).max(axis=0),
                     self._share_at_samples * self.bounds.velocity / np.abs(v).max(axis=0),
                     self._share_at_samples * self.bounds.acceleration / np.abs(vdot).max(axis=0),
                 ],
                 axis=0,
             )
-            x *= 0.999 * size[:, None]
+            x *= 0.999 * amplitude[:, None]
             x[:, 0] = centre
             is_patient = num_tried >= num_draws
             # Another posture, where this one alone breaks a limit.

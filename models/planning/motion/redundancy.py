@@ -473,9 +473,11 @@ def _cheapest(
         is_free = np.zeros(n, dtype=np.bool_)
     # The tool turns from one sample to the next no further than all joints together.
     normals = problem.path.n_W
-    turn = float(np.sum(problem.max_step[~problem.robot.chain.prismatic]))
-    turn += float(np.max(np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1, 1))))
-    window = min(K // 2, math.ceil(turn / (2.0 * math.pi / max(problem.num_angles, 1))))
+    largest_turn = float(np.sum(problem.max_step[~problem.robot.chain.prismatic]))
+    largest_turn += float(
+        np.max(np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1, 1)))
+    )
+    window = min(K // 2, math.ceil(largest_turn / (2.0 * math.pi / max(problem.num_angles, 1))))
     step_costs = _StepCosts(problem.max_step, is_free, smoothness * (N - 1), window)
     # Of the cheapest way to each candidate: the candidate before, k B + b; and its cost, (K, B).
     parent = np.full((N, K, B), -1, dtype=np.int32)

@@ -111,12 +111,12 @@ def _rtde(names: Sequence[str]) -> KnownLayout | None:
     time = time_columns(names)
     if time is None or "actual_q_0" not in names:
         return None
-    size = sum(1 for name in names if re.fullmatch(r"actual_q_\d+", name))
+    num_joints = sum(1 for name in names if re.fullmatch(r"actual_q_\d+", name))
     form = RecordingFormat(time=time)
 
     def columns(prefix: str) -> SignalColumns | None:
         """The columns PREFIX_0 to PREFIX_(size - 1); None where one is missing."""
-        joint_columns = [f"{prefix}_{j}" for j in range(size)]
+        joint_columns = [f"{prefix}_{j}" for j in range(num_joints)]
         if not all(name in names for name in joint_columns):
             return None
         return by_number([list(names).index(name) for name in joint_columns])

@@ -43,13 +43,13 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
     names = [name for k, name in enumerate(names) if name and k not in time_numbers]
     header = _read_names(names, path, has_time_columns=time is not None)
     numbers = header.joint_numbers  # numbers of the joints, from 1, by letter: q, v, i, tau
-    size = num_joints or max([*numbers["q"], *numbers["v"]], default=1)
+    n = num_joints or max([*numbers["q"], *numbers["v"]], default=1)
     signals = ["q"]  # that the log must hold for every joint
     signals += [letter for letter in ("v", "tau") if numbers[letter]]
     if numbers["i"] or not numbers["tau"]:
         signals.append("i")
     missing = ["t"] if "t" not in names and time is None else []
-    missing += [f"{x}{j}" for x in signals for j in range(1, size + 1) if j not in numbers[x]]
+    missing += [f"{x}{j}" for x in signals for j in range(1, n + 1) if j not in numbers[x]]
     for name, entries in header.extra.items():
         missing += [f"{name}.{k}" for k in range(1, max(entries) + 1) if k not in entries]
     is_complete = not missing and bool(numbers["v"])
@@ -59,19 +59,19 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
         raise _unknown_column(header.others[0], path)
     if missing:
         problem = f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}"
-        remedy = f"expected t,q1..q{size},v1..v{size},i1..i{size}; correct the header, {_DESCRIBE}"
+        remedy = f"expected t,q1..q{n},v1..v{n},i1..i{n}; correct the header, {_DESCRIBE}"
         raise InputError(path, "header", problem, remedy)
-    surplus = [f"{x}{j}" for x in signals for j in numbers[x] if j > size]
+    surplus = [f"{x}{j}" for x in signals for j in numbers[x] if j > n]
     if surplus:
         problem = (
-            f"has the column{'s' if len(surplus) > 1 else ''} {_listed(surplus)}, expected {size} "
+            f"has the column{'s' if len(surplus) > 1 else ''} {_listed(surplus)}, expected {n} "
             "joints"
         )
         remedy = "give the robot that the log comes from, or correct the header"
         raise InputError(path, "header", problem, remedy)
     form = RecordingFormat(time=time or SignalColumns("t"))
     for letter in signals:
-        setattr(form, _JOINT_SIGNALS[letter], SignalColumns(f"{letter}{{1..{size}}}"))
+        setattr(form, _JOINT_SIGNALS[letter], SignalColumns(f"{letter}{{1..{n}}}"))
     for name, entries in header.extra.items():
         form.extra[name] = SignalColumns(f"{name}.{{1..{max(entries)}}}")
     if "dropout" in names:
