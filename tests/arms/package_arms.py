@@ -362,7 +362,8 @@ def section(rows: list[dict[str, Any]], versions: dict[str, str]) -> str:
         "with that model (its push is a quarter of the payload's weight at most), and `estimate` "
         "of that log.",
         "In sight when the last rules of a draft were set (rotors, impossible inertias, planar "
-        "joints) were all but crx30, gen3 with a gripper and so101_mjcf, which were tried once after that.",
+        "joints) were all but crx30, gen3 with a gripper and so101_mjcf, which were tried once "
+        "after that.",
         f"The drafts are taken as they are. {len(through)} of {len(rows)} reach a wrench, and "
         f"{len(answered)} more with what a message asks for.",
         "",
