@@ -385,7 +385,9 @@ def _logged_estimator_ports(estimator: Diagram) -> dict[str, OutputPort]:
 def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPorts:
     """Adds a joint tracking controller, with the estimator or, without it, the model's terms.
 
-    The terms are rigid-body terms (M, Cv, G...) of the controller's model at the measured q and v.
+    The terms are rigid-body terms (M, Cv, G...) at the measured q and v, which they hold, too: of
+    the estimator's model where there is an estimator (`LoopEstimator.model`), as it computes them
+    anyway, else of the controller's. Friction is always that of the controller's model.
     """
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert isinstance(scenario.controller, JointTrackingConfig)

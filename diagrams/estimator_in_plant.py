@@ -135,17 +135,24 @@ def _config_at_plant_rate(
 def _motor_current(
     builder: DiagramBuilder, arm: ArmInPlant, actuation: OutputPort | None, name: str
 ) -> OutputPort:
-    """The motors' current, from the torque that drives the plant."""
-    to_current = builder.AddNamedSystem(f"{name}_current", MatrixGain(arm.current_selector()))
+    """The motors' current, from the torque that drives the plant.
+
+    The current is clipped, not the torque: a controller that is connected afterwards may ask for
+    more than the plant applies, too.
+    """
+    selector = arm.current_selector()
+    to_current = builder.AddNamedSystem(f"{name}_current", MatrixGain(selector))
     source = _actuation_source(builder, arm) if actuation is None else actuation
     if source is not None:
-        limit = arm.actuator_limits()
-        if np.isfinite(limit).any():  # the plant applies no more
-            clipped = builder.AddNamedSystem(f"{name}_effort", Saturation(-limit, limit))
-            builder.Connect(source, clipped.get_input_port())
-            source = clipped.get_output_port()
         builder.Connect(source, to_current.get_input_port())
-    return to_current.get_output_port()
+    limit = arm.actuator_limits()
+    if not np.isfinite(limit).any():
+        return to_current.get_output_port()
+    actuator = np.abs(selector).argmax(axis=1)  # (n,) of each joint
+    current_limit = np.abs(selector).max(axis=1) * limit[actuator]  # A, what the plant applies
+    clipped = builder.AddNamedSystem(f"{name}_effort", Saturation(-current_limit, current_limit))
+    builder.Connect(to_current.get_output_port(), clipped.get_input_port())
+    return clipped.get_output_port()
 
 
 def _actuation_source(builder: DiagramBuilder, arm: ArmInPlant) -> OutputPort | None:

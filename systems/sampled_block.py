@@ -192,4 +192,7 @@ class SampledBlock(LeafSystem):
         now = context.get_time()
         ticks = discrete.get_mutable_value(self._ticks_index)
         # The times are computed as Drake does, so that rounding makes no third kind.
-        ticks[_LAST_TICK], ticks[_NEXT_TICK] = now, (round(now / self._period) + 1) * self._period
+        ticks[_LAST_TICK], ticks[_NEXT_TICK] = (
+            now,
+            (tick_number(now, self._period) + 1) * self._period,
+        )

@@ -1,6 +1,7 @@
 """Clearance of an arm from itself, the floor and a workpiece: of postures and of whole motions."""
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -377,7 +378,9 @@ class Clearance:
 
         At samples, a tenth of a second apart or closer, every pair must keep what is required of
         it: its slack is 0 or more. At all other times half of that is proved: no slack is below
-        -allowance, half of the least that any pair must keep.
+        -allowance, half of the least that any pair must keep (0 where a pair may touch). Pairs
+        beyond INFLUENCE_DISTANCE are not looked at: they count with the least slack that they can
+        have there.
 
         The proof: no point of the arm moves faster than sum_j speed_j r_j, r_j the farthest that it
         can be from joint j, and the distance of two moving links changes at twice that, `fastest`,
@@ -397,6 +400,7 @@ class Clearance:
         fastest = 2.0 * float(speed @ self._speed_radius)  # m/s, of two moving links to each other
         required = [value for value in self._required.values() if np.isfinite(value)]
         allowance = 0.5 * min([self.margin, *required])  # m, by which a slack may be below 0
+        far_slack = INFLUENCE_DISTANCE - max([self.margin, *required])  # m, of pairs beyond it
         worst: ClosestPair | None = None  # of all times that were looked at
 
         def lowest_slack(t: float) -> float:
@@ -404,13 +408,15 @@ class Clearance:
             nonlocal worst
             pairs = self.slacks(position(t))
             if not pairs:
-                return INFLUENCE_DISTANCE
+                return far_slack
             pair = min(pairs, key=lambda pair: pair.slack)
             if worst is None or pair.slack < worst.slack:
                 worst = replace(pair, time=t)
-            return pair.slack
+            return min(pair.slack, far_slack)
 
-        times = np.linspace(0.0, duration, max(2, round(duration / _MAX_SAMPLE_PERIOD) + 1))
+        # A millionth of a period absorbs the rounding of a duration of whole periods.
+        num_periods = max(1, math.ceil(duration / _MAX_SAMPLE_PERIOD - 1e-6))
+        times = np.linspace(0.0, duration, num_periods + 1)
         slacks = [lowest_slack(float(t)) for t in times]
         intervals = [
             _Interval(times[k], times[k + 1], slacks[k], slacks[k + 1])

@@ -106,6 +106,7 @@ _MAX_DOUBLINGS = 30  # of it
 # Factors of a joint's mean amplitude, of the rows of `_Tracked.steps`.
 _STEPS = np.array([NEAR_FACTOR, 1.0 / NEAR_FACTOR, DEPARTED_FACTOR, 1.0 / DEPARTED_FACTOR])
 _NUM_STEPS = 4
+_NEAR_LARGER, _NEAR_SMALLER, _FAR_LARGER, _FAR_SMALLER = range(_NUM_STEPS)  # entries of _STEPS
 
 
 class VibrationConstants(NamedTuple):
@@ -348,9 +349,10 @@ def _weigh(evidence: Array, weights: Array) -> None:
 def freed_friction(amplitudes: Array, state: Array, torque: Array, sd: Array) -> float:
     """Writes the friction that the tool frees; returns the tool's mean amplitude, m/s.
 
-    The torque is the mean over m hypotheses on the amplitude, weighted by their evidence; its sd
-    holds their scatter, that of the correction, and how much the friction at other shares of the
-    amplitude than its own would free (`steps`).
+    The torque is the mean over m hypotheses on the tool's amplitude, weighted by their evidence.
+    Its variance is that of the correction, the hypotheses' scatter, and the square of half the
+    difference that the joint's amplitude makes: NEAR_FACTOR larger or smaller where the arm keeps
+    to its plan, DEPARTED_FACTOR where it has departed from it.
 
     Args:
         amplitudes: (m,) m/s, of the hypotheses.
@@ -366,15 +368,16 @@ def freed_friction(amplitudes: Array, state: Array, torque: Array, sd: Array) ->
     for h in range(m):
         amplitude += weights[h] * amplitudes[h]
     for i in range(n):
-        mean, square = 0.0, 0.0
+        mean, scatter = 0.0, 0.0
         for h in range(m):
             mean += weights[h] * freed[i, h]
         for h in range(m):
-            square += weights[h] * (freed[i, h] - mean) ** 2
-        near, far = 0.5 * (steps[0, i] - steps[1, i]), 0.5 * (steps[2, i] - steps[3, i])
-        step = near + departed[i] * (far - near)
+            scatter += weights[h] * (freed[i, h] - mean) ** 2
+        near = 0.5 * (steps[_NEAR_LARGER, i] - steps[_NEAR_SMALLER, i])
+        far = 0.5 * (steps[_FAR_LARGER, i] - steps[_FAR_SMALLER, i])
+        of_amplitude = near + departed[i] * (far - near)
         torque[i] = mean
-        sd[i] = math.sqrt(correction_sd[i] ** 2 + step**2 + square)
+        sd[i] = math.sqrt(correction_sd[i] ** 2 + of_amplitude**2 + scatter)
     return amplitude
 
 

@@ -9,6 +9,7 @@ of them are lost where one of its meshes is.
 import math
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.limited_child import limit_process
+from wrenchsight.models.robot.mjcf_efforts import effort_limits
 from wrenchsight.models.robot.rounded_angles import rounded_rpy
 from wrenchsight.models.robot.urdf_document import parse_document
 from wrenchsight.models.robot.urdf_elements import add_inertial, fixed_joint, set_pose, text_of
@@ -102,6 +104,7 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     has_shapes = root.find("worldbody//geom") is not None
     name = root.get("model") or path.stem
     root.set("model", name)
+    efforts = effort_limits(root)
     _give_mass(root)
     _find_files(root, path.parent)
     builder = DiagramBuilder()
@@ -115,7 +118,7 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
         _drop_meshes(root)
         plant, scene_graph = MultibodyPlant(0.0), None
         instance = _instance_of(Parser(plant), root)
-    robot, frames = _urdf_of_plant(plant, instance, name)
+    robot, frames = _urdf_of_plant(plant, instance, name, efforts)
     for link in robot.findall("link"):
         body_name = link.get("name", "")
         if body_name not in frames:
@@ -212,9 +215,13 @@ def _drop_meshes(root: ET.Element) -> None:
 
 
 def _urdf_of_plant(
-    plant: MultibodyPlant, instance: Any, name: str
+    plant: MultibodyPlant, instance: Any, name: str, efforts: Mapping[str, float] | None = None
 ) -> tuple[ET.Element, dict[str, RigidTransform]]:
-    """The <robot> of a model without its shapes, and the poses of its bodies in their links."""
+    """The <robot> of a model without its shapes, and the poses of its bodies in their links.
+
+    Args:
+        efforts: N m or N by the joint's name; None: the plant's actuators state them.
+    """
     robot = ET.Element("robot", name=name)
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
     in_body = {joint.child_body().index(): _frame(joint.frame_on_child()) for joint in joints}
@@ -224,15 +231,14 @@ def _urdf_of_plant(
         X_LB = frames[body.name()] = in_body.get(index, RigidTransform()).inverse()
         link = ET.SubElement(robot, "link", name=body.name())
         _add_inertial(link, body, X_LB)
-    efforts = {}
-    for index in plant.GetJointActuatorIndices():
-        actuator = plant.get_joint_actuator(index)
-        efforts[actuator.joint().index()] = float(actuator.effort_limit())
+    if efforts is None:
+        actuators = [plant.get_joint_actuator(k) for k in plant.GetJointActuatorIndices()]
+        efforts = {actuator.joint().name(): actuator.effort_limit() for actuator in actuators}
     if any(joint.parent_body().index() == plant.world_body().index() for joint in joints):
         ET.SubElement(robot, "link", name="world")
     for joint in joints:
         X_LP = in_body.get(joint.parent_body().index(), RigidTransform()).inverse()
-        _add_joint(robot, joint, X_LP, efforts.get(joint.index(), 0.0))
+        _add_joint(robot, joint, X_LP, float(efforts.get(joint.name(), 0.0)))
     return robot, frames
 
 

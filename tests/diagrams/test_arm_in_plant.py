@@ -310,9 +310,22 @@ def test_a_controller_that_needs_the_estimator_is_wired_afterwards(sts):
     to_current = builder.GetSubsystemByName("estimator_current")
     builder.Connect(hold.get_output_port(), to_current.get_input_port())
     log = LogVectorOutput(estimator.GetOutputPort("valid"), builder, 0.1)
-    simulator = Simulator(builder.Build())
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
     simulator.AdvanceTo(1.0)
     assert log.FindLog(simulator.get_context()).data()[0, -1] == 1.0
+    # The plant applies no more than its actuators can, whatever a controller asks for.
+    context = diagram.CreateDefaultContext()
+    limit = np.array([plant.get_joint_actuator(k).effort_limit()
+                      for k in plant.GetJointActuatorIndices(parts.model_instance)])  # fmt: skip
+    constant = hold.GetMyMutableContextFromRoot(context)
+    hold.get_mutable_source_value(constant).SetFromVector(3.0 * limit)
+    current = estimator.GetInputPort("current").Eval(estimator.GetMyContextFromRoot(context))
+    np.testing.assert_allclose(current, limit)  # at 1 N m/A
+    applied = plant.get_net_actuation_output_port(parts.model_instance)
+    simulator = Simulator(diagram, context)
+    simulator.AdvanceTo(2e-3)
+    np.testing.assert_allclose(applied.Eval(plant.GetMyContextFromRoot(context)), limit)
 
 
 def test_a_controller_gets_terms_of_an_impossible_sample_too(sts):

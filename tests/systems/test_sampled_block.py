@@ -199,3 +199,17 @@ def test_a_block_that_steps_with_its_plant_lets_it_solve_once_a_tick(with_plant)
     x = plant.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(0).value()
     assert x[0] == 2.0**10 - 1.0  # x <- 2 x + 1, ten times, in either phase
     assert plant.num_solved == (10 if with_plant else 20)
+
+
+def test_an_update_that_is_forced_late_in_a_period_is_held_until_the_next_tick() -> None:
+    block = _Counter()
+    context = block.CreateDefaultContext()
+    block.GetInputPort("x").FixValue(context, [1.0])
+    block.GetInputPort("solved").FixValue(context, [0.0])
+    context.SetTime(0.6 * T)
+    take_tick(block, context)
+    block.GetInputPort("x").FixValue(context, [5.0])
+    output = block.GetOutputPort("u")
+    for time, expected in ((0.99 * T, 2.0), (T, 6.0)):
+        context.SetTime(time)
+        assert output.Eval(context)[0] == expected

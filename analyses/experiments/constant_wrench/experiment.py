@@ -95,17 +95,20 @@ def read_along(
     def jcn(s: Array) -> Array:
         return np.asarray(condition_number(chain.jacobian(configurations(s))))
 
-    even = np.linspace(0.0, 1.0, 10 * path.num_segments + 1)
-    one_way = np.linspace(0.0, 1.0, SAMPLES_ONE_WAY + 1)
-    jcn_along, distance = jcn(even), even * path.path_length
+    even_shares = np.linspace(0.0, 1.0, 10 * path.num_segments + 1)
+    jcn_along, distance = jcn(even_shares), even_shares * path.path_length
+    waypoints = np.linspace(0.0, 1.0, path.num_segments + 1)  # those that the placement is given
+    one_way = np.linspace(0.0, 1.0, SAMPLES_ONE_WAY + 1)  # shares of the time of one way
 
     q_forward = configurations(uniform_acceleration(one_way).s)
     q = np.concatenate([q_forward, q_forward[-2::-1]])  # the way back meets the same configurations
+    # (T,) share of the path at each row of q.
     s = there_and_back(uniform_acceleration)(np.linspace(0.0, 1.0, 2 * SAMPLES_ONE_WAY + 1)).s
     J = chain.jacobian(q)
     tau_ext = np.einsum("tij,i->tj", J, SCRIPTED_WRENCH)
     half_width = 0.5 * ERROR_WIDTH * np.abs(tau_ext)  # (T, n) N m, of the uniform torque error
-    # Only the stated covariance needs this; eq. 22 itself does not.
+    # Only the stated covariance needs this; eq. 22 itself does not. 1e-12 (N m)^2 keep it regular
+    # where a joint carries no torque.
     torque_covariance = np.diag(np.mean(half_width**2, axis=0) / 3.0 + 1e-12)
     inverse = WrenchReconstructionConfig(method="inverse")
 
@@ -126,12 +129,14 @@ def read_along(
         max_error[draw] = np.max(np.abs(error), axis=0)
         rmse[draw] = np.sqrt(np.mean(error**2, axis=0))
     return PathReadings(
+        # The article does not say over what it takes its means; `_comparison` says which fits.
         jcn={
             "max_jcn": float(np.max(jcn_along)),
-            "mean_jcn": float(np.mean(jcn(np.linspace(0.0, 1.0, path.num_segments + 1)))),
+            "mean_jcn": float(np.mean(jcn(waypoints))),
             "mean_jcn_along_path": float(
                 np.trapezoid(jcn_along, distance) / (distance[-1] - distance[0])
             ),
+            # Speeding up, going evenly and slowing down in a third of the time each.
             "mean_jcn_over_time": float(np.mean(jcn(thirds(one_way).s))),
         },
         sample_distance=s * path.path_length,

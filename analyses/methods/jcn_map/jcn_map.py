@@ -257,9 +257,9 @@ def _map_into(
         plane = slice_plane(
             robot,
             config,
-            np.max(np.abs(samples.p_WE), axis=0),
-            lambda fraction, message: progress(0.2 + 0.8 * fraction, message),
-            None if clearance is None else clearance.is_free,
+            reach=np.max(np.abs(samples.p_WE), axis=0),
+            progress=lambda fraction, message: progress(0.2 + 0.8 * fraction, message),
+            is_free=None if clearance is None else clearance.is_free,
         )
         metrics["slice"] = plane.metrics()
         if plane.postures.hits.any():

@@ -81,6 +81,38 @@ def test_a_contact_between_samples_is_found(sts, clearance):
     assert (closest.slack if closest else INFLUENCE_DISTANCE) < lowest + 2e-3
 
 
+@pytest.mark.parametrize("duration", [0.149, 0.2])
+def test_samples_are_a_tenth_of_a_second_apart_or_closer(sts, clearance, duration):
+    times = []
+
+    def position(t):
+        times.append(t)
+        return sts.home
+
+    assert clearance.certify(position, np.zeros(6), duration)[0]
+    assert len(times) == 3 and np.diff(times).max() <= 0.1 + 1e-12
+
+
+def test_pairs_that_are_far_count_with_the_least_slack_that_they_can_have(
+    sts, clearance, monkeypatch
+):
+    """Nothing within INFLUENCE_DISTANCE: a pair may have the slack of .12 m less what it keeps."""
+    monkeypatch.setattr(clearance, "slacks", lambda q: [])
+    times = []
+
+    def position(t):
+        times.append(t)
+        return sts.home
+
+    # Proved by two samples with slacks of .12 m each, not with .1 m: margin and allowance are .02
+    # and .01 m.
+    change = 2.0 * (INFLUENCE_DISTANCE - 0.02 + 0.01) + 0.02  # m in a tenth of a second
+    radius = clearance._speed_radius[0]
+    speed = np.array([0.5 * change / 0.1 / radius, 0.0, 0.0, 0.0, 0.0, 0.0])
+    clearance.certify(position, speed, 0.1)
+    assert len(times) > 2
+
+
 def beside(robot, piece, q):
     """Smallest distance (m) of the links, but for the tool and the base, from a workpiece."""
     pairs = Clearance(robot, 0.0, None, piece).slacks(q, 5.0)

@@ -26,6 +26,11 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader, read_recording
 from wrenchsight.models.robot.robot import Robot
 
+_WEIGHT_AT_FLANGE = (
+    "the weight's centre of mass is not stated: it counts as at the flange's origin, and the scale "
+    "errs by the lever that this leaves out; state it: --load LOG=KG,X,Y,Z, in the flange's frame"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class ScaleResult:
@@ -66,7 +71,7 @@ def find_scale(
     """The command `identify --scale`: writes robot.yaml and metrics.json into `out`.
 
     The scale is found from gravity, or from the weight where one is given. Of logs of torques it is
-    a factor of these, and the robot stays as it is.
+    a factor of these, and robot.yaml is a copy.
 
     Args:
         settings: the logs, and with `load` one of a known weight.
@@ -75,40 +80,44 @@ def find_scale(
         InputError: as `Robot.load`, `read_recording`, `result_folder`, `scale_from_gravity` and
             `scale_from_weight`.
     """
+    if len(settings.load) > 1:
+        raise InputError("identify", "--load", "one weight is enough", "give one with --scale")
     with result_folder(out, "identify") as folder:
         robot = Robot.load(settings.robot)
-        logs = [Path(log) for log in settings.logs]
         progress(0.1, "reading")
-        recordings = _read(logs, settings, robot)
-        laden, weight_parameters = [], np.zeros(10)  # ten inertial parameters in the flange
-        for text in settings.load:
-            path, load = known_load(text)
-            com = np.zeros(3) if load.com is None else np.array(load.com)
-            weight_parameters = body_parameters(load.mass, com, np.zeros((3, 3)))
-            laden += _read([path], settings, robot)
-        all_logs = (*recordings, *laden)
-        of_torque = _hold_torque(all_logs)
+        recordings = _read([Path(log) for log in settings.logs], settings, robot)
+        notices: list[str] = []
+        laden: list[Recording] = []
+        weight_parameters = np.zeros(10)  # ten inertial parameters in the flange's frame
+        if settings.load:
+            path, weight = known_load(settings.load[0])
+            if weight.com is None:
+                notices.append(_WEIGHT_AT_FLANGE)
+            com = np.zeros(3) if weight.com is None else np.array(weight.com)
+            weight_parameters = body_parameters(weight.mass, com, np.zeros((3, 3)))
+            laden = _read([path], settings, robot)
         progress(0.5, "comparing with gravity")
-        if len(settings.load) > 1:
-            raise InputError("identify", "--load", "one weight is enough", "give one with --scale")
         if laden:
             scale = scale_from_weight(recordings, laden, robot, weight_parameters)
         else:
             scale = scale_from_gravity(recordings, robot)
-        if of_torque:
-            scaled_robot, stated = robot, np.ones(robot.num_joints)
+        all_logs = (*recordings, *laden)
+        are_torques = _are_torques(all_logs)
+        if are_torques:
+            scaled_robot, scale_in_robot_yaml = robot, np.ones(robot.num_joints)
         else:
             scaled_robot = _with_scale(robot, scale)
-            stated = robot.torque_per_ampere * robot.current_sign
-        notices = dict.fromkeys(notice for log in all_logs for notice in log.notices)
-        result = ScaleResult(scale, scaled_robot, np.asarray(stated), of_torque, tuple(notices))
+            scale_in_robot_yaml = robot.torque_per_ampere * robot.current_sign
+        notices += dict.fromkeys(notice for log in all_logs for notice in log.notices)
+        stated = np.asarray(scale_in_robot_yaml)
+        result = ScaleResult(scale, scaled_robot, stated, are_torques, tuple(notices))
         result.robot.save(folder / "robot.yaml")
         folder.write_settings("config.yaml", settings)
         folder.write_json("metrics.json", result.metrics())
     return result
 
 
-def _hold_torque(recordings: Sequence[Recording]) -> bool:
+def _are_torques(recordings: Sequence[Recording]) -> bool:
     """Whether the logs hold torques, not currents.
 
     Raises:

@@ -4,9 +4,13 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from wrenchsight.analyses.methods.identify.identification_config import IdentifySettings
 from wrenchsight.analyses.methods.identify.known_model.scale_finding import find_scale, sentences
+from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
@@ -55,3 +59,38 @@ def test_torques_get_a_gain(data, tmp_path, ur10e):
     np.testing.assert_array_equal(
         Robot.load(tmp_path / "out/robot.yaml").torque_per_ampere, ur10e.torque_per_ampere
     )
+
+
+def test_a_weight_without_a_centre_of_mass_counts_as_at_the_flange(tmp_path, ur10e):
+    """Two postures, each held for a second without the weight and with it; statics alone."""
+    turns = np.array([[0.0, 0.3, -0.4, 0.5, 0.2, 0.0], [0.0, -0.4, 0.5, -0.6, 0.4, 0.0]])
+    q = np.repeat(ur10e.home + turns, 50, axis=0)
+    still = np.zeros_like(q)
+    moved = still.copy()
+    moved[::50] = 0.5  # rad/s: a posture ends
+    gravity = np.asarray(ur10e.chain.gravity_torque(q))
+    weight = body_parameters(4.0, np.zeros(3), np.zeros((3, 3)))
+    load = load_columns(ur10e, q, still, still) @ weight
+    for name, torque in (("empty", gravity), ("laden", gravity + load)):
+        current = np.asarray(ur10e.motor_current(torque)) / 3.0  # a unit that nobody knows
+        recording = Recording(0.02 * np.arange(len(q)), q, moved, current, name)
+        write_recording(recording, tmp_path / f"{name}.csv")
+    log, laden = str(tmp_path / "empty.csv"), str(tmp_path / "laden.csv")
+    settings = IdentifySettings(logs=[log], robot="ur10e", scale=True, load=[laden + "=4"])
+    result = find_scale(settings, tmp_path / "out")
+    expected = 3.0 * ur10e.torque_per_ampere * ur10e.current_sign
+    shown = result.scale.is_determined
+    assert shown[1:3].all()
+    # The postures are held once each; what is left is the resolution of numbers in the file.
+    np.testing.assert_allclose(result.scale.torque_per_unit[shown], expected[shown], rtol=1e-3)
+    assert any("counts as at the flange's origin" in notice for notice in result.notices)
+    settings = replace(settings, load=[laden + "=4,0,0,0"])
+    assert find_scale(settings, tmp_path / "stated").notices == ()
+
+
+def test_more_than_one_weight_is_refused_before_a_log_is_read(tmp_path):
+    settings = IdentifySettings(
+        logs=["missing.csv"], robot="ur10e", scale=True, load=["a.csv=1", "b.csv=2"]
+    )
+    with pytest.raises(InputError, match="one weight is enough"):
+        find_scale(settings, tmp_path / "out")
