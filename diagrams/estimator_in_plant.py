@@ -64,12 +64,13 @@ def add_estimator(
     Args:
         plant: finalized, in `builder`.
         model_instance, frame_E, drives, base, payload: as `ArmInPlant`.
-        arm: arm of this plant, in the place of those.
+        arm: arm of this plant, in the place of those; with it none of them is given.
         in_base_axes: the wrench is in axes of the arm's base, F_E_B, as for a log.
         model: None: what the plant states, `ArmInPlant.nominal_model`.
         config: None: its defaults at the plant's time step (DEFAULT_TIME_STEP of a continuous one).
         actuation: (n_u,) N m of the instance's actuators, in the place of what drives the plant.
-        current: (n,) A of the motors, such as of a MotorCurrentSensor, in the place of torque.
+        current: (n,) A of the motors, such as of a MotorCurrentSensor, in the place of torque;
+            `drives` or the arm state its torque per ampere, 1 N m/A otherwise.
         name, fused, detection, stages: as `make_estimator`.
 
     Returns:
@@ -77,14 +78,23 @@ def add_estimator(
 
     Raises:
         InputError: as `ArmInPlant`; the model belongs to another arm.
-        ValueError: as `add_estimator_to_ports`; the plant is not in `builder`; the period is no
-            multiple of the plant's time step.
+        ValueError: as `add_estimator_to_ports`; the plant is not in `builder`; the arm is of
+            another plant, or given together with what describes one; actuation and current are
+            both given; the period is no multiple of the plant's time step.
     """
     if plant not in builder.GetSystems():
         raise ValueError(
             f"{name}: {plant.get_name() or 'the plant'} is not in this builder; give "
             "make_estimator(ArmInPlant(plant, ...), model) the ports that its diagram exports"
         )
+    description = (model_instance, frame_E, drives, base, payload)
+    if arm is not None and (arm.plant is not plant or any(x is not None for x in description)):
+        raise ValueError(
+            f"{name}: give an arm of this plant, or model_instance, frame_E, drives, base and "
+            "payload, not both"
+        )
+    if actuation is not None and current is not None:
+        raise ValueError(f"{name}: give actuation or current, not both")
     if arm is None:
         arm = ArmInPlant(plant, model_instance, frame_E, drives, base=base, payload=payload)
     if in_base_axes:

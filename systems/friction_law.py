@@ -106,6 +106,7 @@ class FrictionLawSystem(SampledBlock):
         self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J before the update
         ports = [port for port in (self._q, self._v, self._torque_error) if port is not None]
         prerequisites = {port.ticket() for port in ports} | {self._law.ticket()}
+        # Held between ticks by a law with memory; of one without, a function at any time.
         self.declare_held_output("tau_f", n, self._calc_tau_f, prerequisites)
         self.DeclareVectorOutputPort(
             "sliding", sliding_size(n), self._calc_sliding, {self._law.ticket()}
@@ -129,7 +130,9 @@ class FrictionLawSystem(SampledBlock):
         return np.asarray(law.run(memory, q, v, tau_J, rest)[0])
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:
+        # A copy of the memory takes the sample: only the update may change the block's own.
         output.SetFromVector(self._run(context, self.memory(context), self._no_torque))
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        """As SampledBlock; called for a law with memory alone, which has the port tau_J."""
         return (self._run(context, memory, self._tau_J.Eval(context)[None]),)

@@ -299,6 +299,25 @@ def test_what_cannot_be_told_is_asked_for():
         add_estimator(builder, plant, instance, frame_E=plant.GetFrameByName("lift"))
 
 
+def test_what_would_be_ignored_is_refused(sts):
+    """An arm and what describes one, an arm of another plant, torque and current."""
+    builder, other = DiagramBuilder(), MultibodyPlant(1e-3)
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    parts, elsewhere = sts.add_to_plant(plant), sts.add_to_plant(other)
+    plant.Finalize()
+    other.Finalize()
+    arm = ArmInPlant(plant, parts.model_instance, parts.frame_E)
+    with pytest.raises(ValueError, match="give an arm of this plant"):
+        add_estimator(builder, plant, parts.model_instance, arm=arm)
+    with pytest.raises(ValueError, match="give an arm of this plant"):
+        of_other_plant = ArmInPlant(other, elsewhere.model_instance, elsewhere.frame_E)
+        add_estimator(builder, plant, arm=of_other_plant)
+    torque = builder.AddSystem(ConstantVectorSource(np.zeros(6))).get_output_port()
+    with pytest.raises(ValueError, match="give actuation or current, not both"):
+        add_estimator(builder, plant, arm=arm, actuation=torque, current=torque)
+    assert add_estimator(builder, plant, arm=arm, current=torque) is not None
+
+
 def test_a_controller_that_needs_the_estimator_is_wired_afterwards(sts):
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)

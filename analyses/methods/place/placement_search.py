@@ -371,11 +371,13 @@ class PlacementSearch:
     def starts(self, seed: int, effort: SearchEffort, result: SearchResult) -> list[Placement]:
         """The starts: the task's guess, then random paths on various branches, the best first.
 
-        Random paths are drawn, shorter ones as well where the arm follows too few; the best poses
-        among them are tried on all branches. Of each cell (`_cells`) the best path comes first,
-        then each one's second. Where something must not be hit, the most promising are ranked
-        again by what their distances lack. Most paths can be followed; where none can, postures are
-        returned that need not reach the path.
+        Random paths are drawn, shorter ones as well where the arm follows too few: with all points
+        of the path on a part of its length, they are a guess for the solver, which stretches them.
+        The best poses among them are tried on all branches. Of each bin (`_cells`) the best path
+        comes first, then each one's second. Where something must not be hit (`program.cell`), the
+        most promising are ranked again by what their distances lack. Most paths can be followed;
+        where none can and the task has no guess, postures are returned that need not reach the
+        path. What the search was given to start from (`others`) is put before these by `run`.
 
         Args:
             result: its counts grow.
@@ -383,7 +385,8 @@ class PlacementSearch:
         rng = np.random.default_rng(seed)
         guesses = self.initial_guess()
         length = self.program.path_length
-        # Costs are infinite where a limit is passed by far: such paths count as none.
+        # Costs are positive, and infinite where a limit is passed by far: such paths count as none.
+        # `in_order` puts them last, `best_of_each` leaves them out.
         random_paths = self.draw(rng, effort.num_samples, length, result)
         for share in _STAGE_SHARES:
             if np.sum(np.isfinite(self._costs(random_paths))) >= _MIN_STARTS:
@@ -397,13 +400,13 @@ class PlacementSearch:
         candidates = PlacementBatch.joined([random_paths[order], branches])
         costs = self._costs(candidates)
         result.evaluations += len(random_paths) + len(candidates)
-        cells = self._cells(candidates)
+        bins = self._cells(candidates)
         count = max(effort.num_starts, effort.num_feasibility)  # as many as either stage takes
         if self.program.cell is not None:
-            tried = best_of_each(cells, costs, _TRIED_PER_START * count)  # distances take time
-            candidates, cells, costs = candidates[tried], cells[tried], costs[tried]
+            tried = best_of_each(bins, costs, _TRIED_PER_START * count)  # distances take time
+            candidates, bins, costs = candidates[tried], bins[tried], costs[tried]
             costs = costs * (1.0 + _DEFICIT_WEIGHT * self._deficits(candidates))
-        chosen = best_of_each(cells, costs, count)
+        chosen = best_of_each(bins, costs, count)
         starts = PlacementBatch.joined([guesses, candidates[chosen]])
         if len(starts) == 0:  # the solver may come to the path, and says what it misses
             starts = self._unreached(rng, effort.num_starts)

@@ -288,7 +288,13 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
-    """Rows of the table "article / here"."""
+    """Rows of the table "article / here".
+
+    Their keys are paths into what `over_feeds` returns: a list each, one entry a feed time. There
+    "article" is the article's method on the simulated arm, "ours" this project's; `article=` is the
+    figure that the article prints. It prints one correlation, which stands beside its method's.
+    Bands and valid shares are those of the passes with a sensor in the control.
+    """
     feeds = ", ".join(f"{feed:g}" for feed in FEED_TIMES)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
     held = f"True normal force held {{}} a sensor, {feeds} s: {{}} error"
