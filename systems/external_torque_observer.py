@@ -98,6 +98,8 @@ class ExternalTorqueObserver(SampledBlock):
         self._no_error = TorqueError.of_flat(np.zeros(torque_error_size(n)), n)
         # The estimate of the present sample: all outputs but `pole` are parts of it.
         prerequisites = {port.ticket() for port in ports} | {self._tuned_observer.ticket()}
+        # One ticket in the place of all, which saves Drake edges; the parts of `reading` are held
+        # because `reading` is.
         prerequisites = joined_ticket(self, prerequisites | self.time_and_memory_tickets)
         parts = {"tau_ext": n, "valid": 1} | ({"wrench": _WRENCH_SIZE} if self._has_wrench else {})
         self.reading_sizes = list(parts.values())

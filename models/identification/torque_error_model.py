@@ -168,7 +168,8 @@ class Rest(NamedTuple):
 class TorqueErrorModel:
     """The constants of this module for one model of one arm with n joints.
 
-    A number in the place of an (n,) stands for all joints; the attribute is (n,).
+    `constant` tells n. A number in the place of another (n,) stands for all joints; the attribute
+    is (n,).
 
     Attributes:
         constant: (n,) N m.
@@ -238,6 +239,7 @@ class TorqueErrorModel:
         shapes = {"correlation": (n, n), "spread": (len(self._directions), n, NUM_PARAMETERS)}
         for attribute in fields(self):
             value = np.array(getattr(self, attribute.name), float)
+            # A new attribute that is one number of the whole arm also goes into _NUMBERS.
             shape = () if attribute.name in _NUMBERS else shapes.get(attribute.name, (n,))
             if value.shape == () and shape == (n,):
                 value = np.full(n, float(value))

@@ -1,4 +1,7 @@
-"""A live robot from Python: `for reading in live("rtde://192.168.1.10", "ur10e", "model.yaml")`."""
+"""A live robot from Python: `with live("rtde://192.168.1.10", "ur10e", "model.yaml") as session`.
+
+Its process ends with the block; `for reading in session` gives each reading once.
+"""
 
 import os
 import pickle
