@@ -192,6 +192,18 @@ def test_an_mjcf_is_the_plant_that_drake_reads(tmp_path):
     assert 'cylinder radius="0.05" length="0.1"' in robot.urdf_text
 
 
+def test_the_effort_of_a_servo_is_its_force_not_the_range_of_its_positions(tmp_path):
+    servo = '<position name="a" joint="shoulder" ctrlrange="-1.9 1.9" forcerange="-30 30"/>'
+    start, end = MJCF.index("<motor"), MJCF.index("</actuator>")
+    (tmp_path / "arm.xml").write_text(MJCF[:start] + servo + MJCF[end:], encoding="utf-8")
+    text = CONFIG.replace("arm.sdf", "arm.xml").replace("0.0}\n", "0.0, effort_limit: 50.0}\n")
+    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    (limit,) = [joint.find("limit") for joint in ET.fromstring(robot.urdf_text).iter("joint")
+                if joint.get("name") == "shoulder"]  # fmt: skip
+    assert float(limit.get("effort")) == 30.0
+
+
 def test_an_mjcf_without_its_meshes_keeps_its_inertias(tmp_path):
     text = MJCF.replace("<worldbody>", "<asset><mesh name='m' file='none.obj'/></asset><worldbody>")
     text = text.replace('<body name="lower"', "<geom type='mesh' mesh='m'/><body name=\"lower\"")

@@ -13,6 +13,7 @@ _MODEL = """<mujoco model="arm">
     <joint actuatorfrcrange="-400 400"/>
     <motor gear="2"/>
     <default class="servo">
+      <joint actuatorfrcrange="-300 300"/>
       <general biastype="affine" gainprm="2000" biasprm="0 -2000 -200" forcerange="-87 87"/>
       <default class="wrist">
         <general forcerange="-12 12"/>
@@ -34,7 +35,7 @@ _JOINTS = [
     ("position", "", '<position kp="1000" ctrlrange="-1.9 1.9" forcerange="-3 3" gear="1"/>', 3.0),
     ("velocity", "", '<velocity kv="1000" ctrlrange="-9 9" gear="1" forcerange="-5 2"/>', 5.0),
     ("flag", "", '<motor ctrlrange="-3 3" forcerange="-1 1" forcelimited="false"/>', 6.0),
-    ("by_the_joint_alone", "", '<position kp="1e6" gear="1"/>', 400.0),
+    ("by_the_joint_alone", "", '<position kp="1e6" gear="1"/>', 300.0),
 ]
 
 
