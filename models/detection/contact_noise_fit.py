@@ -35,7 +35,7 @@ USUAL_JUMP_SHARE = 0.99  # share of the samples that have no more than the usual
 def fit_contact_noise(
     readings: Sequence[HeldOutReading], model: IdentifiedModel, chain: SerialChain
 ) -> ContactNoise | None:
-    """Returns the value for `model.contact_noise`; None where no reading is is_used.
+    """Returns the value for `model.contact_noise`; None where no reading is used.
 
     Args:
         readings: readings of motions that their models were not fitted on; of one time step.

@@ -23,7 +23,7 @@ _LEAST_UNIT_GAIN = 3.0  # of all joints, from which on the signal is in another 
 
 
 def explain(case: Case) -> Explanation | None:
-    """The gains that explain the log best: one of all joints, of gain_of_each, or of a single one.
+    """The gains that explain the log best: one of all joints, one of each, or that of a single one.
 
     A gain is the factor by which the logged signal is too large; 1: it is right. None where no
     gain differs from 1 by more than a tolerance.
