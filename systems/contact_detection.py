@@ -23,7 +23,7 @@ DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_r
 Flags are 1 or 0."""
 
 
-_LARGEST_INPUT = 1e9  # SI
+_LARGEST_INPUT = 1e9  # SI; no arm's signal is as large, and the square of more is of no use
 
 
 def _plausible(values: Array) -> Array:
@@ -86,16 +86,24 @@ class ContactDetection(SampledBlock):
         self._tuned_detector = declare_cached(
             self, "detector", self._calc_detector, {self._pole.ticket(), self._sliding.ticket()}
         )
-        ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
+        ports_of_sample = [
+            self._v,
+            self._terms,
+            self._torque_error,
+            self._tau_ext,
+            self._tau_ext_valid,
+        ]
         # tau_J and tau_f count for the sample after: the update reads them. The output does so only
         # behind an observer that reads the present torque. Else zeros stand for them there, and it
         # does not feed through from the motors.
         if detector.reads_present_torque:
-            ports += [self._tau_J, self._tau_f]
+            ports_of_sample += [self._tau_J, self._tau_f]
         self._no_torque = np.zeros((1, n))  # N m
-        prerequisites = {port.ticket() for port in ports} | {self._tuned_detector.ticket()}
         self._detection = self.declare_held_output(
-            "detection", len(DETECTION), self._calc_detection, prerequisites
+            "detection",
+            len(DETECTION),
+            self._calc_detection,
+            {port.ticket() for port in ports_of_sample} | {self._tuned_detector.ticket()},
         )
 
     def _calc_detector(self, context: Context) -> ContactDetector:
@@ -111,12 +119,12 @@ class ContactDetection(SampledBlock):
         is_fresh = self._tau_ext_valid.Eval(context) == 1.0
         detector: ContactDetector = self._tuned_detector.EvalAbstract(context).get_value()
         sample = ArmSamples(
-            error,
-            _plausible(self._v.Eval(context))[np.newaxis],
-            _plausible(transmitted[0])[np.newaxis],
-            _plausible(terms.momentum)[np.newaxis],
-            _plausible(self._tau_ext.Eval(context))[np.newaxis],
-            is_fresh & np.isfinite(torque_error).all(),
+            error=error,
+            v=_plausible(self._v.Eval(context))[np.newaxis],
+            transmitted=_plausible(transmitted[0])[np.newaxis],
+            momentum=_plausible(terms.momentum)[np.newaxis],
+            tau_ext=_plausible(self._tau_ext.Eval(context))[np.newaxis],
+            fresh=is_fresh & np.isfinite(torque_error).all(),
         )
         return detector.judge(state, sample)
 
@@ -129,6 +137,7 @@ class ContactDetection(SampledBlock):
         transmitted = self._no_torque
         if self._detector.reads_present_torque:
             transmitted = self._transmitted(context)
+        # A copy of the memory takes the sample: only the update may change the block's own.
         detection = self._run(context, self.memory(context), transmitted)
         output.SetFromVector(detection[0, : len(DETECTION)])
 

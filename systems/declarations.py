@@ -33,19 +33,21 @@ def sliding_size(num_joints: int) -> int:
 
 
 class TunedParameters:
-    """The numeric parameters of a block.
+    """The numeric parameters of a block: declared here, and to be changed in a run.
 
     Args:
         block: whose they are.
-        values: of any shape, in the order of the Context's parameters.
+        values: their defaults by name, of any shape. A Context holds each flat, row by row, in the
+            order in which they are given.
 
     Attributes:
-        indices: by name.
+        indices: of the Context's numeric parameters, by name.
         tickets: of them all; of nothing where there are none.
     """
 
     def __init__(self, block: LeafSystem, values: Mapping[str, Array]) -> None:
         self._shapes = {name: value.shape for name, value in values.items()}
+        # pydrake returns a plain number, and takes none for a ticket.
         self.indices = {
             name: NumericParameterIndex(block.DeclareNumericParameter(BasicVector(value.ravel())))
             for name, value in values.items()
@@ -54,7 +56,7 @@ class TunedParameters:
         self.tickets: set[DependencyTicket] = tickets or {block.nothing_ticket()}
 
     def at(self, context: Context) -> dict[str, Array]:
-        """The parameters of a context by name, copied."""
+        """The parameters of a context by name, in the order and shapes of `values`, copied."""
         return {
             name: np.array(context.get_numeric_parameter(index).value()).reshape(self._shapes[name])
             for name, index in self.indices.items()
@@ -98,22 +100,23 @@ def declare_outputs(
 ) -> OutputPort:
     """Declares the output ports of a block that computes all of them at once.
 
-    A port of its own for each output is as many calls into Python at a tick. So there is one more,
-    `all`, with the outputs one after the other: Drake's Demultiplexer splits it with `sizes`, as
-    `diagrams.outputs.split_outputs` does.
+    These are a port for each output, and besides them one port `all` with the outputs one after
+    another. To read the ports one by one takes a call into Python each at a tick. A diagram that
+    reads several of them connects `all` instead, and Drake's Demultiplexer splits it with `sizes`
+    (`diagrams.outputs.split_outputs`).
 
     Args:
         block: that gets the ports.
-        sizes: of the outputs, by name.
+        sizes: numbers of entries of the outputs, by name, in their order in `all`.
         calc: writes `all`.
-        tickets: its prerequisites.
+        tickets: prerequisites of `all`, and of its parts: each reads the whole.
 
     Returns:
         The port `all`.
     """
-    tickets = joined_ticket(block, tickets)
-    port = block.DeclareVectorOutputPort("all", sum(sizes.values()), calc, tickets)
-    declare_port_of_each_part(block, port.Eval, sizes, tickets)
+    joined = joined_ticket(block, tickets)
+    port = block.DeclareVectorOutputPort("all", sum(sizes.values()), calc, joined)
+    declare_port_of_each_part(block, port.Eval, sizes, joined)
     return port
 
 
@@ -126,10 +129,11 @@ def declare_held_outputs(
     """As `declare_outputs`, but computed at a tick and held until the next one.
 
     `all` is one held output (`SampledBlock.declare_held_output`): `take_sample` returns it whole.
+    The other ports are parts of it, and so depend on time and memory as well.
     """
-    tickets = joined_ticket(block, tickets | block.time_and_memory_tickets)
-    port = block.declare_held_output("all", sum(sizes.values()), calc, tickets)
-    declare_port_of_each_part(block, port.Eval, sizes, tickets)
+    joined = joined_ticket(block, tickets | block.time_and_memory_tickets)
+    port = block.declare_held_output("all", sum(sizes.values()), calc, joined)
+    declare_port_of_each_part(block, port.Eval, sizes, joined)
     return port
 
 

@@ -85,28 +85,33 @@ class ExternalTorqueObserver(SampledBlock):
         if self.uses_sd:
             self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
 
-        ports = [self._terms, self._tau_f]
+        ports_of_reading = [self._terms, self._tau_f]
         if self.uses_sd:
-            ports.append(self._torque_error)
+            ports_of_reading.append(self._torque_error)
         # An observer that does not read the present torque does without this feedthrough, so that a
         # controller may make tau_J of the estimate without an algebraic loop. Zeros then stand for
         # tau_J in the outputs; the update always reads it.
         if observer.reads_present_torque:
-            ports.append(self._tau_J)
+            ports_of_reading.append(self._tau_J)
         self._no_torque = np.zeros((1, n))  # N m
         # Stands for the torque error where its port is not connected.
         self._no_error = TorqueError.of_flat(np.zeros(torque_error_size(n)), n)
-        # The estimate of the present sample: all outputs but `pole` are parts of it.
-        prerequisites = {port.ticket() for port in ports} | {self._tuned_observer.ticket()}
-        # One ticket in the place of all, which saves Drake edges; the parts of `reading` are held
-        # because `reading` is.
-        prerequisites = joined_ticket(self, prerequisites | self.time_and_memory_tickets)
-        parts = {"tau_ext": n, "valid": 1} | ({"wrench": _WRENCH_SIZE} if self._has_wrench else {})
-        self.reading_sizes = list(parts.values())
-        self._reading = self.declare_held_output(
-            "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
+        # All outputs but `pole` are parts of `reading`, and held because it is. They depend on one
+        # ticket in the place of all these, which saves Drake edges.
+        joined = joined_ticket(
+            self,
+            {port.ticket() for port in ports_of_reading}
+            | {self._tuned_observer.ticket()}
+            | self.time_and_memory_tickets,
         )
-        declare_port_of_each_part(self, self._reading.Eval, parts, prerequisites)
+        sizes = {"tau_ext": n, "valid": 1}
+        if self._has_wrench:
+            sizes["wrench"] = _WRENCH_SIZE
+        self.reading_sizes = list(sizes.values())
+        self._reading = self.declare_held_output(
+            "reading", sum(self.reading_sizes), self._calc_reading, joined
+        )
+        declare_port_of_each_part(self, self._reading.Eval, sizes, joined)
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, of_parameters)
 
     def _calc_observer(self, context: Context) -> Observer:

@@ -66,8 +66,8 @@ class FrictionLawSystem(SampledBlock):
 
     Args:
         law: of `wrenchsight.models.friction`.
-        time_step: s; of a law with memory only.
-        knows_rest: whether `torque_error` says which joints rest.
+        time_step: s, positive, of a law with memory; not read of any other.
+        knows_rest: whether there is an input `torque_error`, which says which joints rest.
 
     Raises:
         ValueError: a law with memory has no period; or, when a parameter is changed to what the law
@@ -80,7 +80,7 @@ class FrictionLawSystem(SampledBlock):
             raise ValueError(f"friction: time_step must be positive, not {time_step}")
         SampledBlock.__init__(
             self,
-            period=time_step if has_memory else 0.0,  # 0: a function of the inputs at any time
+            period=time_step if has_memory else 0.0,  # 0: no ticks, `take_sample` is not called
             initial_memory=law.initial_state(),
         )
         self._initial_law = law
@@ -104,10 +104,14 @@ class FrictionLawSystem(SampledBlock):
         # tau_J is read by the update alone: what the gear transmits counts at the tick after, and
         # a controller may feed tau_f forward without an algebraic loop.
         self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J before the update
-        ports = [port for port in (self._q, self._v, self._torque_error) if port is not None]
-        prerequisites = {port.ticket() for port in ports} | {self._law.ticket()}
+        ports_of_sample = [p for p in (self._q, self._v, self._torque_error) if p is not None]
         # Held between ticks by a law with memory; of one without, a function at any time.
-        self.declare_held_output("tau_f", n, self._calc_tau_f, prerequisites)
+        self.declare_held_output(
+            "tau_f",
+            n,
+            self._calc_tau_f,
+            {port.ticket() for port in ports_of_sample} | {self._law.ticket()},
+        )
         self.DeclareVectorOutputPort(
             "sliding", sliding_size(n), self._calc_sliding, {self._law.ticket()}
         )

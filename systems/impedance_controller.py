@@ -49,11 +49,10 @@ class ImpedanceConfig:
 
     axes: str = "W"
     """of stiffness and damping: W, or E"""
-    # N/m (3), N m/rad (3) on the diagonal; or 6 x 6
     stiffness: np.ndarray = field(
         default_factory=lambda: np.array([2000.0, 2000.0, 2000.0, 100.0, 100.0, 100.0])
     )
-    """N s/m (3), N m s/rad (3) on the diagonal; or 6 x 6"""
+    """N/m (3), N m/rad (3) on the diagonal; or 6 x 6"""
     damping: np.ndarray = field(
         default_factory=lambda: np.array([250.0, 250.0, 250.0, 2.0, 2.0, 2.0])
     )
@@ -128,8 +127,11 @@ class ImpedanceController(SampledBlock):
     Args:
         friction: the model's law, fed forward at v_d.
         effort_limit: (n,) N m, positive.
-        time_step: s, of the integral.
+        time_step: s, period of the ticks and step of the integral.
         config: gains.
+
+    Attributes:
+        output_sizes: numbers of entries of the parts of `all`, by name, in their order.
 
     Raises:
         InputError: axes that are neither W nor E, a matrix of a wrong shape, not symmetric or not
@@ -152,12 +154,13 @@ class ImpedanceController(SampledBlock):
             period=time_step if self._has_force else 0.0,
             initial_memory=np.zeros(1),  # N s, the integral of the force error
         )
-        effort_limit = np.array(effort_limit, dtype=np.float64)
-        self._n, self._time_step = len(effort_limit), time_step
+        limit = np.array(effort_limit, dtype=np.float64)
+        self._n = len(limit)
+        self._time_step = time_step
         self.output_sizes = {"tau_command": self._n, "pose_error": 6, "valid": 1, "integral": 1}
         self._at_rest = np.zeros(3 * self._n)  # q_d, v_d, vdot_d of a reference not connected
-        # The gains of `config`, checked. Without force control the default ones of force stand for
-        # numeric parameters that nothing reads.
+        # The gains of `config`, checked. The parameter force_gains is there without force control,
+        # too: with default gains, which nothing reads.
         self._in_E = _in_E(config.axes, "axes")  # whether stiffness and error are in axes of E
         stiffness = _matrix(config.stiffness, "stiffness")
         damping = _matrix(config.damping, "damping")
@@ -165,7 +168,7 @@ class ImpedanceController(SampledBlock):
         # The control law with these gains. They become numeric parameters of the Context, and the
         # block uses this law with the Context's (`_calc_law`).
         self._default_law = impedance_law(
-            effort_limit=effort_limit,
+            effort_limit=limit,
             friction=friction.table,
             spring_damper=SpringDamper(stiffness, damping, self._in_E, config.null_space_damping),
             force=force if self._has_force else None,
@@ -173,10 +176,10 @@ class ImpedanceController(SampledBlock):
             friction_velocity=config.friction_velocity,
         )
         self._declare_parameters(stiffness, damping, force)
-        self._declare_ports()
+        self._declare_ports()  # after the parameters: the outputs depend on their law
 
     def _declare_parameters(self, stiffness: Array, damping: Array, force: ForceGains) -> None:
-        """Declares the numeric parameters, and the law that follows from them."""
+        """Declares the numeric parameters, and the cached law `_law` that follows from them."""
         gains = np.array([force.proportional, force.integral, force.integral_limit])
         self._stiffness = self.DeclareNumericParameter(BasicVector(stiffness.ravel()))
         self._damping = self.DeclareNumericParameter(BasicVector(damping.ravel()))
@@ -231,6 +234,8 @@ class ImpedanceController(SampledBlock):
         out, n, has_force = output.get_mutable_value(), self._n, self._has_force
         has_reference = self._reference.HasValue(context)
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        # `out` is tau_command (n,), pose_error (6,), valid, integral: the kernel writes the first
+        # two, and returns the others.
         out[n + 6 :] = impedance_action(
             self._law.EvalAbstract(context).get_value(),
             terms.record,
@@ -249,7 +254,7 @@ class ImpedanceController(SampledBlock):
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         out = self._all.Eval(context)
-        memory[:] = out[-1:]
+        memory[:] = out[-1:]  # the integral at the end of the tick, last of `output_sizes`
         return (out,)
 
 

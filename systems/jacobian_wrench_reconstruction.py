@@ -38,7 +38,8 @@ from wrenchsight.systems.sampled_block import SampledBlock
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 _LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
 _OBSERVED_SIZE = 42  # entries of a wrench and its covariance
-_FLAG_ROWS = {flag: np.array([flag]) for flag in (False, True)}  # of one sample
+# A log of one sample's flag, (1,), by the flag: made once, as a reading takes two at each tick.
+_FLAG_LOGS = {flag: np.array([flag]) for flag in (False, True)}
 _READING_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
 _READING_SIZE = sum(_READING_PARTS.values())
 
@@ -52,7 +53,8 @@ class _TunedReading(NamedTuple):
             J_seen is to be filled in.
         has_usable_pole: whether the pole is one of an observer, or none.
         unseen_rest_table: `TorqueErrorStage.table`, by which `with_unseen_rests` finds a joint that
-            rests and rested in no log of the model; None where no joint can.
+            rests and rested in no log of the model. None where no joint can, where friction is not
+            known, or without a period: rests are then no reason against a reading.
     """
 
     wrench_reading: WrenchReading
@@ -62,11 +64,12 @@ class _TunedReading(NamedTuple):
 
 
 def reading_parts(estimate: WrenchEstimate) -> Array:
-    """(45,) wrench, covariance row by row, condition number, valid, invalid of one sample."""
-    parts = np.empty(45)
-    parts[:6], parts[6:42] = estimate.wrench, estimate.covariance.ravel()
-    parts[42], parts[44] = estimate.condition_number.item(), estimate.invalid.item()
-    parts[43] = parts[44] == 0.0
+    """(45,) of one sample: wrench, covariance row by row, condition number, valid, invalid."""
+    invalid = estimate.invalid.item()
+    parts = np.empty(_READING_SIZE)
+    parts[:6] = estimate.wrench
+    parts[6:42] = estimate.covariance.ravel()
+    parts[42:] = estimate.condition_number.item(), invalid == 0, invalid
     return parts
 
 
@@ -130,7 +133,11 @@ class JacobianWrenchReconstruction(SampledBlock):
     Args:
         reading: of one estimator; `WrenchReading.constant(config, torque_covariance)` for errors of
             one covariance.
-        time_step: s; 0 for a reading without state, as of a constant error.
+        time_step: s, period of the ticks; 0 for a reading without state, as of a constant error,
+            which is then a function of the inputs at any time.
+
+    Attributes:
+        reading_sizes: numbers of entries of the parts of `reading`, in their order.
 
     Raises:
         ValueError: an output is evaluated with a parameter that the reading does not accept.
@@ -139,8 +146,6 @@ class JacobianWrenchReconstruction(SampledBlock):
     def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
         SampledBlock.__init__(self, period=time_step, initial_memory=reading.initial_state())
         self.reading_sizes = [*_READING_PARTS.values(), self.memory_size]
-        """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, invalid,
-        and the memory after the sample."""
         self._wrench_reading = reading
         self._n = n = reading.num_joints
         # The reading's parameters become numeric parameters of the Context, which may be changed in
@@ -162,16 +167,29 @@ class JacobianWrenchReconstruction(SampledBlock):
         # from them): made anew when one of these changes, not at every tick.
         tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
         self._tuned_reading = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
-        ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._corrected, self._fault]
-        ports += [self._observed, self._torque_error]
-        prerequisites = {port.ticket() for port in ports} | {self._tuned_reading.ticket()}
-        prerequisites = joined_ticket(self, prerequisites | self.time_and_memory_tickets)
-        self._unknown = np.full((1, n), np.nan)  # in the place of what cannot be used
-        # All outputs are parts of it, and the update takes the memory from it.
-        self._reading = self.declare_held_output(
-            "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
+        ports_of_sample = [
+            self._terms,
+            self._tau_ext,
+            self._tau_ext_valid,
+            self._corrected,
+            self._fault,
+            self._observed,
+            self._torque_error,
+        ]
+        # One ticket in the place of all prerequisites, which saves Drake edges.
+        joined = joined_ticket(
+            self,
+            {port.ticket() for port in ports_of_sample}
+            | {self._tuned_reading.ticket()}
+            | self.time_and_memory_tickets,
         )
-        declare_port_of_each_part(self, self._reading.Eval, _READING_PARTS, prerequisites)
+        self._no_signal = np.full((1, n), np.nan)  # in the place of one that cannot be used
+        # All other outputs are its first parts. Its last part, without a port, is the memory after
+        # the sample, which the update takes from there.
+        self._reading = self.declare_held_output(
+            "reading", sum(self.reading_sizes), self._calc_reading, joined
+        )
+        declare_port_of_each_part(self, self._reading.Eval, _READING_PARTS, joined)
 
     def _calc_tuned(self, context: Context) -> _TunedReading:
         K_0, has_usable_pole = None, True
@@ -201,7 +219,7 @@ class JacobianWrenchReconstruction(SampledBlock):
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         """Reads the present sample. `WrenchReading` reads logs: all arrays are logs of one row.
 
-        A sample that cannot be used is read with NaN in the place of torque and motion, which the
+        A sample that cannot be used is read with NaN in the place of motion and torque, which the
         reading takes for a missing one: a zero wrench with the prior's covariance, not valid.
         """
         tuned: _TunedReading = self._tuned_reading.EvalAbstract(context).get_value()
@@ -216,26 +234,32 @@ class JacobianWrenchReconstruction(SampledBlock):
             and is_code
             and are_readable(_LARGEST_INPUT, terms["q"], J, *error)
         )
-        tau_ext = self._tau_ext.Eval(context)[None] if is_usable else self._unknown
-        # The reading looks at q and v only for whether they are finite. The momentum tells that of
-        # both: it is finite where both are.
-        motion = terms["momentum"] if is_usable else self._unknown
+        if is_usable:
+            q, v, tau_ext = terms["q"], terms["v"], self._tau_ext.Eval(context)[None]
+        else:
+            q = v = tau_ext = self._no_signal
+        is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
+        is_corrected = self._is_set(context, self._corrected)
         observed_wrench, observed_covariance = self._observed_wrench(context)
         samples = ReadingSamples(
             J=J,
             tau_ext=tau_ext,
-            is_fresh=_FLAG_ROWS[is_usable and self._is_set(context, self._tau_ext_valid)],
-            q=motion,
-            v=motion,
-            is_corrected=_FLAG_ROWS[self._is_set(context, self._corrected)],
+            is_fresh=_FLAG_LOGS[is_fresh],
+            q=q,
+            v=v,
+            is_corrected=_FLAG_LOGS[is_corrected],
             fault=np.array([int(fault) if is_code else 0]),
             wrench=observed_wrench,
             covariance=observed_covariance,
         )
         entries = output.get_mutable_value()
-        state = self.memory(context, entries[_READING_SIZE:])  # a copy, which `run` changes
+        # `state` are views of the output's last entries, which this fills with the memory before
+        # the sample. `run` makes of them the memory after it; the block's own stays as it is.
+        state = self.memory(context, entries[_READING_SIZE:])
         estimate = tuned.wrench_reading.run(state, error, samples)
-        if tuned.unseen_rest_table is not None:  # not valid where such a joint rests
+        if tuned.unseen_rest_table is not None:
+            # The same reading, with one reason more against it where a joint that rested in no log
+            # of the model rests and carries more than its friction.
             estimate = with_unseen_rests(estimate, tuned.unseen_rest_table, error.rows, tau_ext)
         entries[:_READING_SIZE] = reading_parts(estimate)
 

@@ -16,6 +16,11 @@ from wrenchsight.systems.declarations import declare_port_of_each_part
 from wrenchsight.systems.sampled_block import tick_number
 
 MOST_EVENTS = 100
+DEFAULT_TIMEOUT = 0.1
+"""s, longest wait for a sample: many periods of any source, so that only a pause is longer. Then
+the diagram goes on, and a simulator can be stopped."""
+DEFAULT_LATE = 0.05
+"""s, as `watch --late`: more than a network's jitter, less than a queue that has built up."""
 
 
 class LiveRobot(LeafSystem):
@@ -40,9 +45,12 @@ class LiveRobot(LeafSystem):
     Args:
         source: source of the samples; whoever opened it closes it.
         robot: the arm whose joints are sampled.
-        time_step: s, period of the ticks: the source's.
-        timeout: s, longest wait for a sample.
-        late: s by which a sample may come later than the quickest one.
+        time_step: s, period of the ticks. It should be the period of the source's samples
+            (`Source.step`, where it is known): samples of any other are interpolated.
+        timeout: s of this computer, longest wait for a sample; then the tick's signals are unknown.
+            Each tick without samples delays the diagram by so much.
+        late: s of this computer, by which a sample may come later than the quickest one; signals
+            that come later are unknown.
 
     Attributes:
         events: events of the stream, the newest MOST_EVENTS.
@@ -56,25 +64,31 @@ class LiveRobot(LeafSystem):
         source: Source,
         robot: Robot,
         time_step: float,
-        timeout: float = 0.1,
-        late: float = 0.05,
+        timeout: float = DEFAULT_TIMEOUT,
+        late: float = DEFAULT_LATE,
     ) -> None:
         LeafSystem.__init__(self)
         if not time_step > 0.0:
             raise ValueError(f"time_step must be positive, not {time_step}")
-        self._source, self._robot = source, robot
-        self._time_step, self._timeout = time_step, timeout
+        self._source = source
+        self._robot = robot
+        self._time_step = time_step
+        self._timeout = timeout
         # On its way from the source a sample passes the order, which leaves out what came twice or
         # belongs to the past, and the grid, which interpolates it to the ticks of `time_step`.
         self._order = StreamOrder(
-            late=late, rate=source.rate, step=time_step, max_gap=default_max_gap(time_step)
+            late=late,
+            rate=source.rate,  # seconds of the source's clock in one of this computer's
+            step=time_step,
+            max_gap=default_max_gap(time_step),  # as of a log; after a longer gap the grid is new
         )
         self._grid = SampleGrid(time_step)
         # The signals of a tick are (3n,) q, v, current; NaN where they are unknown.
         n = robot.num_joints
-        self._waiting: deque[Array] = deque()  # of ticks to come, that have arrived
         self._unknown = np.full(3 * n, np.nan)
-        self._last_tick, self._last_signals = -1, self._unknown  # that were put out; -1: none
+        self._waiting: deque[Array] = deque()  # have arrived, of the ticks to come, in their order
+        self._num_ticks = 0  # that were put out
+        self._last_signals = self._unknown  # of the last of them
         self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
         # Whichever port is read first at a tick waits for its signals; the others have them then.
         declare_port_of_each_part(
@@ -86,10 +100,10 @@ class LiveRobot(LeafSystem):
 
         A tick takes one item of what has arrived, so that ticks that were left out take theirs.
         """
-        tick = tick_number(context.get_time(), self._time_step)
-        while self._last_tick < tick:
-            self._last_tick += 1
+        tick = tick_number(context.get_time(), self._time_step)  # 0 of the first
+        while self._num_ticks <= tick:
             self._last_signals = self._wait_for_signals()
+            self._num_ticks += 1
         return self._last_signals
 
     def _wait_for_signals(self) -> Array:

@@ -72,11 +72,15 @@ class SampledBlock(LeafSystem):
     A block with `period` 0 has no memory, no event and no state: its outputs are functions of
     its inputs at any time.
 
+    A subclass calls `SampledBlock.__init__` before it declares anything (pydrake makes the C++
+    object there), and declares inputs before the outputs that depend on them.
+
     Args:
         period: s, of the ticks; 0: the block is a function without memory.
         initial_memory: an array, or a NamedTuple of arrays, of any shape; before the first tick.
 
     Attributes:
+        has_memory: whether `period` is positive.
         time_and_memory_tickets: what a cache entry depends on, besides its inputs, whose calc asks
             for the block's memory.
     """
@@ -84,13 +88,16 @@ class SampledBlock(LeafSystem):
     def __init__(self, *, period: float, initial_memory: Any) -> None:
         LeafSystem.__init__(self)
         self._period = period
+        self.has_memory = period != 0.0
         self._memory_layout = StateLayout(initial_memory)
-        # Plain numbers: pydrake takes a fifth of a microsecond to look into an index of its own.
-        self._memory_index: int | None = None
-        self._held_indices: list[int] = []  # in the order of the held outputs
+        # Groups of the held outputs, in the order in which these are declared: `_take` fills them
+        # with what `take_sample` returns, one after another.
+        self._held_indices: list[int] = []
         self.time_and_memory_tickets: set[DependencyTicket] = set()
-        if period == 0.0:
+        if not self.has_memory:
             return
+        # Indices of the other groups. Plain numbers: pydrake takes a fifth of a microsecond to look
+        # into an index of its own.
         self._memory_index = int(self.DeclareDiscreteState(self._memory_layout.initial))
         self._ticks_index = int(self.DeclareDiscreteState(np.full(2, np.nan)))
         # All groups at once: one edge an output in Drake's graph of dependencies.
@@ -110,7 +117,9 @@ class SampledBlock(LeafSystem):
     ) -> OutputPort:
         """Declares a vector output that is computed at a tick and held until the next one.
 
-        With `period` 0 it is an output like any other.
+        The order of these calls is that of the values which `take_sample` returns, as many as there
+        are held outputs. A block with `period` 0 holds nothing: `calc` is called for every context,
+        and `take_sample` never.
 
         Args:
             name: of the port.
@@ -124,22 +133,22 @@ class SampledBlock(LeafSystem):
         Returns:
             The port. What it holds after a tick is what `take_sample` returned there.
         """
-        tickets = tickets | self.time_and_memory_tickets
-        if self._memory_index is None:
+        if not self.has_memory:
             return self.DeclareVectorOutputPort(name, size, calc, tickets)
-        held_index, ticks_index = int(self.DeclareDiscreteState(size)), self._ticks_index
+        held_index = int(self.DeclareDiscreteState(size))
         self._held_indices.append(held_index)
 
         def hold_or_calc(context: Context, output: BasicVector) -> None:
             discrete = context.get_discrete_state()
-            ticks = discrete.value(ticks_index)
-            # NaN, before the first tick, is between nothing.
+            ticks = discrete.value(self._ticks_index)
+            # Before the first tick both are NaN, and the comparison is false.
             if ticks.item(_LAST_TICK) <= context.get_time() < ticks.item(_NEXT_TICK):
                 output.SetFromVector(discrete.value(held_index))
             else:
                 calc(context, output)
 
-        return self.DeclareVectorOutputPort(name, size, hold_or_calc, tickets)
+        all_tickets = tickets | self.time_and_memory_tickets
+        return self.DeclareVectorOutputPort(name, size, hold_or_calc, all_tickets)
 
     @abstractmethod
     def take_sample(self, context: Context, memory: Any) -> Sequence[Array]:
@@ -167,10 +176,10 @@ class SampledBlock(LeafSystem):
             vector: (memory_size,) that the copy is written into, as views of which it is returned;
                 None: the copy has a vector of its own.
         """
-        if self._memory_index is None:
-            value = self._memory_layout.initial
-        else:
+        if self.has_memory:
             value = context.get_discrete_state().value(self._memory_index)
+        else:
+            value = self._memory_layout.initial
         if vector is None:
             vector = value.copy()
         else:

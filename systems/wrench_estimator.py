@@ -115,22 +115,24 @@ class WrenchEstimatorSystem(SampledBlock):
         # By name; empty where the estimator is not corrected.
         self._correction_ports = self._declare_correction_inputs() if corrected else {}
 
-        ports = [self._q, self._v, *self._correction_ports.values()]
+        ports_of_sample = [self._q, self._v, *self._correction_ports.values()]
         # An observer that does not read the present torque does without this feedthrough, so that a
         # controller may make the current of the wrench without an algebraic loop. The update always
         # reads the current.
         self._reads_current = estimator.observer.reads_present_torque
         if self._reads_current:
-            ports.append(self._current)
-        self._unread = np.zeros(n)  # in the place of an input that is not read
+            ports_of_sample.append(self._current)
+        # In the place of v_planned, which a friction law with memory does not read.
+        self._no_planned_speed = np.zeros(n)
         # The reading of the present sample and the state after it, once a tick: whichever output or
-        # update asks first.
-        prerequisites = {port.ticket() for port in ports} | {self._tuned.ticket()}
+        # update asks first. The outputs are made of it.
         self._taken_sample = declare_cached(
             self,
             "taken sample",
             self._calc_taken_sample,
-            prerequisites | self.time_and_memory_tickets,
+            {port.ticket() for port in ports_of_sample}
+            | {self._tuned.ticket()}
+            | self.time_and_memory_tickets,
         )
         self._declare_outputs()
 
@@ -142,7 +144,7 @@ class WrenchEstimatorSystem(SampledBlock):
         return {name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()}
 
     def _declare_outputs(self) -> None:
-        """Declares the output ports; `take_sample` returns those that are held, in their order."""
+        """Declares the output ports. Held are `reading`, then `tau_J`: as `take_sample` returns."""
         n, sizes = self._n, self.reading_sizes
         of_reading = {self._taken_sample.ticket()}
         reading = self.declare_held_output(
@@ -207,7 +209,7 @@ class WrenchEstimatorSystem(SampledBlock):
         values = {name: port.Eval(context) for name, port in self._correction_ports.items()}
         return Correction(
             tau_correction=values["tau_correction"][None],
-            v_planned=values.get("v_planned", self._unread)[None],
+            v_planned=values.get("v_planned", self._no_planned_speed)[None],
             counts=values["correction_valid"],
             sd=values["correction_sd"][None],
         )
@@ -238,14 +240,15 @@ class WrenchEstimatorSystem(SampledBlock):
         output.SetFromVector(self._taken_sample.EvalAbstract(context).get_value().reading)
 
     def take_sample(self, context: Context, memory: EstimatorState) -> Sequence[Array]:
-        reading, taken, state = self._taken_sample.EvalAbstract(context).get_value()
-        if self._reads_current:
-            assign_state(memory, state)
-            return reading, taken.samples.tau_J[0]
-        ports = (self._q, self._v, self._current)
-        sample = [port.Eval(context)[None] for port in ports]
-        tau_J = self._tuned_at(context).take_current(memory, state, taken, *sample)
-        return reading, tau_J[0]
+        of_sample: _TakenSample = self._taken_sample.EvalAbstract(context).get_value()
+        taken = of_sample.taken
+        if self._reads_current:  # the stages have taken the whole sample already
+            assign_state(memory, of_sample.state)
+            return of_sample.reading, taken.samples.tau_J[0]
+        q, v, current = (port.Eval(context)[None] for port in (self._q, self._v, self._current))
+        estimator = self._tuned_at(context)
+        tau_J = estimator.take_current(memory, of_sample.state, taken, q, v, current)
+        return of_sample.reading, tau_J[0]
 
     def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
         estimator, current = self._tuned_at(context), self._current.Eval(context)[None]

@@ -68,13 +68,17 @@ class ToolVibrationTracker(SampledBlock):
 
     Args:
         constants: of one estimator, `vibration_constants`.
-        time_step: s.
+        time_step: s, period of the ticks: the estimator's.
+
+    Attributes:
+        output_sizes: numbers of entries of the parts of `all`, by name, in their order.
     """
 
     def __init__(self, constants: VibrationConstants, time_step: float) -> None:
-        self._constants = constants
-        self._n = n = len(constants.viscous)
+        n = len(constants.viscous)  # of joints
         SampledBlock.__init__(self, period=time_step, initial_memory=initial_tracked(n))
+        self._constants = constants
+        self._n = n
         self.output_sizes = {
             "freed_torque": n,
             "freed_sd": n,
@@ -103,6 +107,7 @@ class ToolVibrationTracker(SampledBlock):
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
         out, constants, slices = output.get_mutable_value(), self._constants, self._slices
+        # Writes freed_torque and freed_sd, as the memory's evidence has them; returns m/s.
         out[slices["tool_vibration"]] = freed_friction(
             constants.amplitudes,
             self.memory(context),
@@ -110,16 +115,18 @@ class ToolVibrationTracker(SampledBlock):
             out[slices["freed_sd"]],
         )
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        normal = self._pose.Eval(context)[2:9:3]
+        normal = self._pose.Eval(context)[2:9:3]  # z axis of R_WD, which is (9,) row by row
+        # Writes joint_shares and joint_shares_sd.
         expected_shares(terms.M, constants.inertia_sd, terms.J, normal, self._shares(out))
 
     def _shares(self, outputs: Array) -> Array:
-        """(2n,) the joints' shares and their sds, of all outputs."""
+        """(2n,) joint_shares, then joint_shares_sd: a view of all outputs."""
         slices = self._slices
         return outputs[slices["joint_shares"].start : slices["joint_shares_sd"].stop]
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        n, outputs = self._n, self._all_outputs.Eval(context)
+        n = self._n
+        outputs = self._all_outputs.Eval(context)  # of the memory as it is before the tick
         # tau_ext and sd of the estimator hold this tick's freed_torque and freed_sd already; the
         # tracking takes them out again.
         observed = ObservedTorque(
@@ -145,6 +152,7 @@ class ToolVibrationTracker(SampledBlock):
             works=feed_time >= 0.0,  # the tool is led along its path; feed_time is -1 where not
         )
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        # Updates the evidence in `memory`, of which the next tick's outputs are made.
+        # Updates the evidence in `memory`, of which the next tick's outputs are made; the outputs
+        # of this tick stay as they are.
         track_vibration(self._constants, terms.record, observed, work, memory)
         return (outputs,)

@@ -9,8 +9,11 @@ from pydrake.multibody.tree import BodyIndex
 
 from wrenchsight.models.numerics.arrays import Array
 
-_USUAL_CONTACTS = 4  # for which there is memory from the start
-_CONTACT_COLUMNS = 9  # force, moment about C, C
+_USUAL_CONTACTS = 4  # for which there is memory from the start; more make it grow
+# Columns of a contact's row: its force, its moment about C, and C. The kernel `arm_truth` reads
+# them in this order.
+_FORCE, _MOMENT, _POINT = slice(0, 3), slice(3, 6), slice(6, 9)
+_CONTACT_COLUMNS = 9
 
 
 class ToolContacts:
@@ -37,8 +40,8 @@ class ToolContacts:
         """The contacts of the tool, valid until the next call, and their number.
 
         Returns:
-            (count or more, 9) force and moment about C on the tool, N and N m, and C, m, in W; and
-            count.
+            (count or more, 9) rows, of which the first `count` are filled: force and moment about C
+            on the tool, N and N m, and C, m, all in W; and count.
         """
         num_points = results.num_point_pair_contacts()
         num_patches = results.num_hydroelastic_contacts()
@@ -50,19 +53,19 @@ class ToolContacts:
             point = results.point_pair_contact_info(i)
             sign = self._sign_of_point(point)  # of the contact's force on the tool
             if sign != 0.0:  # else the tool has no part in it
-                contacts[count, :3] = sign * point.contact_force()
-                contacts[count, 3:6] = 0.0  # a point transmits no moment
-                contacts[count, 6:] = point.contact_point()
+                contacts[count, _FORCE] = sign * point.contact_force()
+                contacts[count, _MOMENT] = 0.0  # a point transmits none
+                contacts[count, _POINT] = point.contact_point()
                 count += 1
         for i in range(num_patches):
             patch = results.hydroelastic_contact_info(i)
             surface = patch.contact_surface()
             sign = self._sign_of_patch(surface)
             if sign != 0.0:
-                wrench = sign * patch.F_Ac_W().get_coeffs()  # at the centroid
-                # Drake's wrench has the moment first; a contact here has the force first.
-                contacts[count, :3], contacts[count, 3:6] = wrench[3:], wrench[:3]
-                contacts[count, 6:] = surface.centroid()
+                wrench = sign * patch.F_Ac_W().get_coeffs()  # at the centroid, moment first
+                contacts[count, _FORCE] = wrench[3:]
+                contacts[count, _MOMENT] = wrench[:3]
+                contacts[count, _POINT] = surface.centroid()
                 count += 1
         return contacts, count
 

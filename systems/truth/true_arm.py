@@ -137,12 +137,24 @@ class TrueArm(SampledBlock):
         self._motion_constants = _motion_constants(parts, layout)
         self._drive_constants = _drive_constants(parts, layout)
         self._memory_constants = _memory_constants(parts, layout)
-        # `arm_memory` takes these where there is no contact or no sensor.
-        self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
+        # The kernel `arm_memory` takes these where there is no contact, and no sensor. A truth
+        # without entries leaves the external torque that the joints remember as it is.
+        self._no_truth = np.empty(0)
+        self._no_reaction = np.zeros(6)
+        self._no_vdot = np.zeros(n)
 
+        # Inputs; those of contact and sensor only some arms have (table in the class's docstring).
+        self._contacts = parts.contacts
+        self._process = parts.process
+        self._tool_weld = None if parts.sensor is None else parts.sensor.weld
         self._x = self.DeclareVectorInputPort("state", 2 * n)  # q, v of the links
         self._command = self.DeclareVectorInputPort("current_command", n)
-        # Held outputs, of some arms `truth` after them: `take_sample` returns them in this order.
+        if parts.contacts is not None:
+            self._declare_contact_inputs()
+        if parts.sensor is not None:
+            self._declare_sensor_inputs()
+
+        # Held outputs: `take_sample` returns them in this order.
         self._motion = self.declare_held_output(
             "motion", sum(self.motion_sizes.values()), self._calc_motion, {self._x.ticket()}
         )
@@ -152,34 +164,27 @@ class TrueArm(SampledBlock):
             self._calc_drives,
             {self._x.ticket(), self._command.ticket()},
         )
-        # The ports that only some arms have; the class's docstring has a table of them.
-        self._contacts, self._process = parts.contacts, parts.process
-        self._tool_weld = None if parts.sensor is None else parts.sensor.weld
-        self._has_spatial_forces = bool(parts.script.segments) or parts.process is not None
         if parts.contacts is not None:
-            self._declare_contact_ports()
-        if parts.sensor is not None:
-            self._declare_sensor_ports()
-        # These two are not held: they are computed whenever the plant or a log reads them.
+            self._truth = self.declare_held_output(
+                "truth",
+                sum(self.truth_sizes.values()),
+                self._calc_truth,
+                {port.ticket() for port in (self._x, self._results, self._tau_contact)},
+            )
+        # Outputs that are not held: they are computed whenever the plant or a log reads them.
         of_motion = {self._x.ticket()} | self.time_and_memory_tickets
+        self._has_spatial_forces = bool(parts.script.segments) or parts.process is not None
         if self._has_spatial_forces:
             self._declare_force_port(parts, of_motion)
         if parts.process is not None:
             self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, of_motion)
 
-    def _declare_contact_ports(self) -> None:
-        """Declares what the plant says of contact, and the truth that follows from it."""
+    def _declare_contact_inputs(self) -> None:
+        """Declares what the plant says of contact."""
         self._results = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._tau_contact = self.DeclareVectorInputPort("tau_contact", self._n)
-        ports = (self._x, self._results, self._tau_contact)
-        self._truth = self.declare_held_output(
-            "truth",
-            sum(self.truth_sizes.values()),
-            self._calc_truth,
-            {port.ticket() for port in ports},
-        )
 
-    def _declare_sensor_ports(self) -> None:
+    def _declare_sensor_inputs(self) -> None:
         """Declares what the force/torque sensor reads of the plant."""
         self._reactions = self.DeclareAbstractInputPort(
             "reaction_forces", Value[list[SpatialForce]]()
@@ -214,7 +219,8 @@ class TrueArm(SampledBlock):
         )
 
     def _motion_at(self, context: Context) -> Record:
-        # A fifth of the time that a view takes.
+        """The output `motion` of a context as a record (1,), whose fields have names."""
+        # np.frombuffer takes a fifth of the time of `.view`.
         return np.frombuffer(self._motion.Eval(context), self._motion_type)
 
     def _calc_drives(self, context: Context, output: BasicVector) -> None:
@@ -251,21 +257,23 @@ class TrueArm(SampledBlock):
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         motion, drives = self._motion.Eval(context), self._drives.Eval(context)
-        outputs = [motion, drives]
+        held_outputs = [motion, drives]  # in the order in which `__init__` declares them
         truth, reaction, vdot = self._no_truth, self._no_reaction, self._no_vdot
         if self._contacts is not None:
             truth = self._truth.Eval(context)
-            outputs.append(truth)
+            held_outputs.append(truth)
         if self._tool_weld is not None:
             vdot = self._vdot.Eval(context)
             reaction = self._reactions.Eval(context)[self._tool_weld].get_coeffs()
-        arm_memory(
-            self._memory_constants,
-            context.get_time(),
-            TickSignals(np.frombuffer(motion, self._motion_type), drives, truth, vdot, reaction),
-            memory,
+        signals = TickSignals(
+            motion=np.frombuffer(motion, self._motion_type),
+            drives=drives,
+            truth=truth,
+            vdot=vdot,
+            reaction=reaction,
         )
-        return outputs
+        arm_memory(self._memory_constants, context.get_time(), signals, memory)
+        return held_outputs
 
 
 def _motion_sizes(n: int) -> dict[str, int]:
