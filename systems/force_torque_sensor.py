@@ -14,7 +14,7 @@ from pydrake.systems.framework import BasicVector, Context
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.signals.gaussian_noise import check_seed, gaussian_noise
 from wrenchsight.models.signals.low_pass import LowPass
 from wrenchsight.models.signals.tool_wrench import (
     ToolMotion,
@@ -97,10 +97,12 @@ class ForceTorqueSensor(SampledBlock):
         config: noise and filter.
         num_joints: n.
         time_step: s, period of the sampling.
-        seed: seed of the noise, as MotorCurrentSensor's; None: there is none.
+        seed: seed of the noise, 0 to 2^63 - 1, other than the currents' (one number makes one
+            stream); None: there is no noise, whatever its sd.
 
     Raises:
-        InputError: a filter that cannot be made, or a negative noise.
+        InputError: a filter that cannot be made, or a noise that is negative or NaN.
+        ValueError: a seed that is out of range.
     """
 
     def __init__(
@@ -113,7 +115,8 @@ class ForceTorqueSensor(SampledBlock):
         time_step: float,
         seed: int | None = None,
     ) -> None:
-        if not (config.force_noise_sd >= 0 and config.moment_noise_sd >= 0):
+        check_seed(seed)
+        if not (config.force_noise_sd >= 0 and config.moment_noise_sd >= 0):  # NaN neither
             raise InputError(
                 "force/torque sensor",
                 "noise",
@@ -124,14 +127,18 @@ class ForceTorqueSensor(SampledBlock):
         # The wrench of the tick before, then a filter state for each of its six entries.
         wrench_and_filter = np.zeros(6 + 6 * self._filter.order)
         SampledBlock.__init__(self, period=time_step, initial_memory=wrench_and_filter)
-        self._time_step, self._seed = time_step, seed
-        self._noise = np.zeros(6)  # room for the noise of a tick, of unit sd; no state
+        self._time_step = time_step
+        self._seed = seed
+        # Room for the noise of a tick, of unit sd; without a seed it stays zero. No state.
+        self._noise = np.zeros(6)
         self._weld = int(tool_weld)  # the place of the tool's reaction in `reaction_forces`
         # The tool's inertia and weight, which are taken off, and where the weld is.
         self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
-        noise_sd = [config.moment_noise_sd] * 3 + [config.force_noise_sd] * 3  # rotation first
-        self._default_noise_sd = np.array(noise_sd)  # of `constants`, whatever a Context holds
-        self._noise_sd = self.DeclareNumericParameter(BasicVector(noise_sd))
+        # As configured: the parameter's default, and what `constants` states whatever a Context
+        # holds. Rotation first.
+        noise_sds = np.array([config.moment_noise_sd, config.force_noise_sd], np.float64)
+        self._default_noise_sd = np.repeat(noise_sds, 3)
+        self._noise_sd = self.DeclareNumericParameter(BasicVector(self._default_noise_sd))
 
         self._reaction = self.DeclareAbstractInputPort(
             "reaction_forces", Value[list[SpatialForce]]()

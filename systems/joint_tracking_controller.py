@@ -25,6 +25,7 @@ from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.sampled_block import SampledBlock
 
 TRACKING_LAWS = ("computed_torque", "feedforward_pd")
+_GAINS = ("kp", "kd", "ki", "integral_limit")  # rows of the parameter `gains`
 
 
 @dataclass
@@ -69,7 +70,8 @@ class JointTrackingController(SampledBlock):
                  rad s; it stands still while its drive is at its limit in the direction of the
                  error, and ki ∫e dt never exceeds integral_limit. Without any ki in the
                  configuration there is no state, and tau_command follows its inputs at any time
-    Parameter:   gains           (4n,) kp, kd, ki, integral_limit
+    Parameter:   gains           (4n,) kp, kd, ki, integral_limit; ki must stay 0 where the
+                                 configuration has no ki, as nothing then integrates
 
     At a tick that is not valid the command holds the arm's weight (Cv + G), or is 0 where its
     position or velocity is not known; the state stays, so that the next tick is as any other.
@@ -77,11 +79,13 @@ class JointTrackingController(SampledBlock):
     Args:
         friction: the model's law, fed forward.
         effort_limit: (n,) N m, positive.
-        time_step: s, of the integral.
+        time_step: s, period of the ticks and step of the integral.
         config: law and gains.
 
     Raises:
         InputError: an unknown law, or gains that are negative, not finite or of a wrong number.
+        ValueError: an output is evaluated with a ki in the Context, of a block that was made
+            without.
     """
 
     def __init__(
@@ -97,17 +101,15 @@ class JointTrackingController(SampledBlock):
             )
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         self._n = n = self._effort_limit.shape[0]
-        kp, kd, ki, integral_limit = (  # (n,) each
-            _per_joint(config, name, n) for name in ("kp", "kd", "ki", "integral_limit")
-        )
+        gains = {name: _per_joint(config, name, n) for name in _GAINS}
         SampledBlock.__init__(
             self,
             # Without an integral there is nothing to remember: no ticks.
-            period=time_step if ki.any() else 0.0,
+            period=time_step if gains["ki"].any() else 0.0,
             initial_memory=np.zeros(n),  # rad s, the integral of the error
         )
-        gains = np.concatenate([kp, kd, ki, integral_limit])
-        self._gains = self.DeclareNumericParameter(BasicVector(gains))
+        rows_of_gains = np.concatenate(list(gains.values()))
+        self._gains = self.DeclareNumericParameter(BasicVector(rows_of_gains))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
         # All of the law but its gains, which are the Context's. The law with these is made anew
@@ -139,7 +141,12 @@ class JointTrackingController(SampledBlock):
         return terms, reference, are_inputs_usable(terms, reference)
 
     def _calc_law(self, context: Context) -> Record:
-        gains = context.get_numeric_parameter(self._gains).value().reshape(4, self._n)
+        gains = context.get_numeric_parameter(self._gains).value().reshape(len(_GAINS), self._n)
+        if not self.has_memory and gains[_GAINS.index("ki")].any():
+            raise ValueError(
+                "joint tracking: the Context has a ki, and the block, made without, integrates "
+                "nothing; state ki in JointTrackingConfig"
+            )
         return self._law_with_gains(gains=gains)
 
     def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
@@ -152,6 +159,7 @@ class JointTrackingController(SampledBlock):
         tracking_torque_of(law, terms, reference, self.memory(context), tau)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+        """As SampledBlock; not called without an integral."""
         tau, law = self._tau_command.Eval(context), self._law.EvalAbstract(context).get_value()
         terms, reference, is_usable = self._inputs(context)
         if is_usable:

@@ -5,12 +5,12 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, NumericParameterIndex
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
-from wrenchsight.models.signals.gaussian_noise import gaussian_noise
-from wrenchsight.systems.declarations import declare_cached
+from wrenchsight.models.signals.gaussian_noise import check_seed, gaussian_noise
+from wrenchsight.systems.declarations import TunedParameters, declare_cached
 from wrenchsight.systems.sampled_block import SampledBlock, tick_number
 
 
@@ -41,12 +41,11 @@ class MotorCurrentSensor(SampledBlock):
         num_joints: n.
         time_step: s, period of the update.
         bandwidth, noise_sd, resolution: (n,) or one value for all.
-        seed: seed of the noise, 0 to 2^53 - 1: the same seed gives the same run, wherever it
-            starts;
-            None: there is none.
+        seed: seed of the noise, 0 to 2^63 - 1: the same seed gives the same run, wherever it
+            starts. None: there is no noise, whatever noise_sd is.
 
     Raises:
-        ValueError: a parameter is negative or NaN, or bandwidth is zero.
+        ValueError: a parameter is negative or NaN, bandwidth is zero, or the seed is out of range.
     """
 
     def __init__(
@@ -58,29 +57,29 @@ class MotorCurrentSensor(SampledBlock):
         resolution: ArrayLike = 0.0,
         seed: int | None = None,
     ) -> None:
-        n = self._n = num_joints
-        lagged_current = np.full(n, np.nan)  # A; unknown before the first sample
-        SampledBlock.__init__(self, period=time_step, initial_memory=lagged_current)
-        self._time_step, self._seed = time_step, seed
-        self._noise = np.zeros(n)  # room for the noise of a tick, of unit sd; no state
-
-        # In the order in which `measure_current` takes them, as the rows of one table.
-        parameters = {"bandwidth": bandwidth, "noise_sd": noise_sd, "resolution": resolution}
-        by_joint = {
-            name: np.broadcast_to(np.asarray(x, float), n) for name, x in parameters.items()
+        n = num_joints
+        check_seed(seed)
+        # In the order of the rows of the table that `measure_current` takes.
+        parameters = {
+            "bandwidth": _per_joint(bandwidth, n),
+            "noise_sd": _per_joint(noise_sd, n),
+            "resolution": _per_joint(resolution, n),
         }
-        for name, values in by_joint.items():
+        for name, values in parameters.items():
             # NaN fails the first comparison. A bandwidth of 0 would let no current through.
             if not np.all(values >= 0.0) or (name == "bandwidth" and np.any(values == 0.0)):
                 raise ValueError(f"current sensor: {name} {values} is out of range")
-        self._parameters = [
-            NumericParameterIndex(self.DeclareNumericParameter(BasicVector(values)))
-            for values in by_joint.values()
-        ]
-        # (3, n), these parameters stacked: made anew when one changes, not at every tick.
-        self._table = declare_cached(
-            self, "parameters", self._calc_table, {self.all_parameters_ticket()}
-        )
+        lagged_current = np.full(n, np.nan)  # A; unknown before the first sample
+        SampledBlock.__init__(self, period=time_step, initial_memory=lagged_current)
+        self._n = n
+        self._time_step = time_step
+        self._seed = seed
+        # Room for the noise of a tick, of unit sd; without a seed it stays zero. No state.
+        self._noise = np.zeros(n)
+        # They become numeric parameters of the Context, which may be changed in a run. The table
+        # (3, n) of these is made anew when one changes, not at every tick.
+        self._parameters = TunedParameters(self, parameters)
+        self._table = declare_cached(self, "parameters", self._calc_table, self._parameters.tickets)
 
         self._current_true = self.DeclareVectorInputPort("current_true", n)
         self._current = self.declare_held_output(
@@ -102,8 +101,7 @@ class MotorCurrentSensor(SampledBlock):
 
     def _calc_table(self, context: Context) -> Array:
         """(3, n) bandwidth Hz, noise_sd A and resolution A of a context."""
-        rows = [context.get_numeric_parameter(index).value() for index in self._parameters]
-        return np.stack(rows)
+        return np.stack(list(self._parameters.at(context).values()))
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
         if self._seed is not None:
@@ -126,3 +124,8 @@ class MotorCurrentSensor(SampledBlock):
             memory,
         )
         return (self._current.Eval(context),)
+
+
+def _per_joint(values: ArrayLike, n: int) -> Array:
+    """(n,) from one value for all joints, or one each."""
+    return np.array(np.broadcast_to(np.asarray(values, np.float64), n))

@@ -13,6 +13,19 @@ _MIX_2 = np.uint64(0x94D049BB133111EB)
 _TO_UNIT = 2.0**-53
 
 
+MAX_SEED = 2**63 - 1
+"""Largest seed: a kernel takes it as an integer of 64 bits with a sign."""
+
+
+def check_seed(seed: int | None) -> None:
+    """Raises ValueError where a seed is none of `gaussian_noise`; None, for no noise, is one.
+
+    A negative one is refused: tables of constants state it for no noise.
+    """
+    if seed is not None and not 0 <= seed <= MAX_SEED:
+        raise ValueError(f"seed of the noise: {seed}, expected 0 to 2^63 - 1, or None for no noise")
+
+
 @kernel(inline="always")
 def _mix(z: np.uint64) -> np.uint64:
     """SplitMix64's finaliser (Steele, Lea and Flood, OOPSLA 2014): every bit moves every bit."""

@@ -169,6 +169,12 @@ def test_noise_has_the_stated_size():
     assert error[:, :3].std() == pytest.approx(0.02, rel=0.04)
 
 
+def test_a_negative_seed_is_refused():
+    """In the constants of the true arm it would stand for no noise."""
+    with pytest.raises(ValueError, match="seed of the noise"):
+        Arm(ForceTorqueSensorConfig(force_noise_sd=0.5), seed=-5)
+
+
 def test_noise_parameter_through_the_context():
     arm = Arm(seed=5)
     context = arm.block.GetMyMutableContextFromRoot(arm.simulator.get_mutable_context())

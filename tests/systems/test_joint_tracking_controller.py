@@ -170,6 +170,19 @@ def test_gain_through_the_context(sts):
     np.testing.assert_allclose(after, 2 * before, rtol=1e-12)
 
 
+def test_an_integral_gain_that_nothing_integrates_for_is_refused(sts):
+    """Without a ki at the start the block has no integral: a later one would do nothing."""
+    block = JointTrackingController(NO_FRICTION, np.full(6, 1e6), T, JointTrackingConfig())
+    context = block.CreateDefaultContext()
+    terms = sts.chain.terms(sts.home, np.zeros(6))
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    block.GetInputPort("reference").FixValue(context, np.concatenate([sts.home, np.zeros(12)]))
+    gains = context.get_mutable_numeric_parameter(0)
+    gains.SetAtIndex(2 * 6, 100.0)  # ki of the first joint
+    with pytest.raises(ValueError, match="state ki in JointTrackingConfig"):
+        block.GetOutputPort("tau_command").Eval(context)
+
+
 def test_a_reference_ahead_pushes_forward(sts):
     config = JointTrackingConfig(law="feedforward_pd", kp=[100.0])
     block = JointTrackingController(NO_FRICTION, np.full(6, 1e6), T, config)

@@ -105,3 +105,9 @@ def test_a_broken_current_is_reported_and_forgotten():
 def test_bad_arguments(arguments):
     with pytest.raises(ValueError, match="out of range"):
         MotorCurrentSensor(2, TIME_STEP, **arguments)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63])
+def test_a_seed_that_no_kernel_takes_is_refused(seed):
+    with pytest.raises(ValueError, match="seed of the noise"):
+        MotorCurrentSensor(2, TIME_STEP, noise_sd=0.1, seed=seed)
