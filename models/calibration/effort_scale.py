@@ -29,13 +29,15 @@ from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 REST_ERROR_TIME = 2.5  # s that an error of a model at rest lasts
 MAX_SCALE_ERROR = 0.1  # relative standard error below which a joint's scale is determined
-_GRAVITY_SHARE = 0.1  # of the variance of gravity and inertia together
+_MIN_GRAVITY_SHARE = 0.1  # of the variance of gravity and inertia together
 _CUTOFF_FREQUENCY, _MAX_CUTOFF_SHARE = 5.0, 0.2  # Hz; of the sampling rate
 _SIGN_FADING_SHARE = 0.02  # of the speed limit, within which friction's sign fades
+_MIN_COLUMN_SD = 1e-6  # rad/s^2, 1 or rad/s: a column that varies less is the offset's
 _ROW_PERIOD = 0.05  # s between rows of the fit
-_LEAST_BLOCKS = 6
+_MIN_BLOCKS = 6  # blocks of REST_ERROR_TIME, one more than the columns of a joint
 _HELD_SPEED, _HELD_TIME = 0.01, 0.5  # rad/s (m/s) below which an arm is held, and s
 _POSTURE_TOLERANCE = 0.03  # rad or m by which a posture may differ when it is taken again
+_MIN_WEIGHT_SHARE = 1e-3  # rms torque of the weight, of that at the most loaded joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,8 @@ class EffortScale:
     Attributes:
         torque_per_unit: (n,) N m (N) per unit of effort, with its sign; nan where not known.
         standard_error: (n,) of it.
-        known_torque_sd: (n,) N m, sd over the rows of the known torque, gravity or the weight.
+        known_torque_sd: (n,) N m, of the known torque: sd of gravity over the rows, or root mean
+            square of the weight's over the postures.
         count: rows, or pairs of postures.
     """
 
@@ -79,10 +82,11 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
     _refuse_coupled(robot)
     rows = _joined([_motion_rows(recording, robot) for recording in recordings])
     n = robot.num_joints
-    if len(np.unique(rows.block)) < _LEAST_BLOCKS:
-        least_duration = _LEAST_BLOCKS * REST_ERROR_TIME
+    if len(np.unique(rows.block)) < _MIN_BLOCKS:
+        least_duration = _MIN_BLOCKS * REST_ERROR_TIME
         problem = f"lasts less than the {least_duration:g} s that standard errors need"
         raise InputError(recordings[0].source, "", problem, "log a longer motion")
+    # A robot's file without a speed limit counts as one of 1 rad/s.
     fading_speed = _SIGN_FADING_SHARE * np.where(
         np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0
     )
@@ -90,15 +94,20 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
     for j in range(n):
         torque, v = rows.torque[:, j], rows.v[:, j]
         # Gravity must show: torque of inertia alone cannot be separated from an unknown rotor's.
-        if np.var(rows.gravity[:, j]) < _GRAVITY_SHARE * np.var(torque) or not torque.any():
+        if np.var(rows.gravity[:, j]) < _MIN_GRAVITY_SHARE * np.var(torque) or not torque.any():
             continue
         columns = [torque, np.ones(len(torque))]
-        motion = (rows.vdot[:, j], np.tanh(v / fading_speed[j]), v)
-        columns += [column for column in motion if np.std(column) > 1e-6]
-        b, sd = _slope(np.stack(columns, axis=1), rows.effort[:, j], rows.block)
+        rotor, coulomb, viscous = rows.vdot[:, j], np.tanh(v / fading_speed[j]), v
+        columns += [x for x in (rotor, coulomb, viscous) if np.std(x) > _MIN_COLUMN_SD]
+        b, b_sd = _slope(np.stack(columns, axis=1), rows.effort[:, j], rows.block)
         if b != 0.0:
-            torque_per_unit[j], error[j] = 1.0 / b, sd / b**2
-    return EffortScale(torque_per_unit, error, np.std(rows.gravity, axis=0), len(rows.block))
+            torque_per_unit[j], error[j] = 1.0 / b, b_sd / b**2
+    return EffortScale(
+        torque_per_unit=torque_per_unit,
+        standard_error=error,
+        known_torque_sd=np.std(rows.gravity, axis=0),
+        count=len(rows.block),
+    )
 
 
 def scale_from_weight(
@@ -109,8 +118,10 @@ def scale_from_weight(
 ) -> EffortScale:
     """Returns the scale from one weight, in postures that are held with it and without it.
 
-    Of each joint the change of effort is b times the weight's torque over the K postures; the scale
-    is 1 / b in N m (N) per unit of effort, NaN where the weight hardly loads it.
+    Of each joint the change of effort is b times the weight's torque, by least squares over the
+    postures; the scale is 1 / b in N m (N) per unit of effort, NaN where the weight hardly loads
+    it. A posture of `laden` is compared with the mean of those of `empty` within
+    _POSTURE_TOLERANCE; one that `empty` lacks does not count.
 
     Args:
         empty, laden: logs without and with the weight.
@@ -122,7 +133,8 @@ def scale_from_weight(
     _refuse_coupled(robot)
     held_empty = [held for recording in empty for held in _held_postures(recording)]
     held_laden = [held for recording in laden for held in _held_postures(recording)]
-    q, change = [], []
+    q: list[Array] = []
+    changes: list[Array] = []
     for held in held_laden:
         efforts = [
             other.effort
@@ -131,26 +143,31 @@ def scale_from_weight(
         ]
         if efforts:
             q.append(held.q)
-            change.append(held.effort - np.mean(efforts, axis=0))
+            changes.append(held.effort - np.mean(efforts, axis=0))
     if len(q) < 2:
         problem = (
-            f"{len(q)} postures are held {_HELD_TIME:g} s with the weight and without it, expected"
+            f"{len(q)} postures are held {_HELD_TIME:g} s with the weight and without it, expected "
+            "two or more"
         )
-        problem += " two or more"
         remedy = f"hold the same postures, within {_POSTURE_TOLERANCE:g} rad, in both logs"
         raise InputError(laden[0].source, "", problem, remedy)
     still = np.zeros((len(q), robot.num_joints))
     torque = load_columns(robot, np.array(q), still, still) @ parameters
-    effort_change = np.array(change)
+    effort_change = np.array(changes)
     squares = (torque**2).sum(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # a joint that the weight does not load
         b = (torque * effort_change).sum(axis=0) / squares
         residual = effort_change - b * torque
-        sd = np.sqrt((residual**2).sum(axis=0) / (len(q) - 1) / squares)
-        torque_per_unit, error = 1.0 / b, sd / b**2
-    is_loaded = np.sqrt(squares / len(q)) > 1e-3 * np.sqrt(squares.max() / len(q))
-    torque_per_unit = np.where(is_loaded & np.isfinite(torque_per_unit), torque_per_unit, np.nan)
-    return EffortScale(torque_per_unit, error, np.sqrt(squares / len(q)), len(q))
+        b_sd = np.sqrt((residual**2).sum(axis=0) / (len(q) - 1) / squares)
+        torque_per_unit, error = 1.0 / b, b_sd / b**2
+    rms_torque = np.sqrt(squares / len(q))
+    is_loaded = rms_torque > _MIN_WEIGHT_SHARE * np.sqrt(squares.max() / len(q))
+    return EffortScale(
+        torque_per_unit=np.where(is_loaded & np.isfinite(torque_per_unit), torque_per_unit, np.nan),
+        standard_error=error,
+        known_torque_sd=rms_torque,
+        count=len(q),
+    )
 
 
 def _refuse_coupled(robot: Robot) -> None:

@@ -24,6 +24,7 @@ and then x hardly leaves its prior.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,10 @@ FORCE_SHARES = (1.0, 0.25)  # of the live prior's sds
 FREE_PROBABILITY, ELSEWHERE_PROBABILITY = 0.5, 0.02  # of a segment before the log
 SURELY_FREE = 0.9  # of a segment, from which its rows count as contact-free
 FIRST_SWEEPS, SWEEPS = 10, 20  # over all segments: before samples count, and that count
-_FREE_STATE = 0
+# States of a segment: free; touched at E, a state for each of FORCE_SHARES; touched elsewhere.
 _NUM_STATES = 2 + len(FORCE_SHARES)
+_FREE_STATE, _TOUCHED_STATE = 0, 1  # touched by the first of FORCE_SHARES
+_LEAST_PRIOR_SD = 1e-12  # N m, N m s/rad: of a coefficient that the prior holds, for a division
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +60,10 @@ class RefreshBesideContact:
     is_free: Flags
 
 
-@dataclass(frozen=True, eq=False)
-class _Segments:
-    """What S segments say of the k coefficients x, for each of their K states.
+class _Segments(NamedTuple):
+    """What segments say of the k coefficients x, for each of their K states.
+
+    log p = constant + x^T projection - x^T information x / 2. Of S segments, or of one without S.
 
     Attributes:
         information: (S, K, k, k) A^T C^-1 A.
@@ -84,52 +88,52 @@ def refresh_beside_contact(
     The samples' seed is fixed: the same rows give the same coefficients.
 
     Args:
-        rows: the known model's residual.
-        J: (m, 6, n) rows [angular; linear] at E.
+        rows: m rows of the known model's residual.
+        J: (m, 6, n) rows [angular; linear] at E, in axes of W.
         law: that model's coefficients.
         wrench_sd: standard deviations of the force and of the moment, N and N m.
-        drift: the prior.
+        drift: the prior; None: the default of FrictionDrift.
+
+    Returns:
+        The coefficients with the covariance of each joint's three (those between joints are left
+        out) and a `scale` of one, which is not estimated here; and the rows that are free.
     """
     force_sd, moment_sd = wrench_sd
     wrench_variance = np.repeat([moment_sd**2, force_sd**2], 3)
-    numbers = np.floor((rows.t - rows.t[0]) / SEGMENT_TIME).astype(int)
-    segment_masks = [numbers == number for number in np.unique(numbers)]
-    statistics = [
+    segment_of_row = np.floor((rows.t - rows.t[0]) / SEGMENT_TIME).astype(int)
+    segment_masks = [segment_of_row == segment for segment in np.unique(segment_of_row)]
+    each_segment = [
         _segment(rows[is_in_segment], J[is_in_segment], wrench_variance)
         for is_in_segment in segment_masks
     ]
-    segments = _Segments(*(np.array(column) for column in zip(*statistics, strict=True)))
+    segments = _Segments(*(np.array(field) for field in zip(*each_segment, strict=True)))
     n = rows.num_joints
     prior = (drift or FrictionDrift()).deviation(rows, law)
-    mean, covariance, free = _sampled(segments, prior.ravel())
-    blocks = covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
+    mean, covariance, free_share = _sampled(segments, prior.ravel())
     refresh = FrictionRefresh(
         model_law=law,
         change=mean.reshape(n, 3),
-        covariance=blocks,
+        covariance=covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)],
         prior_deviation=prior,
         scale=np.ones(n),
     )
     is_free = np.zeros(len(rows.t), bool)
-    for is_in_segment, share in zip(segment_masks, free, strict=True):
+    for is_in_segment, share in zip(segment_masks, free_share, strict=True):
         is_free |= is_in_segment & (share > SURELY_FREE)
     return RefreshBesideContact(refresh, is_free)
 
 
-def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> tuple[Array, Array, Array]:
+def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> _Segments:
     """Likelihood of one segment's residual, as a function of the drift x (k,), in each of K states.
 
-    log p = constant + x^T projection - x^T information x / 2. The states: nothing touches the arm;
-    a force of each of FORCE_SHARES of the prior acts at E; a force that each joint feels for
-    itself, as anywhere else on the arm.
-
-    Returns:
-        Information (K, k, k), projection (K, k), constant (K,) with the log prior of the state.
+    The states, in this order: nothing touches the arm; a force of each of FORCE_SHARES of the prior
+    acts at E; a force that each joint feels for itself, as anywhere else on the arm. Residual,
+    columns and covariances go joint after joint, the m rows of each together.
 
     Args:
-        rows: m rows of the segment; the vectors below go joint after joint.
+        rows: m rows of the segment.
         J: (m, 6, n) at E.
-        wrench_variance: (6,) of P.
+        wrench_variance: (6,) of P, moment first.
     """
     m, n = rows.residual.shape
     residual = rows.residual.T.ravel()
@@ -142,7 +146,7 @@ def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> tuple[Arra
     time_correlation = np.tile(np.exp(-np.abs(rows.t[:, None] - rows.t) / FORCE_TIME), (n, n))
     levers = J.transpose(1, 2, 0).reshape(6, n * m)
     shared = np.einsum("ai,a,aj->ij", levers, wrench_variance, levers) * time_correlation
-    elsewhere = shared * np.kron(np.eye(n), np.ones((m, m)))
+    elsewhere = shared * np.kron(np.eye(n), np.ones((m, m)))  # each joint's block alone
     covariances = [noise, *(noise + share**2 * shared for share in FORCE_SHARES), noise + elsewhere]
     touched = 1.0 - FREE_PROBABILITY - ELSEWHERE_PROBABILITY
     probabilities = [
@@ -159,7 +163,7 @@ def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> tuple[Arra
         information[state] = columns.T @ cho_solve(factor, columns)
         projection[state] = columns.T @ weighted
         constant[state] -= np.log(np.diag(factor[0])).sum() + 0.5 * residual @ weighted
-    return information, projection, constant
+    return _Segments(information, projection, constant)
 
 
 def _sampled(segments: _Segments, prior_sd: Array) -> tuple[Array, Array, Array]:
@@ -169,8 +173,7 @@ def _sampled(segments: _Segments, prior_sd: Array) -> tuple[Array, Array, Array]
     integrated out. The first sweeps are left out.
 
     Args:
-        segments: information (S, K, k, k), projection (S, K, k) and constant (S, K) of S segments
-            in K states.
+        segments: S segments in K states.
         prior_sd: (k,) of x, whose prior mean is zero.
 
     Returns:
@@ -179,30 +182,33 @@ def _sampled(segments: _Segments, prior_sd: Array) -> tuple[Array, Array, Array]
     rng = np.random.default_rng(0)
     num_segments, num_states = segments.constant.shape
     all_segments = np.arange(num_segments)
-    states = np.ones(num_segments, dtype=np.intp)  # touched
-    prior = np.diag(1.0 / np.maximum(prior_sd, 1e-12) ** 2)
-    means, covariances, free = [], [], np.zeros(num_segments)
+    states = np.full(num_segments, _TOUCHED_STATE, dtype=np.intp)
+    prior = np.diag(1.0 / np.maximum(prior_sd, _LEAST_PRIOR_SD) ** 2)
+    means: list[Array] = []
+    covariances: list[Array] = []
+    num_free = np.zeros(num_segments)
     for sweep in range(FIRST_SWEEPS + SWEEPS):
+        # Of prior and all segments in their states; kept up to date as these are drawn.
         information = prior + segments.information[all_segments, states].sum(axis=0)
         projection = segments.projection[all_segments, states].sum(axis=0)
         for s in rng.permutation(num_segments):
             information -= segments.information[s, states[s]]
             projection -= segments.projection[s, states[s]]
-            odds = segments.constant[s] + _log_evidence(
+            log_weight = segments.constant[s] + _log_evidence(
                 information + segments.information[s], projection + segments.projection[s]
             )
-            probability = np.exp(odds - odds.max())
+            probability = np.exp(log_weight - log_weight.max())
             states[s] = rng.choice(num_states, p=probability / probability.sum())
             information += segments.information[s, states[s]]
             projection += segments.projection[s, states[s]]
         if sweep >= FIRST_SWEEPS:
             covariances.append(np.linalg.inv(information))
             means.append(covariances[-1] @ projection)
-            free += states == _FREE_STATE
+            num_free += states == _FREE_STATE
     mean = np.mean(means, axis=0)
     spread = np.array(means) - mean
     covariance = np.mean(covariances, axis=0) + spread.T @ spread / len(means)
-    return mean, covariance, free / SWEEPS
+    return mean, covariance, num_free / SWEEPS
 
 
 def _log_evidence(information: Array, projection: Array) -> NDArray[np.float64]:

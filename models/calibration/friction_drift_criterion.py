@@ -86,7 +86,7 @@ def friction_disagreements(
         rows: rows of stretches without contact, about ten a second. From an observer's reading: the
             residual is -tau_ext, and dry, viscous and sliding go through the observer's pole.
         law: the model's coefficients.
-        refresh: today's coefficients; None: those of the rows.
+        refresh: today's coefficients; None: estimated from the rows.
 
     Returns:
         The joints whose change is significant (MIN_STANDARD_ERRORS) and larger than the model's own
@@ -96,9 +96,9 @@ def friction_disagreements(
     if len(rows.t) < MIN_ROWS:
         return []
     refresh = refresh_friction(rows, law) if refresh is None else refresh
-    sliding = rows.sliding
-    unexplained = rows.moving_rms(rows.residual - (sliding * refresh.change).sum(axis=2))
-    added = rows.moving_rms((sliding * refresh.change)[:, :, :2].sum(axis=2))
+    changed_torque = rows.sliding * refresh.change  # (m, n, 3): Coulomb, viscous, offset
+    unexplained = rows.moving_rms(rows.residual - changed_torque.sum(axis=2))
+    added = rows.moving_rms(changed_torque[:, :, :2].sum(axis=2))
     drifted = []
     for j in range(rows.num_joints):
         worst = int(np.argmax(np.abs(refresh.standard_errors[j, :2])))

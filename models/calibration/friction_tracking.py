@@ -20,9 +20,12 @@ The correction S x is that of the sample, so that tau_ext + S x has no delay of 
 torques may look like friction for seconds. So a joint's correction is only the share of S x that
 the readings over FORCE_TIME confirm: between 0 and 1, the least squares of
 
-    sum (tau_ext + share S x)^2 / N + (1 - share)^2,    N = sd^2 times the samples of one error
+    sum (tau_ext + share S x)^2 / N + (1 - share)^2,    N = sd^2 times the steps that an error lasts
 
 with J^T F subtracted from tau_ext where F is significant: a load's torque is not friction.
+
+Of each batch of samples `correction` is called first, then `learn`, with at most `until_step`
+samples: the filter learns from the last sample of a step, whose S and v `correction` has kept.
 """
 
 from collections.abc import Sequence
@@ -31,7 +34,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrenchsight.models.calibration import residual_noise as noise
+from wrenchsight.models.calibration import residual_noise
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.residual_noise import V_REST
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
@@ -50,9 +53,8 @@ DRIFT_TIME = 3600.0  # s, over which coefficients change by a month's drift
 MAX_PRIOR_SDS = 3.0  # prior sds that a coefficient may move by
 FORCE_TIME = 10.0  # s over which a force that no detector sees changes
 FORCE_SHARE = 0.25  # sd of such a force, share of that of a task's
-FORCE_SIGNIFICANT = (
-    12.6  # chi^2 of six numbers, above which such a force is no error of torque: 5 %
-)
+# chi^2 of its six numbers, above which such a force is no error of torque: by chance in 5 %
+MIN_FORCE_CHI_SQUARE = 12.6
 FORCE_LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
 MIN_STANDARD_ERRORS = 4.0  # standard errors
 MONTHLY_PRIOR_SDS = 2.0  # prior sds, beyond which a change is more than a month's drift
@@ -88,10 +90,10 @@ class FrictionTracker:
     ) -> None:
         """Prepares the filter; arguments as the class has them.
 
-        The state, in the order of `_spread` (its variances) and `_fade` (what is left of it after a
-        step): drift of dry, viscous and offset joint after joint (3 n), slow error of each joint
-        (n), slow wrench at E (moment, force). The tables with a dry friction one N m larger
-        (`law_with_unit`) give by difference what one N m of it does to the torque.
+        The state `_x`, and what else has its order: drift of dry, viscous and offset joint after
+        joint (3 n), slow error w of each joint (n), slow wrench at E (moment, force). The law with
+        a dry friction one N m larger (`law_with_unit`) gives by difference what one N m of it does
+        to the torque. `reset`, at the end, sets all that changes but `learning`.
         """
         if isinstance(model.friction, CoupledFriction):
             raise ValueError("friction of coupled joints is that of several motors: not tracked")
@@ -104,17 +106,18 @@ class FrictionTracker:
         self._tables = self._law.elements.table, law_with_unit.elements.table
         self._velocity_laws = self._law.velocity_law, law_with_unit.velocity_law
         self._n = n = self._law.num_joints
-        # Entries of the state: drift (3 a joint); then slow errors (n); then the slow wrench.
-        self._drift, self._wrench = slice(0, 3 * n), slice(4 * n, 4 * n + 6)
-        self._keep = np.zeros(n) if pole is None else np.exp(-pole * time_step)
-        self._every = max(1, round(STEP_PERIOD / time_step))
+        self._drift, self._slow_wrench = slice(0, 3 * n), slice(4 * n, 4 * n + 6)
+        # What the observer's low-pass keeps from one sample to the next.
+        self._pole_decay = np.zeros(n) if pole is None else np.exp(-pole * time_step)
+        self._samples_per_step = max(1, round(STEP_PERIOD / time_step))
+        self._period = period = self._samples_per_step * time_step
         self._residual_sd = sd = np.sqrt(np.diag(model.residual_covariance))
+        # As in FrictionDrift.deviation: a joint without friction in its model has the residual's.
         self._coulomb = np.maximum(np.abs(plain.coulomb), sd)
         self._viscous = np.maximum(np.abs(plain.viscous), sd)
         self._prior_sd = FrictionDrift().of(self._coulomb, self._viscous)
         slow_force = FORCE_SHARE * force_sd
-        period = self._every * time_step
-        spread = np.concatenate(
+        state_sd = np.concatenate(
             [
                 self._prior_sd.ravel(),
                 np.ones(n),
@@ -122,12 +125,13 @@ class FrictionTracker:
                 np.full(3, slow_force),
             ]
         )
-        times = (DRIFT_TIME, noise.CORRELATION_TIME, FORCE_TIME)
-        fade = np.repeat(np.exp(-period / np.array(times)), [3 * n, n, 6])
-        self._spread, self._fade = spread**2, fade
-        self._advance = self._spread * (1.0 - fade**2)
-        # An error that fades within a time is seen anew every two of it.
-        self._noise = sd**2 * max(1.0, 2.0 * noise.CORRELATION_TIME / period)
+        # Each entry fades within its time; the variance added keeps it at its prior's.
+        times = np.array([DRIFT_TIME, residual_noise.CORRELATION_TIME, FORCE_TIME])
+        self._fade = np.repeat(np.exp(-period / times), [3 * n, n, 6])
+        self._prior_variance = state_sd**2
+        self._added_variance = self._prior_variance * (1.0 - self._fade**2)
+        # N of `share`: an error that fades within a time is seen anew every two of it.
+        self._share_noise = sd**2 * max(1.0, 2.0 * residual_noise.CORRELATION_TIME / period)
         self._share_fade = float(np.exp(-period / FORCE_TIME))
         self.reset()
         self.learning = True
@@ -135,9 +139,9 @@ class FrictionTracker:
     def reset(self) -> None:
         """Returns to the model's friction and its prior."""
         n = self._n
-        self._x, self._P = np.zeros(4 * n + 6), np.diag(self._spread)
-        self._covariances = self._joint_covariances()
-        self._mean_square = np.ones(n)
+        self._x, self._P = np.zeros(4 * n + 6), np.diag(self._prior_variance)
+        self._covariances = self._joint_covariances()  # of _P, for every sample until it changes
+        self._surprise_ratio = np.ones(n)  # mean square of a step's surprise over its variance
         # Sums of -tau_ext S x and (S x)^2, over N.
         self._borne_out, self._applied = np.zeros((2, n))
         self.seconds = 0.0
@@ -148,8 +152,9 @@ class FrictionTracker:
         n = self._n
         self._slip = self._law.initial_state()
         self._columns = np.full((n, 3), np.nan)  # behind the observer's pole
-        self._contact_free, self._samples_left = 0.0, self._every
-        self._v = np.zeros(n)
+        self._contact_free = 0.0  # s since the last contact
+        self._samples_left = self._samples_per_step
+        self._v = np.zeros(n)  # of the last sample
 
     def freeze(self) -> None:
         """Stops learning, as for a task in which contact is certain; the sds grow."""
@@ -189,7 +194,8 @@ class FrictionTracker:
             q, v: (N, n) rad and rad/s, N at most `until_step`.
 
         Returns:
-            The correction to add to tau_ext, and its variance: (N, n) in N m and (N m)^2.
+            The correction to add to tau_ext, (N, n) in N m; and the variance of the whole S x,
+            whatever share of it is applied, (N, n) in (N m)^2.
 
         Raises:
             ValueError: too many samples at once.
@@ -205,38 +211,44 @@ class FrictionTracker:
             law, law_with_unit = self._velocity_laws
             columns[:, :, 0] = law_with_unit.torque(v) - law.torque(v)
         columns[:, :, 1], columns[:, :, 2] = v, 1.0
-        low_pass(self._keep, self._columns, columns)
+        low_pass(self._pole_decay, self._columns, columns)  # both in place
         self._v = np.where(np.isfinite(v[-1]), v[-1], 0.0) if len(v) else self._v
         x = self._x[self._drift].reshape(-1, 3)
         variance = ((columns[:, :, None] @ self._covariances)[:, :, 0] * columns).sum(axis=2)
         return (columns * x).sum(axis=2) * self.share, variance
 
-    def learn(self, tau_ext: Array, J_seen: Array, free: Flags) -> None:
-        """Takes the readings of the samples of `correction`.
+    def learn(self, tau_ext: Array, J_seen: Array, is_contact_free: Flags) -> None:
+        """Takes the readings of the very samples that `correction` had last.
+
+        Where they end a step of the filter, the state is predicted; it is updated with the last
+        sample where that is learnt from.
 
         Args:
             tau_ext: (N, n) N m, without the correction.
             J_seen: (N, 6, n) at E in axes of W, through the observer's poles.
-            free: (N,) whether the sample counts and is without contact.
+            is_contact_free: (N,) whether the sample counts and is without contact.
         """
-        if not len(tau_ext):
+        count = len(is_contact_free)
+        if not count:
             return
-        touched = np.flatnonzero(~free)
-        last = len(free) - 1 - touched[-1] if len(touched) else len(free)
-        self._contact_free = last * self.time_step + (0.0 if len(touched) else self._contact_free)
-        self._samples_left -= len(free)
+        touched = np.flatnonzero(~is_contact_free)
+        if len(touched):
+            self._contact_free = (count - 1 - touched[-1]) * self.time_step
+        else:
+            self._contact_free = count * self.time_step + self._contact_free
+        self._samples_left -= count
         if self._samples_left > 0:
             return
-        self._samples_left = self._every
+        self._samples_left = self._samples_per_step
         self._x *= self._fade
         self._P *= np.outer(self._fade, self._fade)
-        self._P[np.diag_indices_from(self._P)] += self._advance
+        self._P[np.diag_indices_from(self._P)] += self._added_variance
         if (
             self.learning
             and self._contact_free >= CONTACT_MARGIN
             and np.isfinite(self._columns).all()
         ):
-            self._step(tau_ext[-1], J_seen[-1])
+            self._update(tau_ext[-1], J_seen[-1])
         self._covariances = self._joint_covariances()
 
     def _joint_covariances(self) -> Array:
@@ -245,42 +257,26 @@ class FrictionTracker:
         joints = np.arange(n)
         return self._P[self._drift, self._drift].reshape(n, 3, n, 3)[joints, :, joints]
 
-    def _step(self, tau_ext: Array, J: Array) -> None:
-        """The filter's update with one sample.
+    def _update(self, tau_ext: Array, J: Array) -> None:
+        """The Kalman update with one sample, whose columns and velocities `correction` has kept.
 
-        The state x is [drift of dry, viscous and offset joint after joint (3 n); slow error of each
-        joint (n, of sd 1); slow wrench at E (6)]; tau_ext = H x + white noise. Joints that rest, or
-        whose torque is not finite, say nothing.
+        tau_ext = H x + white noise, with x in the order of `__init__`. Joints that rest, or whose
+        torque is not finite, say nothing.
 
         Args:
             tau_ext: (n,) N m, without the correction.
             J: (6, n) through the observer's poles.
         """
-        n, sd = self._n, self._residual_sd
         is_known = np.isfinite(tau_ext) & np.isfinite(J).all(axis=0)
         moving = np.flatnonzero((np.abs(self._v) >= V_REST) & is_known)
         if not len(moving):
             return
-        columns = self._columns
-        force = self._x[self._wrench]
-        force_is_significant = (
-            force @ np.linalg.solve(self._P[self._wrench, self._wrench], force) > FORCE_SIGNIFICANT
-        )
-        self._judge(tau_ext - J.T @ force if force_is_significant else tau_ext, moving)
-        slow = (noise.SLOW_SHARE * sd) ** 2 + (
-            noise.COULOMB_SHARE * self._coulomb * columns[:, 0]
-        ) ** 2
-        slow += (noise.VISCOUS_SHARE * self._viscous * columns[:, 1]) ** 2
-        # White noise is larger where a joint has just reversed.
-        turning = 1.0 + noise.REVERSAL_RATIO * np.exp(-((self._v / noise.REVERSAL_VELOCITY) ** 2))
-        H = np.zeros((n, len(self._x)))
-        for j in moving:
-            H[j, 3 * j : 3 * j + 3] = -columns[j]
-            H[j, 3 * n + j] = np.sqrt(slow[j])
-            H[j, self._wrench] = J[:, j]
-        H, white = H[moving], (noise.WHITE_SHARE * sd * turning)[moving] ** 2
+        # Before the update: a sample must not confirm what it has just taught.
+        self._judge(tau_ext - self._significant_force_torque(J), moving)
+        H, white = self._observed(J)
+        H = H[moving]
         HP = H @ self._P
-        S = HP @ H.T + np.diag(white)
+        S = HP @ H.T + np.diag(white[moving])
         gain = np.linalg.solve(S, HP).T
         surprise = tau_ext[moving] - H @ self._x
         self._x += gain @ surprise
@@ -288,20 +284,46 @@ class FrictionTracker:
         self._P = 0.5 * (self._P + self._P.T)
         reach = MAX_PRIOR_SDS * self._prior_sd.ravel()
         self._x[self._drift] = np.clip(self._x[self._drift], -reach, reach)
-        step = self._every * self.time_step
-        share = step / _UNEXPLAINED_TIME
-        self._mean_square[moving] += share * (surprise**2 / np.diag(S) - self._mean_square[moving])
-        self.seconds += step
+        ratio = surprise**2 / np.diag(S)
+        new_share = self._period / _UNEXPLAINED_TIME
+        self._surprise_ratio[moving] += new_share * (ratio - self._surprise_ratio[moving])
+        self.seconds += self._period
+
+    def _significant_force_torque(self, J: Array) -> Array:
+        """(n,) N m, J^T F of the slow wrench; zero where it may be an error of torque."""
+        force = self._x[self._slow_wrench]
+        covariance = self._P[self._slow_wrench, self._slow_wrench]
+        if force @ np.linalg.solve(covariance, force) > MIN_FORCE_CHI_SQUARE:
+            return np.asarray(J.T @ force)
+        return np.zeros(self._n)
+
+    def _observed(self, J: Array) -> tuple[Array, Array]:
+        """H (n, 4 n + 6) and the variance (n,) of the white noise, as `residual_noise` has it."""
+        n, sd, columns = self._n, self._residual_sd, self._columns
+        wandering_dry = residual_noise.COULOMB_SHARE * self._coulomb * columns[:, 0]
+        wandering_viscous = residual_noise.VISCOUS_SHARE * self._viscous * columns[:, 1]
+        slow_variance = (residual_noise.SLOW_SHARE * sd) ** 2 + wandering_dry**2
+        slow_variance += wandering_viscous**2
+        H = np.zeros((n, len(self._x)))
+        for j in range(n):
+            H[j, 3 * j : 3 * j + 3] = -columns[j]
+            H[j, 3 * n + j] = np.sqrt(slow_variance[j])
+            H[j, self._slow_wrench] = J[:, j]
+        # White noise is larger where a joint has just reversed.
+        reversal = residual_noise.REVERSAL_RATIO * np.exp(
+            -((self._v / residual_noise.REVERSAL_VELOCITY) ** 2)
+        )
+        return H, (residual_noise.WHITE_SHARE * sd * (1.0 + reversal)) ** 2
 
     def _judge(self, tau_ext: Array, moving: NDArray[np.int64]) -> None:
         """Adds one sample, less a slow force, to the sums behind `share` of moving joints."""
         correction = (self._columns * self._x[self._drift].reshape(-1, 3)).sum(axis=1)[moving]
-        reading, alike = tau_ext[moving], self._noise[moving]
+        share_noise = self._share_noise[moving]
         for total, new in (
-            (self._borne_out, -reading * correction),
+            (self._borne_out, -tau_ext[moving] * correction),
             (self._applied, correction**2),
         ):
-            total[moving] = self._share_fade * total[moving] + new / alike
+            total[moving] = self._share_fade * total[moving] + new / share_noise
 
     def metrics(self) -> dict[str, object]:
         """Learnt coefficients; lists per joint."""
@@ -323,7 +345,7 @@ class FrictionTracker:
                 "`wrenchsight identify --refresh`"
                 for k in np.flatnonzero(far & (np.abs(change[j]) > MIN_STANDARD_ERRORS * sd[j]))
             ]
-            if self._mean_square[j] > MAX_SURPRISE_RATIO:
+            if self._surprise_ratio[j] > MAX_SURPRISE_RATIO:
                 lines.append(
                     f"friction drift does not explain the torque of {name} in free motion; "
                     "`wrenchsight identify --refresh` shows whether friction or a load has changed"
@@ -341,6 +363,9 @@ def _slip_columns(
     table: Array, table_with_unit: Array, state: Array, q: Array, v: Array, column: Array
 ) -> None:
     """Adds to column (N, n) the slip torque of one unit of Coulomb friction.
+
+    How far each element has slipped does not depend on the level of Coulomb friction, so that both
+    laws share one state.
 
     Args:
         table, table_with_unit: of the law, and of the law with one unit more.

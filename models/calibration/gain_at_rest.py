@@ -68,7 +68,7 @@ def gain_at_rest(
     """Torque per ampere of a joint from its longest rest; None where no rest shows it.
 
     Args:
-        samples: N, some seconds of them: motion, current, and the drive's own torque.
+        samples: N, some seconds of motion and of the controller's targets.
         joint: its index.
         gravity_torque: (N,) N m or N, of the joint.
         effort_limit: N m or N, of the joint; not finite: not known.
@@ -80,9 +80,10 @@ def gain_at_rest(
     t, q = samples.t, samples.q[:, joint]
     still = np.abs(samples.v[:, joint]) < V_REST
     edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
-    if not len(edges):
+    rests = edges.reshape(-1, 2)  # first sample, and the one after the last
+    if not len(rests):
         return None
-    begin, end = max(edges.reshape(-1, 2), key=lambda edge: t[edge[1] - 1] - t[edge[0]])
+    begin, end = max(rests, key=lambda rest: t[rest[1] - 1] - t[rest[0]])
     start = int(np.searchsorted(t, t[begin] + REST_EDGE_TIME))
     stop = int(np.searchsorted(t, t[end - 1] - REST_EDGE_TIME, side="right"))
     if stop - start < 2 or t[stop - 1] - t[start] < LEAST_REST:

@@ -12,6 +12,10 @@ linear in all but u, and solved for all at once by Gauss-Newton steps of general
 (`models.calibration.residual_noise`). Each log's friction may have drifted a little from the
 others' (`models.calibration.friction_refresh`). Friction that grows with the torque of a gear takes
 that torque, load included, from the previous step.
+
+Columns and values of the fit stand in this order: the arm's parameters x (10 a link, then joint by
+joint rotor and friction terms), the loads' (10 each), u (n), friction's drift in each log (3 a
+joint).
 """
 
 from collections.abc import Callable, Sequence
@@ -26,6 +30,7 @@ from wrenchsight.models.calibration.load_identification import COM_PRIOR_SD
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
 from wrenchsight.models.calibration.prior_least_squares import PriorFit, fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.identification.torque_regression import parameter_prior, split_terms
@@ -37,7 +42,8 @@ LOAD_DEPENDENCE_SD = 0.1  # N m of friction per N m
 WEIGHT_ERROR_SHARE = 1e-3  # relative error of a known weight
 COM_SD = 1e-3  # m, of a known centre of mass
 MAX_STEPS = 8
-_STEP_TOLERANCE = 1e-5  # change of u that ends the steps
+_STEP_TOLERANCE = 1e-5  # change of u that ends the steps; u is known to 1e-3 at best
+_MAX_LOAD_DEPENDENCE = 0.5  # N m per N m, of the law behind the noise model
 _NUM_INERTIAL = 10
 _LOG_DRIFT = FrictionDrift(viscous=0.1)  # of friction from log to log
 
@@ -164,7 +170,7 @@ class GainProblem:
             logs: unloaded and loaded ones.
             loads: the loads that `CalibrationLog.load` is an index of.
             structure: friction terms and shape.
-            start: all parameters, of an identification of the unloaded logs.
+            start: (p,) all parameters, of an identification of the unloaded logs.
             residual_sd: (n,) N m, of that identification.
         """
         self._robot, self._logs, self._loads = robot, logs, loads
@@ -172,29 +178,35 @@ class GainProblem:
         self._sd = residual_sd
         self._counts = [len(terms) for terms in structure.terms]
         self._start = start
+        num_links = _NUM_INERTIAL * robot.num_joints
+        self._links = slice(0, num_links)
+        # Of each joint the place of its rotor; its friction terms follow. Behind all: the loads.
+        sizes = [1 + count for count in self._counts]
+        self._rotors = num_links + np.concatenate([[0], np.cumsum(sizes)])
+        self._arm = slice(0, len(start))
+        self._all_loads = slice(len(start), len(start) + _NUM_INERTIAL * len(loads))
+        self._gains = slice(self._all_loads.stop, self._all_loads.stop + robot.num_joints)
 
     def solve(self) -> GainCalibration:
         """Runs the Gauss-Newton steps."""
-        n, p = self._robot.num_joints, len(self._start)
-        x, u = self._start, np.zeros(n)
+        x, u = self._start, np.zeros(self._robot.num_joints)
         mean = [load.prior()[0] for load in self._loads]
         loads = np.stack(mean) if mean else np.zeros((0, _NUM_INERTIAL))
         for _ in range(MAX_STEPS):
             fit = self._step(x, u, loads)
-            previous_u, u = u, fit.values[p + loads.size : p + loads.size + n]
-            x, loads = fit.values[:p], fit.values[p : p + loads.size].reshape(loads.shape)
+            previous_u, u = u, fit.values[self._gains]
+            x, loads = fit.values[self._arm], fit.values[self._all_loads].reshape(loads.shape)
             if np.abs(u - previous_u).max() < _STEP_TOLERANCE:
                 break
         deviation = fit.standard_deviation
-        gains = slice(p + loads.size, p + loads.size + n)
         return GainCalibration(
             ratio=np.exp(u),
-            log_covariance=fit.covariance[gains, gains],
+            log_covariance=fit.covariance[self._gains, self._gains],
             x=x,
-            standard_deviation=deviation[:p],
+            standard_deviation=deviation[self._arm],
             structure=self._structure,
             loads=loads,
-            load_sd=deviation[p : p + loads.size].reshape(loads.shape),
+            load_sd=deviation[self._all_loads].reshape(loads.shape),
         )
 
     @cached_property
@@ -230,65 +242,81 @@ class GainProblem:
         )
 
     def _step(self, x: Array, u: Array, loads: Array) -> PriorFit:
-        """One linearised fit about x, u and the loads.
+        """One linearised fit about x, u and the loads; values in the order of this module.
 
-        Unknowns, in the order of columns and of the fit's values: x (p,): inertial parameters (10 a
-        link), then joint by joint rotor and friction terms; loads (10 each); u (n,): logarithms of
-        the gains' factors; friction's drift, 3 a joint in each log.
+        Of joint j tau = exp(-u_j) A x, the loads among x, is linear in x. In u_j it is linearised:
+        with the column g = -exp(-u_j) A x of the present x and u_j, the rows are
+
+            tau + g u_j = exp(-u_j) A x_new + g u_new
 
         Args:
-            x: (p,).
+            x: (p,) parameters of the arm.
             u: (n,).
             loads: (L, 10) in the flange's frame.
         """
-        n, p, num_logs = self._robot.num_joints, len(x), len(self._logs)
-        counts = self._counts
-        inertial, rotor, coefficients = split_terms(x, counts)
+        n, num_logs = self._robot.num_joints, len(self._logs)
+        inertial, rotor, coefficients = split_terms(x, self._counts)
         law = self._structure.law(self._within(coefficients))
         chain = self._robot.chain.with_inertial_parameters(inertial, rotor)
-        mean, spread = self._prior
-        drift_start = p + loads.size + n
-        width = drift_start + 3 * n * num_logs
-        starts = _NUM_INERTIAL * n + np.concatenate([[0], np.cumsum([1 + c for c in counts])])
+        mean, prior_sd = self._prior
+        first_drift = self._gains.stop
+        present = np.concatenate([x, loads.ravel(), np.zeros(n)])  # u's columns are still zero
         whitened: list[list[Array]] = [[] for _ in range(n)]
-        drift = np.zeros((num_logs, n, 3))
+        drift_sd = np.zeros((num_logs, n, 3))
         for index, (log, (rigid, load)) in enumerate(zip(self._logs, self._rigid, strict=True)):
             carried = np.asarray(chain.inverse_dynamics(log.q, log.v, log.vdot))
             if log.load is not None:
                 columns = load_columns(self._robot, log.q, log.v, log.vdot)
                 carried = carried + columns @ loads[log.load]
             friction = self._structure.columns(log.q, log.v, carried)
-            parts = (
-                *dry_and_viscous(law, log.q, log.v, carried),
-                stiction(law, carried),
-                sliding_columns(law, log.q, log.v, carried),
-            )
-            dry, viscous, level, sliding = (log.low_pass(part)[log.rows] for part in parts)
-            t, v = log.t[log.rows], log.v[log.rows]
-            tau = log.tau[log.rows]
-            rows = ResidualRows(t, v, tau, dry, viscous, np.abs(level), sliding, self._sd)
-            drift[index] = _LOG_DRIFT.deviation(rows, law.coulomb_viscous)
-            # tau = exp(-u_j) A x, the loads among x: linear in x, linearised in u about its value.
+            rows = self._torque_rows(log, law, carried)
+            drift_sd[index] = _LOG_DRIFT.deviation(rows, law.coulomb_viscous)
             for j in range(n):
-                A = np.zeros((len(t), width))
-                A[:, : _NUM_INERTIAL * n] = rigid[:, j, :-1]
-                A[:, starts[j]] = rigid[:, j, -1]
-                A[:, starts[j] + 1 : starts[j + 1]] = log.low_pass(friction[j])[log.rows]
+                A = np.zeros((len(rows.t), first_drift + 3 * n * num_logs))
+                A[:, self._links] = rigid[:, j, :-1]
+                A[:, self._rotors[j]] = rigid[:, j, -1]
+                terms = slice(self._rotors[j] + 1, self._rotors[j + 1])
+                A[:, terms] = log.low_pass(friction[j])[log.rows]
                 if log.load is not None:
-                    place = p + _NUM_INERTIAL * log.load
-                    A[:, place : place + _NUM_INERTIAL] = load[:, j]
-                predicted = A[:, :drift_start] @ np.concatenate([x, loads.ravel(), np.zeros(n)])
-                place = drift_start + 3 * (n * index + j)
-                A[:, place : place + 3] = rows.drift[:, j]
+                    first = self._all_loads.start + _NUM_INERTIAL * log.load
+                    A[:, first : first + _NUM_INERTIAL] = load[:, j]
+                predicted = A[:, :first_drift] @ present
+                first = first_drift + 3 * (n * index + j)
+                A[:, first : first + 3] = rows.drift[:, j]
                 A *= np.exp(-u[j])
-                A[:, p + loads.size + j] = -np.exp(-u[j]) * predicted
+                gain = self._gains.start + j
+                A[:, gain] = -np.exp(-u[j]) * predicted
                 whitened_rows = rows.whitened(j, A)
-                whitened_rows[:, -1] += whitened_rows[:, p + loads.size + j] * u[j]
+                whitened_rows[:, -1] += whitened_rows[:, gain] * u[j]
                 whitened[j].append(whitened_rows)
         return fit_with_prior(
             [np.vstack(rows_of_joint) for rows_of_joint in whitened],
-            np.concatenate([spread, drift.ravel()]),
-            np.concatenate([mean, np.zeros(drift.size)]),
+            np.concatenate([prior_sd, drift_sd.ravel()]),
+            np.concatenate([mean, np.zeros(drift_sd.size)]),
+        )
+
+    def _torque_rows(self, log: CalibrationLog, law: FrictionLaw, carried: Array) -> ResidualRows:
+        """Rows whose right side is the whole torque of the log, not a residual.
+
+        Args:
+            log: N samples, of which `log.rows` are used.
+            law: friction, for the covariance of the rows.
+            carried: (N, n) N m that the gears transmit.
+        """
+
+        def low_passed(torque: Array) -> Array:
+            return log.low_pass(torque)[log.rows]
+
+        dry, viscous = dry_and_viscous(law, log.q, log.v, carried)
+        return ResidualRows(
+            t=log.t[log.rows],
+            v=log.v[log.rows],
+            residual=log.tau[log.rows],
+            dry=low_passed(dry),
+            viscous=low_passed(viscous),
+            stiction=np.abs(low_passed(stiction(law, carried))),  # a low-pass may overshoot
+            sliding=low_passed(sliding_columns(law, log.q, log.v, carried)),
+            sd=self._sd,
         )
 
     def _within(self, coefficients: list[Array]) -> list[Array]:
@@ -298,6 +326,6 @@ class GainProblem:
             bounded = values.copy()
             if "load" in terms:
                 k = terms.index("load")
-                bounded[k] = np.clip(bounded[k], 0.0, 0.5)
+                bounded[k] = np.clip(bounded[k], 0.0, _MAX_LOAD_DEPENDENCE)
             bounded_coefficients.append(bounded)
         return bounded_coefficients

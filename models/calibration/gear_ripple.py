@@ -20,16 +20,17 @@ the Bayes factor of each n has a closed form,
 
 where G and g are the columns' products with each other and with the residual, once both are clear
 of the other columns. n is equally likely everywhere in PERIODS_RANGE; a joint says something of it
-where the log turns it by MIN_CYCLES periods. The arm ripples with the probability PRIOR_RIPPLE, and
-then each joint with 1/2, all with one n (gears of one make) or each with its own, equally likely. A
-ripple counts where its variance exceeds the constant part of the model's error: one that was there
-at the identification is in that. Seconds of motion over less than two periods can show ripple by
-all joints together, before any of them would.
+where the log turns it by MIN_CYCLES periods. The odds that the arm ripples are PRIOR_ODDS before
+the log, and then each joint does with 1/2, all with one n (gears of one make) or each with its own,
+equally likely. A ripple is evidence for where its variance exceeds the constant part of the model's
+error: one that was there at the identification is in that, and can only be evidence against.
+Seconds of motion over less than two periods can show ripple by all joints together, before any of
+them would.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,24 +39,27 @@ from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.prior_least_squares import COVARIANCE_ROWS
 from wrenchsight.models.calibration.residual_noise import V_REST, ResidualRows
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 PERIODS_RANGE = (20.0, 400.0)  # a turn, of the ripples that are looked for
 CYCLES_ERROR = 0.1  # periods over the joint's whole angle: what else varies with it moves them so
 MIN_CYCLES = 0.75  # periods that the log turns a joint by, at least
 MAX_STEP_CYCLES = 0.1  # periods over the joint's whole angle, between tried numbers of periods
 MAX_TRIED = 1000  # numbers of periods that are tried
-PRIOR_RIPPLE = 1.0 / 30.0  # share of logs whose gears ripple as they did not at the identification
+PRIOR_ODDS = 1.0 / 30.0  # before the log: that gears ripple as they did not at the identification
 SURE_ODDS = 100.0  # from which on a log shows ripple
 SURE_JOINT = 0.9  # probability from which on a joint is named
-SURE_PERIODS = 0.2  # of their number: the relative sd up to which it is told
-OFFSET_SDS = 3.0  # of the residual's sd: prior of a constant
+SURE_PERIODS = 0.2  # of their number: the relative sd up to which it is stated
+OFFSET_SDS = 3.0  # of the residual's sd: least prior sd of a constant torque
 MIN_ROWS = 20  # rows in which a joint moves slowly enough
 MAX_RATE = 15.0  # rad/s of the ripple's phase, half of what rows of 10 Hz can tell
 MIN_SLOW_SHARE = 0.5  # of the rows in which a joint moves: its least share of slow ones
 MAX_ROWS = 600  # rows of a long log that are used, in stretches of STRETCH_ROWS
-STRETCH_ROWS = 50
-_SCALE_PASSES = 5
+STRETCH_ROWS = 50  # 5 s of 10 Hz: ten correlation times of the residual
+_SCALE_PASSES = 5  # of scatter and fit in turns, after which neither changes
+_LOG_FACTOR_RANGE = (-50.0, 500.0)  # of which exp and its product over joints are finite
+_LEAST_TURN = 1e-9  # turns of a joint that hardly moved, for a division
+_LEAST_PROBABILITY = 1e-300  # of a joint that does not ripple, for a division
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,12 +135,13 @@ def find_ripple(
 ) -> GearRipple:
     """Looks for gear ripple in rows without contact: waves of some periods per turn of a joint.
 
-    Each joint's log odds of a ripple come from `_joint_ripple` for K numbers of periods; then two
-    hypotheses are weighed: one number for all joints, or one for each. A ripple that the model's
-    torque error holds already counts as none.
+    The evidence of a ripple comes from `_joint_ripple`, joint by joint, for K numbers of periods;
+    then two hypotheses are weighed: one number for all joints, or one for each. A ripple that the
+    model's torque error holds already is no evidence for, only against.
 
     Args:
-        rows: m rows of the known model's residual, of n joints.
+        rows: m rows of the known model's residual, of n joints. Of more than MAX_ROWS, stretches of
+            STRETCH_ROWS are used at equal distances.
         q: (m, n) rad, of the rows.
         law: that model's coefficients.
         known_sd: (n,) N m, root mean square of a ripple that the model's torque error holds.
@@ -150,40 +155,54 @@ def find_ripple(
         rows, q, other = rows[is_used], q[is_used], other[is_used]
     friction_sd = FrictionDrift().deviation(rows, law)
     friction_sd[:, 2] = np.maximum(friction_sd[:, 2], OFFSET_SDS * rows.sd)
-    n = rows.num_joints
-    turns = max(float(np.ptp(q[:, j])) for j in range(n)) / (2.0 * np.pi)
-    count = int(np.ceil((PERIODS_RANGE[1] - PERIODS_RANGE[0]) * turns / MAX_STEP_CYCLES)) + 1
-    periods = np.linspace(*PERIODS_RANGE, min(max(count, 2), MAX_TRIED))
-    joints = [
+    turns = np.ptp(q, axis=0) / (2.0 * np.pi)  # (n,)
+    periods = _tried_periods(float(turns.max()))
+    fits = [
         _joint_ripple(
             rows,
             j,
-            q[:, j],
-            rate[j],
-            np.column_stack([rows.drift[:, j], other[:, j]]),
-            np.concatenate([friction_sd[j], other_sd]),
-            periods,
+            q=q[:, j],
+            rate=rate[j],
+            columns=np.column_stack([rows.drift[:, j], other[:, j]]),
+            column_sd=np.concatenate([friction_sd[j], other_sd]),
+            periods=periods,
         )
-        for j in range(n)
+        for j in range(rows.num_joints)
     ]
-    log_factor, square, variance = (np.array(column) for column in zip(*joints, strict=True))
-    is_known = 0.5 * square <= known_sd[:, None] ** 2
-    factor = np.exp(np.clip(np.where(is_known, np.minimum(log_factor, 0.0), log_factor), -50, 500))
-    log_odds, probability = _weigh_periods(factor)
-    ripples = probability.sum(axis=1)
-    weight = probability / np.maximum(ripples, 1e-300)[:, None]  # of each number, if it ripples
-    number = weight @ periods
-    spread = (weight * (periods - number[:, None]) ** 2).sum(axis=1)
-    spread += (CYCLES_ERROR / np.maximum(np.ptp(q, axis=0) / (2.0 * np.pi), 1e-9)) ** 2
-    best = weight.argmax(axis=1)
+    log_factor = np.array([fit.log_factor for fit in fits])  # (n, K), as the next two
+    mean_square = np.array([fit.mean_square for fit in fits])
+    variance = np.array([fit.variance for fit in fits])
+    # The square of a wave's amplitude is twice the wave's mean square.
+    is_known = 0.5 * mean_square <= known_sd[:, None] ** 2
+    log_factor = np.where(is_known, np.minimum(log_factor, 0.0), log_factor)
+    log_sum, probability = _weigh_periods(np.exp(np.clip(log_factor, *_LOG_FACTOR_RANGE)))
+    joint_probability = probability.sum(axis=1)
+    # (n, K) of each number of periods, given that the joint ripples.
+    weight = probability / np.maximum(joint_probability, _LEAST_PROBABILITY)[:, None]
+    mean_periods = weight @ periods
+    periods_variance = (weight * (periods - mean_periods[:, None]) ** 2).sum(axis=1)
+    periods_variance += (CYCLES_ERROR / np.maximum(turns, _LEAST_TURN)) ** 2
+    likeliest = weight.argmax(axis=1)
     return GearRipple(
-        log_odds=float(np.log(PRIOR_RIPPLE) + log_odds - np.log(2.0)),
-        probability=ripples,
-        amplitude=np.sqrt((weight * square).sum(axis=1)),
-        amplitude_sd=np.sqrt(variance[np.arange(n), best]),
-        periods=number,
-        periods_sd=np.sqrt(spread),
+        # Both hypotheses have half of the prior.
+        log_odds=float(np.log(PRIOR_ODDS) + log_sum - np.log(2.0)),
+        probability=joint_probability,
+        amplitude=np.sqrt((weight * mean_square).sum(axis=1)),
+        amplitude_sd=np.sqrt(variance[np.arange(rows.num_joints), likeliest]),
+        periods=mean_periods,
+        periods_sd=np.sqrt(periods_variance),
     )
+
+
+def _tried_periods(turns: float) -> Array:
+    """(K,) numbers of periods a turn that are tried, for the largest turn of a joint.
+
+    Neighbours differ by MAX_STEP_CYCLES periods over these turns, a tenth of what a peak of the
+    evidence is wide, up to MAX_TRIED numbers.
+    """
+    least, largest = PERIODS_RANGE
+    count = int(np.ceil((largest - least) * turns / MAX_STEP_CYCLES)) + 1
+    return np.linspace(least, largest, min(max(count, 2), MAX_TRIED))
 
 
 def _weigh_periods(factor: Array) -> tuple[float, Array]:
@@ -197,7 +216,7 @@ def _weigh_periods(factor: Array) -> tuple[float, Array]:
 
     Returns:
         Logarithm of the sum of both hypotheses' odds against no ripple; and the probability (n, K)
-        that a joint ripples with each number.
+        that a joint ripples with each number, given that the arm does.
     """
     log_shared, shared_weight = _mean_and_weight(np.log(0.5 + 0.5 * factor).sum(axis=0))
     log_own = float(np.log(0.5 + 0.5 * factor.mean(axis=1)).sum())
@@ -216,80 +235,117 @@ def _mean_and_weight(log_odds: Array) -> tuple[float, Array]:
     return largest + float(np.log(odds.mean())), odds / odds.sum()
 
 
+class _JointRipple(NamedTuple):
+    """What a joint's rows say of a ripple with each of K numbers of periods a turn; (K,) each.
+
+    Where the rows cannot show a ripple, its evidence is 0 and the others are the prior's.
+
+    Attributes:
+        log_factor: log B, logarithm of how many times likelier the ripple makes the rows.
+        mean_square: N^2 m^2, of the amplitude, a^2 + b^2.
+        variance: N^2 m^2, of a and of b, their mean.
+    """
+
+    log_factor: Array
+    mean_square: Array
+    variance: Array
+
+
 def _joint_ripple(
     rows: ResidualRows,
     j: int,
+    *,
     q: Array,
     rate: float,
     columns: Array,
     column_sd: Array,
     periods: Array,
-) -> tuple[Array, Array, Array]:
+) -> _JointRipple:
     """Joint j's ripple with each of K numbers of periods a turn.
 
     A ripple is a wave of the joint's position through the residual's low-pass; its two amplitudes
-    (cosine, sine) have a prior of the residual's sd. What else the residual may be is fitted first.
+    a (cosine) and b (sine) have a prior of the residual's sd. The wave counts only in rows that can
+    show it (`_can_show`), and only what the other columns do not explain of it.
 
     Args:
         rows: m rows of all joints.
         j: index of the joint.
         q: (m,) rad.
         rate: 1/s, of the residual's low-pass.
-        columns: (m, k) of what else the residual may be; column_sd: (k,) of its prior.
+        columns: (m, k) of what else the residual may be.
+        column_sd: (k,) of the prior of these columns' parameters.
         periods: (K,) per turn.
-
-    Returns:
-        (K,) each: log of how many times likelier a ripple makes the rows; mean square of its
-        amplitude and variance of the amplitude, N^2 m^2, the prior's where the rows cannot show it.
     """
-    sd, K = float(rows.sd[j]), len(periods)
-    prior_result = np.zeros(K), np.full(K, 2.0 * sd**2), np.full(K, sd**2)
+    sd, num_tried = float(rows.sd[j]), len(periods)
+    log_factor = np.zeros(num_tried)
+    mean_square, variance = np.full(num_tried, 2.0 * sd**2), np.full(num_tried, sd**2)
     v = rows.v[:, j]
-    # (m, K): a sample counts while it moves (at rest a ripple is one more unknown of the stiction)
-    # and the wave is slow enough for the log.
-    counts = (np.abs(v) >= V_REST)[:, None] & (np.abs(v)[:, None] * periods <= MAX_RATE)
-    largest = np.where(counts, q[:, None], -np.inf).max(axis=0)
-    turns = (largest - np.where(counts, q[:, None], np.inf).min(axis=0)) / (2.0 * np.pi)
-    least_samples = max(MIN_ROWS, MIN_SLOW_SHARE * (np.abs(v) >= V_REST).sum())
-    is_seen = (counts.sum(axis=0) >= least_samples) & (periods * turns >= MIN_CYCLES)
+    counts, is_seen = _can_show(q, v, periods)
     if not is_seen.any():
-        return prior_result
+        return _JointRipple(log_factor, mean_square, variance)
     seen = periods[is_seen]
     # The real part is the cosine, the imaginary one the sine, both low-passed.
     wave = np.exp(1j * q[:, None] * seen) / (1.0 + 1j * v[:, None] * seen / rate)
     wave *= counts[:, is_seen]
+    # Columns of whitened: the k others, cosines, sines, residual.
     whitened = rows.whitened(j, np.column_stack([columns, wave.real, wave.imag]))
     k = columns.shape[1]
-    prior = np.zeros((k, whitened.shape[1] - k))  # the columns' prior: k rows more
     scale, basis = _fitted(whitened[:, :k] * column_sd, whitened[:, -1])
-    others = np.vstack([whitened[:, k:] / scale, prior])
-    others -= basis @ (basis.T @ others)
-    cosine, sine = others[:, : len(seen)], others[:, len(seen) : -1]
-    # Posterior of both amplitudes (K, 2), covariance S, beside what the columns explain.
-    both = (cosine * sine).sum(axis=0)
-    G = np.array([[(cosine**2).sum(axis=0), both], [both, (sine**2).sum(axis=0)]]).T
-    g = np.array([others[:, -1] @ cosine, others[:, -1] @ sine]).T
+    # The basis spans k rows more, those of the other columns' prior: zero here.
+    waves_and_residual = whitened[:, k:] / scale
+    cleared = np.vstack([waves_and_residual, np.zeros((k, waves_and_residual.shape[1]))])
+    cleared -= basis @ (basis.T @ cleared)
+    num_seen = len(seen)
+    cosine, sine = cleared[:, :num_seen], cleared[:, num_seen : 2 * num_seen]
+    residual = cleared[:, -1]
+    # G, g, S and log B of the module, for each number: (K, 2, 2) and (K, 2).
+    product = (cosine * sine).sum(axis=0)
+    G = np.array([[(cosine**2).sum(axis=0), product], [product, (sine**2).sum(axis=0)]]).T
+    g = np.array([residual @ cosine, residual @ sine]).T
     S = np.linalg.inv(G + np.eye(2) / sd**2)
     mean = np.einsum("kab,kb->ka", S, g)
-    spread = np.trace(S, axis1=1, axis2=2)
-    log_factor, square, variance = prior_result
+    total_variance = np.trace(S, axis1=1, axis2=2)
     log_factor[is_seen] = 0.5 * ((g * mean).sum(axis=1) + np.log(np.linalg.det(S / sd**2)))
-    square[is_seen] = (mean**2).sum(axis=1) + spread
-    variance[is_seen] = 0.5 * spread
-    return log_factor, square, variance
+    mean_square[is_seen] = (mean**2).sum(axis=1) + total_variance
+    variance[is_seen] = 0.5 * total_variance
+    return _JointRipple(log_factor, mean_square, variance)
+
+
+def _can_show(q: Array, v: Array, periods: Array) -> tuple[Flags, Flags]:
+    """Which rows can show a ripple, and which ripples the rows can show.
+
+    A row counts while the joint moves (at rest a ripple is one more unknown of the stiction) and
+    the wave passes slower than MAX_RATE. A ripple is seen where MIN_ROWS rows and MIN_SLOW_SHARE of
+    those that move count, and turn the joint by MIN_CYCLES of its periods.
+
+    Args:
+        q, v: (m,) rad and rad/s of the joint.
+        periods: (K,) per turn.
+
+    Returns:
+        (m, K) whether the row counts; (K,) whether the ripple is seen.
+    """
+    moves = np.abs(v) >= V_REST
+    counts = moves[:, None] & (np.abs(v)[:, None] * periods <= MAX_RATE)
+    largest = np.where(counts, q[:, None], -np.inf).max(axis=0)
+    smallest = np.where(counts, q[:, None], np.inf).min(axis=0)
+    turns = (largest - smallest) / (2.0 * np.pi)
+    least_rows = max(MIN_ROWS, MIN_SLOW_SHARE * moves.sum())
+    return counts, (counts.sum(axis=0) >= least_rows) & (periods * turns >= MIN_CYCLES)
 
 
 def _fitted(A: Array, r: Array) -> tuple[float, Array]:
     """Scatter of whitened rows r (m,) about A x, and an orthonormal basis (m + k, k) of A's.
 
-    A is (m, k); x has a standard normal prior, which is k rows more.
+    The scatter is relative to the stated covariance. A is (m, k), in units of its parameters' prior
+    sds: x has a standard normal prior, which is k rows more behind the m.
     """
     m, k = A.shape
     padded, prior = np.concatenate([r, np.zeros(k)]), np.eye(k)
     scale = 1.0
     basis, _ = np.linalg.qr(np.vstack([A, prior]))
     for _ in range(_SCALE_PASSES):
-        left = float(np.sum((padded - basis @ (basis.T @ padded)) ** 2))
-        scale = float(np.sqrt((COVARIANCE_ROWS + left) / (COVARIANCE_ROWS + m)))
+        unexplained = float(np.sum((padded - basis @ (basis.T @ padded)) ** 2))
+        scale = float(np.sqrt((COVARIANCE_ROWS + unexplained) / (COVARIANCE_ROWS + m)))
         basis, _ = np.linalg.qr(np.vstack([A / scale, prior]))
     return scale, basis

@@ -36,7 +36,9 @@ COM_PRIOR_SD = 0.3  # m, of a centre of mass from the flange: sd of the first so
 # gyration has a fourth of water's: tools and boxes are hollow.
 GYRATION_FACTOR = 0.06
 MIN_MASS_ERRORS = 3.0  # standard errors of its mass, above which a load is present
+MAX_COM_COORDINATE = 1.0  # m from the flange, of the point about which the second solution is made
 _NUM_LOAD = 10
+_LEAST_MASS = 1e-9  # kg, for a division
 _DIAGONAL_PLACES = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
 _TENSOR_PLACES = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
 
@@ -156,32 +158,36 @@ def estimate_load(
 ) -> LoadEstimate:
     """Estimates the load of a log.
 
+    The load is fitted twice: with a vague prior, which gives its mass and about where its centre
+    is; then about that point, with the inertia of a body of such a mass for its prior. A mass that
+    is not significant leaves that point at the flange.
+
     Args:
         log: with the load.
         law: the friction coefficients behind the rows.
+        prior: of the load's mass and of the torques per ampere.
         empty: a log without the load, of the same day. Its residual, as friction and as a weight
             at the flange, is then subtracted.
-        prior: of the load's mass and of the torques per ampere.
-
-    The load is fitted twice: with a vague prior, which gives its mass and about where its centre
-    is; then about that point, with the inertia of a body of such a mass for its prior.
     """
     logs = [log] if empty is None else [log, empty]
-    spread = vague_spread(prior.mass)
-    at_flange = _solve(logs, np.eye(_NUM_LOAD), spread, np.zeros(_NUM_LOAD), law, prior)
+    prior_sd = vague_spread(prior.mass)
+    at_flange = _solve(
+        logs, np.eye(_NUM_LOAD), mean=np.zeros(_NUM_LOAD), sd=prior_sd, law=law, prior=prior
+    )
     parameters, mass_sd = at_flange.values[:_NUM_LOAD], np.sqrt(at_flange.covariance[0, 0])
     mass = max(parameters[0], mass_sd)
     com = np.zeros(3)
     if parameters[0] > MIN_MASS_ERRORS * mass_sd:
-        com = np.clip(parameters[1:4] / mass, -1.0, 1.0)
+        com = np.clip(parameters[1:4] / mass, -MAX_COM_COORDINATE, MAX_COM_COORDINATE)
+    # Moment of inertia of a body of that mass, within twice itself; products within once.
     moment = mass * GYRATION_FACTOR**2 * mass ** (2.0 / 3.0)
-    mean = np.zeros(_NUM_LOAD)
-    mean[list(_DIAGONAL_PLACES)] = moment
-    spread[4:] = moment
-    spread[list(_DIAGONAL_PLACES)] = 2.0 * moment
+    prior_mean = np.zeros(_NUM_LOAD)
+    prior_mean[list(_DIAGONAL_PLACES)] = moment
+    prior_sd[4:] = moment
+    prior_sd[list(_DIAGONAL_PLACES)] = 2.0 * moment
     frame = moved_parameters(np.eye(3), com)  # from a frame at the centre of mass to the flange's
-    at_com = _solve(logs, frame, spread, mean, law, prior)
-    return _estimate(at_com, com, frame, spread)
+    at_com = _solve(logs, frame, mean=prior_mean, sd=prior_sd, law=law, prior=prior)
+    return _estimate(at_com, com, frame, prior_sd)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,30 +210,33 @@ def vague_spread(mass: float) -> Array:
 def _solve(
     logs: list[LoadRows],
     frame: Array,
-    spread: Array,
+    *,
     mean: Array,
+    sd: Array,
     law: CoulombViscous,
     prior: LoadPrior,
 ) -> _Solution:
     """The fit with the load's parameters in a frame from which `frame` leads to the flange's.
 
-    Unknowns, in the order of the columns: the load (10), friction's drift (3 a joint), and, beside
-    empty logs, what the model misses of the weight at the flange in all logs (10). The c parameters
-    of the arm's model are not unknowns; their columns give the covariance that they add.
+    Unknowns, in the order of the columns and values: the load (10), friction's drift (3 a joint),
+    and, beside empty logs, what the model misses of the weight at the flange in all logs (10). The
+    c parameters of the arm's model are not unknowns; their columns give the covariance that they
+    add.
 
     Args:
         logs: the log with the load first; then logs of the arm without it.
         frame: (10, 10), the flange's parameters per parameter in the frame of the fit.
-        spread, mean: (10,) prior of the load in the frame of the fit.
+        mean, sd: (10,) prior of the load in the frame of the fit.
         law: the friction coefficients behind the rows.
         prior: of the load's mass and of the torques per ampere.
     """
     n = logs[0].rows.num_joints
-    drift = FrictionDrift().deviation(logs[0].rows, law).ravel()
-    missed = [vague_spread(prior.mass)] if len(logs) > 1 else []
-    prior_sd = np.concatenate([spread, drift, *missed])
+    drift_sd = FrictionDrift().deviation(logs[0].rows, law).ravel()
+    missed_sd = [vague_spread(prior.mass)] if len(logs) > 1 else []
+    prior_sd = np.concatenate([sd, drift_sd, *missed_sd])
     k = len(prior_sd)  # unknowns
-    blocks, considered = [], []
+    blocks: list[Array] = []  # of each joint (m, k + 1): unknowns, residual
+    considered: list[Array] = []  # of each joint (m, c): the model's parameters, in their sds
     for j in range(n):
         parts = []
         for index, log in enumerate(logs):
@@ -235,7 +244,7 @@ def _solve(
             if index == 0:
                 columns[:, :_NUM_LOAD] = log.load[:, j] @ frame
             columns[:, _NUM_LOAD + 3 * j : _NUM_LOAD + 3 * j + 3] = log.rows.drift[:, j]
-            if missed:
+            if missed_sd:
                 columns[:, -_NUM_LOAD:] = log.load[:, j]
             parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
         whole = np.vstack(parts)  # (m, k + c + 1): unknowns, the model's parameters, residual
@@ -252,12 +261,19 @@ def _solve(
         for response, block in zip(responses, blocks, strict=True)
     ]
     gain_covariance = sum(np.outer(effect, effect) for effect in gain_effects)
-    model = sum(response @ columns for response, columns in zip(responses, considered, strict=True))
-    covariance = fit.covariance + gain_covariance + model @ model.T
-    return _Solution(fit.values, covariance, np.asarray(gain_covariance), fit.scale)
+    # (k, c) change of the solution per sd of each parameter of the model.
+    model_effects = sum(
+        response @ columns for response, columns in zip(responses, considered, strict=True)
+    )
+    return _Solution(
+        values=fit.values,
+        covariance=fit.covariance + gain_covariance + model_effects @ model_effects.T,
+        gain_covariance=np.asarray(gain_covariance),
+        scale=fit.scale,
+    )
 
 
-def _estimate(solution: _Solution, com: Array, frame: Array, spread: Array) -> LoadEstimate:
+def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) -> LoadEstimate:
     """Mass, centre of mass and inertia about it, from parameters about a point near it.
 
     Args:
@@ -265,29 +281,31 @@ def _estimate(solution: _Solution, com: Array, frame: Array, spread: Array) -> L
             3 a joint of friction's change.
         com: (3,) m in the flange's frame, near the centre of mass.
         frame: (10, 10) from parameters about `com` to those in the flange's frame.
-        spread: (10,) sd of the prior.
+        prior_sd: (10,) of the load's parameters about `com`.
     """
     values = solution.values[:_NUM_LOAD]
     mass = float(values[0])
-    divisor = mass if abs(mass) > 1e-9 else 1e-9
-    step = values[1:4] / divisor
-    tensor = load_inertia_matrix(values) - mass * (step @ step * np.eye(3) - np.outer(step, step))
-    # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz) by the parameters; the step is small.
+    divisor = mass if abs(mass) > _LEAST_MASS else _LEAST_MASS
+    offset = values[1:4] / divisor  # of the centre of mass from `com`
+    inertia = load_inertia_matrix(values)
+    inertia = inertia - mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz) by the parameters; the offset is small:
+    # what it adds to the inertia's is left out.
     slope = np.zeros((_NUM_LOAD, _NUM_LOAD))
     slope[0, 0] = 1.0
-    slope[1:4, 0] = -step / divisor
+    slope[1:4, 0] = -offset / divisor
     slope[1:4, 1:4] = np.eye(3) / divisor
     slope[np.arange(4, 10), list(_TENSOR_PLACES)] = 1.0
     covariance = slope @ solution.covariance[:_NUM_LOAD, :_NUM_LOAD] @ slope.T
-    gain = slope @ solution.gain_covariance[:_NUM_LOAD, :_NUM_LOAD] @ slope.T
+    gain_covariance = slope @ solution.gain_covariance[:_NUM_LOAD, :_NUM_LOAD] @ slope.T
     changes = solution.values[_NUM_LOAD : _NUM_LOAD + 3 * len(solution.scale)]
     return LoadEstimate(
         mass=mass,
-        com=com + step,
-        inertia=tensor,
+        com=com + offset,
+        inertia=inertia,
         covariance=covariance,
-        gain_covariance=gain,
-        inertia_prior_sd=spread[list(_TENSOR_PLACES)],
+        gain_covariance=gain_covariance,
+        inertia_prior_sd=prior_sd[list(_TENSOR_PLACES)],
         parameters=frame @ values,
         friction_change=changes.reshape(-1, 3),
         scale=solution.scale,

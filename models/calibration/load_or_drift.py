@@ -129,7 +129,7 @@ def weigh(
     """
     if len(log.rows.t) < MIN_ROWS:
         return None
-    return _weighed(log, law, prior, 0, 0.0)
+    return _weighed(log, law, prior, row=0, row_log_odds=0.0)
 
 
 def weigh_begin(
@@ -139,34 +139,36 @@ def weigh_begin(
 ) -> LoadOrDrift | None:
     """As `weigh`, for a load that is taken up at some row, MIN_ROWS or more from both ends.
 
-    The row is looked for in passes of PLACES_PER_PASS rows, each between the neighbours of the best
-    row before, the first ones on a part of the log's rows; its odds are those of any row, shared by
-    all that it may be. None also where a load is less likely than none.
+    The row is looked for in passes of PLACES_PER_PASS rows, each between the neighbours of the
+    likeliest row before. Of a long log the first passes use every stride-th row, until that many
+    lie between the neighbours. The last pass has successive rows; others add nothing to the
+    evidence. None also where a load is less likely than none.
     """
     count = len(log.rows.t)
     first_row, last_row = MIN_ROWS, count - MIN_ROWS
     if last_row <= first_row:
         return None
-    begin, end, every = first_row, last_row, -(-count // FIRST_PASS_ROWS)
+    begin, end = first_row, last_row
+    stride = -(-count // FIRST_PASS_ROWS)
     while True:
         places = np.unique(np.linspace(begin, end, PLACES_PER_PASS).round().astype(int))
-        if end - begin <= PLACES_PER_PASS * every:
-            every = 1
-        evidence = _begin_evidence(log, law, prior, places, every)
+        if end - begin <= PLACES_PER_PASS * stride:
+            stride = 1
+        evidence = _begin_evidence(log, law, prior, places, stride)
         likeliest = int(np.argmax(evidence))
         if evidence[likeliest] < 0.0:
             return None
         begin = int(places[max(likeliest - 1, 0)])
         end = int(places[min(likeliest + 1, len(places) - 1)])
-        if end - begin <= 2:
+        if end - begin <= 2:  # the neighbours: nothing is left between them
             break
-    likely = np.exp(evidence - evidence[likeliest])
+    weight = np.exp(evidence - evidence[likeliest])
     t = log.rows.t[places]
-    mean = float(likely @ t / likely.sum())
-    sd = float(np.sqrt(likely @ (t - mean) ** 2 / likely.sum()))
+    mean = float(weight @ t / weight.sum())
+    sd = float(np.sqrt(weight @ (t - mean) ** 2 / weight.sum()))
     row = int(places[likeliest])
-    odds = np.log(likely.sum()) - np.log(last_row - first_row + 1)
-    weighed = _weighed(loaded_from(log, row), law, prior, row, float(odds))
+    row_log_odds = np.log(weight.sum()) - np.log(last_row - first_row + 1)
+    weighed = _weighed(loaded_from(log, row), law, prior, row=row, row_log_odds=float(row_log_odds))
     return replace(weighed, begin=float(log.rows.t[row]), begin_sd=sd)
 
 
@@ -174,25 +176,27 @@ def _weighed(
     log: LoadRows,
     law: CoulombViscous,
     prior: LoadPrior,
+    *,
     row: int,
-    odds: float,
+    row_log_odds: float,
 ) -> LoadOrDrift:
     """Weighs nothing, a load, drifted friction, and both, with a load from `row` on.
 
     Args:
-        log: rows of the log; their columns of the load are zero before `row`.
+        log: rows of the log; their columns of the load are zero before `row` (`loaded_from`).
         law: the friction coefficients behind the rows.
         prior: of the load.
         row: index of the load's first row.
-        odds: log odds of this row against others, beforehand and by the evidence.
+        row_log_odds: logarithm of the mean evidence of all rows that the load may begin at, over
+            that of `row`; 0 where it may begin at no other.
     """
     load = estimate_load(log, law, prior)
     # Of a body of that size, wherever it may be; its mass may be any up to the payload.
-    spread = vague_spread(max(abs(load.mass), load.standard_deviation[0]))
-    spread[0] = prior.mass
-    evidence = _evidence(log, law, spread)
+    load_sd = vague_spread(max(abs(load.mass), load.standard_deviation[0]))
+    load_sd[0] = prior.mass
+    evidence = _evidence(log, law, load_sd)
     for name in ("load", "both"):
-        evidence[name] += odds
+        evidence[name] += row_log_odds
     largest = max(evidence.values())
     weights = {name: float(np.exp(value - largest)) for name, value in evidence.items()}
     total = sum(weights.values())
@@ -225,7 +229,7 @@ def _begin_evidence(
     law: CoulombViscous,
     prior: LoadPrior,
     places: Array,
-    every: int,
+    stride: int,
 ) -> Array:
     """Log evidence (K,) of a load that is taken up at each of K rows, against no load.
 
@@ -238,10 +242,10 @@ def _begin_evidence(
         law: the friction coefficients behind the rows.
         prior: of the load.
         places: (K,) indices of rows of `log`, of the begin of a load.
-        every: stride of the rows that are used.
+        stride: of the rows that are used; their covariance is that of what is left.
     """
-    used_rows = np.arange(len(log.rows.t))[::every]  # their indices in `log`, as `places` has them
-    used = log[::every]
+    used_rows = np.arange(len(log.rows.t))[::stride]  # their indices in `log`, as `places` has them
+    used = log[::stride]
     is_loaded = used_rows[:, None] >= places  # (rows, K)
     load_sd = vague_spread(prior.mass)  # (10,)
     num_loads, num_parameters = len(places), len(load_sd)

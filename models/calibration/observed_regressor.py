@@ -46,7 +46,8 @@ class ObservedRegressor:
         """Processes the next samples; returns torque per parameter at the indices `at` (m,).
 
         The regressor goes through the observer's low-pass, so that it compares with tau_ext;
-        accelerations are differences of v, zero where one is not finite.
+        accelerations are differences of v, zero where one is not finite, as at the log's start.
+        Low-pass and last velocity go on from call to call: every sample is passed once, in order.
 
         Args:
             q, v: (N, n) rad and rad/s, with the time step of the observer.
@@ -56,7 +57,7 @@ class ObservedRegressor:
             (m, n, 10) of a load in the flange's frame, (m, n, c) of the model's uncertain
             parameters.
         """
-        parts = [np.empty((0, *self._memory.shape))]
+        parts = [np.empty((0, *self._memory.shape))]  # what no samples give
         for begin in range(0, len(q), _BLOCK_SAMPLES):
             rows = slice(begin, min(len(q), begin + _BLOCK_SAMPLES))
             velocities = np.vstack([self._v, v[rows]])
@@ -66,7 +67,7 @@ class ObservedRegressor:
             Y = np.asarray(self._chain.regressor(q[rows], v[rows], vdot))
             # A load is a part of the last link, whose ten columns are the last.
             columns = np.concatenate([Y[:, :, -10:] @ self._flange, Y[:, :, self._places]], axis=2)
-            low_pass(self._decay, self._memory, columns)
+            low_pass(self._decay, self._memory, columns)  # both in place
             wanted = at[(at >= begin) & (at < rows.stop)] - begin
             parts.append(columns[wanted])
         whole = np.concatenate(parts)

@@ -95,13 +95,15 @@ class PayloadZero:
         self, payload: float, gravity: Array, time_step: float, correlation_time: Array
     ) -> None:
         self._gravity, self._time_step = np.asarray(gravity, float), time_step
-        self._rate = time_step / (2.0 * np.maximum(correlation_time, time_step))
+        # How much a sample of a moving joint counts: an error is seen anew every two of its times.
+        self._sample_share = time_step / (2.0 * np.maximum(correlation_time, time_step))
         n = len(correlation_time)
         reach = COM_SD * 0.5 * payload
         self._prior = np.diag(np.array([payload, reach, reach, reach]) ** -2.0)
         self._information, self._right = np.zeros((4, 4)), np.zeros(4)
-        self._rest_sums = np.zeros((n, 6))  # sums over the present rest: columns, torque, variance
-        self._resting = np.zeros(n)  # samples
+        # Of each joint's present rest: sums of the four columns, torque and variance; samples.
+        self._rest_sums = np.zeros((n, 6))
+        self._rest_samples = np.zeros(n)
         self._postures: list[Array] = []
 
     def add(
@@ -109,26 +111,28 @@ class PayloadZero:
     ) -> None:
         """Takes the next samples.
 
-        Moving joints count in each sample, at `_rate` per sample since errors last; a rest of a
-        joint counts once, with its mean, when it ends (`_take_rest`). Postures in which the whole
-        arm rests are remembered.
+        Moving joints count in each sample, by `_sample_share` since errors last; a rest of a joint
+        counts once, with its mean, when it ends (`_take_rest`). Postures in which the whole arm
+        rests are remembered.
 
         Args:
-            q, v, tau_ext, sd: (N, n); sd of tau_ext where nothing touches the arm.
-            J: (N, 6, n) as `ZeroedPayload.torque`, R_WE (N, 3, 3).
-            is_valid: (N,) samples that count.
+            q, v: (N, n) rad and rad/s.
+            J, R_WE: (N, 6, n) and (N, 3, 3) as in `ZeroedPayload.torque`.
+            tau_ext: (N, n) N m.
+            sd: (N, n) N m, of tau_ext where nothing touches the arm.
+            is_valid: (N,) samples that count; a rest goes on over those that do not.
         """
         columns = weight_columns(J, R_WE, self._gravity)
         for k in np.flatnonzero(is_valid):
             rests = np.abs(v[k]) < V_REST
-            for j in np.flatnonzero(self._resting * ~rests):
+            for j in np.flatnonzero((self._rest_samples > 0.0) & ~rests):
                 self._take_rest(int(j))
             moving = np.flatnonzero(~rests)
-            A, s = columns[k, moving], sd[k, moving]
-            weight = self._rate[moving] / s**2
+            A = columns[k, moving]
+            weight = self._sample_share[moving] / sd[k, moving] ** 2
             self._information += (A * weight[:, None]).T @ A
             self._right += A.T @ (weight * tau_ext[k, moving])
-            self._resting[rests] += 1.0
+            self._rest_samples[rests] += 1.0
             for j in np.flatnonzero(rests):
                 self._rest_sums[j] += (*columns[k, j], tau_ext[k, j], sd[k, j] ** 2)
             if rests.all() and not any(
@@ -138,20 +142,19 @@ class PayloadZero:
 
     def _take_rest(self, j: int) -> None:
         """Counts a rest that has ended, once."""
-        count = self._resting[j]
-        if count * self._time_step >= LEAST_REST:
+        if self._rest_samples[j] * self._time_step >= LEAST_REST:
             self._information, self._right = self._with_rest(j, self._information, self._right)
-        self._rest_sums[j], self._resting[j] = 0.0, 0.0
+        self._rest_sums[j], self._rest_samples[j] = 0.0, 0.0
 
     def _with_rest(self, j: int, information: Array, right: Array) -> tuple[Array, Array]:
-        mean = self._rest_sums[j] / self._resting[j]
+        mean = self._rest_sums[j] / self._rest_samples[j]
         A, tau, variance = mean[:4], mean[4], mean[5]
         return information + np.outer(A, A) / variance, right + A * tau / variance
 
     def result(self) -> ZeroedPayload:
         """Returns the payload so far; a rest that still lasts counts too."""
         information, right = self._information + self._prior, self._right
-        for j in np.flatnonzero(self._resting * self._time_step >= LEAST_REST):
+        for j in np.flatnonzero(self._rest_samples * self._time_step >= LEAST_REST):
             information, right = self._with_rest(int(j), information, right)
         covariance = np.linalg.inv(information)
         parameters = np.asarray(covariance @ right, float)

@@ -11,8 +11,8 @@ of seconds cannot measure its own noise, while one of minutes can.
 The logarithm of the evidence compares fits of the same rows with other columns. The scales are
 integrated out, and x by Laplace's method:
 
-    -1/2 sum_j (COVARIANCE_ROWS + m_j) log(COVARIANCE_ROWS + |A_j x - b_j|^2) - 1/2 |(x - mean) /
-    sd|^2 -1/2 log det(1 + sd A^T A sd)
+    - 1/2 sum_j (COVARIANCE_ROWS + m_j) log(COVARIANCE_ROWS + |A_j x - b_j|^2)
+    - 1/2 |(x - mean) / sd|^2 - 1/2 log det(1 + sd A^T A sd),    A of rows A_j / s_j
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,9 @@ from wrenchsight.models.identification.base_parameters import triangular_factor
 from wrenchsight.models.numerics.arrays import Array
 
 COVARIANCE_ROWS = 30.0  # rows, what the stated covariance is worth
-_NUM_PASSES = 5
+_NUM_PASSES = 5  # of solution and scales in turns
+_MIN_PIVOT_SHARE = 1e-9  # of the largest entry of R: less, and a value is not determined
+_LEAST_LENGTH = 1e-300  # of a column of zeros, for a division
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +60,6 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
         prior_sd: (k,) positive; infinite where nothing is known.
         prior_mean: (k,).
 
-    Returns:
-        Values (k,), covariance (k, k), `scale` of each joint's errors over their stated sd, and the
-        log evidence up to a constant of the rows; NaN where a prior is infinite.
-
     Raises:
         ValueError: numbers that are not finite, sds that are not positive, or a value that neither
             rows nor prior determine.
@@ -71,9 +69,10 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
         raise ValueError(f"least squares: expected {k} columns and the right side")
     if not (prior_sd > 0.0).all() or not all(np.isfinite(joint_rows).all() for joint_rows in rows):
         raise ValueError("least squares: expected finite rows and positive sds of the prior")
-    # From here on x is in units of the prior's sd, or of the columns' length where it is infinite.
-    reach = np.sqrt(sum((joint_rows[:, :-1] ** 2).sum(axis=0) for joint_rows in rows))
-    unit = np.where(np.isfinite(prior_sd), prior_sd, 1.0 / np.maximum(reach, 1e-300))
+    # From here on x is y = (x - mean) / unit, with the prior's sd for a unit; where that is
+    # infinite, a column of length one.
+    length = np.sqrt(sum((joint_rows[:, :-1] ** 2).sum(axis=0) for joint_rows in rows))
+    unit = np.where(np.isfinite(prior_sd), prior_sd, 1.0 / np.maximum(length, _LEAST_LENGTH))
     has_prior = np.isfinite(prior_sd).astype(float)
     # Of each joint's rows the triangular factor of [A_j unit, b_j - A_j mean]: the same least
     # squares in k + 1 rows.
@@ -86,27 +85,30 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
             ]
         )
         factors.append(triangular_factor(shifted))
-    # In turns the solution, and the factor of each joint's errors over their stated sd.
+    # In turns the solution, and the scale of each joint.
     counts = np.array([len(joint_rows) for joint_rows in rows])
+    prior_rows = np.column_stack([np.diag(has_prior), np.zeros(k)])
     scale = np.ones(len(rows))
     for _ in range(_NUM_PASSES):
-        stacked = np.vstack(
-            [
-                *(R / s for R, s in zip(factors, scale, strict=True)),
-                np.column_stack([np.diag(has_prior), np.zeros(k)]),
-            ]
-        )
+        scaled = [factor / s for factor, s in zip(factors, scale, strict=True)]
+        stacked = np.vstack([*scaled, prior_rows])
         y = lstsq(stacked[:, :-1], stacked[:, -1])[0]
-        errors = np.array([np.sum((R[:, :-1] @ y - R[:, -1]) ** 2) for R in factors])
+        errors = np.array([np.sum((factor[:, :-1] @ y - factor[:, -1]) ** 2) for factor in factors])
         scale = np.sqrt((COVARIANCE_ROWS + errors) / (COVARIANCE_ROWS + counts))
-    R = triangular_factor(stacked[:, :-1])  # the posterior's information is R^T R
-    if np.abs(np.diag(R)).min() < 1e-9 * np.abs(R).max():
+    # The information of y is R^T R, and its covariance R^-1 R^-T.
+    R = triangular_factor(stacked[:, :-1])
+    if np.abs(np.diag(R)).min() < _MIN_PIVOT_SHARE * np.abs(R).max():
         raise ValueError("least squares: neither rows nor prior determine a value")
-    spread = solve_triangular(R, np.eye(k)) * unit[:, None]
-    evidence = np.nan
+    covariance_root = solve_triangular(R, np.eye(k)) * unit[:, None]
+    log_evidence = np.nan
     if has_prior.all():
-        evidence = -0.5 * float(
+        log_evidence = -0.5 * float(
             np.sum((COVARIANCE_ROWS + counts) * np.log(COVARIANCE_ROWS + errors)) + y @ y
         )
-        evidence -= float(np.log(np.abs(np.diag(R))).sum())
-    return PriorFit(prior_mean + unit * y, spread @ spread.T, scale, evidence)
+        log_evidence -= float(np.log(np.abs(np.diag(R))).sum())
+    return PriorFit(
+        values=prior_mean + unit * y,
+        covariance=covariance_root @ covariance_root.T,
+        scale=scale,
+        log_evidence=log_evidence,
+    )

@@ -119,21 +119,21 @@ class ResidualRows:
             sd: (n,) N m, of the model's error.
             at: indices of the rows among the log's N samples.
             low_pass: the residual's filter along time, for torques (N, n, 5): dry, viscous, and the
-                three columns of friction's drift.
+                three columns of friction's drift. Stiction, a bound, does not pass it.
         """
         t, q, v, load = signals
         dry, viscous = dry_and_viscous(law, q, v, load)
         sliding = sliding_columns(law, q, v, load)
         columns = low_pass(np.dstack([dry, viscous, sliding]))[at]
         return cls(
-            t[at],
-            v[at],
-            residual,
-            columns[:, :, 0],
-            columns[:, :, 1],
-            stiction(law, load)[at],
-            columns[:, :, 2:],
-            sd,
+            t=t[at],
+            v=v[at],
+            residual=residual,
+            dry=columns[:, :, 0],
+            viscous=columns[:, :, 1],
+            stiction=stiction(law, load)[at],
+            sliding=columns[:, :, 2:],
+            sd=sd,
         )
 
     @classmethod

@@ -34,7 +34,9 @@ from wrenchsight.models.numerics.arrays import Array
 _NUM_ROUNDS = 20  # of reweighting; the weights settle within five
 _NORMAL_MAD = 1.4826  # sd of a normal distribution over its median absolute deviation
 _MAX_GAIN_SD_SHARE = 0.2  # of the prior's sd, below which a joint determines the gain
-_LEAST_SPREAD = 1e-6  # of a parameter that the known law does not have
+_LEAST_PRIOR_SD = 1e-6  # of a parameter that the known law does not have, or that is given
+_LEAST_SCATTER = 1e-9  # N m, of rows without error
+_MAX_LOAD = 0.99  # N m per N m: a law with one or more would hold any load
 _HALF_WEIGHT_SDS = 2.0  # sds, at which a row weighs half
 
 
@@ -124,21 +126,32 @@ def fit_specimen(
         raise ValueError(f"{len(rows)} joints with rows, expected {law_of_known.num_joints}")
     gain, gain_sd = _gain(law_of_known, rows, prior)
     fitted = _fitted(law_of_known, rows, prior, gain)
-    coulomb, load, viscous, offset, _ = fitted.values.T  # the last is the gain
+    coulomb, load, viscous, offset = fitted.values[:, :-1].T  # the last is the gain
     law = replace(
         law_of_known,
         coulomb=coulomb,
-        load=np.clip(load, 0.0, 0.99),
+        load=np.clip(load, 0.0, _MAX_LOAD),
+        # Coulomb friction is the slip elements'; the velocity law has none.
         velocity_law=SemiParametricFriction(
             CoulombViscous(np.zeros(law_of_known.num_joints), viscous, offset)
         ),
     )
-    counts = np.array([len(part.torque) for part in rows])
-    return SpecimenFit(law, gain, gain_sd, fitted.deviation[:, :-1], fitted.scatter, counts)
+    return SpecimenFit(
+        law=law,
+        gain=gain,
+        gain_sd=gain_sd,
+        deviation=fitted.deviation[:, :-1],
+        scatter=fitted.scatter,
+        rows=np.array([len(joint_rows.torque) for joint_rows in rows]),
+    )
 
 
 class _Fitted(NamedTuple):
-    """Parameters (n, 5) of all joints, their deviations (n, 5) and the rows' scatter (n,)."""
+    """Parameters (n, 5) of all joints, their sds (n, 5) and the rows' scatter (n,) in N m.
+
+    In the order of A's columns: coulomb (N m), load (N m per N m), viscous (N m s/rad), offset
+    (N m), gain (share of the external torque).
+    """
 
     values: Array
     deviation: Array
@@ -169,8 +182,8 @@ def _fitted(
 ) -> _Fitted:
     """Fits each joint by itself, its gain free or given; a joint without rows keeps the prior.
 
-    Unknowns of a joint, in this order: coulomb (N m), load (share), viscous, offset, gain (of the
-    torque, relative). Its torque less Stribeck and cubic part of the known robot is linear in them.
+    The joint's torque less Stribeck and cubic part of the known robot is A times its unknowns, in
+    the order of `_Fitted`.
 
     Args:
         law_of_known: law of the known robot; its numbers are the prior's mean.
@@ -179,11 +192,11 @@ def _fitted(
         gain: of all joints; None: free, of prior mean 0.
     """
     plain, n = law_of_known.coulomb_viscous, law_of_known.num_joints
-    start = np.full(n, gain or 0.0)
+    mean_gain = np.full(n, 0.0 if gain is None else gain)
     mean = np.stack(
-        [law_of_known.coulomb, law_of_known.load, plain.viscous, plain.offset, start], axis=1
+        [law_of_known.coulomb, law_of_known.load, plain.viscous, plain.offset, mean_gain], axis=1
     )
-    prior_sd = np.stack(
+    sd = np.stack(
         [
             prior.coulomb * law_of_known.coulomb,
             np.full(n, prior.load),
@@ -193,8 +206,8 @@ def _fitted(
         ],
         axis=1,
     )
-    spread: Array = np.maximum(prior_sd, _LEAST_SPREAD)
-    values, deviation, scatter = mean.copy(), spread.copy(), np.full(n, np.nan)
+    prior_sd: Array = np.maximum(sd, _LEAST_PRIOR_SD)
+    values, deviation, scatter = mean.copy(), prior_sd.copy(), np.full(n, np.nan)
     for j, joint_rows in enumerate(rows):
         if not len(joint_rows.torque):
             continue
@@ -213,23 +226,25 @@ def _fitted(
             ],
             axis=1,
         )
-        values[j], deviation[j], scatter[j] = _posterior(A, y, mean[j], spread[j], prior.dependence)
+        values[j], deviation[j], scatter[j] = _posterior(
+            A, y, mean[j], prior_sd[j], prior.dependence
+        )
     return _Fitted(values, deviation, scatter)
 
 
 def _posterior(
-    A: Array, y: Array, mean: Array, spread: Array, dependence: float
+    A: Array, y: Array, mean: Array, prior_sd: Array, dependence: float
 ) -> tuple[Array, Array, float]:
     """Mean and sd of the parameters, and the sd of the rows, under Cauchy-like noise."""
     x, weight = mean, np.ones_like(y)
-    scatter = max(float(np.std(y - A @ mean)), 1e-9)
-    precision = np.diag(1.0 / spread**2)
+    scatter = max(float(np.std(y - A @ mean)), _LEAST_SCATTER)
+    precision = np.diag(1.0 / prior_sd**2)
     for _ in range(_NUM_ROUNDS):
         scale = (scatter * dependence) ** 2
         information = (A * weight[:, None]).T @ A / scale + precision
         right = A.T @ (weight * y) / scale + precision @ mean
         x = np.asarray(np.linalg.solve(information, right), dtype=np.float64)
         error = y - A @ x
-        scatter = max(_NORMAL_MAD * float(np.median(np.abs(error))), 1e-9)
+        scatter = max(_NORMAL_MAD * float(np.median(np.abs(error))), _LEAST_SCATTER)
         weight = 1.0 / (1.0 + (error / (_HALF_WEIGHT_SDS * scatter)) ** 2)
     return x, np.sqrt(np.diag(np.linalg.inv(information))), scatter

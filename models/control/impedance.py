@@ -29,6 +29,7 @@ from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.rigid_body.rotations import rotation_vector
 
 _NO_GAIN = np.zeros((6, 6))
+_MIN_MOBILITY_SHARE = 1e-9  # of E's mobility, added to it; changes the torque by as much
 
 
 class SpringDamper(NamedTuple):
@@ -78,13 +79,15 @@ def impedance_law(
 ) -> Record:
     """Returns the constants of an impedance controller, for the kernels of this module.
 
+    Kernels read a record's flags as 1.0 or 0.0.
+
     Args:
         effort_limit: (n,) N m.
         friction: table of SemiParametricFriction.
         spring_damper: stiffness and damping (6, 6), rotation first, and whether in axes of E or W.
         force: None where no force is controlled.
-        time_step: s.
-        friction_velocity: rad/s, of `friction_feedforward`.
+        time_step: s, of the integral of the force error.
+        friction_velocity: rad/s, about which friction fades out (`friction_feedforward`).
     """
     gains = _NO_FORCE if force is None else force
     return record(
@@ -177,6 +180,7 @@ def impedance_wrench(
         desired: D.
         free_direction: (3,) unit vector in W along which the spring neither pulls nor is stretched;
             zero for none. The damper works there as well.
+        wrench: written.
     """
     in_E, stiffness, damping = law[0].in_E == 1.0, law[0].stiffness, law[0].damping
     R_WE, p_WE, V_WE = plain(terms[0].R_WE), plain(terms[0].p_WE), plain(terms[0].V_WE)
@@ -184,11 +188,11 @@ def impedance_wrench(
     # The spring is not stretched along the free direction: it pulls to C, which is D moved along
     # that direction to beside E.
     p_WC = p_WD.copy()
-    along = 0.0
+    distance_along = 0.0
     for k in range(3):
-        along += free_direction[k] * (p_WE[k] - p_WD[k])
+        distance_along += free_direction[k] * (p_WE[k] - p_WD[k])
     for k in range(3):
-        p_WC[k] += along * free_direction[k]
+        p_WC[k] += distance_along * free_direction[k]
     e = np.empty(6)
     pose_error(in_E, R_WE, p_WE, R_WD, p_WC, e)
     # Spring: -A^T K e, in the axes of the stiffness.
@@ -226,12 +230,13 @@ def impedance_wrench(
     if in_E:
         _to_world(R_WE, spring)
         _to_world(R_WE, damper)
-    along = 0.0
+    # A full stiffness couples the axes: what it still pulls along the free direction is taken off.
+    pull_along = 0.0
     for k in range(3):
-        along += free_direction[k] * spring[3 + k]
+        pull_along += free_direction[k] * spring[3 + k]
     for k in range(3):
         wrench[k] = spring[k] + damper[k]
-        wrench[3 + k] = spring[3 + k] - along * free_direction[k] + damper[3 + k]
+        wrench[3 + k] = spring[3 + k] - pull_along * free_direction[k] + damper[3 + k]
 
 
 @kernel
@@ -260,9 +265,12 @@ def impedance_torque(
         law: of `impedance_law`.
         terms: of `terms_type`.
         reference: (3n,) q_d, v_d, vdot_d, of which v_d and vdot_d are fed forward.
+        wrench: (6,) axes of W, rotation first.
+        tau: (n,) N m, written.
     """
     terms_row, effort_limit = terms[0], law[0].effort_limit
     n, friction = terms_row.v.shape[0], plain(law[0].friction)
+    # Friction is written into tau; the other terms are added to it.
     friction_feedforward(friction, reference[n : 2 * n], law[0].friction_velocity, tau)
     for i in range(n):
         tau[i] += terms_row.Cv[i] + terms_row.G[i]
@@ -296,31 +304,35 @@ def damp_null_space(damping: float, M: Array, J: Array, v: Array, tau: Array) ->
         tau: (n,) N m, changed.
     """
     n = v.shape[0]
-    L, J_M_inverse = np.empty((n, n)), np.empty((6, n))  # rows J M^-1
+    # Factors and solutions take the place of what they come from; lower triangles are enough.
+    L = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
             L[i, j] = M[i, j]
     factorise_in_place(L, n, 0.0)
-    mobility, lambda_v = np.empty((6, 6)), np.empty(6)
+    J_M_inverse = np.empty((6, n))
+    # -J M^-1 damping v; then (J M^-1 J^T)^-1 times that, the wrench that the damper would put on E.
+    F = np.empty(6)
     for k in range(6):
         J_M_inverse[k] = J[k]
         solve_factorised(L, n, J_M_inverse[k])
-        lambda_v[k] = 0.0
+        F[k] = 0.0
         for i in range(n):
-            lambda_v[k] -= damping * J_M_inverse[k, i] * v[i]
+            F[k] -= damping * J_M_inverse[k, i] * v[i]
+    mobility = np.empty((6, 6))  # J M^-1 J^T
     for k in range(6):
         for m in range(k + 1):
             mobility[k, m] = 0.0
             for i in range(n):
                 mobility[k, m] += J[k, i] * J_M_inverse[m, i]
         # A small share of the identity keeps it solvable where J loses rank.
-        mobility[k, k] += 1e-9 * (1.0 + mobility[k, k])
+        mobility[k, k] += _MIN_MOBILITY_SHARE * (1.0 + mobility[k, k])
     factorise_in_place(mobility, 6, 0.0)
-    solve_factorised(mobility, 6, lambda_v)
+    solve_factorised(mobility, 6, F)
     for i in range(n):
         tau[i] -= damping * v[i]
         for k in range(6):
-            tau[i] -= J[k, i] * lambda_v[k]
+            tau[i] -= J[k, i] * F[k]
 
 
 class ForceControlInputs(NamedTuple):
@@ -399,10 +411,12 @@ def impedance_action(
     n = terms[0].v.shape[0]
     R_WE, p_WE = plain(terms[0].R_WE), plain(terms[0].p_WE)
     desired = DesiredPose(
-        pose_reference[:9].reshape(3, 3), pose_reference[9:12], pose_reference[12:]
+        R_WD=pose_reference[:9].reshape(3, 3),
+        p_WD=pose_reference[9:12],
+        V_WD=pose_reference[12:],
     )
     # The direction d of force control in W, and what the environment pushes along it.
-    d_W, no_direction, commanded = law[0].direction.copy(), np.zeros(3), np.empty(6)
+    d_W = law[0].direction.copy()
     if law[0].direction_in_E == 1.0:
         for i in range(3):
             d_W[i] = 0.0
@@ -411,14 +425,17 @@ def impedance_action(
     push = 0.0
     for k in range(3):
         push += d_W[k] * force.wrench[3 + k]
-    # Spring and damper, and along d the force that is asked for in the spring's place.
-    free_direction = d_W if is_active else no_direction
+    # Spring and damper, and along d the commanded force in the spring's place.
+    commanded = np.empty(6)
+    free_direction = d_W if is_active else np.zeros(3)
     impedance_wrench(law, terms, desired, free_direction, commanded)
     is_read = force.is_valid and all_below(force.wrench, LARGEST_INPUT)
     force_error = setpoint - push if is_read else 0.0
-    ki, limit = law[0].integral, law[0].integral_limit
-    bound = limit / ki if ki > 0.0 else 0.0
+    ki = law[0].integral
+    # N s, of the integral; 0 without integral control, which keeps the integral at 0.
+    bound = law[0].integral_limit / ki if ki > 0.0 else 0.0
     if is_active:
+        # The robot pushes against d, as the environment pushes along it.
         normal_force = setpoint + law[0].proportional * force_error + ki * integral
         for k in range(3):
             commanded[3 + k] -= normal_force * d_W[k]
@@ -434,11 +451,11 @@ def impedance_action(
         if not (saturated and force_error * integral > 0.0):
             integral += law[0].time_step * force_error
     elif ki > 0.0:
-        # The push of the spring, less the set-point with which force control will begin.
+        # The spring's push against d, less the set-point with which force control will begin.
         free_wrench = np.empty(6)
         impedance_wrench(law, terms, desired, d_W, free_wrench)
-        spring = 0.0
+        spring_along = 0.0
         for k in range(3):
-            spring += d_W[k] * (commanded[3 + k] - free_wrench[3 + k])
-        integral = (-spring - setpoint) / ki
+            spring_along += d_W[k] * (commanded[3 + k] - free_wrench[3 + k])
+        integral = (-spring_along - setpoint) / ki
     return ImpedanceTick(True, min(max(integral, -bound), bound))

@@ -104,24 +104,28 @@ def tracking_torque(
         dynamics: of the model.
         reference: (3n,) q_d, v_d, vdot_d.
         integral: (n,) integral of the position error, rad s.
+        tau: written.
     """
-    gain, n = law[0], dynamics.q.shape[0]
+    constants, n = law[0], dynamics.q.shape[0]
     q_d, v_d, vdot_d = reference[:n], reference[n : 2 * n], reference[2 * n :]
-    friction_feedforward(plain(gain.friction), v_d, gain.friction_velocity, tau)
+    # Friction is written into tau; the other terms are added to it.
+    friction_feedforward(plain(constants.friction), v_d, constants.friction_velocity, tau)
     acceleration = vdot_d.copy()
     for i in range(n):
-        bound = gain.integral_limit[i]
-        feedback = min(max(gain.ki[i] * integral[i], -bound), bound)
-        feedback += gain.kp[i] * (q_d[i] - dynamics.q[i]) + gain.kd[i] * (v_d[i] - dynamics.v[i])
-        if gain.computed == 1.0:
+        bound = constants.integral_limit[i]
+        feedback = min(max(constants.ki[i] * integral[i], -bound), bound)
+        position_error, velocity_error = q_d[i] - dynamics.q[i], v_d[i] - dynamics.v[i]
+        feedback += constants.kp[i] * position_error + constants.kd[i] * velocity_error
+        if constants.computed == 1.0:
             acceleration[i] += feedback
         else:
             tau[i] += feedback
+    effort_limit = constants.effort_limit
     for i in range(n):
         tau[i] += dynamics.Cv[i] + dynamics.G[i]
         for j in range(n):
             tau[i] += dynamics.M[i, j] * acceleration[j]
-        tau[i] = min(max(tau[i], -gain.effort_limit[i]), gain.effort_limit[i])
+        tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
 
 
 @kernel

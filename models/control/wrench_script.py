@@ -141,24 +141,20 @@ def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
             window = 1.0
             if edge < fade:
                 window = 0.5 * (1.0 - np.cos(np.pi * edge / fade))
+            # A sum of so many sines has the variance tones / 2.
+            per_sine = np.sqrt(2.0 / tones.shape[2])
             for axis in range(6):
                 if table[i, _WRENCH_BEGIN + axis] != 0.0:
-                    value = 0.0
+                    sines = 0.0
                     for k in range(tones.shape[2]):
-                        value += np.sin(tones[push, axis, k, 0] * elapsed + tones[push, axis, k, 1])
-                    # The sum of so many sines has the variance tones / 2.
-                    wrench[axis] += (
-                        window
-                        * table[i, _WRENCH_BEGIN + axis]
-                        * value
-                        * np.sqrt(2.0 / tones.shape[2])
-                    )
+                        sines += np.sin(tones[push, axis, k, 0] * elapsed + tones[push, axis, k, 1])
+                    wrench[axis] += window * table[i, _WRENCH_BEGIN + axis] * sines * per_sine
             continue
         if kind == _STEP_SHAPE:
             gain = 1.0
         elif kind == _RAMP_SHAPE:
             gain = min(elapsed / table[i, _RISE], 1.0)
-        else:
+        else:  # _SINE_SHAPE
             gain = np.sin(2.0 * np.pi * table[i, _FREQUENCY] * elapsed + table[i, _PHASE])
         for axis in range(6):
             wrench[axis] += gain * table[i, _WRENCH_BEGIN + axis]

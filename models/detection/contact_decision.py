@@ -80,6 +80,8 @@ def decide_contact(
     Contact begins where the mean, or the quick norm of two samples in a row, is above its level; a
     single sample needs SINGLE_SAMPLE_RATIO of it. It ends after RELEASE_TIME s in which mean and
     sample stay below their release levels; for MEAN_PAUSE s from then on no mean begins another.
+    The quick norm is the change; it is the sample itself in contact, and for a model without a
+    level of change.
 
     Args:
         norms: of the sample: lengths, in sds, of the whitened torque of the sample (`sample`), of
@@ -97,13 +99,13 @@ def decide_contact(
         mean = 0.0
     if not in_contact and memory[PAUSE_LEFT] > 0.0:
         mean = 0.0
-    # The quick norm: the change, or the sample itself in contact and for a model without change.
-    quick = norms.sample / levels.sample
+    quick_ratio = norms.sample / levels.sample
     if not in_contact and levels.change < float("inf"):
-        quick = norms.change / levels.change if has_mean else 0.0
-    last, memory[LAST_QUICK_RATIO] = memory[LAST_QUICK_RATIO], quick
-    quick = max(min(quick, last), quick / SINGLE_SAMPLE_RATIO)
-    memory[LARGEST_RATIO] = max(quick, mean / levels.mean)
+        quick_ratio = norms.change / levels.change if has_mean else 0.0
+    of_both_samples = min(quick_ratio, memory[LAST_QUICK_RATIO])
+    memory[LAST_QUICK_RATIO] = quick_ratio
+    confirmed_ratio = max(of_both_samples, quick_ratio / SINGLE_SAMPLE_RATIO)
+    memory[LARGEST_RATIO] = max(confirmed_ratio, mean / levels.mean)
     if memory[LARGEST_RATIO] > 1.0:
         memory[IN_CONTACT], memory[QUIET_TIME] = 1.0, 0.0
         return UNCHANGED if in_contact else BEGUN

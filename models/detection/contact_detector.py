@@ -257,12 +257,12 @@ class ContactDetector:
             batch: of the estimator, with all its fields.
         """
         samples = ArmSamples(
-            batch.torque_error,
-            batch.v,
-            batch.transmitted,
-            batch.momentum,
-            batch.tau_ext,
-            batch.fresh,
+            error=batch.torque_error,
+            v=batch.v,
+            transmitted=batch.transmitted,
+            momentum=batch.momentum,
+            tau_ext=batch.tau_ext,
+            fresh=batch.fresh,
         )
         return Detection.of(self.judge(state, samples))
 
@@ -320,6 +320,7 @@ def _joint_rows(
     error, observer_gain = stage.error, stage.rates
     joints = np.empty((NUM_JOINT_ROWS, error.num_joints))
     joints[JUMP_POLE] = np.exp(-observer_gain * time_step)
+    # A model that does not state how fast or loaded its logs were has zeros there.
     for row, fitted in ((FITTED_SPEED, error.fitted_speed), (FITTED_LOAD, error.fitted_load)):
         joints[row] = np.where(fitted > 0.0, fitted, np.inf)
     joints[CHANGE:] = 0.0
@@ -386,6 +387,7 @@ def _settings(
     settings[MISFIT_LEVEL] = settings[POWER_LEVEL]
     if noise is not None and noise.misfit is not None and knows_error:
         settings[MISFIT_LEVEL] = OTHER_DAYS * noise.misfit.level_at(misfit_rate)
+    # Levels of release are of the levels without OTHER_DAYS, which then widens both of the mean.
     settings[SAMPLE_RELEASE] = _release_level(settings[SAMPLE_LEVEL], tails.sample)
     settings[MEAN_RELEASE] = _release_level(settings[MEAN_LEVEL], tails.mean)
     if noise is not None:

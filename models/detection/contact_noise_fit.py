@@ -30,6 +30,10 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.signals.exceedance_tail import fit_exceedances
 
 USUAL_JUMP_SHARE = 0.99  # share of the samples that have no more than the usual torque jump
+_MIN_MEAN_SCALE = 1e-3  # of a mean: a joint whose torque hardly varies has no noise to compare with
+_MIN_CHANGE_SHARE = 1e-3  # of a change's rms, for the constant part of its sd
+_LEAST_SQUARE = 1e-300  # of z, for a division
+_LEAST_CHANGE_SQUARE = 1e-12  # (N m)^2
 
 
 def fit_contact_noise(
@@ -48,29 +52,31 @@ def fit_contact_noise(
         return None
     time_step = readings[0].time_step
     momenta = [chain.momentum_terms(reading.q, reading.v)[0] for reading in readings]
-    # First the usual torque jump and the scale of the mean; the widening after a change comes of
-    # them, and all levels of both.
-    jumps = [
-        torque_jumps(momentum, reading.transmitted, np.exp(-reading.K_0 * time_step), time_step)[
-            rows
+    # In this order: the usual torque jump, of the readings; with it z, and the scale of its mean
+    # and the sd of its changes; with all of these the norms, and their levels.
+    jumps = np.vstack(
+        [
+            torque_jumps(
+                momentum, reading.transmitted, np.exp(-reading.K_0 * time_step), time_step
+            )[rows]
+            for reading, momentum, rows in zip(readings, momenta, is_used, strict=True)
         ]
-        for reading, momentum, rows in zip(readings, momenta, is_used, strict=True)
-    ]
+    )
     n = chain.num_joints
     noise = ContactNoise(
-        usual_jolt=np.quantile(np.vstack(jumps), USUAL_JUMP_SHARE, axis=0).tolist(),
+        usual_jolt=np.quantile(jumps, USUAL_JUMP_SHARE, axis=0).tolist(),
         mean_scale=[1.0] * n,
         time_step=float(time_step),
         hours=count * time_step / 3600.0,
     )
-    model_with_noise = replace(model, contact_noise=noise)
+    model_with_noise = replace(model, contact_noise=noise)  # this very noise, as it is completed
     white = _white(readings, momenta, is_used, model_with_noise, chain)
     z = np.vstack([reading.z for reading in white])
     mean = np.vstack([reading.mean for reading in white])
     change = np.vstack([reading.change for reading in white])
-    squares = np.maximum(np.mean(z**2, axis=0), 1e-300)
+    squares = np.maximum(np.mean(z**2, axis=0), _LEAST_SQUARE)
     scale = np.sqrt(np.mean(mean**2, axis=0) / squares)
-    noise.mean_scale = np.maximum(scale, 1e-3).tolist()
+    noise.mean_scale = np.maximum(scale, _MIN_MEAN_SCALE).tolist()
     # The sd of a change of torque, by what the torque error depends on.
     features = np.concatenate(
         [
@@ -78,9 +84,8 @@ def fit_contact_noise(
             for reading, rows in zip(readings, is_used, strict=True)
         ]
     )
-    usual = np.asarray(noise.usual_jolt)
-    all_jumps = np.vstack(jumps)
-    noise.change_sd = _change_sd(features, all_jumps, usual, change).tolist()
+    usual_jump = np.asarray(noise.usual_jolt)
+    noise.change_sd = _change_sd(features, jumps, usual_jump, change).tolist()
     white = _white(readings, momenta, is_used, model_with_noise, chain)
     # Levels: tails of each statistic over the contact-free readings.
     noise.sample = fit_exceedances([w.lengths[:, SAMPLE_LENGTH] for w in white], time_step)
@@ -106,7 +111,8 @@ def _change_sd(features: Array, jumps: Array, usual: Array, change: Array) -> Ar
         most_likely(np.column_stack([features[:, j], jumps[:, j] ** 2, excess[:, j]]), change[:, j])
         for j in range(n)
     ]
-    least = 1e-3 * np.sqrt(np.maximum(np.mean(change**2, axis=0), 1e-12))
+    mean_square = np.maximum(np.mean(change**2, axis=0), _LEAST_CHANGE_SQUARE)
+    least = _MIN_CHANGE_SHARE * np.sqrt(mean_square)
     roots = np.sqrt(shares)
     roots[:, 0] = np.maximum(roots[:, 0], least)
     return np.asarray(roots)
@@ -135,7 +141,7 @@ def _white(
     model: IdentifiedModel,
     chain: SerialChain,
 ) -> list[_WhiteReading]:
-    """The whitened torque of each reading.
+    """The whitened torque of each reading, each from a detector of its own before its first sample.
 
     Args:
         readings: held-out.
@@ -166,11 +172,11 @@ def _white(
         white, lengths = detector.whiten(detector.initial_state(), samples)
         result.append(
             _WhiteReading(
-                white.z[rows],
-                white.mean[rows],
-                white.change[rows],
-                white.misfit[rows],
-                lengths[rows],
+                z=white.z[rows],
+                mean=white.mean[rows],
+                change=white.change[rows],
+                misfit=white.misfit[rows],
+                lengths=lengths[rows],
             )
         )
     return result

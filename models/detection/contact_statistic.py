@@ -147,6 +147,7 @@ SAMPLE_RELEASE, MEAN_RELEASE, CHANGE_LEVEL, PRESENT, MISFIT_LEVEL, NUM_SETTINGS 
 STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
 SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, CHANGE_LENGTH, NUM_OUT = range(6, 11)
 
+_MIN_VARIANCE_SHARE = 1e-6  # of sd^2, left of it at rest
 _FORCE_SD = 1e4  # N; stands for unknown, small enough that 1 is not lost beside its square
 UNKNOWN_MOMENT = 1e4  # N m, likewise
 
@@ -260,8 +261,9 @@ def detect_tick(
         state: (state_rows, n), changed; the rows from _SINGLE_ROW on hold what is not of a joint,
             one number after another.
         sample: without the first axis.
-        out: (NUM_OUT,), written: lengths; 1 or 0 for contact, rest, out of the fitted range, and a
-            misfit with E; the link that is touched, from 1, or 0.
+        out: (NUM_OUT,), written, entries STATISTIC to CHANGE_LENGTH: the statistic; 1 or 0 for
+            contact and misfit; the link that is touched, from 1, or 0; 1 or 0 for rest and out of
+            the fitted range; the norms, 0 where the sample is not read.
         whitened: written, where the sample is read.
     """
     joints, settings = tables.joints, tables.settings
@@ -271,7 +273,9 @@ def detect_tick(
     single = state[_SINGLE_ROW:].reshape(-1)
     detector = _Detector(tables, keep, state, single)
 
-    # What does not depend on tau_ext: the range of the fit, the torque jump, rest.
+    # What does not depend on tau_ext: the range of the fit, the torque jump, rest. The variance of
+    # a change has the noise of the samples before; the noise is taken before the jumps, which move
+    # the remembered momenta and torques on.
     is_out = np.any(np.abs(v) > joints[FITTED_SPEED]) or np.any(np.abs(load) > joints[FITTED_LOAD])
     out[OUT_OF_RANGE] = 1.0 if is_out else 0.0
     change_variance = _change_variance(detector, error.rows, v, load)
@@ -284,7 +288,9 @@ def detect_tick(
 
     # Contact, which stays as it was where tau_ext is not of this sample.
     is_read = sample.fresh and np.all(np.isfinite(tau_ext))
-    norms = ContactNorms(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    norms = ContactNorms(
+        sample=0.0, mean=0.0, power=0.0, change=0.0, square_of_mean=0.0, along_mean=0.0
+    )
     if is_read:
         _whiten(detector, error, tau_ext, change_variance, whitened)
         norms = _norms(detector, whitened)
@@ -321,7 +327,14 @@ class _Detector(NamedTuple):
 
 @kernel
 def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) -> Array:
-    """s'^2 (n,), the variance of a change without its jump; takes friction's release in."""
+    """s'^2 (n,), the variance of a change without its jump; takes friction's release in.
+
+    Args:
+        detector: its state is changed; its noise is that of the samples before.
+        rows: of the torque error's stage, of this sample.
+        v: (n,) rad/s.
+        load: (n,) N m, transmitted at the sample before.
+    """
     table, joints = detector.tables.error, detector.tables.joints
     keep, state, single = detector.keep, detector.state, detector.single
     variance, parts = np.zeros(v.shape[0]), np.empty(NUM_FEATURES)
@@ -399,8 +412,9 @@ def _whiten(
     """Writes all of `whitened` but y; takes the sample into the local scales, base and LP(z).
 
     z is the torque beyond what friction at rest may hide, over its sd; the change is that since the
-    base, its low-pass without contact. Both sds grow where the recent squares (_LOCAL2, _CHANGE2)
-    are above 1, as of a day that is noisier than the model's.
+    base, its low-pass without contact. z and the scaled change are smaller where their recent
+    squares (_LOCAL2 with this sample, _CHANGE2 without) are above 1, as of a day that is noisier
+    than the model's.
 
     Args:
         detector: its state is changed.
@@ -411,15 +425,16 @@ def _whiten(
     """
     keep, state, single = detector.keep, detector.state, detector.single
     T, in_contact = detector.tables.settings[PERIOD], single[IN_CONTACT] == 1.0
-    follows = _follows_noise(state, single, tau_ext.shape[0])
+    scale_follows = _follows_noise(state, single, tau_ext.shape[0])
     single[_SEEN] += T
     if in_contact:
         single[_TOUCHED] += T
+    # Of low-passes; those of scales and base are means since the start of a log at first.
     slow_gain = 1.0 - np.exp(-T / LOCAL_TIME)
     scale_gain = 1.0 - np.exp(-T / min(max(single[_SEEN], UNIT_SCALE_TIME), LOCAL_TIME))
     base_gain = 1.0 - np.exp(-T / min(single[_SEEN], MEAN_TIME))
     for j in range(tau_ext.shape[0]):
-        # Writes the sds of torque and change of this joint.
+        # Writes sd, still without g, and change_sd of this joint.
         _take_torque_sd(detector, error, j, change_variance[j], whitened)
         # The part that friction at rest cannot carry.
         hidden = hidden_torque(detector.tables.error, error.rows, j)
@@ -436,7 +451,7 @@ def _whiten(
         z = beyond_stiction / whitened.sd[j]
         state[_SLOW, j] += slow_gain * (z - state[_SLOW, j])
         state[_SQUARE, j] += slow_gain * (z * z - state[_SQUARE, j])
-        if follows:
+        if scale_follows:
             state[_LOCAL2, j] += scale_gain * _excess_square(z, state[_LOCAL2, j])
         if not in_contact:
             state[_CHANGE2, j] += scale_gain * _excess_square(scaled_change, state[_CHANGE2, j])
@@ -455,7 +470,8 @@ def _take_torque_sd(
     sd, stiction = error.sd[j], error.stiction[j]
     rest_share = max(error.rows[UNKNOWN_SHARE_ROW, j], error.rows[REST_ROW, j])
     jump = max(np.sqrt(jump2) - joints[USUAL_JUMP, j], 0.0)
-    variance = max(sd * sd - rest_share * stiction * stiction, 1e-6 * sd * sd)
+    # sd^2 may hold a smaller share of the stiction than the larger of both, which is subtracted.
+    variance = max(sd * sd - rest_share * stiction * stiction, _MIN_VARIANCE_SHARE * sd * sd)
     whitened.sd[j] = np.sqrt(variance + jump * jump)
     change_variance += joints[CHANGE + NUM_FEATURES, j] * jump2 + jump * jump
     whitened.change_sd[j] = np.sqrt(change_variance)
@@ -564,21 +580,34 @@ def detect_log(
         out: (N, NUM_OUT), written.
         white: written for the fit of the contact noise; not written where it has no rows.
     """
-    error, tau_ext, slow_D = samples.error, samples.tau_ext, 0.0
+    error, tau_ext = samples.error, samples.tau_ext
+    slow_D = 0.0  # LP(D) through contacts and all
     gain = 1.0 - np.exp(-tables.settings[PERIOD] / MISFIT_WINDOW)
     n = tau_ext.shape[1]
-    whitened = Whitened(np.ones(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+    # Of the last sample that was read: one that is not leaves it as it is.
+    whitened = Whitened(
+        sd=np.ones(n),
+        z=np.zeros(n),
+        y=np.zeros(n),
+        change=np.zeros(n),
+        change_sd=np.zeros(n),
+        scaled_change=np.zeros(n),
+    )
     for k in range(tau_ext.shape[0]):
         sample_error = TorqueError(
-            error.sd[k], error.stiction[k], error.drift[k], error.J_seen[k], error.rows[k]
+            sd=error.sd[k],
+            stiction=error.stiction[k],
+            drift=error.drift[k],
+            J_seen=error.J_seen[k],
+            rows=error.rows[k],
         )
         sample = ArmSamples(
-            sample_error,
-            samples.v[k],
-            samples.transmitted[k],
-            samples.momentum[k],
-            tau_ext[k],
-            samples.fresh[k],
+            error=sample_error,
+            v=samples.v[k],
+            transmitted=samples.transmitted[k],
+            momentum=samples.momentum[k],
+            tau_ext=tau_ext[k],
+            fresh=samples.fresh[k],
         )
         detect_tick(tables, state, sample, out[k], whitened)
         if white.misfit.shape[0] > 0:

@@ -4,16 +4,15 @@ A force f at a point P of link k loads joints 1 to k by J_P^T f, and no joint be
 
     link k  one force at one point of its surface, anywhere on it, directed inwards: the component
             along the normal positive, those across it TANGENT_SHARE times as large
-    E       a force at E, with a moment of one of FORCE_LEVERS times its size: none, or that of a
-    tool
+    E       a force at E, with a moment of one of FORCE_LEVERS times its size: none, or a tool's
 
 each by its marginal likelihood, over force, point and size,
 
     p(tau | place) = mean over points and sizes of N(tau; 0, F^2 B^T B + Sigma) 2 Phi(f_n / sd(f_n))
 
 with B = S^(1/2) J_P, S the shares of normal and tangent, and F one of FORCE_SIZES. Each point
-stands for
-a patch of the surface: the changes of a push anywhere on it are two more rows of B. A place that
+stands for a patch of the surface: the changes of a push anywhere on it are two more rows of B. A
+place that
 could cause many other torques has a lower likelihood. So the narrowest place that explains the
 torques wins, without a further constant: an unloaded joint beyond the touched link counts by its
 sd. All samples of a contact share one point. Their log likelihoods count as one sample, since the
@@ -126,7 +125,8 @@ def place_evidence(
         log p(place) = log sum over points and sizes of weight / sizes * exp(mean over samples of
                        log N(tau; 0, D R D + size^2 B^T B))
 
-    B are the torques of unit forces at the point. Links before the last loaded joint have -inf.
+    B are the torques of unit forces at the point; on a link the likelihood has the factor of this
+    module for a force inwards, too. Links before the last loaded joint have -inf.
 
     Args:
         J: (K, 6, n) of K samples of it.
@@ -148,9 +148,11 @@ def place_evidence(
     largest = np.abs(tau).max(axis=1, keepdims=True)
     D = np.sqrt(sd**2 + (GAIN_ERROR_SHARE * tau) ** 2 + (CROSS_ERROR_SHARE * largest) ** 2)
     loaded_joints = np.flatnonzero(np.abs(np.mean(tau / D, axis=0)) > loaded)
+    # Counted from 0: joint j loads when link j or one beyond it is touched.
     first_link = int(loaded_joints[-1]) if len(loaded_joints) else 0
     E = n  # the place after the links
     by_sample: list[list[Array]] = [[] for _ in range(n + 1)]  # by place: (points, sizes) each
+    # By place (points,); a link's are those of the last sample.
     weights = [np.empty(0)] * n + [np.full(len(FORCE_LEVERS), 1.0 / len(FORCE_LEVERS))]
     for J_k, tau_k, D_k in zip(J, tau, D, strict=True):
         whitening = np.linalg.inv(np.linalg.cholesky(D_k[:, None] * R * D_k))
@@ -327,15 +329,17 @@ def _surfaces(J: Array) -> list[_Surface]:
     for k in range(n):
         between = last_foot[k] - first_foot[k]
         length = float(np.linalg.norm(between))
-        along_axis = between / length if length > _MIN_LINE_LENGTH else axis[k]
+        has_length = length > _MIN_LINE_LENGTH
+        along_axis = between / length if has_length else axis[k]
         side = axis[k - 1] if k else np.eye(3)[int(np.argmin(np.abs(along_axis)))]
-        end = (
-            last_foot[k]
-            + (0.0 if k == n - 1 and length > _MIN_LINE_LENGTH else HOUSING_OVERHANG) * along_axis
-        )
+        # The last axis ends where the tool is, if it leads there.
+        end_overhang = 0.0 if k == n - 1 and has_length else HOUSING_OVERHANG
+        end = last_foot[k] + end_overhang * along_axis
         housing, position = _housing(first_foot[k] - HOUSING_OVERHANG * along_axis, end, side)
         housing_length = float(np.linalg.norm(end - first_foot[k])) + HOUSING_OVERHANG
-        share = 0.5 + length / housing_length * position  # of link k, the others of link k - 1
+        # Probability of link k at each point; with the rest it is link k - 1. Between the feet, so
+        # much of the housing, it goes with the place along it, from one half less to one half more.
+        share = 0.5 + length / housing_length * position
         parts_of_link[k].append(housing.shared(share))
         if k:
             parts_of_link[k - 1].append(housing.shared(1.0 - share))

@@ -30,7 +30,9 @@ def force_alone_explains(
     """Tests at N samples whether a force at E alone explains the torques around each (N,).
 
     The misfit of the best force, which is n - 3 on average where a force explains the torque, is
-    averaged over MEAN_TIME about each sample. Samples with numbers that are not finite have none.
+    averaged over MEAN_TIME about each sample. Samples with numbers that are not finite count as
+    zero in it. With three joints or less, which a force explains but where singular, one stands
+    for n - 3.
 
     Args:
         t: (N,) s.
@@ -44,9 +46,9 @@ def force_alone_explains(
     is_finite = np.asarray(np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
     misfit = np.zeros(N)
     # Least squares of y = A^T f, torques over their sds and made independent, each of sd 1.
-    white = np.linalg.inv(np.linalg.cholesky(np.asarray(correlation, float)))
-    y = (tau[is_finite] / sd[is_finite]) @ white.T
-    A = (J[is_finite, 3:] / sd[is_finite][:, None]) @ white.T
+    whitening = np.linalg.inv(np.linalg.cholesky(np.asarray(correlation, float)))
+    y = (tau[is_finite] / sd[is_finite]) @ whitening.T
+    A = (J[is_finite, 3:] / sd[is_finite][:, None]) @ whitening.T
     # A floor keeps singular postures solvable; the directions that they hide are not misfit.
     gram = A @ A.swapaxes(1, 2)  # (N, 3, 3)
     floor = _SINGULAR_SHARE * np.trace(gram, axis1=1, axis2=2)
@@ -55,7 +57,6 @@ def force_alone_explains(
     explained = (projected * np.linalg.solve(gram, projected[..., None])[..., 0]).sum(axis=1)
     misfit[is_finite] = np.maximum((y**2).sum(axis=1) - explained, 0.0)
     step = float(np.median(np.diff(t))) if N > 1 else MEAN_TIME
-    size = max(1, min(N, round(MEAN_TIME / step))) if step > 0.0 else 1
-    return np.asarray(
-        uniform_filter1d(misfit, size, mode="nearest") <= MAX_MISFIT_RATIO * max(n - 3, 1)
-    )
+    mean_samples = max(1, min(N, round(MEAN_TIME / step))) if step > 0.0 else 1
+    mean_misfit = uniform_filter1d(misfit, mean_samples, mode="nearest")
+    return np.asarray(mean_misfit <= MAX_MISFIT_RATIO * max(n - 3, 1))

@@ -28,8 +28,8 @@ At rest sd^2 is the sum of the squares of
             of a single joint
 
 They come from NUM_ROUNDS rounds of detection, the first with START_SD_RATIO times the windows' sd.
-In motion the sd is 1.48 times the median of |tau - its low-pass| over all moving samples, most of
-which are taken as free.
+In motion noise is 1.48 times the median of |tau - its low-pass| over all moving samples, most of
+which are taken as free; the same floor is added, and the sd is no less than at rest.
 
 The constants were chosen on five recordings of a Franka Panda that a hand touches (`link_contact`:
 f2, d3, c2, b6, a4) and checked on five others. After the check START_SD_RATIO was lowered from 3,
@@ -182,9 +182,9 @@ def learn_reported_torque_sd(t: Array, tau_ext: Array, J: Array) -> ReportedTorq
     """Finds the error of a log's torque from its stretches without contact.
 
     Which stretches these are depends on the error in turn. So the detector runs over the log with
-    the error of its calmest windows first, and NUM_ROUNDS times with that of the stretches in which
-    it has found no contact. At rest the error is the noise there, plus what the baseline changes
-    over a contact, which a detector cannot tell from a lasting one.
+    START_SD_RATIO times the sd of its calmest windows first, and then with that of the stretches in
+    which it has found no contact, NUM_ROUNDS rounds in all. At rest the error is the noise there,
+    plus what the baseline changes over a contact, which a detector cannot tell from a lasting one.
 
     Args:
         t: (N,) s.
@@ -207,6 +207,7 @@ def learn_reported_torque_sd(t: Array, tau_ext: Array, J: Array) -> ReportedTorq
     def run(rest_sd: Array, moving_sd: Array) -> TorqueContact:
         return TorqueContactDetector(ReportedTorqueSd(rest_sd, moving_sd), start).run(t, tau, J)
 
+    # With infinite sds no contact begins: the baseline is a low-pass all along.
     without_contacts = run(endless_sd, endless_sd)
     is_moving = without_contacts.moving
     moving_torque = (tau - without_contacts.baseline)[is_moving]
@@ -218,7 +219,7 @@ def learn_reported_torque_sd(t: Array, tau_ext: Array, J: Array) -> ReportedTorq
         free_torque = (tau - contacts.baseline)[_is_settled(t, contacts)]
         noise_sd = np.maximum(_spread(free_torque, calm_sd), calm_sd)
         steps = _baseline_steps(t, contacts)
-        step_sd = noise_sd
+        step_sd = noise_sd  # of too few contacts: as large as the noise
         if len(steps) >= _MIN_STEPS:
             step_sd = SD_PER_MEDIAN * np.median(np.abs(steps), axis=0)
         rest_sd = _floored(np.hypot(noise_sd, step_sd))
@@ -301,7 +302,7 @@ def torque_contact_log(
         samples: N of them; one that is not finite leaves the state and its row of `out` as they
             are.
         out: (N, 3), written: statistic over its level for contact; 1 for contact; 1 for motion.
-        base: (N, n) N m, the baseline without contact, written.
+        base: (N, n) N m, the baseline after each sample, written.
     """
     t, tau_ext, J = samples
     z = np.empty(tau_ext.shape[1])

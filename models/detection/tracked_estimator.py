@@ -70,10 +70,11 @@ class TrackedEstimator:
         detection: ContactDetectionConfig | None = None,
         follows_friction: bool = True,
     ) -> None:
-        """Makes an estimator that tracks and, for its detector, one that does not.
+        """Makes an estimator that tracks, and one that does not; arguments as the class has them.
 
         The one that tracks states no allowance for drift in its error, since drift is what is
-        tracked. Arguments as the class has them.
+        tracked. The plain one's torque is what the tracker learns from, and its error that of the
+        detector, whose levels were learnt with the model's allowance for drift.
 
         Raises:
             ValueError: the model states no torque error.
@@ -86,19 +87,18 @@ class TrackedEstimator:
             estimator_model = replace(model, torque_error=model.torque_error.with_drift(0.0))
         self.estimator = WrenchEstimator(robot, estimator_model, config)
         self._gain = ReadingGain(self.estimator)
-        force_sd, _ = live_prior(robot.payload)
-        # The levels of contact were learnt with the model's allowance for drift.
         self._plain = WrenchEstimator(robot, model, config)
         self._detector = ContactDetector.of(self._plain, detection)
+        force_sd, _ = live_prior(robot.payload)
         self.tracker = FrictionTracker(
             model,
-            self.estimator.observer.pole,
-            self.estimator.observer.time_step,
-            force_sd,
-            self.estimator.resolution,
+            pole=self.estimator.observer.pole,
+            time_step=self.estimator.observer.time_step,
+            force_sd=force_sd,
+            resolution=self.estimator.resolution,
         )
         self.zero: ZeroedPayload | None = None
-        self._zeroing: PayloadZero | None = None
+        self._zeroing: PayloadZero | None = None  # between `start_zero` and `finish_zero`
         self.restart()
 
     def restart(self) -> None:
@@ -108,7 +108,7 @@ class TrackedEstimator:
         self._detector_state = self._detector.initial_state()
         self.tracker.restart()
         observer = self.estimator.observer
-        self._settling = round(observer.settling_time / observer.time_step)
+        self._settling = round(observer.settling_time / observer.time_step)  # samples left
 
     def start_zero(self) -> None:
         """Starts zeroing: from now on the external torque is the payload's weight.
@@ -156,9 +156,11 @@ class TrackedEstimator:
     ) -> tuple[EstimateBatch, Detection]:
         """As `run`, for samples that another estimator of model and configuration has taken.
 
-        The samples are taken in parts, up to each step of the friction tracker, since what it
-        learns corrects the torque of the next part. The correction is friction's drift less the
-        weight of a payload that was zeroed.
+        The samples are taken in parts, up to each step of the friction tracker: with what it has
+        learnt by then the torque of a part is corrected, contact is detected in the corrected
+        torque, and the part without contact teaches the tracker. The correction is friction's drift
+        less the weight of a payload that was zeroed. All samples then go through the estimator that
+        tracks, at once.
 
         Args:
             q, v, current: (N, n) rad, rad/s, A.
@@ -167,45 +169,48 @@ class TrackedEstimator:
         Returns:
             The corrected estimates, with the variance of both corrections, and the detection.
         """
-        missing = np.asarray(np.isnan(plain.J).any(axis=(1, 2)))
-        is_read = plain.fresh & ~missing & (self._settling <= np.arange(len(q)))
+        is_missing = np.asarray(np.isnan(plain.J).any(axis=(1, 2)))
+        is_read = plain.fresh & ~is_missing & (self._settling <= np.arange(len(q)))
         self._settling -= len(q)
-        correction, variance = np.empty_like(q), np.empty_like(q)
+        correction, friction_variance = np.empty_like(q), np.empty_like(q)
         # Torque of the zeroed payload's weight, and per each of its four parameters.
         weight, columns = np.zeros_like(q), np.zeros((*q.shape, 4))
         J_seen, R_WE = np.nan_to_num(plain.J_seen), self._plain.chain.pose(np.nan_to_num(q))[0]
         if self.zero is not None:
             weight, columns = self.zero.torque(J_seen, R_WE)
-        parts: list[Detection] = []
+        detections: list[Detection] = []
         begin = 0
         while begin < len(q):
-            rows = slice(begin, min(len(q), begin + self.tracker.until_step))
-            begin = rows.stop
-            rows_read = plain.rows(rows)
-            correction[rows], variance[rows] = self._correction(q[rows], v[rows])
-            correction[rows] -= weight[rows]
-            corrected = rows_read._replace(tau_ext=rows_read.tau_ext + correction[rows])
+            part = slice(begin, min(len(q), begin + self.tracker.until_step))
+            begin = part.stop
+            plain_part = plain.rows(part)
+            friction, friction_variance[part] = self._friction_correction(q[part], v[part])
+            correction[part] = friction - weight[part]
+            corrected = plain_part._replace(tau_ext=plain_part.tau_ext + correction[part])
             detection = self._detector.run(self._detector_state, corrected)
-            parts.append(detection)
-            free = is_read[rows] & ~detection.contact
+            detections.append(detection)
             if self._tracks:
-                self.tracker.learn(rows_read.tau_ext - weight[rows], rows_read.J_seen, free)
-            if self._zeroing is not None:
-                self._zeroing.add(
-                    q[rows],
-                    v[rows],
-                    J_seen[rows],
-                    R_WE[rows],
-                    corrected.tau_ext,
-                    rows_read.torque_sd,
-                    is_read[rows],
+                is_contact_free = is_read[part] & ~detection.contact
+                self.tracker.learn(
+                    plain_part.tau_ext - weight[part], plain_part.J_seen, is_contact_free
                 )
-        learnt = Correction(correction, v, np.ones(len(q)))
+            if self._zeroing is not None:  # then no weight is subtracted
+                self._zeroing.add(
+                    q[part],
+                    v[part],
+                    J=J_seen[part],
+                    R_WE=R_WE[part],
+                    tau_ext=corrected.tau_ext,
+                    sd=plain_part.torque_sd,
+                    is_valid=is_read[part],
+                )
+        # At the measured speeds, and counting in every sample.
+        learnt = Correction(tau_correction=correction, v_planned=v, counts=np.ones(len(q)))
         batch = self.estimator.run(self._state, q, v, current, correction=learnt)
-        return self._widened(batch, variance, columns), Detection.joined(parts)
+        return self._widened(batch, friction_variance, columns), Detection.joined(detections)
 
-    def _correction(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """The correction of friction (N, n), and its variance."""
+    def _friction_correction(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """What is added to tau_ext for friction's drift (N, n), N m, and its variance."""
         if self._tracks:
             return self.tracker.correction(q, v)
         return np.zeros_like(q), np.zeros_like(q)

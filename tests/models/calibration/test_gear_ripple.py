@@ -135,7 +135,13 @@ def test_factor_is_the_ratio_of_normal_likelihoods(periods: float) -> None:
     j, column_sd = 0, np.array([0.6, 6.0, 3.0])
     columns = rows.drift[:, j]
     log_factor, square, variance = gear_ripple._joint_ripple(
-        rows, j, q[:, j], RATE[j], columns, column_sd, np.array([periods])
+        rows,
+        j,
+        q=q[:, j],
+        rate=RATE[j],
+        columns=columns,
+        column_sd=column_sd,
+        periods=np.array([periods]),
     )
     C = rows.covariance(j)
     lower = np.linalg.cholesky(C)
@@ -168,4 +174,4 @@ def test_joints_at_rest_say_nothing() -> None:
     still = replace(rows, v=np.zeros_like(rows.v))
     ripple = found(still, np.zeros_like(q))
     assert not ripple.is_shown
-    np.testing.assert_allclose(ripple.log_odds, np.log(gear_ripple.PRIOR_RIPPLE), atol=1e-9)
+    np.testing.assert_allclose(ripple.log_odds, np.log(gear_ripple.PRIOR_ODDS), atol=1e-9)
