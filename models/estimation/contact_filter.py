@@ -72,6 +72,9 @@ WRENCH_SIZE = 6  # [along, across, across, moments about the axes]
 _ALONG, _ACROSS, _MOMENTS = 0, slice(1, 3), slice(3, 6)
 _HIGHEST_MISFIT = 50.0  # so that one impact does not hide the next second
 _LEAST_LENGTH = 1e-6  # norm of an axis given by numbers
+_LEAST_VARIANCE = 1e-12  # (N m)^2, of a joint without error, for a division
+_LEAST_INFORMATION = 1e-12  # 1/N^2, of a force that no joint feels, for a division
+_WHITE_SHARE = 0.1  # of a joint's stated sd: error within a block, beside vibration and drive
 
 
 @dataclass
@@ -151,7 +154,8 @@ class ContactFrame(NamedTuple):
         """The frame that the configuration states: x along the contact's axis, y and z across it.
 
         A tool axis (`tool_z`, `-tool_x` ...) gives a frame fixed to E, three numbers one fixed to
-        W. The force is along x; the point is in axes of E, m.
+        W. With a minus sign x alone is turned round: R is then a reflection, as what lies across
+        has no sign. The force is along x; the point is in axes of E, m.
 
         Raises:
             InputError: an axis that is no direction, or a point that is not three numbers.
@@ -165,21 +169,22 @@ class ContactFrame(NamedTuple):
         if name in TOOL_AXES:
             R = np.roll(np.eye(3), -TOOL_AXES.index(name), axis=1)
             R[:, 0] *= -1.0 if config.axis.startswith("-") else 1.0
-            return cls(R, True, point)
+            return cls(R, is_tool_frame=True, point=point)
         try:
             axis = np.array([float(x) for x in config.axis.split(",")])
         except ValueError:
-            axis = np.zeros(0)
+            axis = np.zeros(0)  # refused below
         length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
         if not (np.isfinite(length) and length > _LEAST_LENGTH):
             problem = f'is "{config.axis}", expected {", ".join(TOOL_AXES)} or three numbers'
             remedy = "give the direction in which the tool presses, such as tool_z or 0,0,-1"
             raise InputError("estimate", "--contact-axis", problem, remedy)
         axis = axis / length
-        across = np.eye(3)[np.argmin(np.abs(axis))]
-        across = across - axis * float(axis @ across)
+        most_across = np.eye(3)[np.argmin(np.abs(axis))]
+        across = most_across - axis * float(axis @ most_across)
         across = across / np.linalg.norm(across)
-        return cls(np.stack([axis, across, np.cross(axis, across)], axis=1), False, point)
+        R = np.stack([axis, across, np.cross(axis, across)], axis=1)
+        return cls(R, is_tool_frame=False, point=point)
 
     def wrench_map(self, R_WE: Array) -> Array:
         """Returns the map (N, 6, 6) from F to F_E_W.
@@ -256,7 +261,7 @@ class ContactFilter:
             config: of the contact.
             force_sd: N, prior of the force along the axis.
             num_joints: n.
-            period: s of a block.
+            period: s of a block; the configuration's `lag` is rounded to whole ones.
         """
         # Order of the state: F (force along the axis, two across, three moments), errors e (n),
         # offsets o (n), and F of the last `lag` blocks, the newest first.
@@ -265,9 +270,13 @@ class ContactFilter:
         self.lag = round(config.lag / period)  # blocks
         self._errors = slice(WRENCH_SIZE, WRENCH_SIZE + n)
         self._offsets = slice(WRENCH_SIZE + n, WRENCH_SIZE + 2 * n)
-        across, moments = [config.standing_across_sd] * 2, [config.moment_sd] * 3
-        wrench_sd = [force_sd, *across, *moments]
-        sd = [*wrench_sd, *np.zeros(n), *[config.offset_sd] * n, *wrench_sd * self.lag]
+        across_sd, moments_sd = [config.standing_across_sd] * 2, [config.moment_sd] * 3
+        wrench_sd = [force_sd, *across_sd, *moments_sd]
+        errors_sd, offsets_sd = (
+            [0.0] * n,
+            [config.offset_sd] * n,
+        )  # errors begin with the first block
+        sd = [*wrench_sd, *errors_sd, *offsets_sd, *wrench_sd * self.lag]
         # Where each entry of the next block's state comes from: F also becomes the newest past F,
         # past ones move on by one, and the oldest is dropped.
         self._order = np.arange(len(sd))
@@ -276,7 +285,7 @@ class ContactFilter:
             self._order[first:] = np.r_[0:WRENCH_SIZE, first : len(sd) - WRENCH_SIZE]
         self._x: Array = np.zeros(len(sd))
         self._P: Array = np.diag(np.square(sd))
-        self._variance: Array | None = None  # (n,) (N m)^2, of the errors of the last block
+        self._error_variance: Array | None = None  # (n,) (N m)^2, of e at the last block
         self._vibration = np.zeros(n)  # N m
         self._drive_error = np.zeros(n)  # N m
         self._rigid: Array | None = None  # (n,) N m, of the last block
@@ -329,13 +338,13 @@ class ContactFilter:
         Each component is a first-order process with a decay d and a stationary variance v, but for
         the force along the axis, a random walk:
 
-            x <- d x,    P <- d d^T P + diag((1 - d^2) v)
+            x <- d x,    P <- (d d^T) P + diag((1 - d^2) v),    (d d^T) P entry by entry
 
         The wrench before becomes the newest of the past ones, which stay as they are. The state is
         [F: force along the axis, two across, three moments; errors e (n); offsets o (n); past F].
 
         Args:
-            block: means over the period; its sd (n,) is that of the torque, `tool_speed` in m/s.
+            block: of its speed and the sd of its torque the decays follow; its torque is not read.
         """
         config, T = self._config, self._period
         decay, variance = np.ones(len(self._x)), np.zeros(len(self._x))
@@ -351,14 +360,15 @@ class ContactFilter:
         variance[_MOMENTS] = config.moment_sd**2
         # Errors of the torque. One whose sd falls shrinks with it; the first ones are drawn anew.
         error_variance = block.sd**2
-        if self._variance is None:
+        if self._error_variance is None:
             decay[self._errors] = 0.0
         else:
-            shrunk = error_variance / np.maximum(self._variance, 1e-12)
-            shrinking = np.sqrt(np.minimum(1.0, shrunk))
+            ratio = error_variance / np.maximum(self._error_variance, _LEAST_VARIANCE)
+            shrinking = np.sqrt(np.minimum(1.0, ratio))
             decay[self._errors] = np.exp(-T / config.error_time) * shrinking
         variance[self._errors] = error_variance
-        self._variance = error_variance
+        self._error_variance = error_variance
+        # Offsets and past wrenches keep a decay of one, and gain no noise.
         noise = (1.0 - decay**2) * variance
         noise[_ALONG] = config.force_rate**2 * T
         order = self._order
@@ -378,7 +388,7 @@ class ContactFilter:
         misfit = float(innovation @ weighted_innovation) / n
         information = float(H[:, _ALONG] @ weighted_force)  # zero where no joint feels the force
         along_force = float(H[:, _ALONG] @ weighted_innovation)
-        self._take_misfits(misfit, along_force**2 / max(information, 1e-12))
+        self._take_misfits(misfit, along_force**2 / max(information, _LEAST_INFORMATION))
         self._take_innovation(along_force / (information + 1.0 / self._force_sd**2))
         gain[self._offsets] = 0.0
         self._x = self._x + gain @ innovation
@@ -397,7 +407,8 @@ class ContactFilter:
         self._drive_error = np.maximum(
             config.drive_error * change, self._drive_error * np.exp(-T / config.drive_time)
         )
-        return np.asarray(self._vibration**2 + self._drive_error**2 + (0.1 * block.sd) ** 2)
+        white = _WHITE_SHARE * block.sd
+        return np.asarray(self._vibration**2 + self._drive_error**2 + white**2)
 
     def _take_misfits(self, misfit: float, force_misfit: float) -> None:
         """Takes the misfits of one block into their means over `misfit_time`."""

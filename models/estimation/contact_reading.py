@@ -156,8 +156,9 @@ class ContactReader:
     ) -> None:
         """Adds N samples to those that wait, each with the mean torque over the period before it.
 
-        Of a joint that rests the torque is read otherwise: what the drive holds less the friction
-        that it had when it last moved, scaled (`_rest_scale`), since stiction hides the rest.
+        A joint that rests carries not the law's friction but an expected share of that of its last
+        motion, and its torque per ampere is that at rest (`_rest_scale`): of it tau_ext has the
+        law's friction put back and the expected one taken off.
 
         Args:
             q, v, tau_J: (N, n) rad, rad/s, N m; NaN where a sample is missing.
@@ -167,21 +168,21 @@ class ContactReader:
         """
         is_finite = np.asarray(np.isfinite(q + v).all(axis=1))
         has_torque = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
-        is_measured = is_measured & is_finite & has_torque
-        tau_mean, is_period = self._period_means(batch.tau_ext, is_measured)
+        is_usable = is_measured & is_finite & has_torque
+        tau_mean, is_period = self._period_means(batch.tau_ext, is_usable)
         rigid = np.where(is_period[:, None], tau_mean + batch.transmitted, 0.0)
         is_moving = np.abs(v) >= self._rest_speed
         tau_f = tau_J - batch.transmitted  # friction of the law
-        friction = self._rest_share * self._last_friction(tau_f, is_moving, is_measured)
-        tau_at_rest = self._rest_scale * (tau_mean + friction - tau_f)
-        tau_mean = np.where(is_period[:, None] & ~is_moving, tau_at_rest, tau_mean)
+        expected = self._rest_share * self._last_friction(tau_f, is_moving, is_usable)
+        tau_at_rest = self._rest_scale * (tau_mean + expected - tau_f)
+        tau_ext = np.where(is_period[:, None] & ~is_moving, tau_at_rest, tau_mean)
         R_WE, _ = self._chain.pose(np.where(is_finite[:, None], q, 0.0))
         J = np.where(is_period[:, None, None], batch.J, 0.0)
         velocity = np.einsum("kaj,kj->ka", J[:, 3:], np.where(is_finite[:, None], v, 0.0))
         samples = _Samples(
             batch=batch,
             wrench_map=self._frame.wrench_map(R_WE),
-            tau_ext=tau_mean,
+            tau_ext=tau_ext,
             J=J,
             speed=np.linalg.norm(velocity, axis=1),
             is_known=is_period,

@@ -294,7 +294,8 @@ class WrenchEstimator:
         config = config if config is not None else WrenchEstimatorConfig()
         self.robot = robot
         self.model = model
-        reconstruction = config.reconstruction.with_prior(*live_prior(robot.payload))
+        force_sd, moment_sd = live_prior(robot.payload)
+        reconstruction = config.reconstruction.with_prior(force_sd, moment_sd)
         if reconstruction is not config.reconstruction:
             config = replace(config, reconstruction=reconstruction)
         self.config = config
@@ -304,36 +305,39 @@ class WrenchEstimator:
         self.reconstruction = WrenchReconstruction(
             self.config.reconstruction, model.residual_covariance
         )
-        self.resolution = resolution = self._position_resolution()
+        self.resolution = self._position_resolution()
         T = self.observer.time_step
-        self.friction = model.friction.sampled(T, resolution)
+        self.friction = model.friction.sampled(T, self.resolution)
         self.learnt = model.torque_error is not None
         error = self._torque_error_model()
-        reading_config = self.config.reconstruction.with_live(*live_prior(robot.payload))
-        rates = self.observer.pole
+        # What `valid` rests on, of a learnt torque error alone.
+        live_config = self.config.reconstruction.with_live(force_sd, moment_sd)
+        residual_sd = np.sqrt(np.diag(self.reconstruction.torque_covariance))
+        pole = self.observer.pole
         self.knowledge = ModelKnowledge(
-            model.torque_error,
-            np.sqrt(np.diag(self.reconstruction.torque_covariance)),
-            np.broadcast_to(error.K_0 if rates is None else rates, (n,)),
-            observer_prior(reading_config),
+            torque_error=model.torque_error,
+            torque_sd=residual_sd,
+            rates=np.broadcast_to(error.K_0 if pole is None else pole, (n,)),
+            prior=observer_prior(live_config),
         )
         if isinstance(self.observer, InformedObserver):
             self.observer = self.observer.informed(self.knowledge)
+        # From here on the pole is that of the informed observer.
         self.error = TorqueErrorStage(
-            error, self.friction, self.observer.pole, T, resolution, self.chain
+            error, self.friction, self.observer.pole, T, self.resolution, self.chain
         )
         self.reading = WrenchReading(
             error=error,
-            config=reading_config if self.learnt else self.config.reconstruction,
+            config=live_config if self.learnt else self.config.reconstruction,
             K_0=self.observer.pole,
             time_step=T,
             force_bandwidth_hz=self.config.force_bandwidth_hz,
             usual_sd=np.sqrt(np.diag(model.residual_covariance)) if self.learnt else None,
-            torques=robot.joint_torque(np.eye(n)),
+            torques=robot.joint_torque(np.eye(n)),  # of one ampere in each motor
         )
         self.check: SampleCheck | None = None
         if self.config.check_samples:
-            self.check = SampleCheck(robot, resolution)
+            self.check = SampleCheck(robot, self.resolution)
         self.gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
         self._motor_rates = robot.motor_rates if robot.is_coupled else np.zeros((0, n))
         self._shapes = _shapes_of(self.initial_state())
@@ -363,9 +367,12 @@ class WrenchEstimator:
     ) -> Self:
         """Returns the estimator with parts that were changed while it runs; states stay valid.
 
+        The copy shares all other parts. Its torque error's stage is made anew, since it depends on
+        friction, observer and reading.
+
         Args:
             torque_per_ampere: (n,) N m/A.
-            friction, observer, reading: of the same kinds as the estimator's.
+            friction, observer, reading: of the same kinds as the estimator's, the friction sampled.
 
         Raises:
             ValueError: a gain that is not positive and finite.
@@ -429,12 +436,12 @@ class WrenchEstimator:
         taken = self.take(state, q_row, v_row, current_row, correction=correction)
         reading = self.read(state.reading, taken)
         return TickEstimate(
-            taken.tau_ext[0],
-            reading.wrench[0],
-            reading.covariance[0],
-            reading.condition_number.item(),
-            reading.invalid.item(),
-            taken.fault.item(),
+            tau_ext=taken.tau_ext[0],
+            wrench=reading.wrench[0],
+            covariance=reading.covariance[0],
+            condition_number=reading.condition_number.item(),
+            invalid=reading.invalid.item(),
+            fault=taken.fault.item(),
         )
 
     def run(
@@ -515,14 +522,16 @@ class WrenchEstimator:
         """
         signals = contiguous(q, v, current)
         self._check_shapes(state, signals, correction, tau_f)
-        fault = np.zeros(len(signals[0]), np.int64)
+        q_rows, v_rows, current_rows = signals
+        fault = np.zeros(len(q_rows), np.int64)
         if check and self.check is not None:
-            q, v, current = signals
-            checked, fault = self.check.run(state.check, q, v, current, self.observer.time_step)
-            signals = list(checked)
-        tau_J = joint_torque(self.gain, self._motor_rates, signals[2])
+            # What is impossible becomes NaN.
+            (q_rows, v_rows, current_rows), fault = self.check.run(
+                state.check, q_rows, v_rows, current_rows, self.observer.time_step
+            )
+        tau_J = joint_torque(self.gain, self._motor_rates, current_rows)
         known_friction = None if tau_f is None else np.asarray(tau_f, float)
-        return self._stages(state, signals[0], signals[1], tau_J, fault, correction, known_friction)
+        return self._stages(state, q_rows, v_rows, tau_J, fault, correction, known_friction)
 
     def take_motion(
         self, state: EstimatorState, q: Array, v: Array, correction: Correction | None = None
@@ -555,11 +564,16 @@ class WrenchEstimator:
     ) -> Array:
         """Completes the sample of a `take_motion`, followed by `read` or not.
 
+        Two states that were equal before the sample are passed: one that has not seen it, in which
+        the stages that read the current run now, and the one that `take_motion` has changed, from
+        which the other stages' memory is copied.
+
         Args:
             state: before the sample; changed in place to what it is after.
             state_of_motion: the other one, as `take_motion` and `read` have left it.
             taken: of `take_motion`.
-            q, v, current: (1, n) rad and rad/s (m and m/s), A, contiguous.
+            q, v, current: (1, n) rad and rad/s (m and m/s), A, contiguous; q and v as they were
+                passed to `take_motion`.
 
         Returns:
             (1, n) N m, tau_J, NaN where the current is impossible.
@@ -596,9 +610,17 @@ class WrenchEstimator:
     ) -> TakenSamples:
         """The stages from the terms to the observer, of checked samples.
 
+        Rest follows from the motion (`follow`) and comes before the friction, which depends on it;
+        the torque error (`sds`) depends on both.
+
         Args:
-            known_tau_J: None of one sample whose current is not known yet. It leaves the torques of
-                the sample before in the torque error's state.
+            state: all but the check's and the reading's is changed.
+            q, v: (N, n) rad and rad/s, NaN where impossible.
+            known_tau_J: (N, n) N m; None of one sample whose current is not known yet. It leaves
+                the torques of the sample before in the torque error's state.
+            fault: (N,) codes of the check, passed on.
+            correction: of an air pass, or None.
+            known_friction: (N, n) N m, in place of the law's; None: the law's.
         """
         momentum, CTv, G, J = self.chain.observer_terms(q, v)
         if known_tau_J is None:
@@ -608,6 +630,7 @@ class WrenchEstimator:
         rows = self.error.follow(state.error, q, v)
         is_planned = correction is not None and self.friction.is_of_speed_alone
         # Friction: as it is known, at the planned speed, or by the law, which is told what rests.
+        # A known one is taken off the motor torque, so that the stages see an arm without friction.
         if known_friction is not None:
             tau_J, friction = tau_J - known_friction, np.zeros_like(tau_J)
             transmitted = tau_J
@@ -634,14 +657,20 @@ class WrenchEstimator:
         )
         observed = self.observer.observe(state.observer, samples)
         # What an air pass has shown of the observed torque, where it is known.
-        tau_ext, is_corrected = observed.tau_ext, np.empty(len(q), np.bool_)
-        is_corrected.fill(True)
+        tau_ext, is_corrected = observed.tau_ext, np.ones(len(q), np.bool_)
         if correction is not None:
             added = np.asarray(correction.tau_correction, float)
             is_known = np.isfinite(added)
             tau_ext = tau_ext + np.where(is_known, added, 0.0)
             is_corrected = is_known.all(axis=1) & (np.asarray(correction.counts) == 1.0)
-        return TakenSamples(samples, error, observed, tau_ext, is_corrected, fault)
+        return TakenSamples(
+            samples=samples,
+            error=error,
+            observed=observed,
+            tau_ext=tau_ext,
+            is_corrected=is_corrected,
+            fault=fault,
+        )
 
     def checked_torque(self, check_state: Array, current: Array) -> Array:
         """tau_J (N, n) of currents (N, n) in A, NaN where one is impossible; q and v are not read.
@@ -691,6 +720,9 @@ class WrenchEstimator:
         Args:
             state, correction, tau_f: as `run`.
             signals: q, v and current.
+
+        Raises:
+            ValueError: shapes that disagree; correction and tau_f together.
         """
         n, (q, v, current) = self.num_joints, signals
         if not (q.ndim == 2 and q.shape == v.shape == current.shape and q.shape[1] == n):
@@ -712,6 +744,7 @@ class WrenchEstimator:
             raise ValueError(
                 "an observer that reads the wrench itself takes no correction of an air pass"
             )
+        # Its sd may be one number, and is broadcast.
         shapes = [np.shape(part) for part in correction[:3]]
         if shapes != [(N, n), (N, n), (N,)]:
             raise ValueError(

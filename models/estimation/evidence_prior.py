@@ -16,7 +16,8 @@ from wrenchsight.models.numerics.ties import in_order
 FORCE_SD_RANGE = (1.0, 1e4)  # N
 MOMENT_SD_RANGE = (0.01, 1e3)  # N m
 NOISE_SCALE_RANGE = (1e-3, 1e3)
-EVIDENCE_SAMPLES = 2000
+EVIDENCE_SAMPLES = 2000  # at most, spread over the log
+_GRID_POINTS, _NUM_STARTS = 9, 4  # points along each axis of the coarse grid; best ones tried
 
 
 class ScaledPrior(NamedTuple):
@@ -95,7 +96,7 @@ def _maximum_evidence(
     # All that the likelihood needs of the samples, with noise of covariance 1.
     gram = np.ascontiguousarray(B @ B.transpose(0, 2, 1))
     projected = np.ascontiguousarray((B @ white_tau[..., None])[..., 0])
-    power = float(np.mean(np.sum(white_tau**2, axis=1)))
+    mean_square = float(np.mean(np.sum(white_tau**2, axis=1)))
     n = tau_ext.shape[1]
 
     def cost(log_sds: Array) -> tuple[float, Array]:
@@ -108,19 +109,20 @@ def _maximum_evidence(
         evidence = _log_evidence(gram, projected, moment_sd / c, force_sd / c, 1.0 / c)
         # c divides both sds and the torque: its derivative is minus the sum of theirs, beside that
         # of the terms written here.
-        by_c = n - power / c**2 + evidence.by_moment + evidence.by_force + evidence.by_weight
-        value = float(0.5 * power / c**2 + n * np.log(c) - evidence.value)
+        by_c = n - mean_square / c**2 + evidence.by_moment + evidence.by_force + evidence.by_weight
+        value = float(0.5 * mean_square / c**2 + n * np.log(c) - evidence.value)
         return value, np.array([-evidence.by_force, -evidence.by_moment, by_c])
 
+    # Rows in the order of log_sds.
     bounds = np.log(np.array([FORCE_SD_RANGE, MOMENT_SD_RANGE, scale_range]))
     # There can be several optima (a wrench explained as force or as moment) and flat regions where
     # a sd does not matter: start from the best points of a coarse grid.
-    axes = [np.linspace(low, high, 9 if low < high else 1) for low, high in bounds]
+    axes = [np.linspace(low, high, _GRID_POINTS if low < high else 1) for low, high in bounds]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    starts = grid[in_order([cost(point)[0] for point in grid])[:4]]
+    starts = grid[in_order([cost(point)[0] for point in grid])[:_NUM_STARTS]]
     optimum, _ = bounded_minimum(cost, list(starts), bounds)
-    force_sd, moment_sd, scale = np.exp(optimum)
-    return ScaledPrior(float(force_sd), float(moment_sd), float(scale))
+    force_sd, moment_sd, noise_scale = np.exp(optimum)
+    return ScaledPrior(float(force_sd), float(moment_sd), float(noise_scale))
 
 
 class _Evidence(NamedTuple):
@@ -142,15 +144,15 @@ def _log_evidence(
     """The part of the mean log likelihood that depends on the sds, and its derivatives.
 
     By the matrix determinant and inversion lemmas only the 6x6 matrix A = 1 + S gram S appears:
-    2 log N = -log det A + |A^-1/2 S projected|^2 + constant. With y = A^-1 S projected its
-    derivative by the logarithm of a scale S_i is y_i^2 - 1 + (A^-1)_ii. numpy on all samples takes
-    eleven times as long (`tests/benchmarks/bench_small_matrices.py`).
+    2 log N = -log det A + |A^-1/2 S projected|^2 + constant, S the sds. With y = A^-1 S projected
+    the derivative of log N by the logarithm of a scale S_i is y_i^2 - 1 + (A^-1)_ii. numpy on all
+    samples takes eleven times as long (`tests/benchmarks/bench_small_matrices.py`).
 
     Args:
         gram: (N, 6, 6) B B^T of the whitened Jacobians B.
         projected: (N, 6) B times the whitened torque.
         moment_sd, force_sd: N m and N.
-        weight: factor on `projected`.
+        weight: factor on `projected`; its derivative is |A^-1/2 S projected|^2.
     """
     # A = L L^T, R = L^-1; half = L^-1 S projected, so that y = L^-T half.
     L, R = np.zeros((6, 6)), np.zeros((6, 6))
@@ -171,13 +173,13 @@ def _log_evidence(
             total += 0.5 * half[i] * half[i] - np.log(L[i, i])
             by_weight += half[i] * half[i]
         for i in range(6):
-            y[i], inverse = 0.0, 0.0
+            y[i], inverse_ii = 0.0, 0.0
             for j in range(i, 6):
                 y[i] += R[j, i] * half[j]
-                inverse += R[j, i] * R[j, i]
+                inverse_ii += R[j, i] * R[j, i]
             if i < 3:  # the wrench's moment, then its force
-                by_moment += y[i] * y[i] - 1.0 + inverse
+                by_moment += y[i] * y[i] - 1.0 + inverse_ii
             else:
-                by_force += y[i] * y[i] - 1.0 + inverse
+                by_force += y[i] * y[i] - 1.0 + inverse_ii
     count = gram.shape[0]
     return _Evidence(total / count, by_moment / count, by_force / count, by_weight / count)

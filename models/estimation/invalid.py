@@ -187,12 +187,9 @@ class Findings(NamedTuple):
 def invalid_reasons(found: Findings) -> int:
     """The reasons why the reading of one sample is not valid, bits of a sum; 0: it is valid.
 
-    The bits are those of this module, in the order of its table; here are the ones that a single
-    sample decides. Bounds are compared so that NaN is a reason, too.
-
-    Args:
-        found: of the sample; `is_fresh`: the observer's torque is of this sample, `has_reading`: a
-            wrench was computed from it.
+    Here are the bits that a single sample decides. A torque that is not of the sample, or not a
+    number, is due to a fault, else to what is missing, else to settling. Bounds are compared so
+    that NaN is a reason, too.
     """
     invalid = 0
     if not found.is_fresh or not found.has_reading:

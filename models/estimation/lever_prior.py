@@ -53,7 +53,8 @@ def find_lever(
 
     A force that acts at P beside E has a moment at E, which a prior of the force at E alone would
     not expect. P counts where it is within MAX_LEVER (m) and MIN_ODDS times likelier than E, with
-    samples closer than CORRELATION_TIME counted once.
+    samples closer than CORRELATION_TIME counted once: the mean log likelihood of a sample counts
+    as often as the log has such times, at most once a sample.
 
     Args:
         J: (N, 6, n) at E in axes of W, as tau_ext saw it.
@@ -65,15 +66,17 @@ def find_lever(
     Raises:
         ValueError: as `find_point_of_action`.
     """
-    chosen = np.linspace(0, len(tau_ext) - 1, min(len(tau_ext), MAX_SAMPLES)).round().astype(int)
+    count = min(len(tau_ext), MAX_SAMPLES)
+    chosen = np.linspace(0, len(tau_ext) - 1, count).round().astype(int)
     samples = (J[chosen], R_WE[chosen], tau_ext[chosen], torque_covariance)
     point = find_point_of_action(*samples)
     length = float(np.linalg.norm(point.p_EP))
     if length > MAX_LEVER:
         return None
     at_E = find_point_of_action(*samples, at_E=True)
-    independent = min(len(chosen), duration / CORRELATION_TIME)
-    if (point.log_likelihood - at_E.log_likelihood) * independent < np.log(MIN_ODDS):
+    independent_samples = min(count, duration / CORRELATION_TIME)
+    log_odds = (point.log_likelihood - at_E.log_likelihood) * independent_samples
+    if log_odds < np.log(MIN_ODDS):
         return None
     # The moment's mean square at E: of the mean force, and of its deviations in all directions.
     of_mean = np.cross(R_WE[chosen] @ point.p_EP, point.mean_force_W)

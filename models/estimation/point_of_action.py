@@ -26,6 +26,8 @@ from wrenchsight.models.numerics.bounded_minimum import bounded_minimum
 NOISE_RANGE = (1.0, 10.0)  # a model is at least as wrong under load as without
 LARGEST_OFFSET = 2.0  # m from E in each axis
 _UNIT_FORCE = 10.0  # N, of the optimiser's variables
+# Starts: N m and N, sds where the force is mostly mean, and where it is mostly deviation.
+_START_MOMENT_SD, _START_DEVIATIONS = 1.0, (10.0, 30.0)
 
 
 class PointOfAction(NamedTuple):
@@ -96,21 +98,27 @@ def find_point_of_action(
 
     likelihood = _Likelihood.of(J, R, tau, Sigma)
     noise = NOISE_RANGE if free_noise else (1.0, 1.0)
+    # In the order of `_Likelihood.cost`: point, sds and scale, mean force.
     bounds = [
         *[(0.0, 0.0) if at_E else (-LARGEST_OFFSET, LARGEST_OFFSET)] * 3,
         *np.log([FORCE_SD_RANGE, MOMENT_SD_RANGE, noise]).tolist(),
         *[(-np.inf, np.inf) if with_mean else (0.0, 0.0)] * 3,
     ]
-    # The two basins: a force that is all mean, and one that is all deviation.
-    mean = _mean_force(J, tau, Sigma) / _UNIT_FORCE * with_mean
+    # The two basins, both from E on: a force that is mostly mean, and one that is all deviation.
+    mean = _mean_force(J, tau, Sigma) / _UNIT_FORCE if with_mean else np.zeros(3)
     starts = [
-        np.r_[0.0, 0.0, 0.0, np.log([10.0, 1.0, 1.0]), mean],
-        np.r_[0.0, 0.0, 0.0, np.log([30.0, 1.0, 1.0]), 0.0, 0.0, 0.0],
+        np.r_[np.zeros(3), np.log([force_sd, _START_MOMENT_SD, 1.0]), start_mean]
+        for force_sd, start_mean in zip(_START_DEVIATIONS, (mean, np.zeros(3)), strict=True)
     ]
     optimum, cost = bounded_minimum(likelihood.cost, starts, bounds)
-    force_sd, moment_sd, scale = (float(s) for s in np.exp(optimum[3:6]))
+    force_sd, moment_sd, noise_scale = (float(s) for s in np.exp(optimum[3:6]))
     return PointOfAction(
-        optimum[:3], _UNIT_FORCE * optimum[6:], force_sd, moment_sd, scale, -float(cost)
+        p_EP=optimum[:3],
+        mean_force_W=_UNIT_FORCE * optimum[6:],
+        force_sd=force_sd,
+        moment_sd=moment_sd,
+        noise_scale=noise_scale,
+        log_likelihood=-float(cost),
     )
 
 
@@ -139,10 +147,11 @@ class _Likelihood(NamedTuple):
         return cls(J, R_WE, tau, Sigma, turned)
 
     def cost(self, x: Array) -> tuple[float, Array]:
-        """Minus the mean log likelihood, up to a constant, and its gradient.
+        """Minus the mean log likelihood, up to a constant, and its gradient (9,).
 
         With C the covariance, r the torque less that of the mean force, and a = C^-1 r, each
-        sample's share changes by tr((C^-1 - a a^T) dC) / 2 + a^T dr.
+        sample's share changes by tr((C^-1 - a a^T) dC) / 2 + a^T dr. By the logarithm of an sd dC
+        is twice the part of C that has its square.
 
         Args:
             x: (9,) p_EP in m; logarithms of force sd, moment sd and noise scale; mean force in

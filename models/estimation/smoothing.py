@@ -137,27 +137,27 @@ class WrenchSmoother:
 
         These count for the others, too. Of the causal reading all stays but tau_ext, wrench and
         covariance; the latter gains the error of the scale and what smoothing misses of a force
-        (`_missing_force`), as far as the log has shown it.
+        (`_missing_force`), as far as the log has shown it. A reading that only lags counts there:
+        the force that it is late for is what is missing.
         """
         signals = np.concatenate([samples.signals for samples in self._pending])
         batch = EstimateBatch.joined([samples.batch for samples in self._pending])
         num_smoothed = len(signals) - num_pending
+        causal = batch.rows(slice(0, num_smoothed))
         wrench, covariance = self._smoother.read(signals, batch.J, num_smoothed)
         if self._scale:
             covariance += self._scale**2 * wrench[:, :, None] * wrench[:, None, :]
         if self._missing_force is not None:
-            reading = batch.rows(slice(0, num_smoothed))
             covariance += self._missing_force.covariance(
-                reading.wrench,
+                causal.wrench,
                 wrench,
                 np.diagonal(covariance, axis1=1, axis2=2),
-                np.asarray((reading.invalid & ~LAGGING) == 0),
+                np.asarray((causal.invalid & ~LAGGING) == 0),
             )
         later = slice(num_smoothed, None)
         self._pending = []
         if num_pending:
             self._pending = [_PendingSamples(signals[later].copy(), batch.rows(later))]
-        causal = batch.rows(slice(0, num_smoothed))
         tau_ext = np.einsum("kai,ka->ki", causal.J, wrench)
         finite = np.isfinite(tau_ext).all(axis=1)
         return causal._replace(

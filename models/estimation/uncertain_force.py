@@ -14,9 +14,8 @@ _MAX_PAYLOAD_FACTOR = 20.0  # by which a rated payload may be wrong
 _ROUNDING_SHARE = 1e-6  # of the largest sd of the joints
 _SMALL_ERROR = 0.1  # factor on a joint's torque error, with which its effect is tried
 _UNFELT_RATIO = 100.0  # of the sd without a prior to that with it: the prior alone bounds it
-_STEADY_SHARE = (
-    0.9  # of the samples' unfelt directions that lie along one, from which on it is said
-)
+_STEADY_SHARE = 0.9  # of the samples' unfelt directions along one, from which on it is stated
+_LEAST_MOMENT_SD = 1e-9  # N m, of a prior without a moment, for a division
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,8 @@ class UncertainForce:
         """Judges N samples: the sd as it is, and with one joint's error at a time made small.
 
         The joint whose small error would help most is named (`joint`). `enough_payload` is the
-        rated payload (kg) whose prior would bring the sd below its limit.
+        rated payload (kg) whose prior would bring the sd below its limit. The arm does not feel a
+        force in some direction where, without a prior, its sd is _UNFELT_RATIO times as large.
 
         Args:
             estimator: estimator of the samples.
@@ -58,10 +58,13 @@ class UncertainForce:
             torque_sd: (N, n) N m, as the estimator stated.
         """
         robot, reading = estimator.robot, estimator.reading.reconstruction
-        limit, _, force_sd, moment_sd = reading.limits
+        limits = reading.limits
 
         def covariances(factor: Array, force_sd: float) -> Array:
-            """(N, 3, 3) N^2, of the force where the joints' errors are `factor` (n,) as large."""
+            """(N, 3, 3) N^2, of the force where the joints' errors are `factor` (n,) as large.
+
+            `force_sd` is the prior's, N; its moment's is that of the limits.
+            """
             # A joint without an error to speak of leaves no information that numbers can hold.
             s = np.maximum(
                 torque_sd * factor, _ROUNDING_SHARE * torque_sd.max(axis=1, keepdims=True)
@@ -70,28 +73,29 @@ class UncertainForce:
             # Information W^T W by the square root W: squared, rounding loses the prior's share.
             # W: the torques' rows (n), then the prior's (6); columns [moment; force] at E.
             felt = np.linalg.solve(np.linalg.cholesky(noise), J.swapaxes(1, 2))
-            prior = np.diag([1.0 / max(moment_sd, 1e-9)] * 3 + [1.0 / force_sd] * 3)
+            moment_sd = max(limits.moment_sd, _LEAST_MOMENT_SD)
+            prior = np.diag([1.0 / moment_sd] * 3 + [1.0 / force_sd] * 3)
             W = np.concatenate([felt, np.broadcast_to(prior, (len(felt), 6, 6))], axis=1)
             # The covariance is R^-1 R^-T; its lower right 3 x 3 block is that of the force.
             of_force = np.linalg.inv(np.linalg.qr(W, mode="r"))[:, 3:]
             return np.asarray(of_force @ of_force.swapaxes(1, 2))
 
-        def worst_sd(factor: Array, force_sd: float) -> float:
-            """N, in the worst direction, median over the samples."""
-            values = np.linalg.eigvalsh(covariances(factor, force_sd))
+        def worst_sd(factor: Array) -> float:
+            """N, in the worst direction, median over the samples, with the limits' prior."""
+            values = np.linalg.eigvalsh(covariances(factor, limits.force_sd))
             return float(np.sqrt(np.median(values[:, -1])))
 
         n = robot.num_joints
         factors = [np.where(np.arange(n) == j, _SMALL_ERROR, 1.0) for j in range(n)]
-        sd_without = [worst_sd(factor, force_sd) for factor in factors]
-        worst = int(np.argmin(sd_without))
-        sd = worst_sd(np.ones(n), force_sd)
+        worst = int(np.argmin([worst_sd(factor) for factor in factors]))
+        sd = worst_sd(np.ones(n))
+        # Eigenvalues and axes in rising order.
         values, axes = np.linalg.eigh(covariances(np.ones(n), _NO_PRIOR))
         free_sd = float(np.sqrt(np.median(values[:, -1])))
         is_unfelt = free_sd > _UNFELT_RATIO * sd
         return cls(
             sd=sd,
-            limit=limit,
+            limit=limits.max_force_sd,
             joint=robot.joint_names[worst],
             torque_sd=float(np.median(torque_sd[:, worst])),
             payload=robot.payload,
@@ -107,6 +111,9 @@ class UncertainForce:
     def sentence(self, valid_share: float) -> str:
         """A warning for the user: the reason, and the remedies.
 
+        In this order: a direction that no joint feels, whatever the limit; an assumed torque error;
+        a rated payload that may be wrong, within _MAX_PAYLOAD_FACTOR; else other logs or postures.
+
         Args:
             valid_share: 0 to 1, share of the readings that are valid.
         """
@@ -116,7 +123,8 @@ class UncertainForce:
         if self.is_unfelt:
             along = "one direction"
             if self.unfelt_direction is not None:
-                numbers = ", ".join(f"{x:.2g}" for x in np.round(self.unfelt_direction, 2) + 0.0)
+                rounded = np.round(self.unfelt_direction, 2) + 0.0  # no -0
+                numbers = ", ".join(f"{x:.2g}" for x in rounded)
                 along = f"({numbers}) in W"
             return (
                 f"{valid}: no joint feels a force at E along {along}, whose sd stays {self.sd:.2g} "

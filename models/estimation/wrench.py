@@ -230,16 +230,17 @@ class WrenchReconstruction:
         torque_covariance: ArrayLike,
         usual_sd: ArrayLike | None = None,
     ) -> None:
-        """Checks and packs the constants of all readings.
+        """Checks and packs the constants of all readings; arguments as the class has them.
 
         Args:
             config: method, priors and limits.
-            torque_covariance: (n, n) Sigma_tau, N^2 m^2.
+            torque_covariance: (n, n) Sigma_tau, N^2 m^2; where each sample has its own sds, the
+                correlation.
             usual_sd: (n,) or () N m, typical sds of the torque error, by which a point force's
                 reading is weighed besides the sample's own; None: those alone.
 
         Raises:
-            ValueError: a covariance that is not (n, n), or an sd that is not positive and finite.
+            ValueError: as the class states.
         """
         Sigma = np.array(torque_covariance, float)
         if Sigma.ndim != 2 or Sigma.shape[0] != Sigma.shape[1] or not Sigma.shape[0]:
@@ -279,44 +280,50 @@ class WrenchReconstruction:
             J: as tau_ext saw it, see `wrenchsight.models.observers.lag`.
             tau_ext: external joint torque.
             sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
-            stiction: as tau_ext; the part of sd that is stiction; None: 0.
+            stiction: as tau_ext; N m, the part of sd that is stiction; None: 0.
             J_now: as J, of the sample itself, for the condition number. Without rows the condition
                 numbers are NaN; they take a quarter of the time. None: J.
+
+        Returns:
+            The reading, with the leading axes of tau_ext.
 
         Raises:
             ValueError: shapes that disagree.
         """
         n = self.num_joints
-        J = np.asarray(J, float)
-        tau_ext = np.asarray(tau_ext, float)
-        lead = tau_ext.shape[:-1]
-        if tau_ext.shape[-1:] != (n,) or J.shape != (*lead, 6, n):
+        J_seen, tau = np.asarray(J, float), np.asarray(tau_ext, float)
+        lead = tau.shape[:-1]
+        if tau.shape[-1:] != (n,) or J_seen.shape != (*lead, 6, n):
             raise ValueError(
-                f"J must be (..., 6, {n}) and tau_ext (..., {n}), not {J.shape} and {tau_ext.shape}"
+                f"J must be (..., 6, {n}) and tau_ext (..., {n}), not {J_seen.shape} and "
+                f"{tau.shape}"
             )
-        rows = int(np.prod(lead))
-        J_now_rows = J if J_now is None else np.asarray(J_now, float)
-        sd = np.ones_like(tau_ext) if sd is None else np.asarray(sd, float)
-        stiction_sd = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
+        J_present = J_seen if J_now is None else np.asarray(J_now, float)
+        error_sd = np.ones_like(tau) if sd is None else np.asarray(sd, float)
+        stiction_sd = np.zeros_like(tau) if stiction is None else np.asarray(stiction, float)
         if not (
-            J_now_rows.shape in (J.shape, (0, 6, n))
-            and sd.shape == stiction_sd.shape == tau_ext.shape
+            J_present.shape in (J_seen.shape, (0, 6, n))
+            and error_sd.shape == stiction_sd.shape == tau.shape
         ):
             raise ValueError("J_now must be as J, sd and stiction as tau_ext")
-        J_now_rows, J = contiguous(J_now_rows.reshape(-1, 6, n), J.reshape(rows, 6, n))
-        tau, sd, stiction_sd = contiguous(
-            tau_ext.reshape(rows, n), sd.reshape(rows, n), stiction_sd.reshape(rows, n)
+        # The kernels take rows alone, contiguous ones.
+        N = int(np.prod(lead))
+        J_present_rows, J_seen_rows = contiguous(
+            J_present.reshape(-1, 6, n), J_seen.reshape(N, 6, n)
         )
-        samples = TorqueSamples(J, tau, sd, stiction_sd)
-        out = reconstruct_log(self.constants, J_now_rows, samples)
-        invalid = np.empty(rows, np.int64)
+        tau_rows, sd_rows, stiction_rows = contiguous(
+            tau.reshape(N, n), error_sd.reshape(N, n), stiction_sd.reshape(N, n)
+        )
+        samples = TorqueSamples(J=J_seen_rows, tau_ext=tau_rows, sd=sd_rows, stiction=stiction_rows)
+        out = reconstruct_log(self.constants, J_present_rows, samples)
+        invalid = np.empty(N, np.int64)
         limits = self.limits
         reasons_log(limits.max_force_sd, limits.max_stiction_force, out.quality, invalid)
         return WrenchEstimate(
-            out.wrench.reshape(*lead, 6),
-            out.covariance.reshape(*lead, 6, 6),
-            out.quality[:, CONDITION].reshape(lead),
-            invalid.reshape(lead),
+            wrench=out.wrench.reshape(*lead, 6),
+            covariance=out.covariance.reshape(*lead, 6, 6),
+            condition_number=out.quality[:, CONDITION].reshape(lead),
+            invalid=invalid.reshape(lead),
         )
 
 
@@ -360,7 +367,8 @@ def _check(config: WrenchReconstructionConfig) -> None:
     """Checks a configuration.
 
     Raises:
-        ValueError: an unknown method, a number below zero or not finite, a prior that is missing.
+        ValueError: an unknown method; a number below zero or NaN, damping or truncation that is
+            infinite; method bayesian without a prior.
     """
     if config.method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, not {config.method!r}")
@@ -377,8 +385,9 @@ def _check(config: WrenchReconstructionConfig) -> None:
         if value is not None and not value >= 0.0:
             raise ValueError(f"{name} must be zero or more, not {value}")
     for name in ("damping", "truncation"):
-        if not 0.0 <= getattr(config, name) < np.inf:
-            raise ValueError(f"{name} must be zero or more, not {getattr(config, name)}")
+        value = getattr(config, name)
+        if not 0.0 <= value < np.inf:
+            raise ValueError(f"{name} must be zero or more and finite, not {value}")
     if config.method == "bayesian" and None in (config.prior_force_sd, config.prior_moment_sd):
         raise ValueError("method bayesian needs prior_force_sd and prior_moment_sd")
 

@@ -58,37 +58,44 @@ class WrenchMessages:
     """
 
     def __init__(self, base_link: str, frame: str = FRAME) -> None:
-        """Makes the layouts of the messages: functions that build one from a stamp and a number.
+        """Makes the layout of each topic's messages, from a function that builds an example.
 
-        A Layout learns from two such messages where in their bytes the stamp (ns) and the numbers
-        are, and then writes others without the message classes.
+        An example has one stamp (ns) and one number in all places that vary from message to
+        message. A Layout compares two of them to learn where in their bytes stamp and numbers are;
+        it then writes the numbers of others there, in the order in which the message has them,
+        without the message classes.
         """
         kinds = typestore().types
-        vector = kinds["geometry_msgs/msg/Vector3"]
-        turn = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-        sides = [
-            kinds["std_msgs/msg/MultiArrayDimension"]("rows", 6, 36),
-            kinds["std_msgs/msg/MultiArrayDimension"]("columns", 6, 6),
-        ]
-        layout = kinds["std_msgs/msg/MultiArrayLayout"](sides, 0)
+        Vector3 = kinds["geometry_msgs/msg/Vector3"]
+        Wrench = kinds["geometry_msgs/msg/Wrench"]
+        Transform = kinds["geometry_msgs/msg/Transform"]
+        TransformStamped = kinds["geometry_msgs/msg/TransformStamped"]
+        Dimension = kinds["std_msgs/msg/MultiArrayDimension"]
+        no_rotation = kinds["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
+        # The stride of a dimension counts the numbers in it: of all rows, and of one.
+        rows = Dimension(label="rows", size=6, stride=36)
+        columns = Dimension(label="columns", size=6, stride=6)
+        matrix = kinds["std_msgs/msg/MultiArrayLayout"](dim=[rows, columns], data_offset=0)
 
-        # Each with one number in all its places.
-        def wrench(stamp: int, number: float) -> Any:
-            half = vector(number, number, number)
-            both = kinds["geometry_msgs/msg/Wrench"](half, half)
-            return kinds[WRENCH](header(frame, stamp), both)
+        def wrench_example(stamp: int, number: float) -> Any:
+            vector = Vector3(x=number, y=number, z=number)
+            wrench = Wrench(force=vector, torque=vector)
+            return kinds[WRENCH](header=header(frame, stamp), wrench=wrench)
 
-        def tf(stamp: int, number: float) -> Any:
-            place = vector(number, number, number)
-            transform = kinds["geometry_msgs/msg/Transform"](place, turn)
-            stamped = kinds["geometry_msgs/msg/TransformStamped"]
-            return kinds[TF]([stamped(header(base_link, stamp), frame, transform)])
+        def tf_example(stamp: int, number: float) -> Any:
+            translation = Vector3(x=number, y=number, z=number)
+            transform = Transform(translation=translation, rotation=no_rotation)
+            pose = TransformStamped(
+                header=header(base_link, stamp), child_frame_id=frame, transform=transform
+            )
+            return kinds[TF](transforms=[pose])
 
-        def covariance(_: int, number: float) -> Any:
-            return kinds[COVARIANCE](layout, np.full(36, number))
+        def covariance_example(_stamp: int, number: float) -> Any:
+            return kinds[COVARIANCE](layout=matrix, data=np.full(36, number))
 
-        self._tf, self._wrench = Layout(TF, tf), Layout(WRENCH, wrench)
-        self._covariance = Layout(COVARIANCE, covariance, stamped=False)
+        self._tf = Layout(TF, tf_example)
+        self._wrench = Layout(WRENCH, wrench_example)
+        self._covariance = Layout(COVARIANCE, covariance_example, stamped=False)
 
     def encode(
         self, stamps: Stamps, wrench: Array, covariance: Array, p_WE: Array

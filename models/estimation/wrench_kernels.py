@@ -46,6 +46,9 @@ def posterior_rows(
 ) -> None:
     """Reads N samples with a prior; where one is not finite, the prior is its reading.
 
+    A sample's reading that is not made of numbers below MAX_NUMBER is replaced by the prior, too;
+    its force sd is then infinite, so that it is not valid.
+
     Args:
         whitening: (n, n) W, lower triangular.
         prior_sd: (6,) N m and N, of the reading.
@@ -61,8 +64,11 @@ def posterior_rows(
             NaN where a sample is not finite.
     """
     n = J.shape[2]
-    A, y, Ay, AAT = np.empty((6, n)), np.empty(n), np.empty(6), np.empty((6, 6))
-    R, by_live_prior, gain = np.zeros((6, 6)), np.empty((6, 6)), np.empty((3, n))
+    # Work space; y, A, R as the module has them, of one sample after another.
+    A, y = np.empty((6, n)), np.empty(n)
+    Ay, AAT = np.empty(6), np.empty((6, 6))
+    R, gain = np.zeros((6, 6)), np.empty((3, n))
+    by_live_prior = np.empty((6, 6))  # covariance
     force_covariance, stiction_covariance = np.empty((3, 3)), np.empty((3, 3))
     is_same_prior = True
     for i in range(6):
@@ -81,7 +87,7 @@ def posterior_rows(
         _factorise_information(AAT, prior_sd, R)
         _write_mean(R, prior_sd, Ay, wrench[k])
         _write_covariance(R, prior_sd, covariance[k])
-        # What `valid` rests on is computed with the live prior.
+        # What `valid` rests on is computed with the live prior; R is that prior's from here on.
         live_covariance = covariance[k]
         if not is_same_prior:
             live_covariance = by_live_prior
@@ -101,6 +107,7 @@ def posterior_rows(
             _write_force_gain(live_covariance, A, whitening, sd[k], gain)
             _propagate(gain, stiction[k], stiction_covariance)
             stiction_variance = largest_eigenvalue_3x3(stiction_covariance)
+            # Of a uniform distribution the bound is sqrt(3) sds.
             quality[k, STICTION_FORCE] = np.sqrt(3.0 * max(stiction_variance, 0.0))
 
 

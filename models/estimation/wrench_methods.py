@@ -178,28 +178,29 @@ def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inve
     """Readings F = H tau_ext by H = U diag(g) V^T; `valid` rests on those of the plain inverse.
 
     With J = U diag(s) V^T (N, 6, n), g is 1 / s (inverse), s / (s^2 + damping^2) (damped), or 1 / s
-    down to `truncation` of the largest s and 0 below (truncated). Singular values
-    within rounding of zero are not seen: along their directions of the wrench the covariance of the
-    plain inverse is very large.
+    down to `truncation` of the largest s and 0 below (truncated). Singular values within rounding
+    of zero are not seen: along their directions of the wrench the covariance of the plain inverse
+    is very large, the largest joint error over the least singular value that would be seen.
 
     Args:
         constants: method, damping or truncation, torque covariance.
-        samples: of N samples J, tau_ext (N, n) and its sd (N, n), N m.
+        samples: N finite ones.
     """
-    J, tau_ext, sd, _ = samples
+    J, tau_ext, sd = samples.J, samples.tau_ext, samples.sd
     U, s, VT = np.linalg.svd(J)
     largest = s[:, :1]
+    # What rounding of a matrix of this size leaves, as numpy's matrix_rank has it.
     floor = np.maximum(max(J.shape[1:]) * MACHINE_EPSILON * largest, _MIN_SINGULAR_VALUE)
     is_seen = s > floor
     plain_g = np.divide(1.0, s, out=np.zeros_like(s), where=is_seen)
     if constants.method == "damped":
-        size = s**2 + constants.damping**2
-        g = np.divide(s, size, out=np.zeros_like(s), where=size > 0.0)
+        damped_square = s**2 + constants.damping**2
+        g = np.divide(s, damped_square, out=np.zeros_like(s), where=damped_square > 0.0)
     elif constants.method == "truncated":
         g = np.where(s > constants.truncation * largest, plain_g, 0.0)
     else:
         g = plain_g
-    count = s.shape[1]
+    count = s.shape[1]  # of singular values, the lesser of 6 and n
 
     def gain(g: Array) -> Array:
         return np.asarray((U[:, :, :count] * g[:, np.newaxis]) @ VT[:, :count])
@@ -233,8 +234,12 @@ def _balanced(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
 
     The covariance is that of the sample's errors through H, plus that of the prior's share. It is
     not the inverse of the information in these weights.
+
+    Args:
+        constants: with usual sds (n,), both priors, whitening W and torque covariance.
+        samples: N finite ones.
     """
-    J, tau_ext, sd, _ = samples
+    J, tau_ext, sd = samples.J, samples.tau_ext, samples.sd
     weight = np.sqrt(sd * np.asarray(constants.usual_sd))
     A = (J[:, 3:] / weight[:, np.newaxis]) @ constants.whitening.T
     U, s, VT = np.linalg.svd(A)
@@ -255,7 +260,11 @@ def _balanced(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
     wrench, full_covariance = np.zeros((len(J), 6)), np.zeros((len(J), 6, 6))
     wrench[:, 3:], full_covariance[:, 3:, 3:] = _times(H, tau_ext), covariance
     return _Inversion(
-        wrench, full_covariance, force_covariance, force_gain, np.ones(len(J), np.bool_)
+        wrench=wrench,
+        covariance=full_covariance,
+        force_covariance=force_covariance,
+        force_gain=force_gain,
+        has_full_rank=np.ones(len(J), np.bool_),  # the prior needs none
     )
 
 

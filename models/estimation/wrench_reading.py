@@ -39,6 +39,7 @@ from wrenchsight.models.estimation.wrench_kernels import (
 from wrenchsight.models.estimation.wrench_methods import TorqueSamples, WrenchLog, reconstruct_log
 from wrenchsight.models.identification.torque_error_model import (
     TAU_J_ROW,
+    TRANSMITTED_ROW,
     UNKNOWN_SHARE_ROW,
     ConstantTorqueError,
     TorqueErrorModel,
@@ -180,25 +181,25 @@ class WrenchReading:
         With a constant torque error (no model of it was learnt) lag, misfit and faults are not
         judged: what they would be compared with is not known.
         """
-        learnt = not isinstance(error, ConstantTorqueError)
+        is_learnt = not isinstance(error, ConstantTorqueError)
         self.error, self._usual_sd, self._torques = error, usual_sd, torques
         self._time_step, self._force_bandwidth_hz = time_step, force_bandwidth_hz
         self.config = config
         self.num_joints = n = error.num_joints
         self.reconstruction = WrenchReconstruction(config, error.correlation, usual_sd)
-        rates = K_0 if learnt else None
-        self.lag = lag_settings(rates, time_step, force_bandwidth_hz, error.scale)
-        beyond = ONSET_SDS if learnt else np.inf
+        judged_K_0 = K_0 if is_learnt else None  # None: no lag to judge
+        self.lag = lag_settings(judged_K_0, time_step, force_bandwidth_hz, error.scale)
+        max_sds = ONSET_SDS if is_learnt else np.inf  # beyond which torque is not explained
         self.explained = explained_constants(
             error.correlation,
             config.live_moment_sd,
             config.live_force_sd,
             error.scale,
             time_step,
-            beyond,
+            max_sds,
         )
-        lines = np.eye(n) if torques is None else torques
-        self.faults = fault_constants(lines, rates, time_step, learnt)
+        torque_of_motors = np.eye(n) if torques is None else torques
+        self.faults = fault_constants(torque_of_motors, judged_K_0, time_step, is_learnt)
         limits = self.reconstruction.limits
         self._judgement = JudgementConstants(
             max_force_sd=limits.max_force_sd,
@@ -218,7 +219,10 @@ class WrenchReading:
             ValueError: as `WrenchReconstruction`.
         """
         Sigma = WrenchReconstruction(config, torque_covariance).torque_covariance
-        return cls(ConstantTorqueError.of(Sigma), config, None, 1.0, 0.0)
+        # Without a lag neither time step nor bandwidth counts.
+        return cls(
+            ConstantTorqueError.of(Sigma), config, K_0=None, time_step=1.0, force_bandwidth_hz=0.0
+        )
 
     @property
     def parameters(self) -> dict[str, Array]:
@@ -260,13 +264,13 @@ class WrenchReading:
         ):
             error = ConstantTorqueError.of(covariance)
         return WrenchReading(
-            error,
-            config,
-            K_0,
-            self._time_step,
-            self._force_bandwidth_hz,
-            self._usual_sd,
-            self._torques,
+            error=error,
+            config=config,
+            K_0=K_0,
+            time_step=self._time_step,
+            force_bandwidth_hz=self._force_bandwidth_hz,
+            usual_sd=self._usual_sd,
+            torques=self._torques,
         )
 
     def initial_state(self) -> ReadingState:
@@ -290,15 +294,14 @@ class WrenchReading:
                 only `invalid` is judged as usual.
             conditions: whether condition numbers are wanted; NaN where not.
         """
-        J, tau_ext = samples.J, samples.tau_ext
+        tau_ext = samples.tau_ext
         sd = error.sd
         if self.error.read_load > 0.0:
             sd = np.empty_like(error.sd)
             load_sd_rows(self.error.read_load, error.sd, tau_ext, sd)
-        torques = TorqueSamples(error.J_seen, tau_ext, sd, error.stiction)
-        reading = reconstruct_log(
-            self.reconstruction.constants, J if conditions else J[:0], torques
-        )
+        torques = TorqueSamples(J=error.J_seen, tau_ext=tau_ext, sd=sd, stiction=error.stiction)
+        J_now = samples.J if conditions else samples.J[:0]  # for the condition numbers alone
+        reading = reconstruct_log(self.reconstruction.constants, J_now, torques)
         if samples.wrench is not None and samples.covariance is not None:
             reading = reading._replace(wrench=samples.wrench, covariance=samples.covariance)
         invalid = np.empty(len(tau_ext), np.int64)
@@ -313,9 +316,13 @@ class WrenchReading:
             is_corrected=samples.is_corrected,
             fault=samples.fault,
         )
+        # Writes `invalid`, and adds lag and scale to the covariance.
         judge_rows(self._judgement, state, judged, reading, invalid)
         return WrenchEstimate(
-            reading.wrench, reading.covariance, reading.quality[:, CONDITION], invalid
+            wrench=reading.wrench,
+            covariance=reading.covariance,
+            condition_number=reading.quality[:, CONDITION],
+            invalid=invalid,
         )
 
 
@@ -349,24 +356,29 @@ def are_readable(
 ) -> bool:
     """Whether all that N readings start from is finite, and smaller than `bound` in magnitude.
 
+    A block checks what its ports hold with it: a number that is not finite passes no comparison.
+
     Args:
-        bound: in SI units.
+        bound: of rad, m and N m alike.
         q: (N, n) rad.
         J: (N, 6, n) at E in axes of W.
-        sd, stiction, drift, J_seen, rows: TorqueError; the rows before the motor torque's, without
-            the last sample's position: both are NaN before the first sample.
+        sd, stiction, drift, J_seen, rows: fields of TorqueError. Of the rows UNKNOWN_SHARE_ROW to
+            TRANSMITTED_ROW are checked; position before and motor torque behind them are NaN before
+            the first sample.
     """
-    is_below = True
+    are_below = True
     for k in range(q.shape[0]):
         for i in range(q.shape[1]):
-            is_below = is_below and abs(q[k, i]) < bound and abs(sd[k, i]) < bound
-            is_below = is_below and abs(stiction[k, i]) < bound and abs(drift[k, i]) < bound
+            are_below = are_below and abs(q[k, i]) < bound
+            are_below = are_below and abs(sd[k, i]) < bound
+            are_below = are_below and abs(stiction[k, i]) < bound
+            are_below = are_below and abs(drift[k, i]) < bound
             for axis in range(6):
-                is_below = is_below and abs(J[k, axis, i]) < bound
-                is_below = is_below and abs(J_seen[k, axis, i]) < bound
-            for row in range(UNKNOWN_SHARE_ROW, TAU_J_ROW):
-                is_below = is_below and abs(rows[k, row, i]) < bound
-    return is_below
+                are_below = are_below and abs(J[k, axis, i]) < bound
+                are_below = are_below and abs(J_seen[k, axis, i]) < bound
+            for row in range(UNKNOWN_SHARE_ROW, TRANSMITTED_ROW + 1):
+                are_below = are_below and abs(rows[k, row, i]) < bound
+    return are_below
 
 
 @kernel(nogil=True)
@@ -396,20 +408,18 @@ def judge_rows(
 
     Args:
         constants: of WrenchReading.
-        state: changed: what is remembered after the last sample.
+        state: of the sample before; changed to that after the last sample.
         samples: N of them, in the order of their times.
         reading: of these samples; its covariance is changed.
         invalid: (N,) written: the reasons, a sum; 0 of a valid reading.
     """
     lag, wrench, quality = state.lag, reading.wrench, reading.quality
-    fault_memory, lateness = FaultState(state.means, state.torques), np.empty(6)
+    fault_memory = FaultState(state.means, state.torques)
+    lateness = np.empty(6)  # work space of `lag_tick`
     for k in range(wrench.shape[0]):
-        tau_J, is_fresh, is_corrected = (
-            samples.tau_J[k],
-            samples.is_fresh[k],
-            samples.is_corrected[k],
-        )
-        # Of the first sample there is no torque before it, and no wrench has been low-passed.
+        tau_J = samples.tau_J[k]
+        is_fresh, is_corrected = samples.is_fresh[k], samples.is_corrected[k]
+        # At the first sample, when no wrench has been low-passed, no torque comes before it.
         lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J.sum())
         lacks_motion = not np.isfinite(samples.q[k].sum() + samples.v[k].sum())
         is_at_E, state.unexplained_time[0] = is_explained(
@@ -424,6 +434,7 @@ def judge_rows(
             is_fresh and is_corrected,
             samples.fault[k] & BEYOND_LIMITS != 0,
         )
+        # Adds lag and scale to the covariance; the low-pass is that of the samples before.
         keeps_pace = lag_tick(constants.lag, lag, wrench[k], reading.covariance[k], lateness)
         invalid[k] = invalid_reasons(
             Findings(

@@ -93,7 +93,7 @@ def _loaded(path: Path, text: str, schema: Any) -> Any:
     try:
         check.aliases(node)
         check.value(node, schema, "", is_root=True)
-    except InputError:
+    except InputError:  # names the line already
         raise
     except _ODD_YAML as error:
         raise InputError(path, "", f"cannot be read as {_name(schema)}: {error}") from error
@@ -217,7 +217,10 @@ class _Check:
             self._mapping(node, schema, name, is_root)
 
     def _union(self, node: Any, schema: Any, name: str) -> None:
-        """Checks a node of several possible types: by its tag, or by the first type that fits.
+        """Checks a node of several possible types.
+
+        A tag decides. Without one a plain value may be of any type of the union; a list or a
+        mapping is of the first, as Drake's loader has it.
 
         Args:
             node: of the YAML text.

@@ -29,7 +29,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
             _remove_left_overs(path)
             flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
             descriptor = os.open(partial, flags, 0o666)
-        _locked(descriptor)
+        _locked(descriptor)  # until it is closed: this file is no left-over
         try:
             yield partial
         except OSError as error:

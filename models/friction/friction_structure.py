@@ -116,19 +116,19 @@ class FrictionStructure:
         further_term = term_of(term)
         if further_term is not None:
             return further_term.column(q[:, joint], v[:, joint])
-        v = v[:, joint]
+        slip, speed = z[:, joint], v[:, joint]
         if term == "coulomb":
-            return z[:, joint]
+            return slip
         if term == "viscous":
-            return v
+            return speed
         if term == "offset":
-            return np.ones_like(v)
+            return np.ones_like(speed)
         if term == "stribeck":
-            fading = np.exp(-((v / self.stribeck_velocity[joint]) ** 2))
-            return np.asarray(z[:, joint] * fading)
+            fading = np.exp(-((speed / self.stribeck_velocity[joint]) ** 2))
+            return np.asarray(slip * fading)
         if term == "load":
-            return np.asarray(z[:, joint] * np.abs(load[:, joint]))
-        return np.asarray(v**3)  # cubic
+            return np.asarray(slip * np.abs(load[:, joint]))
+        return np.asarray(speed**3)  # cubic
 
     def column_shape(self, term: str, joint: int) -> tuple[float, ...]:
         """Returns displacement and Stribeck velocity, as far as the joint's column needs them."""
@@ -147,8 +147,11 @@ class FrictionStructure:
     ) -> FrictionLaw:
         """Returns the law with these coefficients, (terms,) per joint; a missing term is zero.
 
+        It has memory where a joint has an elastic displacement, slip elements where any joint has a
+        Stribeck, load or cubic term, and further terms on top.
+
         Args:
-            coefficients: in the order of `terms`.
+            coefficients: one array a joint, in the order of its `terms`.
             networks: near-zero networks on top, or None.
             v_crit: (n,) rad/s, half width of their interval.
 

@@ -7,8 +7,8 @@ posture q_i and velocity v_i,
 
     tau_f = law + sum_i w_i r_i / (sum_i w_i + PRIOR_SAMPLES)
 
-    w_i = n_i exp(-|q - q_i|^2 / (2 PLACE_REACH^2) - |v - v_i|^2 / (2 VELOCITY_TOLERANCE^2 |v|
-    |v_i|))
+    w_i = n_i exp(-|q - q_i|^2 / (2 PLACE_REACH^2)
+                  - |v - v_i|^2 / (2 VELOCITY_TOLERANCE^2 |v| |v_i|))
 
 a kernel regression (Nadaraya, Theory of Probability and its Applications 9, 1964) with a prior of
 zero: the law alone counts away from the path, at another speed, at rest and in the other direction.
@@ -60,8 +60,9 @@ class PathPlaces(NamedTuple):
             slides: (N, n) where a joint slides; elsewhere its torque does not count.
 
         Returns:
-            A place for each cell of posture (PLACE_REACH), speed (on a scale of logarithms) and
-            direction that holds samples; those at rest are left out. Rounded, as they are stored.
+            A place for each cell of posture (PLACE_REACH), speed (_SAME_SPEED, on a scale of
+            logarithms) and direction (halves of a unit vector's components) that holds samples;
+            those at rest are left out. Rounded, as they are stored.
         """
         speed = np.linalg.norm(v, axis=1)
         moving = speed > 0.0
@@ -83,6 +84,7 @@ class PathPlaces(NamedTuple):
             np.add.at(total, cell, x)
             return total
 
+        # Postures and velocities are means of all samples, torques of those that slide.
         count = summed(slides.astype(float))
         mean = summed(np.where(slides, torque, 0.0)) / np.maximum(count, 1.0)
         return cls(
@@ -171,23 +173,24 @@ def add_place_torques(
         for i in range(n):
             speed_squared += v[k, i] ** 2
         for place in range(place_q.shape[0]):
-            distance = 0.0
+            q_distance_squared = 0.0
             for i in range(n):
-                distance += (q[k, i] - place_q[place, i]) ** 2
-                if not distance < _FAR_APART:
+                q_distance_squared += (q[k, i] - place_q[place, i]) ** 2
+                if not q_distance_squared < _FAR_APART:
                     break
-            exponent = 0.5 * distance / PLACE_REACH**2
+            exponent = 0.5 * q_distance_squared / PLACE_REACH**2
             if not exponent < _MAX_EXPONENT:
                 continue
-            distance, place_speed_squared = 0.0, 0.0
+            v_distance_squared, place_speed_squared = 0.0, 0.0
             for i in range(n):
-                distance += (v[k, i] - place_v[place, i]) ** 2
+                v_distance_squared += (v[k, i] - place_v[place, i]) ** 2
                 place_speed_squared += place_v[place, i] ** 2
+            # Infinite, or NaN, where arm or place is at rest; neither is below the bound.
             exponent += (
                 0.5
-                * distance
+                * v_distance_squared
                 / (VELOCITY_TOLERANCE**2 * np.sqrt(speed_squared * place_speed_squared))
-            )  # at rest without end
+            )
             if not exponent < _MAX_EXPONENT:
                 continue
             weight = np.exp(-exponent)

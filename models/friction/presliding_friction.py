@@ -100,7 +100,11 @@ class PreslidingFriction:
     time_step: float = 0.0
 
     def __post_init__(self) -> None:
-        """Brings the parameters into their shapes; raises ValueError where one is out of range."""
+        """Brings the parameters into their shapes; raises ValueError where one is out of range.
+
+        Each is copied into an array of its own; `_set` also refuses numbers that are not finite,
+        which a speed limit may be.
+        """
         n = self.velocity_law.num_joints
         for key in ("coulomb", "stribeck", "stribeck_velocity", "load", "cubic"):
             self._set(key, (n,))

@@ -139,8 +139,9 @@ def add_slip_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array
 def update_slip(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
     """Single-sample kernel: updates `state` with a sample, in place.
 
-    A value that is not finite leaves its part of the state unchanged. The displacement over a gap
-    is added when the next position arrives.
+    It comes after `add_slip_torque` of the same sample, which starts from the state before. A value
+    that is not finite leaves its part of the state unchanged. The displacement over a gap is added
+    when the next position arrives.
 
     Args:
         table: of SlipElements.
@@ -179,8 +180,9 @@ def slip_rows(
 ) -> None:
     """Completes the friction of N samples, row by row: slip, then what a joint at rest hides.
 
-    The load of a sample is what the gear transmitted at the one before, tau_J - tau_f. A joint that
-    rests by the share r carries any torque within its stiction band, whatever the law says:
+    The load of a sample is what the gear transmitted at the one before, tau_J - tau_f, which the
+    state holds. A joint that rests by the share r carries any torque within its stiction band,
+    whatever the law says; of the law offset and viscous part alone are left there:
 
         tau_f <- (1 - r) tau_f + r (offset + viscous v)
 
@@ -198,7 +200,7 @@ def slip_rows(
     n = q.shape[1]
     has_slip, is_coupled = state.shape[0] > 0, motor_rates.shape[0] > 0
     motor_q, motor_v = np.empty(n), np.empty(n)
-    slip_torque, load = np.empty(n), np.empty(n)
+    slip_torque, joint_load, load = np.empty(n), np.empty(n), np.empty(n)
     for k in range(q.shape[0]):
         for i in range(n):
             motor_q[i], motor_v[i], slip_torque[i] = q[k, i], v[k, i], 0.0
@@ -217,10 +219,8 @@ def slip_rows(
             continue
         # The load of the next sample, of each motor: the joints' where none is coupled.
         for i in range(n):
-            load[i] = tau_J[k, i] - tau_f[k, i]
-        if is_coupled:  # slip_torque is used for the joints' load
-            for i in range(n):
-                slip_torque[i] = load[i]
-                load[i] = 0.0
-            add_transposed_product(joint_rates, slip_torque, load)
+            joint_load[i] = tau_J[k, i] - tau_f[k, i]
+            load[i] = 0.0 if is_coupled else joint_load[i]
+        if is_coupled:
+            add_transposed_product(joint_rates, joint_load, load)
         update_slip(table, state, motor_q, motor_v, load)
