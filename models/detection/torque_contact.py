@@ -66,6 +66,8 @@ _SETTLING_TIME = 0.15  # s after a contact, from when a sample counts as free
 # Entries of `_State.numbers`; _TIME is NaN before the first sample, _ABOVE where s is not above
 # CONTACT_LEVEL.
 _TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _MOVED, _NUM_NUMBERS = range(7)
+# Columns of `torque_contact_log`'s output.
+_STATISTIC_COLUMN, _CONTACT_COLUMN, _MOVING_COLUMN, _NUM_COLUMNS = range(4)
 
 
 class ReportedTorqueSd(NamedTuple):
@@ -155,7 +157,7 @@ class TorqueContactDetector:
             J: (N, 6, n), rows [angular; linear], at E in axes of W.
         """
         N, n = tau_ext.shape
-        out, baseline = np.zeros((N, 3)), np.zeros((N, n))
+        out, baseline = np.zeros((N, _NUM_COLUMNS)), np.zeros((N, n))
         error = ReportedTorqueSd(
             np.ascontiguousarray(self.error.rest_sd, float),
             np.ascontiguousarray(self.error.moving_sd, float),
@@ -163,9 +165,14 @@ class TorqueContactDetector:
         tau, jacobian = contiguous(tau_ext, J)
         samples = _Samples(np.asarray(t, float), tau, jacobian)
         torque_contact_log(error, self._state, samples, out, baseline)
-        is_moving = out[:, 2] == 1.0
-        sd = np.where(is_moving[:, None], self.error.moving_sd, self.error.rest_sd)
-        return TorqueContact(out[:, 0], out[:, 1] == 1.0, is_moving, baseline, sd)
+        is_moving = out[:, _MOVING_COLUMN] == 1.0
+        return TorqueContact(
+            statistic=out[:, _STATISTIC_COLUMN],
+            contact=out[:, _CONTACT_COLUMN] == 1.0,
+            moving=is_moving,
+            baseline=baseline,
+            sd=np.where(is_moving[:, None], self.error.moving_sd, self.error.rest_sd),
+        )
 
 
 def first_baseline(t: Array, tau_ext: Array) -> Array:
@@ -301,21 +308,23 @@ def torque_contact_log(
         state: state of TorqueContactDetector, changed.
         samples: N of them; one that is not finite leaves the state and its row of `out` as they
             are.
-        out: (N, 3), written: statistic over its level for contact; 1 for contact; 1 for motion.
+        out: (N, _NUM_COLUMNS), written: statistic over its level for contact; 1 for contact; 1 for
+            motion.
         base: (N, n) N m, the baseline after each sample, written.
     """
-    t, tau_ext, J = samples
+    t, tau_ext, J = samples.t, samples.tau_ext, samples.J
     z = np.empty(tau_ext.shape[1])
     for k in range(tau_ext.shape[0]):
         if _is_finite(t[k], tau_ext[k], J[k]):
+            # In this order: each changes what the next one reads of the state.
             T = _period(state, t[k], J[k])
             moves = _moves(state, J[k], T)
             sd = error.moving_sd if moves else error.rest_sd
             norms = _take_torque(state, tau_ext[k], sd, T, z)
             _decide(state, tau_ext[k], norms, T, z)
-            out[k, 0] = np.sqrt(norms.square) / CONTACT_LEVEL
-            out[k, 1] = state.numbers[_CONTACT]
-            out[k, 2] = 1.0 if moves else 0.0
+            out[k, _STATISTIC_COLUMN] = np.sqrt(norms.square) / CONTACT_LEVEL
+            out[k, _CONTACT_COLUMN] = state.numbers[_CONTACT]
+            out[k, _MOVING_COLUMN] = 1.0 if moves else 0.0
         base[k] = state.baseline
 
 

@@ -10,6 +10,7 @@ masses within MASS_SHARE, friction from nothing to FRICTION_SHARE of the effort 
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,11 +31,15 @@ OFFSET_SHARE = 0.005  # of the effort limit
 FILE_ERROR_SHARE = 0.015  # of the effort limit: what a law of Coulomb and viscous friction misses
 ERROR_FACTOR = 1.5  # on an identified model's residual: other motion than the fitted one
 UNKNOWN_EFFORT = 100.0  # N m, where the robot states no limit
+LEAST_LINK_MASS = 0.1  # kg, of which MASS_SHARE and COM_ERROR of a light link are taken
+FRICTION_FLOOR_SHARE = 0.002  # of the effort limit, beside drift: of a joint without friction
+ROTOR_RISE_TIME = 0.02  # s to the speed limit at the effort limit, by an unknown rotor alone
 LOAD_LEVER = 0.15  # m, of a load's centre of mass from the last joint
 END_MARGIN = 0.6  # s at both ends of a log, which a shift in time takes away
 GOOD_SHARE = 0.9  # of rows that are free of contact and fault
 MOST_ROWS = 300  # at which the evidence is taken
 _LINK_PARAMETERS = 4  # m and m c: what gravity shows
+_LEAST_SQUARE = 1e-12  # of the errors' variance: of a log without torque, for a division
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +77,21 @@ class View:
                 self.sliding_columns.stop + len(prior_sd),
             ),
         )
+
+
+class _Expected(NamedTuple):
+    """What the model expects of T rows, and what of it is open.
+
+    Attributes:
+        rigid, friction: (T, n) N m, torque of the links and of friction.
+        columns: (T, n, k) N m per unit, of what is open.
+        prior_sd: (k,) of it.
+    """
+
+    rigid: Array
+    friction: Array
+    columns: Array
+    prior_sd: Array
 
 
 class Case:
@@ -145,17 +165,18 @@ class Case:
         """The log with other signals, and with another gravity (3,) in m/s^2 where it is given.
 
         What is open of the model is linear: measured = expected + columns theta + error, theta with
-        the prior sds. The kinds of rows (`RowKinds`) are those at the indices `at`.
+        the prior sds. The kinds of rows (`RowKinds`) are those at the indices `at`. They do not
+        depend on gravity.
 
         Args:
             rows: T rows, on the grid of the case's own.
-            gravity: axes of the base.
+            gravity: axes of the base; None: the robot's.
         """
         measured = self.joint_torque(rows.effort)
         chain = self._chain
         if gravity is not None:
             chain = replace(chain, gravity=np.asarray(gravity, float))
-        rigid, friction, columns, prior_sd = self._expected(rows, chain)
+        expected = self._expected(rows, chain)
         force_sd, moment_sd = live_prior(self.robot.payload)
         kinds = RowKinds(
             sd=self._error_sd(rows)[self.at],
@@ -164,15 +185,15 @@ class Case:
             odd_sd=ODD_SHARE * self.effort_limit,
             weight=self._weight,
         )
-        first = _LINK_PARAMETERS * self.num_joints
+        first_sliding = _LINK_PARAMETERS * self.num_joints
         return View(
             rows=rows,
             measured=measured,
-            expected=rigid + friction,
-            friction=friction,
-            columns=columns,
-            prior_sd=prior_sd,
-            sliding_columns=slice(first, first + self.num_joints),
+            expected=expected.rigid + expected.friction,
+            friction=expected.friction,
+            columns=expected.columns,
+            prior_sd=expected.prior_sd,
+            sliding_columns=slice(first_sliding, first_sliding + self.num_joints),
             kinds=kinds,
         )
 
@@ -209,28 +230,28 @@ class Case:
         measured = view.measured[self.at] / view.kinds.sd
         left = fit.residual / view.kinds.sd
         left_square, square = (float(self._weight @ (x**2).sum(axis=1)) for x in (left, measured))
-        return max(0.0, 1.0 - left_square / max(square, 1e-12))
+        return max(0.0, 1.0 - left_square / max(square, _LEAST_SQUARE))
 
-    def _expected(self, rows: LogRows, chain: SerialChain) -> tuple[Array, Array, Array, Array]:
+    def _expected(self, rows: LogRows, chain: SerialChain) -> _Expected:
         """What the model expects of T rows, and what of it is open.
 
-        Returns:
-            Torque of links and of friction (T, n) N m; columns (T, n, k) and prior sds (k,) of
-            errors of mass and first moment (4 a link), dry friction, viscous friction, offset and,
-            of a robot's file without a fitted model, rotor inertia (1 a joint each).
+        The columns, in this order: errors of mass and first moment (4 a link), dry friction,
+        viscous friction, offset and, of a robot's file without a fitted model, rotor inertia (1 a
+        joint each).
         """
         n = self.num_joints
         rigid = np.asarray(chain.inverse_dynamics(rows.q, rows.v, rows.vdot))
         Y = chain.regressor(rows.q, rows.v, rows.vdot).reshape(len(rows.t), n, n, 10)
         links = Y[..., :_LINK_PARAMETERS].reshape(len(rows.t), n, -1)
-        mass = np.maximum(self.robot.chain.inertial_parameters[:, 0], 0.1)
+        mass = np.maximum(self.robot.chain.inertial_parameters[:, 0], LEAST_LINK_MASS)
         is_fitted = self.model is not None
-        share, com = (FITTED_MASS_SHARE, FITTED_COM_ERROR) if is_fitted else (MASS_SHARE, COM_ERROR)
-        link_sd = np.stack([share * mass, *[com * mass] * 3], axis=1)
-        load = 0.5 * self.robot.payload
-        link_sd[-1] += load * np.array([1.0, *[LOAD_LEVER] * 3])
+        mass_share = FITTED_MASS_SHARE if is_fitted else MASS_SHARE
+        com_error = FITTED_COM_ERROR if is_fitted else COM_ERROR
+        link_sd = np.stack([mass_share * mass, *[com_error * mass] * 3], axis=1)
+        load_sd = 0.5 * self.robot.payload  # kg: two of them are the rated payload
+        link_sd[-1] += load_sd * np.array([1.0, *[LOAD_LEVER] * 3])
         friction, coulomb_sd, viscous_sd = self._friction(rows, rigid)
-        one_each = np.eye(n)
+        one_each = np.eye(n)  # a column a joint
         drives = [one_each * x[:, :, None] for x in (rows.sliding, rows.v)]
         drives.append(np.broadcast_to(one_each, (len(rows.t), n, n)))
         # A joint that rests carries one torque of its stiction band, not a new one each moment.
@@ -240,8 +261,14 @@ class Case:
         if not is_fitted:
             drives.append(one_each * rows.vdot[:, :, None])
             speed = np.where(np.isfinite(self.robot.velocity_limit), self.robot.velocity_limit, 1.0)
-            sds.append(np.maximum(self.robot.reflected_inertia, 0.02 * self.effort_limit / speed))
-        return rigid, friction, np.concatenate([links, *drives], axis=2), np.concatenate(sds)
+            rotor = ROTOR_RISE_TIME * self.effort_limit / speed  # kg m^2
+            sds.append(np.maximum(self.robot.reflected_inertia, rotor))
+        return _Expected(
+            rigid=rigid,
+            friction=friction,
+            columns=np.concatenate([links, *drives], axis=2),
+            prior_sd=np.concatenate(sds),
+        )
 
     def _friction(self, rows: LogRows, rigid: Array) -> tuple[Array, Array, Array]:
         """Expected friction (T, n), and sds of what it leaves open, Coulomb and viscous (n,)."""
@@ -259,8 +286,8 @@ class Case:
         coefficients = law.coulomb_viscous
         return (
             friction,
-            DRIFTED_COULOMB * np.abs(coefficients.coulomb) + 0.002 * limit,
-            DRIFTED_VISCOUS * np.abs(coefficients.viscous) + 0.002 * limit,
+            DRIFTED_COULOMB * np.abs(coefficients.coulomb) + FRICTION_FLOOR_SHARE * limit,
+            DRIFTED_VISCOUS * np.abs(coefficients.viscous) + FRICTION_FLOOR_SHARE * limit,
         )
 
     def _error_sd(self, rows: LogRows) -> Array:

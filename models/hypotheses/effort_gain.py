@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from wrenchsight.models.hypotheses.case import Case, View
-from wrenchsight.models.hypotheses.explanation import Explanation, numbers_text
+from wrenchsight.models.hypotheses.explanation import Explanation, likeliest, numbers_text
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import PER_CENT, PER_MILLE
 
@@ -17,9 +18,22 @@ ALL_SMALLEST = 0.9  # the same, of all joints together
 LOG_GAIN_TOLERANCE = 0.3  # of the logarithm, within which a gain is that of a known unit
 ALL_SMALL = 0.2  # gains of another unit; a single drive of less has the error of the others
 RATED_UNITS = {1e3: PER_MILLE, 1e2: PER_CENT}  # by the parts of a rated torque that they count
+MIN_LOG_CONSTANT = 0.7  # of a torque per ampere: nearer to 1, amperes and N m look alike
 _NUM_PASSES = 3
 _NUM_FORMS = 6.0  # of gains that `explain` tries, equally likely beforehand
 _LEAST_UNIT_GAIN = 3.0  # of all joints, from which on the signal is in another unit
+
+
+class _Form(NamedTuple):
+    """Gains that are tried.
+
+    Attributes:
+        gains: (n,) by which the logged signal is too large.
+        num_free: how many of them count as fitted. A form of known factors counts as one, too.
+    """
+
+    gains: Array
+    num_free: float
 
 
 def explain(case: Case) -> Explanation | None:
@@ -31,55 +45,65 @@ def explain(case: Case) -> Explanation | None:
     Args:
         case: the log, its model and the fit of the log as it is.
     """
+    explanations = [
+        _explanation(case, form)
+        for form in _forms(case)
+        if not np.abs(np.log(form.gains)).max() < MIN_LOG_GAIN
+    ]
+    return likeliest(explanations)
+
+
+def _forms(case: Case) -> list[_Form]:
+    """The forms of gains that are tried.
+
+    Of all joints: one gain, and one of each joint, where they are far from 1; milliampere (mN m)
+    and its inverse; torques that are logged as currents, or the reverse. Of a single joint: its
+    gain, which counts for more the more joints it may be at.
+    """
     n = case.num_joints
     gain_of_each = _gains(case)
-    forms: list[tuple[Array, float]] = []  # gains (n,), and how many of them were fitted
     is_known = gain_of_each > 0.0
+    known_gain = np.where(is_known, gain_of_each, 1.0)
+    forms: list[_Form] = []
     if is_known.any():
         common = float(np.exp(np.median(np.log(gain_of_each[is_known]))))
         if abs(math.log(common)) > ALL_SMALLEST:  # of the whole arm: a unit, not a tolerance
-            forms.append((np.full(n, common), 1.0))
-            forms.append((np.where(is_known, gain_of_each, common), float(is_known.sum())))
-        forms += [(np.full(n, value), 1.0) for value in (1e3, 1e-3)]
+            forms.append(_Form(np.full(n, common), num_free=1.0))
+            each = np.where(is_known, gain_of_each, common)
+            forms.append(_Form(each, num_free=float(is_known.sum())))
+        forms += [_Form(np.full(n, factor), num_free=1.0) for factor in (1e3, 1e-3)]
     K = case.robot.torque_per_ampere
-    forms.append((1.0 / K if case.rows.is_torque else K.copy(), 1.0))
+    forms.append(_Form(1.0 / K if case.rows.is_torque else K.copy(), num_free=1.0))
     forms += [
-        (np.where(np.arange(n) == j, gain_of_each, 1.0), 1.0 + math.log(n))
-        for j in np.flatnonzero(
-            is_known & (np.abs(np.log(np.where(is_known, gain_of_each, 1.0))) > MIN_LOG_GAIN)
-        )
+        _Form(np.where(np.arange(n) == j, gain_of_each, 1.0), num_free=1.0 + math.log(n))
+        for j in np.flatnonzero(np.abs(np.log(known_gain)) > MIN_LOG_GAIN)
     ]
-    best: Explanation | None = None
-    for gains, num_free in forms:
-        if np.abs(np.log(gains)).max() < MIN_LOG_GAIN:
-            continue
-        explanation = _explanation(case, gains, num_free)
-        if best is None or explanation.log_evidence > best.log_evidence:
-            best = explanation
-    return best
+    return forms
 
 
-def _explanation(case: Case, gains: Array, num_free: float) -> Explanation:
+def _explanation(case: Case, form: _Form) -> Explanation:
     """The explanation of the log by gains of the drives.
+
+    Each gain that counts as fitted costs half the logarithm of the number of independent samples,
+    as in the Bayesian information criterion.
 
     Args:
         case: the log, its model and the fit of the log as it is.
-        gains: (n,) by which the logged signal is too large.
-        num_free: gains that were fitted; each costs half the logarithm of the number of
-            independent samples, as in the Bayesian information criterion.
+        form: the gains.
     """
+    gains = form.gains
     view = _view(case, gains)
     fit = case.fit(view)
     N = case.num_independent
     # The density of what was measured, not of what is made of it: a signal divided by d has a
     # density that is d times as large at each sample.
     log_evidence = fit.log_evidence - N * float(np.log(_divisor(gains)).sum())
-    log_evidence -= 0.5 * num_free * math.log(max(N, 2.0)) + math.log(_NUM_FORMS)
+    log_evidence -= 0.5 * form.num_free * math.log(max(N, 2.0)) + math.log(_NUM_FORMS)
     word, key = case.word, case.key
     factor = numbers_text(1.0 / gains)
-    cause, remedy = _named(case, gains)
     values: dict[str, float | list[float]] = {"gain": gains.tolist()}
-    if not cause:
+    cause, remedy = _named(case, gains)
+    if not cause:  # no known unit: the factors themselves, or parts of rated torques
         off = np.flatnonzero(np.abs(np.log(gains)) > MIN_LOG_GAIN)
         listed = ", ".join(f"{case.robot.joint_names[j]} {gains[j]:.3g}" for j in off)
         cause = f"{word}s that are a multiple of what the arm needs ({listed} times)"
@@ -124,33 +148,34 @@ def _rated(case: Case, gains: Array) -> tuple[float, Array]:
 
 
 def _named(case: Case, gains: Array) -> tuple[str, str]:
-    """Cause and remedy of the gains of a known unit; empty for others.
+    """Cause and remedy of the gains of a known unit; two empty texts for others.
 
     Args:
-        case: its torque_per_ampere tells currents from torques, where no drive's is near 1.
+        case: its torque_per_ampere tells currents from torques, where some drive's is not near 1
+            (MIN_LOG_CONSTANT).
         gains: (n,) by which the logged signal is too large.
     """
-    logs, key = np.log(gains), case.key
-    K = np.log(case.robot.torque_per_ampere)
+    log_gains, key = np.log(gains), case.key
+    log_K = np.log(case.robot.torque_per_ampere)
 
-    def alike(expected: Array | float) -> bool:
-        return bool(np.abs(logs - expected).max() < LOG_GAIN_TOLERANCE)
+    def are_near(log_expected: Array | float) -> bool:
+        return bool(np.abs(log_gains - log_expected).max() < LOG_GAIN_TOLERANCE)
 
     unit = "mN m" if case.rows.is_torque else "mA"
-    if alike(math.log(1e3)):
+    if are_near(math.log(1e3)):
         return f"{case.word}s in {unit}", f"set {key}: {{unit: {unit}}} in a description"
-    if alike(math.log(1e-3)):
+    if are_near(math.log(1e-3)):
         return (
             f"{case.word}s a thousand times too small",
             f"set {key}: {{gain: [1000]}} in a description",
         )
-    if np.abs(K).max() > 0.7:
-        if not case.rows.is_torque and alike(K):
+    if np.abs(log_K).max() > MIN_LOG_CONSTANT:
+        if not case.rows.is_torque and are_near(log_K):
             return (
                 "torques in N m in place of currents",
                 "name the columns tau1.. or describe them as motor_torque",
             )
-        if case.rows.is_torque and alike(-K):
+        if case.rows.is_torque and are_near(-log_K):
             return (
                 "currents in A in place of torques",
                 "describe the columns as current, or add --log-format effort-in-amperes",

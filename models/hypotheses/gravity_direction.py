@@ -14,6 +14,7 @@ NAME = "direction of gravity"
 SAME_LENGTH = 0.15  # relative; what changes gravity's length is no tilt
 NO_LOAD_LENGTH = 0.04  # the same, of an arm without a load
 SMALLEST_TILT = math.radians(2.0)
+_NUM_STEPS = 2  # of Newton, from the direction of the free gravity
 
 
 def explain(case: Case) -> Explanation | None:
@@ -21,37 +22,39 @@ def explain(case: Case) -> Explanation | None:
 
     None where the best gravity has another length than g, or where its tilt from robot.yaml's is
     below SMALLEST_TILT. First gravity is free in all three components; then, of the right length,
-    in two turns across itself.
+    in two turns across itself. Where gravity without a load explains the log, its direction is
+    stated, with the error and the evidence of that fit. A robot.yaml without gravity counts as one
+    of the opposite direction.
 
     Args:
         case: the log, its model and the fit of the log as it is.
     """
     g = np.array(case.robot.gravity)
-    g_length = float(np.linalg.norm(g))
+    stated_length = float(np.linalg.norm(g))
+    g_length = stated_length if stated_length > 0.0 else STANDARD_GRAVITY
     base = case.base
     columns = case.gravity_columns(base.rows)
-    g_length = g_length if g_length > 0.0 else STANDARD_GRAVITY
-    view = base.with_columns(columns, np.full(3, g_length))
-    change = case.fit(view).theta[:3]
-    length = float(np.linalg.norm(g + change))
-    if abs(length / g_length - 1.0) > SAME_LENGTH:
+    # What `with_columns` adds comes first in theta and sd.
+    change = case.fit(base.with_columns(columns, np.full(3, g_length))).theta[:3]
+    free_length = float(np.linalg.norm(g + change))
+    if abs(free_length / g_length - 1.0) > SAME_LENGTH:
         return None
     # Of the right length; what is left open is a turn about two axes.
-    direction = (g + change) / length
-    for _ in range(2):
+    direction = (g + change) / free_length
+    for _ in range(_NUM_STEPS):
         turned = case.view(base.rows, g_length * direction)
         across = np.linalg.svd(direction[None])[2][1:]  # (2, 3)
         view = turned.with_columns(columns @ (g_length * across.T), np.ones(2))
         fit = case.fit(view)
         direction = direction + across.T @ fit.theta[:2]
         direction = direction / np.linalg.norm(direction)
-    bare = _without_load(case, columns, g_length)
-    if bare is not None:
-        direction = bare
+    direction_without_load = _without_load(case, columns, g_length)
+    if direction_without_load is not None:
+        direction = direction_without_load
     error = math.degrees(float(np.max(fit.sd[:2])))
     tilt = math.pi
-    if np.linalg.norm(g) > 0.0:
-        tilt = math.acos(min(1.0, max(-1.0, float(direction @ g / np.linalg.norm(g)))))
+    if stated_length > 0.0:
+        tilt = math.acos(min(1.0, max(-1.0, float(direction @ g / stated_length))))
     if tilt < SMALLEST_TILT:
         return None
     gravity = g_length * direction

@@ -14,6 +14,9 @@ PRIOR_SD = 0.2  # rad (m) of an offset
 MIN_OFFSET = 0.015  # rad (m); a smaller one is within what models of arms err by
 MIN_STANDARD_ERRORS = 4.0  # standard errors that an offset is away from zero
 MAX_PRIOR_SHARE = 0.5  # of the prior's sd, which the standard error must be below
+_MAX_STEPS = 3  # of Newton
+_MAX_CHANGE_SDS = 0.3  # of a step, below which it is the last one
+_LEAST_STATED_SD = 5e-4  # rad (m), of an offset that is stated to three digits
 _DIFFERENCE_STEP = 1e-3  # rad (m), of the derivative
 _QUARTER_TURNS = (-0.5 * math.pi, 0.5 * math.pi, math.pi)
 
@@ -41,23 +44,25 @@ def explain(case: Case) -> Explanation | None:
     return best
 
 
-def _refined(case: Case, j: int, offset: float) -> Explanation | None:
+def _refined(case: Case, j: int, guess: float) -> Explanation | None:
     """The hypothesis at joint j, from a first guess of its offset; None where it is not sure.
 
-    Newton's steps: the torque is linearised in the offset about the last one.
+    Newton's steps: the torque is linearised in the offset about the last one. The prior's PRIOR_SD
+    is that of each step's change, so that a quarter turn may be a guess.
 
     Args:
         case: the log, its model and the fit of the log as it is.
         j: index of the joint.
-        offset: rad (m), to be added to the log's positions.
+        guess: rad (m), of the offset to be added to the log's positions.
     """
-    for _ in range(3):
+    offset = guess
+    for _ in range(_MAX_STEPS):
         shifted = _view(case, j, offset)
         view = shifted.with_columns(_derivative(case, j, offset), np.array([PRIOR_SD]))
         fit = case.fit(view)
-        change = float(fit.theta[0])
+        change = float(fit.theta[0])  # what `with_columns` adds comes first
         offset += change
-        if abs(change) < 0.3 * float(fit.sd[0]):
+        if abs(change) < _MAX_CHANGE_SDS * float(fit.sd[0]):
             break
     sd = float(fit.sd[0])
     if abs(offset) < max(MIN_OFFSET, MIN_STANDARD_ERRORS * sd) or sd > MAX_PRIOR_SHARE * PRIOR_SD:
@@ -70,7 +75,8 @@ def _refined(case: Case, j: int, offset: float) -> Explanation | None:
         log_evidence=fit.log_evidence - math.log(2.0 * case.num_joints),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
-        cause=f"a zero of {name} that is off by {-offset:.3f} +- {max(sd, 5e-4):.1g} {unit}",
+        cause=f"a zero of {name} that is off by {-offset:.3f} +- "
+        f"{max(sd, _LEAST_STATED_SD):.1g} {unit}",
         remedy=(
             f"set q_offset: {in_file:.4f} at {name} in robot.yaml (drives), which is added to its "
             "logged positions"

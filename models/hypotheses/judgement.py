@@ -31,6 +31,7 @@ MIN_WITHOUT_CONTACT = 0.10  # share of rows without contact that a log with a co
 MAX_CONTACT_LEFT = 0.04  # share of rows in contact that a fault leaves in a log without contact
 MIN_FREE, MIN_GAIN = 0.9, 0.2  # share of rows free of error that a fault then leaves, or adds
 MAX_UNEXPLAINED_SHARE = 0.5  # share of rows that are neither free nor touched by a plausible force
+_ROUNDING = 1e-9  # of the share that a fault leaves unexplained, where both leave nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +155,9 @@ def refuse_faulty(
     Raises:
         InputError: what is wrong, and what to do.
     """
-    doubts: list[str] = []
+    warnings: list[str] = []
     if not robot.has_inertias:
-        return doubts
+        return warnings
     for recording in sorted(recordings, key=lambda log: -log.num_samples)[:MOST_LOGS]:
         judgement = judge_log([resampled(recording)], robot, model)
         if judgement is None or judgement.fault is None:
@@ -167,12 +168,12 @@ def refuse_faulty(
         if model is not None or is_far_off:
             remedy = f"{judgement.remedy()}; --no-check reads the log as it is"
             raise InputError(recording.source, "", judgement.problem(), remedy)
-        doubts.append(
+        warnings.append(
             f"{recording.source}: {judgement.problem()}; if that is so, {judgement.remedy()}, and "
             "identify again; if not, the masses of the robot's files are wrong, and the fit finds "
             "them"
         )
-    return doubts
+    return warnings
 
 
 def stands_beside_contact(fault: Explanation, base_share: Array, explained: float) -> bool:
@@ -214,37 +215,24 @@ def judge(case: Case) -> Judgement:
     Args:
         case: the log, its model and the fit of the log as it is.
     """
-    explanation_of = {name: explain(case) for name, explain in HYPOTHESES.items()}
-    base = case.base_fit.log_evidence
     explained = case.explained(case.base, case.base_fit)
-    explanations = [one for one in explanation_of.values() if one is not None]
-    # Of what is no fault the best one stands for the log as it is.
-    without_fault = max(
-        (
-            one.log_evidence
-            for one in explanations
-            if not one.is_fault and one.explained > explained
-        ),
-        default=base,
-    )
-    without_fault = max(without_fault, base)
-    log_odds = {
-        one.name: one.log_evidence
-        - (without_fault - math.log(PRIOR_WRONG_SHARE) if one.is_fault else base)
-        for one in explanations
-    }
-    # A small fault needs not explain much more; but where all is as the model has it, it may not
-    # stand for what the model's own error explains, nor for another fault that is as likely.
+    tried = [explain(case) for explain in HYPOTHESES.values()]
+    explanations = [one for one in tried if one is not None]
+    log_odds = _log_odds(explanations, case.base_fit.log_evidence, explained)
     largest_odds = max((log_odds[one.name] for one in explanations if one.is_fault), default=0.0)
 
-    def explains_enough(one: Explanation) -> bool:
-        """Whether a fault leaves little of what the log as it is leaves unexplained."""
-        if one.is_small and not case.base_is_good:
+    def explains_enough(fault: Explanation) -> bool:
+        """Whether a fault leaves little of what the log as it is leaves unexplained.
+
+        A small fault needs not explain much more; but where all is as the model has it, it may not
+        stand for what the model's own error explains, nor for another fault that is as likely.
+        """
+        if fault.is_small and not case.base_is_good:
             return True
         # Beside an identified model: a robot's file has masses that gravity shows as a zero.
-        is_likeliest = case.model is not None and log_odds[one.name] == largest_odds
-        most_left = MAX_SMALL_LEFT_SHARE if one.is_small and is_likeliest else MAX_LEFT_SHARE
-        return 1.0 - one.explained < most_left * (1.0 - explained) + 1e-9
+        is_likeliest = case.model is not None and log_odds[fault.name] == largest_odds
+        max_left = MAX_SMALL_LEFT_SHARE if fault.is_small and is_likeliest else MAX_LEFT_SHARE
+        return 1.0 - fault.explained < max_left * (1.0 - explained) + _ROUNDING
 
     faults = [
         one
@@ -253,13 +241,12 @@ def judge(case: Case) -> Judgement:
         and explains_enough(one)
         and stands_beside_contact(one, case.base_fit.kind_share, explained)
     ]
-    faults.sort(key=lambda one: -log_odds[one.name])
+    faults.sort(key=lambda fault: -log_odds[fault.name])
     best = faults[0] if faults else None
     rival: Explanation | None = None
-    if len(faults) > 1 and log_odds[faults[1].name] > log_odds[faults[0].name] - math.log(
-        RIVAL_ODDS
-    ):
-        rival = faults[1]
+    if len(faults) > 1:
+        least_odds = log_odds[faults[0].name] - math.log(RIVAL_ODDS)
+        rival = faults[1] if log_odds[faults[1].name] > least_odds else None
     return Judgement(
         word=case.word,
         explained=explained,
@@ -268,3 +255,29 @@ def judge(case: Case) -> Judgement:
         best=best,
         rival=rival,
     )
+
+
+def _log_odds(
+    explanations: Sequence[Explanation], base_evidence: float, base_explained: float
+) -> dict[str, float]:
+    """Log odds of each explanation, by name, against the log as it is.
+
+    Of a fault they are against the best explanation that is no fault and explains more than the log
+    as it is, if there is one, with PRIOR_WRONG_SHARE for the odds beforehand.
+
+    Args:
+        explanations: of a log.
+        base_evidence: logarithm of the evidence for the log as it is.
+        base_explained: share of the torque's mean square that the log as it is explains.
+    """
+    without_fault = [
+        one.log_evidence
+        for one in explanations
+        if not one.is_fault and one.explained > base_explained
+    ]
+    best_without_fault = max(base_evidence, *without_fault) if without_fault else base_evidence
+    return {
+        one.name: one.log_evidence
+        - (best_without_fault - math.log(PRIOR_WRONG_SHARE) if one.is_fault else base_evidence)
+        for one in explanations
+    }

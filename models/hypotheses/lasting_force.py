@@ -10,6 +10,7 @@ stretch take turns: the stretch is the interval over which the wrench raises the
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,17 +29,24 @@ _NUM_FORMS = 2  # axes
 _SHARE = KIND_PRIOR / KIND_PRIOR.sum()
 
 
+class _Stretch(NamedTuple):
+    """Begin and end of a force, s."""
+
+    begin: float
+    end: float
+
+
 def explain(case: Case) -> Explanation | None:
     """The log with one wrench for each of the longest stretches; None: there is none."""
     at = case.at
     kind, _ = case.base.kinds.of_rows(case.base.measured[at] - case.base.expected[at], _SHARE)
-    begun = _longest_stretches(case.rows.t[at], kind[0] < MAX_FREE_PROBABILITY)
-    if not begun:
+    first_stretches = _longest_stretches(case.rows.t[at], kind[0] < MAX_FREE_PROBABILITY)
+    if not first_stretches:
         return None
     J = case.jacobian(case.rows)
     R_EW = case.orientation(case.rows).transpose(0, 2, 1)
     J_in_E = np.concatenate([R_EW @ J[:, :3], R_EW @ J[:, 3:]], axis=1)
-    fits = [_fitted(case, in_axes.transpose(0, 2, 1), begun) for in_axes in (J, J_in_E)]
+    fits = [_fitted(case, in_axes.transpose(0, 2, 1), first_stretches) for in_axes in (J, J_in_E)]
     view, fit = max(fits, key=lambda pair: pair[1].log_evidence)
     return Explanation(
         name=NAME,
@@ -51,20 +59,19 @@ def explain(case: Case) -> Explanation | None:
     )
 
 
-def _fitted(
-    case: Case, columns: Array, stretches: Sequence[tuple[float, float]]
-) -> tuple[View, Fit]:
+def _fitted(case: Case, columns: Array, first_stretches: Sequence[_Stretch]) -> tuple[View, Fit]:
     """The view and the fit of constant wrenches, from a first guess of their stretches.
 
     In turns the wrenches are fitted within their stretches, and the stretches to the wrenches, as
-    long as the evidence grows.
+    long as the evidence grows, _NUM_PASSES times at most.
 
     Args:
         case: the log, its model and the fit of the log as it is.
         columns: (T, n, 6) torque of each component of a wrench, moment first.
-        stretches: begin and end of each, s.
+        first_stretches: one for each wrench.
     """
     t, at = case.rows.t, case.at
+    stretches = list(first_stretches)
     best: tuple[View, Fit] | None = None
     for _ in range(_NUM_PASSES + 1):
         masks = [(t >= begin) & (t <= end) for begin, end in stretches]
@@ -84,8 +91,8 @@ def _fitted(
     return best
 
 
-def _best_interval(case: Case, fit: Fit, torque: Array, is_within: Flags) -> tuple[float, float]:
-    """Begin and end in s of the interval over which a wrench raises the likelihood most.
+def _best_interval(case: Case, fit: Fit, torque: Array, is_within: Flags) -> _Stretch:
+    """The interval over which a wrench raises the likelihood most.
 
     Args:
         fit: with the wrench where `is_within`, (N,).
@@ -99,15 +106,15 @@ def _best_interval(case: Case, fit: Fit, torque: Array, is_within: Flags) -> tup
     end = int(np.argmax(total - lowest))
     begin = int(np.argmin(total[: end + 1]))
     t = case.rows.t[case.at]
-    return float(t[min(begin, len(t) - 1)]), float(t[max(end - 1, 0)])
+    return _Stretch(float(t[min(begin, len(t) - 1)]), float(t[max(end - 1, 0)]))
 
 
-def _longest_stretches(t: Array, is_touched: Flags) -> list[tuple[float, float]]:
-    """Begin and end in s of the longest stretches of rows (N,) that are touched."""
+def _longest_stretches(t: Array, is_touched: Flags) -> list[_Stretch]:
+    """The longest stretches of rows (N,) that are touched."""
     times = t[is_touched]
     if not len(times):
         return []
     spans = np.split(times, np.flatnonzero(np.diff(times) > MAX_GAP) + 1)
-    stretches = [(float(span[0]), float(span[-1])) for span in spans]
-    stretches = [span for span in stretches if span[1] - span[0] >= MIN_DURATION]
-    return sorted(stretches, key=lambda span: span[0] - span[1])[:MAX_FORCES]
+    stretches = [_Stretch(float(span[0]), float(span[-1])) for span in spans]
+    stretches = [span for span in stretches if span.end - span.begin >= MIN_DURATION]
+    return sorted(stretches, key=lambda span: span.begin - span.end)[:MAX_FORCES]

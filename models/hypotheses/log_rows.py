@@ -23,6 +23,8 @@ LONGEST_LOG = 600.0  # s of a log that are looked at
 SHORTEST_LOG = 1.4  # s; a shorter log tells nothing
 MIN_SAMPLES = 40  # of a log
 TRIM_TIME = 0.4  # s, transients of the low-pass at both ends
+GAP_REACH = 0.25  # s, about a row, in which samples may not be missing: a period of the low-pass
+MAX_MISSING_SHARE = 0.2  # of the samples within GAP_REACH, of a row that is used
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +65,12 @@ def slowest_sliding(robot: Robot) -> Array:
 def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
     """The rows of a log: low-passed, ROW_RATE a second, of at most its first LONGEST_LOG s.
 
-    Missing samples are bridged, and rows near them, or near the ends of the low-pass, not used.
+    Missing samples are bridged. Rows where more than MAX_MISSING_SHARE of the samples around are
+    missing, and those near the ends of the low-pass, are not used.
 
     Args:
         chunks: successive parts of the log, on a uniform grid.
-        robot: its joints' slowest sliding tells in which direction friction acts.
+        robot: of its joints `slowest_sliding` tells in which direction friction acts.
 
     Returns:
         The rows, with `effort` the motor torque where the log has one (`is_torque`), else current.
@@ -94,13 +97,12 @@ def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
     sliding = low_pass(np.tanh(v / slowest_sliding(robot)))
     q, v, effort = low_pass(q), low_pass(v), low_pass(effort)
     vdot = derivative(v, step)
-    every = max(1, round(1.0 / (ROW_RATE * step)))
-    window = max(1, round(0.25 / step))
-    near_missing = np.convolve(is_missing, np.ones(window), "same") > 0.2 * window
+    window = max(1, round(GAP_REACH / step))
+    num_missing = np.convolve(is_missing, np.ones(window), "same")
+    is_used = ~(num_missing > MAX_MISSING_SHARE * window)
     trim = round(TRIM_TIME / step)
-    is_used = ~near_missing
     is_used[:trim] = is_used[len(is_used) - trim :] = False
-    rows = slice(None, None, every)
+    rows = slice(None, None, max(1, round(1.0 / (ROW_RATE * step))))
     return LogRows(
         t=log.t[0] + step * np.arange(log.num_samples)[rows],
         q=np.ascontiguousarray(q[rows]),

@@ -17,7 +17,8 @@ MIN_SHIFT = 0.025  # s; filters of drives and encoders differ by less
 MAX_SHIFT = 1.0  # s
 MEAN_TIMES = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0)  # s, of averages
 WINDOW_ODDS = 10.0  # of an average against none, or a shorter one, from which on it counts
-_COARSE_STEP = 0.05  # s, between shifts
+_COARSE_STEP = 0.05  # s, between shifts around one that is known; else every second is tried first
+_FIRST_STEPS = 2  # coarse ones at either side of a known shift
 _FINE_STEP = 2e-3  # s, at which the search ends: far below MIN_SHIFT
 _SHIFT_DECIMALS = 4  # of s; shifts that are the same to 0.1 ms are fitted once
 # s, from the best shift to the neighbours of the parabola through it: at ten times _FINE_STEP the
@@ -116,45 +117,52 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
     """The most likely shift of the drives' signals, with the model averaged over `window` s.
 
     Shifts on a coarse grid are tried first; then the best one's neighbours at half the step again
-    and again, down to _FINE_STEP. The vertex of a parabola through the best shift and two others
-    is the result, its curvature the standard error.
+    and again, down to _FINE_STEP. The vertex of a parabola through the best shift and its
+    neighbours at _PARABOLA_STEP is the result, where it lies between these, its curvature the
+    standard error. The evidence is the largest of a shift that was tried.
 
     Args:
         case: the log.
         window: s; 0: no average.
         around: s, within two coarse steps of which it is looked for; None: within MAX_SHIFT.
     """
-    tried: dict[float, float] = {}  # log evidence by shift
+    evidence_of: dict[float, float] = {}  # log evidence by shift, of those tried so far
 
     def score(shift: float) -> float:
-        shift = round(shift, _SHIFT_DECIMALS)
-        if shift not in tried:
-            tried[shift] = case.fit(_view(case, shift, window), quick=True).log_evidence
-        return tried[shift]
+        rounded = round(shift, _SHIFT_DECIMALS)
+        if rounded not in evidence_of:
+            view = _view(case, rounded, window)
+            evidence_of[rounded] = case.fit(view, quick=True).log_evidence
+        return evidence_of[rounded]
+
+    def best_tried() -> float:
+        return max(evidence_of, key=lambda shift: evidence_of[shift])
 
     if around is None:
-        coarse = np.arange(-MAX_SHIFT, MAX_SHIFT + 1e-9, 2.0 * _COARSE_STEP)
+        grid_step = 2.0 * _COARSE_STEP
+        grid = np.arange(-MAX_SHIFT, MAX_SHIFT + 1e-9, grid_step)  # both ends included
     else:
-        coarse = around + _COARSE_STEP * np.arange(-2, 3)
-    for shift in coarse:
+        grid_step = _COARSE_STEP
+        grid = around + grid_step * np.arange(-_FIRST_STEPS, _FIRST_STEPS + 1)
+    for shift in grid:
         score(float(shift))
-    step = _COARSE_STEP if around is None else 0.5 * _COARSE_STEP
+    step = 0.5 * grid_step
     while step > _FINE_STEP:
-        best = max(tried, key=lambda shift: tried[shift])
+        best = best_tried()
         for shift in (best - step, best + step):
             score(shift)
         step *= 0.5
-    best = max(tried, key=lambda shift: tried[shift])
+    best = best_tried()
     # The parabola: log evidence ~ -1/2 curvature (shift - vertex)^2.
     left, right = score(best - _PARABOLA_STEP), score(best + _PARABOLA_STEP)
-    curvature = (2.0 * tried[best] - left - right) / _PARABOLA_STEP**2
-    sd = MAX_SHIFT
+    curvature = (2.0 * evidence_of[best] - left - right) / _PARABOLA_STEP**2
+    result, sd = best, MAX_SHIFT
     if curvature > _FLAT_CURVATURE:
         sd = min(1.0 / math.sqrt(curvature), MAX_SHIFT)
         vertex = best + 0.5 * (right - left) / (_PARABOLA_STEP**2 * curvature)
         if abs(vertex - best) < _PARABOLA_STEP:
-            best = vertex
-    return _Shift(float(best), max(tried.values()), sd)
+            result = vertex
+    return _Shift(shift=float(result), log_evidence=max(evidence_of.values()), sd=sd)
 
 
 def _view(case: Case, shift: float, window: float) -> View:
@@ -173,7 +181,7 @@ def _view(case: Case, shift: float, window: float) -> View:
 
 
 def _friction_view(case: Case, shift: float, window: float) -> View:
-    """The log as it is, with the model's friction alone earlier by `shift`, and averaged."""
+    """The log as it is, with the model's friction alone later by `shift`, and averaged."""
     base, t = case.base, case.rows.t
     at = np.clip(t - shift, t[0], t[-1])
     columns = base.columns.copy()

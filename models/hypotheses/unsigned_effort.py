@@ -17,7 +17,8 @@ def explain(case: Case) -> Explanation | None:
     """The log with the signs that the model expects: sizes alone may have been logged.
 
     None where a joint's signal has both signs (beyond NEGATIVE_SHARE of its largest value), or the
-    model expects no sign that it lacks.
+    model expects no sign that it lacks. A robot may count the currents of all drives the other way:
+    their sizes are then negative.
 
     Args:
         case: the log, its model and the fit of the log as it is.

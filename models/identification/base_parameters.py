@@ -89,13 +89,14 @@ def find_base_parameters(
     if not W.any():
         raise ValueError("regressor is zero: nothing moves and nothing weighs")
     factor = _pivoted(W, tolerance)
-    present, order, pivots, length = factor.present, factor.order, factor.pivots, factor.length
+    pivots, length = factor.pivots, factor.length  # pivots fall, those of independent columns first
     b = int((pivots > tolerance).sum())
-    independent, dependent = present[order[:b]], present[order[b:]]
-    R = factor.R / factor.favour[order]
+    columns = factor.present[factor.order]  # of W, in the order of R
+    independent, dependent = columns[:b], columns[b:]
+    R = factor.R / factor.favour[factor.order]
     # The dependent columns are the independent ones times K, all scaled to length 1.
     K = solve_triangular(R[:b, :b], R[:b, b:])
-    K[np.abs(K) < tolerance] = 0.0
+    K[np.abs(K) < tolerance] = 0.0  # rounding
     combination = np.zeros((b, len(names)))
     combination[np.arange(b), independent] = 1.0
     combination[:, dependent] = K * length[dependent] / length[independent][:, None]
@@ -109,7 +110,7 @@ def find_base_parameters(
         ),
         independent=independent[ascending],
         combination=combination,
-        without_effect=tuple(names[i] for i in np.setdiff1d(np.arange(len(names)), present)),
+        without_effect=tuple(names[i] for i in np.setdiff1d(np.arange(len(names)), columns)),
         condition_number=float(singular_values[0] / singular_values[-1]),
         smallest_kept=float(pivots[b - 1]),
         largest_dropped=float(pivots[b]) if b < len(pivots) else 0.0,

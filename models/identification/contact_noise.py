@@ -37,8 +37,16 @@ class ContactNoise:
     """Tail of the root of the part that no force at E explains over its window; null: `power`'s."""
 
 
+_LEAST_MEAN_SCALE = 1e-9  # a norm is divided by it
+
+
 def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> ContactNoise | None:
     """Returns `noise` as read from a model's file, checked for an arm with n joints.
+
+    Args:
+        path: of the file, for error lines.
+        noise: None where the file has none.
+        n: joints.
 
     Raises:
         InputError: a number out of range.
@@ -46,17 +54,15 @@ def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> Conta
     if noise is None:
         return None
     remedy = "identify the model again"
-    for key, least in (("usual_jolt", 0.0), ("mean_scale", 1e-9)):
+    for key, least in (("usual_jolt", 0.0), ("mean_scale", _LEAST_MEAN_SCALE)):
         values = getattr(noise, key)
         if len(values) != n or not all(np.isfinite(x) and x >= least for x in values):
             problem = f"expected {n} numbers, {least:g} or more, found {values}"
             raise InputError(path, f"contact_noise.{key}", problem, remedy)
-    rows = noise.change_sd
-    parts = [x for row in rows for x in row]
+    rows = noise.change_sd  # empty: changes are not tested
     has_shape = not rows or (len(rows) == n and all(len(row) == NUM_FEATURES + 1 for row in rows))
-    if not (has_shape and all(np.isfinite(x) and x >= 0.0 for x in parts)) or not all(
-        map(any, rows)
-    ):
+    are_in_range = all(np.isfinite(x) and x >= 0.0 for row in rows for x in row)
+    if not (has_shape and are_in_range and all(map(any, rows))):
         problem = f"expected {n} rows of {NUM_FEATURES + 1} numbers of zero or more, not all zero"
         raise InputError(path, "contact_noise.change_sd", problem, remedy)
     for key in ("time_step", "hours"):

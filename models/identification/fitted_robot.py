@@ -12,6 +12,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
 
 _NUMBER_TOLERANCE = 1e-6  # of a number: YAML keeps what a person wrote
+_ZERO_TOLERANCE = 1e-12  # in the key's unit, of a component that is zero
 
 
 @dataclass
@@ -53,10 +54,13 @@ class FittedRobot:
             )
 
     def differences(self, robot: Robot) -> list[tuple[str, str]]:
-        """Compares the keys that every torque depends on.
+        """Compares the keys that every torque depends on; an empty one is not compared.
+
+        The tool is not among them: a difference there reads as a force (`warnings`).
 
         Returns:
-            Name of each key that differs, and a sentence with both values.
+            Name of each key that differs, once for each number of it, and a sentence with both
+            values.
         """
         current = FittedRobot.of(robot)
         differences: list[tuple[str, str]] = []
@@ -74,9 +78,8 @@ class FittedRobot:
                 problem = f"{len(of_model)} numbers, expected {len(of_robot)}"
                 differences.append((key, problem))
                 continue
-            for j in np.flatnonzero(
-                ~np.isclose(of_model, of_robot, rtol=_NUMBER_TOLERANCE, atol=1e-12)
-            ):
+            is_same = np.isclose(of_model, of_robot, rtol=_NUMBER_TOLERANCE, atol=_ZERO_TOLERANCE)
+            for j in np.flatnonzero(~is_same):
                 place = f"component {j + 1}" if key == "gravity" else robot.joint_names[j]
                 problem = f"the model was identified with {of_model[j]:g} ({place}), "
                 problem += f"{robot.source} has {of_robot[j]:g}"
@@ -121,5 +124,5 @@ class FittedRobot:
 
 def _same(a: list[list[float]], b: list[list[float]]) -> bool:
     return np.shape(a) == np.shape(b) and bool(
-        np.allclose(a, b, rtol=_NUMBER_TOLERANCE, atol=1e-12)
+        np.allclose(a, b, rtol=_NUMBER_TOLERANCE, atol=_ZERO_TOLERANCE)
     )

@@ -121,7 +121,9 @@ def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> N
     """`spread_beyond` of links that are placed.
 
     Each direction of the spread is NUM_PARAMETERS columns of the table: of every link the change of
-    mass and first moment, and of its joint's offset. Its torque is squared and summed up.
+    mass and first moment, and of its joint's offset. Its torque is squared and summed up. Masses
+    and first moments about W's origin are summed from the tip to the base, so that at each joint
+    they are those of all that it carries.
 
     Args:
         table: (n, columns): gravity in W from _GRAVITY_COLUMN on, what the logs have shown already
@@ -137,25 +139,25 @@ def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> N
         finite = finite and np.isfinite(q[i])
     if not finite:
         return
-    gx, gy, gz = (
-        table[0, _GRAVITY_COLUMN],
-        table[0, _GRAVITY_COLUMN + 1],
-        table[0, _GRAVITY_COLUMN + 2],
-    )
+    gx = table[0, _GRAVITY_COLUMN]
+    gy = table[0, _GRAVITY_COLUMN + 1]
+    gz = table[0, _GRAVITY_COLUMN + 2]
     for column in range(_FIRST_DIRECTION, table.shape[1], NUM_PARAMETERS):
-        m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0  # of all that the joint carries, about W's origin
+        m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0  # of all that the joint carries
         for i in range(n - 1, -1, -1):
             link_mass = table[i, column]
             x, y, z = table[i, column + 1], table[i, column + 2], table[i, column + 3]
             m += link_mass
+            # h += R_WJ h_link + m_link p_WJ
             hx += bodies[i, 0] * x + bodies[i, 1] * y + bodies[i, 2] * z + link_mass * bodies[i, 9]
             hy += bodies[i, 3] * x + bodies[i, 4] * y + bodies[i, 5] * z + link_mass * bodies[i, 10]
             hz += bodies[i, 6] * x + bodies[i, 7] * y + bodies[i, 8] * z + link_mass * bodies[i, 11]
-            moment = bodies[i, 12] * (hy * gz - hz * gy)
-            moment += bodies[i, 13] * (hz * gx - hx * gz)
-            moment += bodies[i, 14] * (hx * gy - hy * gx)
-            force = bodies[i, 15] * gx + bodies[i, 16] * gy + bodies[i, 17] * gz
-            torque = table[i, column + 4] - moment - m * force
+            # The joint holds the weight's moment h x g and force m g along its screw; its offset.
+            along_axis = bodies[i, 12] * (hy * gz - hz * gy)
+            along_axis += bodies[i, 13] * (hz * gx - hx * gz)
+            along_axis += bodies[i, 14] * (hx * gy - hy * gx)
+            along_line = bodies[i, 15] * gx + bodies[i, 16] * gy + bodies[i, 17] * gz
+            torque = table[i, column + 4] - along_axis - m * along_line
             variance[i] += torque * torque
     for i in range(n):
         variance[i] = max(0.0, variance[i] - table[i, _FITTED2_COLUMN])

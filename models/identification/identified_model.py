@@ -256,7 +256,11 @@ class IdentifiedModel:
         )
 
     def check_robot(self, robot: Arm, source: str | Path) -> None:
-        """Raises InputError, naming `source`, unless the model was made for `robot`."""
+        """Raises InputError, naming `source`, unless the model was made for `robot`.
+
+        Its name, its joints and their order, and its kinematics must be the same; motors and tool
+        are `FittedRobot`'s to compare.
+        """
         if self.robot != robot.name:
             raise InputError(
                 source,
@@ -299,12 +303,14 @@ class IdentifiedModel:
         """Reads a model that `save` wrote.
 
         Args:
-            other_robot: whether the robot may say otherwise than when the model was identified.
+            path: of model.yaml.
+            robot: the arm that the model is used on.
+            other_robot: whether robot.yaml may state other motors, gravity or coupling than when
+                the model was identified; its name and kinematics may not differ.
 
         Raises:
             InputError: unreadable or truncated file, misspelt key, another version, wrong shape,
-                a number that is not finite or that no arm has, or a model of
-                another robot.
+                a number that is not finite or that no arm has, or a model of another robot.
         """
         path = Path(path)
         block = load_configuration(path, _ModelFile)
@@ -417,9 +423,10 @@ def _friction_block(law: FrictionLaw) -> _FrictionBlock:
     """A friction law as model.yaml holds it: nested laws lie in one block.
 
     A law may be coupled, extended by terms, or by places of a path, each around another law; the
-    innermost is one of velocity, with slip elements (presliding) or without.
+    innermost is one of velocity, with slip elements (presliding) or without. One without is its own
+    `velocity_law`. Reading makes the layers anew, terms within places (`_read_friction`).
     """
-    if isinstance(law, CoupledFriction):
+    if isinstance(law, CoupledFriction):  # `_at_joints` couples it again
         return _friction_block(law.law)
     if isinstance(law, ExtendedFriction):
         block = _friction_block(law.law)
@@ -431,15 +438,15 @@ def _friction_block(law: FrictionLaw) -> _FrictionBlock:
         places = law.places._asdict().items()
         block.places = {name: _plain(values) for name, values in places}
         return block
-    near_zero = law.velocity_law
-    networks = near_zero.networks
+    velocity_law = law.velocity_law
+    networks = velocity_law.networks
     sliding = law.coulomb_viscous
     return _FrictionBlock(
         coulomb=_plain(sliding.coulomb),
         viscous=_plain(sliding.viscous),
         offset=_plain(sliding.offset),
-        v_crit=_plain(near_zero.v_crit),
-        handover=near_zero.handover,
+        v_crit=_plain(velocity_law.v_crit),
+        handover=velocity_law.handover,
         networks=None
         if networks is None
         else _NetworksBlock(**{key: _plain(getattr(networks, key)) for key in _NETWORK_FIELDS}),
@@ -458,7 +465,12 @@ def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
 
 
 def _read_law(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
-    """The friction law of a model's file: of the velocity alone, or with presliding.
+    """The innermost friction law of a model's file: of the velocity alone, or with presliding.
+
+    Args:
+        path: of the file, for error lines.
+        block: its key `friction`.
+        n: joints (motors, where these are coupled).
 
     Raises:
         InputError: a number is missing or out of range.

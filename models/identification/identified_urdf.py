@@ -33,13 +33,13 @@ def identified_urdf(
     Raises:
         ValueError: a link whose inertia is not physical, which URDF readers refuse.
     """
-    bad = unphysical_links(inertial, robot.joint_names)
-    if bad:
+    unphysical = unphysical_links(inertial, robot.joint_names)
+    if unphysical:
         raise ValueError(
-            f"the inertia of the link behind {', '.join(bad)} is not physical: identify with "
-            "--consistent"
+            f"the inertia of the link behind {', '.join(unphysical)} is not physical: identify "
+            "with --consistent"
         )
-    root = robot.urdf_element
+    root = robot.urdf_element  # parsed anew at each call, so that it may be changed
     links = {link.get("name", ""): link for link in root.findall("link")}
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     for joint in joints.values():

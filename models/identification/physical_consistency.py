@@ -19,6 +19,7 @@ rotor inertia, which few files state, have almost no prior.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
@@ -90,33 +91,49 @@ def fit_consistent(
     right = np.concatenate([reduced[:, -1], np.zeros(p)])
     program = MathematicalProgram()
     y = program.NewContinuousVariables(p, "y")  # x = prior + spread y
-    # |rows y - right| and not its square: a cone keeps A's conditioning, a square squares it.
+    # |rows y - right| and not its square: a cone keeps A's conditioning, a square squares it. It is
+    # divided by |right|, as the solver's tolerances are for numbers about one.
     length = np.linalg.norm(right)
     program.AddL2NormCostUsingConicConstraint(rows / length, -right / length, y)
     for i in range(n):
         link_columns = slice(_NUM_INERTIAL * i, _NUM_INERTIAL * (i + 1))
-        S = _scaling(spread[link_columns])
+        link_spread = spread[link_columns]
+        S = _scaling(link_spread)
+        # The scaled pseudo-inertia less its bound, F[0] + sum y_k F[k + 1], is semidefinite.
         F = [S @ pseudo_inertia(prior[link_columns]) @ S - MIN_EIGENVALUE * np.eye(4)]
-        F += [S @ _BASIS[k] @ S * spread[link_columns][k] for k in range(_NUM_INERTIAL)]
+        F += [S @ _BASIS[k] @ S * link_spread[k] for k in range(_NUM_INERTIAL)]
         program.AddLinearMatrixInequalityConstraint([(f + f.T) / 2 for f in F], y[link_columns])
-    for row, low, high in _friction_rows(structure, v_max, p):
-        offset = float(row @ prior)
-        program.AddLinearConstraint((row * spread)[None], [low - offset], [high - offset], y)
+    for bound in _friction_bounds(structure, v_max, p):
+        at_prior = float(bound.weights @ prior)
+        program.AddLinearConstraint(
+            (bound.weights * spread)[None],
+            [bound.least - at_prior],
+            [bound.most - at_prior],
+            y,
+        )
     solver = ClarabelSolver()
     result = solver.Solve(program)
     if not result.is_success():
         raise ValueError(f"the consistent fit has no solution: {result.get_solution_result()}")
     x = prior + spread * result.GetSolution(y)
     inertial = x[: _NUM_INERTIAL * n].reshape(n, _NUM_INERTIAL)
-    return ConsistentFit(
-        x, least_eigenvalues(inertial, spread[: _NUM_INERTIAL * n].reshape(n, _NUM_INERTIAL))
-    )
+    inertial_spread = spread[: _NUM_INERTIAL * n].reshape(n, _NUM_INERTIAL)
+    return ConsistentFit(x=x, least_eigenvalue=least_eigenvalues(inertial, inertial_spread))
 
 
-def _friction_rows(
-    structure: FrictionStructure, v_max: Array, size: int
-) -> list[tuple[Array, float, float]]:
-    """Bounds low <= row x <= high: rotor inertia and friction that takes energy out of motion.
+class _Bound(NamedTuple):
+    """least <= weights @ x <= most, of all parameters x (p,)."""
+
+    weights: Array
+    least: float
+    most: float
+
+
+def _friction_bounds(structure: FrictionStructure, v_max: Array, size: int) -> list[_Bound]:
+    """Bounds on rotor inertia, and on friction so that it takes energy out of motion.
+
+    Friction opposes motion from standstill (Coulomb with Stribeck) up to v_max (viscous with
+    cubic), both zero or more.
 
     Args:
         structure: friction terms of each joint.
@@ -124,12 +141,12 @@ def _friction_rows(
         size: p, length of x: ten inertial parameters a link; then joint by joint the rotor's
             inertia and the friction terms.
     """
-    bounds = []
+    bounds: list[_Bound] = []
     start = _NUM_INERTIAL * structure.num_joints
     for j, terms in enumerate(structure.terms):
         place = {term: start + 1 + k for k, term in enumerate(terms)}  # in x
 
-        def row(**weights: float) -> Array:
+        def weights_of(**weights: float) -> Array:
             """(p,) weights of terms; terms that the joint has not are left out."""
             out = np.zeros(size)
             for term, weight in weights.items():
@@ -139,18 +156,19 @@ def _friction_rows(
 
         rotor = np.zeros(size)
         rotor[start] = 1.0
-        bounds.append((rotor, 0.0, np.inf))
-        bounds += [(row(**{term: 1.0}), 0.0, np.inf) for term in ("coulomb", "viscous")]
+        at_least_zero = [rotor, weights_of(coulomb=1.0), weights_of(viscous=1.0)]
         if "stribeck" in terms:
-            bounds.append((row(coulomb=1.0, stribeck=1.0), 0.0, np.inf))
+            at_least_zero.append(weights_of(coulomb=1.0, stribeck=1.0))
+        bounds += [_Bound(weights, 0.0, np.inf) for weights in at_least_zero]
         if "load" in terms:
-            bounds.append((row(load=1.0), 0.0, LARGEST_LOAD))
+            bounds.append(_Bound(weights_of(load=1.0), 0.0, LARGEST_LOAD))
         if "cubic" in terms:
-            bounds.append((row(viscous=1.0, cubic=float(v_max[j]) ** 2), 0.0, np.inf))
+            at_v_max = weights_of(viscous=1.0, cubic=float(v_max[j]) ** 2)
+            bounds.append(_Bound(at_v_max, 0.0, np.inf))
         for registered_term in map(term_of, terms):
             if registered_term is not None:
-                weights = row(**{registered_term.name: 1.0})
-                bounds.append((weights, registered_term.least, registered_term.most))
+                weights = weights_of(**{registered_term.name: 1.0})
+                bounds.append(_Bound(weights, registered_term.least, registered_term.most))
         start += 1 + len(terms)
     return bounds
 

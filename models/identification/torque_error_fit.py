@@ -61,6 +61,18 @@ _BLOCK_SAMPLES = 256  # samples
 DEFAULT_REST = Rest()
 _LOG_COEFFICIENT_RANGE = 18.0  # natural logarithm of the range of a coefficient
 _ROUGH_FIT_SAMPLES = 10_000  # samples that locate the highest likelihood roughly
+_LARGEST_FACTOR = 10.0  # of a coefficient, on the one that alone explains all of the variance
+_CONSTANT_START = -3.0  # logarithm of the other coefficients, where the constant is nearly alone
+_BOUND_TOLERANCE = 1e-6  # of a logarithm: nearer to its bound a coefficient is zero
+_MIN_VARIANCE_SHARE = 1e-12  # of the mean square, added to each sample's variance
+_LEAST_CONSTANT = 1e-12  # N m, of a joint without any error
+_LEAST_SQUARE = 1e-300  # for a division
+# Range of a product of variances: its logarithm is taken before it overflows.
+_LEAST_PRODUCT, _LARGEST_PRODUCT = 1e-200, 1e200
+# The grid of `_averaging`: correlation times, and shares of a variance that lasts.
+_NUM_TIMES, _NUM_LASTING, _MAX_LASTING = 60, 51, 0.5
+_DEFAULT_CORRELATION_TIME = 0.1  # s, where the logs are too short to show one
+_LEAST_MEAN_SHARE = 1e-6  # of the variance of a mean, for its logarithm
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,29 +127,25 @@ def fit_torque_error(
     if count < FEWEST_SAMPLES:
         raise ValueError(f"torque error: {count} samples, expected {FEWEST_SAMPLES} or more")
     unit = unit_torque_error(n, K_0, rest)
-    features = [features_along(unit, reading) for reading in readings]
+    # Of each reading (N, n, NUM_FEATURES): those of the five coefficients, then the fixed part.
+    features = [
+        features_along(unit, reading)[rows] for reading, rows in zip(readings, is_used, strict=True)
+    ]
     errors = [reading.tau_ext[rows] for reading, rows in zip(readings, is_used, strict=True)]
-    F = np.concatenate([f[rows] for f, rows in zip(features, is_used, strict=True)])
-    e = np.concatenate(errors)
-    coefficients = np.stack(
-        [
-            most_likely(*_with_a_prior(F[:, j], e[:, j], [error[:, j] for error in errors]))
-            for j in range(n)
-        ]
-    )
-    floor = np.broadcast_to(np.asarray(least, float), (n,))
+    F, e = np.concatenate(features), np.concatenate(errors)
+    coefficients = np.empty((n, NUM_FEATURES - 1))  # variances per unit of a feature
+    for j in range(n):
+        F_j, e_j = _with_a_prior(F[:, j], e[:, j], [error[:, j] for error in errors])
+        coefficients[j] = most_likely(F_j, e_j)
     rms = np.sqrt(np.mean(e**2, axis=0))
-    floor = np.maximum(floor, np.maximum(_LEAST_SHARE * rms, 1e-12))
+    stated_floor = np.broadcast_to(np.asarray(least, float), (n,))
+    floor = np.maximum(stated_floor, np.maximum(_LEAST_SHARE * rms, _LEAST_CONSTANT))
     constant = np.maximum(np.sqrt(coefficients[:, 0]), floor)
     coefficients[:, 0] = constant**2
-    sds = [
-        np.sqrt((f[..., :-1] * coefficients).sum(axis=-1) + f[..., -1])[rows]
-        for f, rows in zip(features, is_used, strict=True)
-    ]
-    scaled = [
-        np.clip(tau_ext / sd, -_MAX_ERROR_SDS, _MAX_ERROR_SDS)
-        for tau_ext, sd in zip(errors, sds, strict=True)
-    ]
+    scaled: list[Array] = []  # errors over their sds, of each reading
+    for error, f in zip(errors, features, strict=True):
+        sd = np.sqrt((f[..., :-1] * coefficients).sum(axis=-1) + f[..., -1])
+        scaled.append(np.clip(error / sd, -_MAX_ERROR_SDS, _MAX_ERROR_SDS))
     lasting, correlation_time = _averaging(scaled, readings[0].time_step)
     roots = np.sqrt(coefficients)
     return TorqueErrorModel(
@@ -240,17 +248,22 @@ class _Minimum(NamedTuple):
 def most_likely(F: Array, e: Array) -> Array:
     """Coefficients c (M,) of one joint, of the variance F[:, :M] c + F[:, M] of its errors.
 
+    They are found as logarithms over a scale, c = scale exp(x): those of scale each explain an M-th
+    of the errors' mean square.
+
     Args:
         F: (N, M + 1) features; the last is the part of the variance that is fixed, (N m)^2.
         e: (N,) N m, errors.
     """
     from scipy.optimize import minimize
 
-    A, fixed, squares = np.ascontiguousarray(F[:, :-1]), F[:, -1].copy(), e**2
-    power = max(float(np.mean(e**2)), 1e-300)
-    sizes = np.maximum(A.mean(axis=0), 1e-300)
-    fixed += 1e-12 * power
-    scale = power / sizes / A.shape[1]
+    A, squares = np.ascontiguousarray(F[:, :-1]), e**2
+    M = A.shape[1]
+    mean_square = max(float(np.mean(squares)), _LEAST_SQUARE)
+    mean_feature = np.maximum(A.mean(axis=0), _LEAST_SQUARE)
+    fixed = F[:, -1] + _MIN_VARIANCE_SHARE * mean_square
+    scale = mean_square / mean_feature / M
+    bounds = [(-_LOG_COEFFICIENT_RANGE, np.log(_LARGEST_FACTOR * M))] * M
 
     def minimum_from(start: Array, step: int) -> _Minimum:
         """The minimum that is reached from a start, over every `step`-th sample."""
@@ -267,18 +280,18 @@ def most_likely(F: Array, e: Array) -> Array:
         result = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
         return _Minimum(float(result.fun), result.x)
 
-    bounds = [(-_LOG_COEFFICIENT_RANGE, np.log(10.0 * A.shape[1]))] * A.shape[1]
     # The cost is not convex: one start splits the variance evenly, one has the constant alone.
-    constant_alone = np.full(A.shape[1], -3.0)
+    even_split, constant_alone = np.zeros(M), np.full(M, _CONSTANT_START)
     constant_alone[0] = 1.0
     # A part of many samples shows which minimum is the lower one, and about where it lies.
     step = max(1, len(e) // _ROUGH_FIT_SAMPLES)
-    minima = [minimum_from(start, step) for start in (np.zeros(A.shape[1]), constant_alone)]
+    minima = [minimum_from(start, step) for start in (even_split, constant_alone)]
     x = min(minima, key=lambda minimum: minimum.value).x
     if step > 1:
         x = minimum_from(x, 1).x
     # A term that the likelihood pushed to its bound, or that no sample excited, is zero.
-    is_determined = (x > -_LOG_COEFFICIENT_RANGE + 1e-6) & (A.max(axis=0) > 0.0)
+    is_inside = x > -_LOG_COEFFICIENT_RANGE + _BOUND_TOLERANCE
+    is_determined = is_inside & (A.max(axis=0) > 0.0)
     return np.where(is_determined, scale * np.exp(x), 0.0)
 
 
@@ -290,16 +303,18 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
 
     Args:
         A: (N, M), features.
-        fixed: (N,) of the variance.
-        squares: (N,) of the errors.
+        fixed: (N,) of the variance, (N m)^2, positive.
+        squares: (N,) of the errors, (N m)^2.
         c: (M,).
+        slope: (M,), written.
     """
     N, M = A.shape
     value, block_slope = 0.0, np.empty(M)
     slope[:] = 0.0
     for start in range(0, N, _BLOCK_SAMPLES):  # sums of sums: rounding does not grow with N
         block_slope[:] = 0.0
-        logarithms, ratios, factor = 0.0, 0.0, 1.0
+        # The sum of log s_k is `logarithms` and the logarithm of `product`.
+        logarithms, ratios, product = 0.0, 0.0, 1.0
         for k in range(start, min(N, start + _BLOCK_SAMPLES)):
             s = fixed[k]
             for m in range(M):
@@ -307,15 +322,15 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
             inverse = 1.0 / s
             ratio = squares[k] * inverse
             ratios += ratio
-            share = inverse - ratio * inverse
+            by_s = inverse - ratio * inverse  # twice the derivative by s_k
             for m in range(M):
-                block_slope[m] += share * A[k, m]
-            if 1e-200 < factor * s < 1e200:
-                factor *= s  # one logarithm for many: they are what takes the time
+                block_slope[m] += by_s * A[k, m]
+            if _LEAST_PRODUCT < product * s < _LARGEST_PRODUCT:
+                product *= s  # one logarithm for many: they are what takes the time
             else:
-                logarithms += math.log(factor)
-                factor = s
-        value += logarithms + math.log(factor) + ratios
+                logarithms += math.log(product)
+                product = s
+        value += logarithms + math.log(product) + ratios
         for m in range(M):
             slope[m] += 0.5 * block_slope[m]
     return 0.5 * value
@@ -333,7 +348,7 @@ def _correlation(scaled: Sequence[Array]) -> Array:
     R = correlations.mean(axis=0)
     if len(correlations) > 1:
         variance_of_mean = correlations.var(axis=0, ddof=1) / len(correlations)
-        R *= np.maximum(0.0, 1.0 - variance_of_mean / np.maximum(R**2, 1e-300))
+        R *= np.maximum(0.0, 1.0 - variance_of_mean / np.maximum(R**2, _LEAST_SQUARE))
     n = len(R)
     R[np.arange(n), np.arange(n)] = 1.0
     R *= 0.98 / max(1.0, 1.0 - float(np.linalg.eigvalsh(R)[0]))
@@ -343,7 +358,7 @@ def _correlation(scaled: Sequence[Array]) -> Array:
 
 def _correlation_of_reading(scaled: Array) -> Array:
     """(n, n) of one reading, about zero."""
-    size = np.sqrt(np.maximum(np.mean(scaled**2, axis=0), 1e-300))
+    size = np.sqrt(np.maximum(np.mean(scaled**2, axis=0), _LEAST_SQUARE))
     R = (scaled / size).T @ (scaled / size) / len(scaled)
     return np.asarray(0.5 * (R + R.T))
 
@@ -354,18 +369,18 @@ def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]
     The variance of means over tau s of errors of sd 1 is V(tau) = b + (1 - b) g(tau / T), with b
     what never averages out and g of `averaged_share`. It is fitted by least squares of the
     logarithm on a grid. Windows longer than half of the shortest log are left out; without any,
-    nothing lasts and errors are correlated over 0.1 s.
+    nothing lasts and errors are correlated over _DEFAULT_CORRELATION_TIME.
 
     Args:
         scaled: (N, n) of each log, errors over their sds, sample by sample.
         time_step: s.
     """
     n = scaled[0].shape[1]
-    power = np.mean(np.vstack(scaled) ** 2, axis=0)
+    mean_square = np.mean(np.vstack(scaled) ** 2, axis=0)
     shortest = min(len(errors) for errors in scaled)
     windows = [w for w in MEAN_TIMES if 1 < round(w / time_step) <= shortest // 2]
     if not windows:
-        return np.zeros(n), np.full(n, 0.1)
+        return np.zeros(n), np.full(n, _DEFAULT_CORRELATION_TIME)
     shares = []
     for window in windows:
         window_samples = round(window / time_step)
@@ -377,10 +392,11 @@ def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]
                 for errors in scaled
             ]
         )
-        shares.append(np.mean(means**2, axis=0) / np.maximum(power, 1e-300))
-    log_shares = np.log(np.maximum(shares, 1e-6))  # (windows, n)
-    times = np.geomspace(*CORRELATION_TIMES, 60)
-    lasting = np.linspace(0.0, 0.5, 51)
+        shares.append(np.mean(means**2, axis=0) / np.maximum(mean_square, _LEAST_SQUARE))
+    log_shares = np.log(np.maximum(shares, _LEAST_MEAN_SHARE))  # (windows, n)
+    times = np.geomspace(*CORRELATION_TIMES, _NUM_TIMES)
+    lasting = np.linspace(0.0, _MAX_LASTING, _NUM_LASTING)
+    # All pairs of b and T, one after another: (pairs,), and (pairs, windows) expected of each.
     b, T = (x.ravel() for x in np.meshgrid(lasting, times, indexing="ij"))
     expected = np.log(
         b[:, None] + (1.0 - b[:, None]) * averaged_share(np.asarray(windows) / T[:, None])

@@ -232,7 +232,11 @@ class TorqueErrorModel:
     law_holds_at_rest: ClassVar[bool] = False  # whether friction at rest is the law's, too
 
     def __post_init__(self) -> None:
-        """Brings the parameters into their shapes; raises ValueError where one is out of range."""
+        """Brings the parameters into their shapes; raises ValueError where one is out of range.
+
+        Each becomes an array of its own, or a float where it is one number of the whole arm; only
+        a correlation and a spread may be negative.
+        """
         n = np.size(self.constant)
         if self.spread is None or np.size(self.spread) == 0:
             object.__setattr__(self, "spread", np.zeros((0, n, NUM_PARAMETERS)))
@@ -297,58 +301,80 @@ class TorqueErrorModel:
         resolution: ArrayLike | None = None,
         chain: SerialChain | None = None,
     ) -> Array:
-        """(n, 33 + k) contiguous, constants of `torque_sd_rows`; k columns are `spread_table`'s.
+        """(n, _COLUMNS + k) contiguous: a row a joint, the constants of this module's kernels.
+
+        Columns: SLIDING_COLUMNS of the friction law, then VISCOUS to _UNSEEN; behind them the k of
+        `spread_table`.
 
         Args:
             friction: the model's, or its numbers; its level is the stiction band.
             time_step: s.
             K_0: (n,) or () 1/s, of the observer.
             resolution: (n,) or () rad, of the encoders; None: that of the logs.
-            chain: of the robot; None: gravity is taken as known in all postures.
+            chain: of the robot; None: gravity is taken as known in all postures (k = 0).
         """
         n = self.num_joints
-        K_0 = np.broadcast_to(np.asarray(K_0, float), (n,))
+        gain = np.broadcast_to(np.asarray(K_0, float), (n,))
         step = self.resolution if resolution is None else np.asarray(resolution, float)
         sliding = friction if isinstance(friction, SlidingLaw) else SlidingLaw.of(friction)
         table = np.zeros((n, _COLUMNS))
-        # Friction.
+        # The first fields of a SlidingLaw are the columns _C to _BEYOND.
         table[:, :SLIDING_COLUMNS] = np.transpose(sliding[:SLIDING_COLUMNS])
         table[:, _S] = held_stribeck(table[:, _C], table[:, _S])
-        table[:, VISCOUS], table[:, OFFSET] = sliding.viscous, sliding.offset
+        table[:, VISCOUS] = sliding.viscous
+        table[:, OFFSET] = sliding.offset
         # Sampling and observer.
         table[:, _HALF_STEP] = 0.5 * np.broadcast_to(step, (n,))
         table[:, _PERIOD] = time_step
-        table[:, _POLE] = np.exp(-K_0 * time_step)
-        table[:, _GAIN] = K_0
-        # Variances of the error's smooth part, from the K_0 of the fit to this one.
-        passed = K_0 / (1.0 + K_0 * self.correlation_time)
+        table[:, _POLE] = np.exp(-gain * time_step)
+        table[:, _GAIN] = gain
+        self._write_variances(table, gain)
+        self._write_rests(table, time_step, is_elastic=sliding.remembers > 0.0)
+        return table if chain is None else np.hstack([table, self.spread_table(chain)])
+
+    def _write_variances(self, table: Array, gain: Array) -> None:
+        """Writes the columns of a variance's terms, _CONSTANT2 to _FITTED_LOAD.
+
+        Args:
+            table: (n, _COLUMNS), its column VISCOUS written.
+            gain: (n,) 1/s, K_0 of the observer.
+        """
+        # The error's smooth part passes this K_0 and that of the fit with different shares.
+        passed = gain / (1.0 + gain * self.correlation_time)
         passed_in_fit = self.K_0 / (1.0 + self.K_0 * self.correlation_time)
         by_K_0 = passed / passed_in_fit
         table[:, _CONSTANT2] = by_K_0 * self.constant**2
         table[:, _SPEED2] = by_K_0 * self.speed**2
         table[:, _LOAD2] = by_K_0 * self.load**2
         table[:, _ACCELERATION2] = by_K_0 * self.acceleration**2
-        # Variances of reversals, of a drift, and beyond what the logs cover.
+        # Reversals, a drift, and what lies beyond the fitted range; without one there is no beyond.
         table[:, _REVERSAL2] = self.reversal**2
         table[:, _DRIFT2] = self.drifts**2
         has_speed, has_load = self.fitted_speed > 0.0, self.fitted_load > 0.0
         table[:, _FITTED_SPEED] = np.where(has_speed, self.fitted_speed, np.inf)
-        table[:, _BEYOND_SPEED2] = (self.beyond_speed * np.abs(sliding.viscous)) ** 2
+        table[:, _BEYOND_SPEED2] = (self.beyond_speed * np.abs(table[:, VISCOUS])) ** 2
         table[:, _FITTED_LOAD] = np.where(has_load, self.fitted_load, np.inf)
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
-        # Rests: how fast a joint's friction becomes unknown, and how soon it is known to rest.
+
+    def _write_rests(self, table: Array, time_step: float, is_elastic: Flags) -> None:
+        """Writes the columns of w, r and z: how soon a joint is known to rest, its friction not.
+
+        Args:
+            table: (n, _COLUMNS), its column _HALF_STEP written.
+            time_step: s.
+            is_elastic: (n,) whether the law remembers the torque with which the joint stopped.
+        """
         table[:, _DECAY] = np.exp(-2.0 * time_step / self.rest_time)
         table[:, _INVERSE_REACH] = 1.0 / self.reach
         table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
         table[:, _PLAY] = np.maximum(2.0 * table[:, _HALF_STEP], MIN_PLAY)
         table[:, _INVERSE_CREEP] = 1.0 / (CREEP_SPEED * time_step)
-        table[:, _HELD], table[:, _UNSEEN] = self.held, self.rests == 0.0
-        is_elastic = sliding.remembers > 0.0
-        table[:, _SUDDEN] = ~is_elastic
-        recognition_time = np.where(is_elastic, RELAXATION_TIME, RECOGNITION_TIME)
-        recognised_share = -np.expm1(-time_step / recognition_time)  # of what is left, a period
+        table[:, _HELD] = self.held
+        table[:, _UNSEEN] = self.rests == 0.0
+        table[:, _SUDDEN] = ~is_elastic  # m
+        forgetting = np.where(is_elastic, RELAXATION_TIME, RECOGNITION_TIME)
+        recognised_share = -np.expm1(-time_step / forgetting)  # of what is left, a period
         table[:, _RECOGNISED] = 0.0 if self.law_holds_at_rest else recognised_share
-        return table if chain is None else np.hstack([table, self.spread_table(chain)])
 
     def initial_state(self) -> Array:
         """Returns the (TORQUE_ERROR_ROWS, n) state before the first sample: nothing is known."""
@@ -503,7 +529,7 @@ def torque_sd_rows(
     acceleration^2 (K_0 times the speed less its low-pass), stiction and reversals, the viscous
     torque's drift, the posture's gravity, and what lies beyond the fitted speed and load.
 
-    A joint whose q or v is not finite keeps its state and has the sd of a joint at rest.
+    A joint whose q or v is not finite keeps its state; a v that is not finite counts as zero.
 
     Args:
         table: `TorqueErrorModel.table`.
@@ -520,30 +546,32 @@ def torque_sd_rows(
             row = table[i]
             _low_pass(table, rows[k], state, i, v[k, i])
             speed = v[k, i] if np.isfinite(v[k, i]) else 0.0
-            fast = abs(speed)
             load = abs(state[_TRANSMITTED, i])  # of the sample before
-            gain = row[_GAIN] * (speed - state[_SLOW_SPEED, i])
+            acceleration = row[_GAIN] * (speed - state[_SLOW_SPEED, i])
             viscous = row[VISCOUS] * speed + bounded_cubic(
                 speed, row[_CUBIC], row[_SPEED_LIMIT], row[_BEYOND]
             )
             # Stiction: what friction at rest hides, and what a reversal leaves, which is at most
-            # the whole step of friction from one direction to the other.
-            largest = 2.0 * (breakaway(table, state, i) + max(-row[_S], 0.0))
-            turned = min(row[_REVERSAL2] * state[_TURNING, i] ** 2, largest * largest)
-            held = state[_UNKNOWN, i] ** 2 + turned
+            # the whole step of friction from one direction to the other; a negative Stribeck part
+            # makes the level largest at speed.
+            largest_step = 2.0 * (breakaway(table, state, i) + max(-row[_S], 0.0))
+            turned = min(row[_REVERSAL2] * state[_TURNING, i] ** 2, largest_step * largest_step)
+            stuck = state[_UNKNOWN, i] ** 2 + turned
             # Variances, N^2 m^2; sd[k, i] still holds that of the posture's gravity.
             total = row[_CONSTANT2] + row[_SPEED2] * speed**2 + row[_LOAD2] * load**2
-            total += row[_ACCELERATION2] * gain**2 + held + row[_DRIFT2] * viscous**2 + sd[k, i]
-            if fast > row[_FITTED_SPEED]:
-                total += row[_BEYOND_SPEED2] * (fast - row[_FITTED_SPEED]) ** 2
+            total += (
+                row[_ACCELERATION2] * acceleration**2 + stuck + row[_DRIFT2] * viscous**2 + sd[k, i]
+            )
+            if abs(speed) > row[_FITTED_SPEED]:
+                total += row[_BEYOND_SPEED2] * (abs(speed) - row[_FITTED_SPEED]) ** 2
             if load > row[_FITTED_LOAD]:
                 total += row[_BEYOND_LOAD2] * (load - row[_FITTED_LOAD]) ** 2
             sd[k, i] = np.sqrt(total)
-            stiction[k, i] = np.sqrt(held)
+            stiction[k, i] = np.sqrt(stuck)
             drift[k, i] = np.sqrt(row[_DRIFT2]) * viscous
             for load_row in _LOAD_ROWS:
                 rows[k, load_row, i] = state[load_row, i]
-        take_transmitted(state, tau_J[k], tau_f[k])
+        take_transmitted(state, tau_J[k], tau_f[k])  # for the next sample
 
 
 @kernel
@@ -560,11 +588,11 @@ def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
 def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> None:
     """Updates the rows of joint i's motion by a sample; without a finite pair they stay.
 
-    Rows of the state: the position with the encoder's rounding taken off (_POSITION), the same
-    behind a play (_PLAY_POSITION), by which a joint that trembles stands still; how much it stands
-    still in this period (_STILL), and rests (REST_ROW, 0 to 1); the share of its friction that is
-    unknown (_UNKNOWN_SHARE); and how far it has moved to which side lately, in units of the reach,
-    from -1 to 1 (_TURN).
+    Rows of the state, with the module's letters: the position with the encoder's rounding taken off
+    (_POSITION, p), the same behind a play (_PLAY_POSITION, p_a), by which a joint that trembles
+    stands still; how much it stands still in this period (_STILL), and rests (REST_ROW, r, 0 to 1);
+    the share of its friction that is unknown (_UNKNOWN_SHARE, w); and how far it has moved to which
+    side lately, in units of the reach, from -1 to 1 (_TURN, z).
 
     Args:
         table: (n, columns), `TorqueErrorModel.table`.
@@ -577,29 +605,29 @@ def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> No
         return
     row = table[i]
     previous = state[_POSITION, i]
-    started = np.isfinite(previous)
-    now = within_rounding(previous, q, v, row[_HALF_STEP], row[_PERIOD])
-    moved = (now - previous) * row[_INVERSE_REACH] if started else 0.0
-    # The position behind a play of row[_PLAY] to both sides; how much of the rest is left after the
+    has_previous = np.isfinite(previous)
+    p = within_rounding(previous, q, v, row[_HALF_STEP], row[_PERIOD])
+    moved_reaches = (p - previous) * row[_INVERSE_REACH] if has_previous else 0.0
+    # The position behind a play of row[_PLAY] to both sides: how much of a rest is left after the
     # way that it went, and whether it went as slowly as a creep.
-    before_play = state[_PLAY_POSITION, i] if started else now
-    followed = min(max(before_play, now - row[_PLAY]), now + row[_PLAY])
-    slid = np.exp(-abs(followed - before_play) * row[_INVERSE_REACH])
-    creep = (followed - before_play) * row[_INVERSE_CREEP]
-    still = np.exp(-creep * creep) if started else 0.0
-    creep_ratio = v * row[_INVERSE_REST_SPEED]
-    # Of the friction that is known, what a period at rest leaves known; of one in motion nothing
-    # is lost.
-    decay = row[_DECAY]
-    if creep_ratio != 0.0:
-        decay += (1.0 - decay) * (1.0 - np.exp(-creep_ratio * creep_ratio))
-    r = state[REST_ROW, i] * slid if row[_RECOGNISED] > 0.0 else 0.0
-    state[_UNKNOWN_SHARE, i] = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * decay) * slid
+    previous_a = state[_PLAY_POSITION, i] if has_previous else p
+    p_a = min(max(previous_a, p - row[_PLAY]), p + row[_PLAY])
+    rest_left = np.exp(-abs(p_a - previous_a) * row[_INVERSE_REACH])
+    creep_ratio = (p_a - previous_a) * row[_INVERSE_CREEP]
+    still = np.exp(-creep_ratio * creep_ratio) if has_previous else 0.0
+    # What a period leaves known of the friction: 1 - g + g exp(-2 dt / rest_time); with
+    # `resting_only` nothing is lost in motion.
+    known_left = row[_DECAY]
+    rest_speed_ratio = v * row[_INVERSE_REST_SPEED]
+    if rest_speed_ratio != 0.0:
+        known_left += (1.0 - known_left) * (1.0 - np.exp(-rest_speed_ratio * rest_speed_ratio))
+    r = state[REST_ROW, i] * rest_left if row[_RECOGNISED] > 0.0 else 0.0
+    state[_UNKNOWN_SHARE, i] = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * known_left) * rest_left
     state[REST_ROW, i] = r + still * row[_RECOGNISED] * (1.0 - r)
-    state[_TURN, i] = min(max(state[_TURN, i] + moved, -1.0), 1.0)
-    state[_POSITION, i], state[_PLAY_POSITION, i] = now, followed
+    state[_TURN, i] = min(max(state[_TURN, i] + moved_reaches, -1.0), 1.0)
+    state[_POSITION, i], state[_PLAY_POSITION, i] = p, p_a
     state[_STILL, i] = still
-    state[_TAKEN, i] = _LATER_STATUS if started else _FIRST_STATUS
+    state[_TAKEN, i] = _LATER_STATUS if has_previous else _FIRST_STATUS
 
 
 @kernel

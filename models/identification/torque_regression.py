@@ -36,6 +36,13 @@ from wrenchsight.models.robot.robot import Robot
 INERTIAL_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 JOINT_NAMES = ("rotor", "coulomb", "viscous", "offset")
 _INERTIAL, _JOINT = len(INERTIAL_NAMES), len(JOINT_NAMES)
+_MIN_RESIDUAL_SHARE = 1e-12  # of the torque's norm: a log without noise leaves nothing to weigh by
+_LEAST_LENGTH = 1e-300  # of a column of zeros, for a division
+# Prior of what a robot's file does not state.
+_LEAST_HALF_LENGTH = 0.01  # m, of a link
+_LEAST_MEAN_MASS = 1e-3  # kg, of the links
+_LIGHT_LINK_SHARE = 0.1  # of the links' mean mass, for one without a mass
+_FRICTION_SHARE = 0.01  # of the effort limit: sd of each friction coefficient
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,9 +208,8 @@ class RegressionRows:
         factors = []
         for j, first_link in enumerate(self._first_links):
             other_columns = np.hstack([friction[j], self.tau[:, j : j + 1]])
-            if (
-                takes_all_rows
-            ):  # the rigid part is factorised already; only the few other columns are new
+            if takes_all_rows:
+                # The rigid part is factorised already; only the few other columns are new.
                 Q, upper = self._orthogonal[j]
                 projection = Q.T @ other_columns
                 lower = triangular_factor(other_columns - Q @ projection)
@@ -213,6 +219,7 @@ class RegressionRows:
                 if weights is not None:
                     W = W * np.sqrt(weights[part, j : j + 1])
                 R = triangular_factor(W)
+            # Of the links that the joint feels, of itself, and the torque behind all parameters.
             columns = np.r_[
                 _INERTIAL * first_link : _INERTIAL * n, starts[j] : starts[j + 1], starts[-1]
             ]
@@ -306,38 +313,35 @@ def _weighted(
 ) -> _WeightedFit:
     """Solves for the columns `independent` by least squares, each joint's rows over their sd.
 
-    The sds are those of the joints' residuals, found in turns with the solution.
+    The sds are those of the joints' residuals, found in turns with the solution; in the first turn
+    all are one.
 
     Args:
         factors: of each log, of each joint a triangular factor R (rows, p + 1), the torque last.
         independent: (b,) columns of the p parameters.
-        num_passes: turns.
-
-    Returns:
-        Values (b,), sds of the residual (n,), each joint's factor of its b columns and torque, and
-        the lengths (b,) of the columns.
+        num_passes: turns, one or more.
     """
     n = len(factors[0].R)
     b = len(independent)
     # Per joint, [independent columns, torque] of all logs, reduced once more.
     stacked = [np.vstack([f.R[j] for f in factors]) for j in range(n)]
     joints = [triangular_factor(np.hstack([R[:, independent], R[:, -1:]])) for R in stacked]
-    num_rows = sum(f.num_rows for f in factors)
-    freedom = max(1.0, num_rows - b / n)
+    # Rows of a joint, less its share of the parameters.
+    freedom = max(1.0, sum(f.num_rows for f in factors) - b / n)
     torque = np.array([np.linalg.norm(R[:, -1]) for R in joints])
-    floor = 1e-12 * torque.max()  # a noise-free log leaves no residual to weigh with
-    length = np.maximum(np.linalg.norm(np.vstack(joints)[:, :-1], axis=0), 1e-300)
-    deviation = np.ones(n)
+    floor = _MIN_RESIDUAL_SHARE * torque.max()
+    length = np.maximum(np.linalg.norm(np.vstack(joints)[:, :-1], axis=0), _LEAST_LENGTH)
+    residual_sd = np.ones(n)
     for _ in range(num_passes):
-        A = np.vstack([R / sd for R, sd in zip(joints, deviation, strict=True)])
+        A = np.vstack([R / sd for R, sd in zip(joints, residual_sd, strict=True)])
         # By pivoted QR, which takes a fixed number of steps: the iteration of an SVD failed to
         # converge once, on finite rows that other runs solved.
         scaled = A[:, :-1] / length
         cond = np.finfo(float).eps * max(scaled.shape)
         values = lstsq(scaled, A[:, -1], cond=cond, lapack_driver="gelsy")[0] / length
         residual = np.array([np.linalg.norm(R[:, -1] - R[:, :-1] @ values) for R in joints])
-        deviation = np.maximum(residual, floor) / np.sqrt(freedom)
-    return _WeightedFit(values, deviation, joints, length)
+        residual_sd = np.maximum(residual, floor) / np.sqrt(freedom)
+    return _WeightedFit(values=values, residual_sd=residual_sd, joints=joints, length=length)
 
 
 def realisation(
@@ -356,7 +360,9 @@ def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[
     """Prior of all parameters: the values in the robot's files, and their plausible errors (sds).
 
     A link's error is as large as the link itself: its mass m, m times its size, m times its size
-    squared. Friction has the prior zero, and a hundredth of the joint's effort limit for its error.
+    squared; its size is half of a link's mean length. A rotor's is as large as the rotor, or as a
+    link of that size. Friction has the prior zero, and a hundredth of the joint's effort limit for
+    its error.
 
     Args:
         robot: the robot.
@@ -368,20 +374,22 @@ def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[
     """
     chain, n = robot.chain, robot.num_joints
     reach = np.linalg.norm(chain.p_PJ, axis=1).sum() + float(np.linalg.norm(chain.p_LE))
-    half_length = max(0.5 * float(reach) / n, 0.01)  # m, half of a link's mean length
-    mass = np.maximum(chain.inertial_parameters[:, 0], 0.0)
-    # A link that the file gives no mass has the error of a tenth of the mean link.
-    mass = np.maximum(mass, 0.1 * max(float(mass.mean()), 1e-3))
+    half_length = max(0.5 * float(reach) / n, _LEAST_HALF_LENGTH)  # m
+    stated_mass = np.maximum(chain.inertial_parameters[:, 0], 0.0)
+    mean_mass = max(float(stated_mass.mean()), _LEAST_MEAN_MASS)
+    mass = np.maximum(stated_mass, _LIGHT_LINK_SHARE * mean_mass)
     spread = np.empty((n, _INERTIAL))  # columns: mass, m c (3), inertia (6)
     spread[:, 0] = mass
     spread[:, 1:4] = (mass * half_length)[:, None]
     spread[:, 4:] = (mass * half_length**2)[:, None]
-    drive_prior, drive_spread = [], []
+    drive_prior: list[Array] = []
+    drive_spread: list[Array] = []
     rotor_spread = np.maximum(chain.reflected_inertia, mass * half_length**2)
     num_friction = [_JOINT - 1] * n if counts is None else counts  # a joint's first is its rotor
     for j, count in enumerate(num_friction):
         drive_prior.append(np.r_[chain.reflected_inertia[j], np.zeros(count)])
-        drive_spread.append(np.r_[rotor_spread[j], np.full(count, 0.01 * robot.effort_limit[j])])
+        friction_sd = _FRICTION_SHARE * robot.effort_limit[j]
+        drive_spread.append(np.r_[rotor_spread[j], np.full(count, friction_sd)])
     return (
         np.concatenate([chain.inertial_parameters.ravel(), *drive_prior]),
         np.concatenate([spread.ravel(), *drive_spread]),

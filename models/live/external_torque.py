@@ -86,37 +86,36 @@ class ExternalTorqueEstimator:
         )
 
     def _read(self, q: Array, tau: Array) -> tuple[EstimateBatch, Detection]:
-        """The reading of one sample; one that is not finite has the wrench of zeros, not valid.
+        """The reading of one sample; one that is not finite is read as zeros, not valid.
 
         Args:
-            q, tau: (n,) rad, and N m of the external torque.
+            q, tau: (1, n) rad, and N m of the external torque.
         """
         is_finite = bool(np.isfinite(q).all() and np.isfinite(tau).all())
         self._t += self._step
         J = self._robot.chain.jacobian(np.nan_to_num(q))
         estimate = self._reading.reconstruct(J, np.nan_to_num(tau))
         state = self._contact(J, tau) if is_finite else _NO_CONTACT
-        place = self._place if state.contact else None
-        on_link = place is not None and place.on_link
-        link = place.named()[0] if place is not None and on_link else 0
         # A contact whose place is not judged yet may be anywhere.
-        may_be_elsewhere = (
-            state.contact if place is None else place.links[:-1].sum() > MAX_LINK_ODDS
-        )
+        on_link, link, may_be_elsewhere = False, 0, state.contact
+        if state.contact and self._place is not None:
+            on_link = self._place.on_link
+            link = self._place.named()[0] if on_link else 0
+            may_be_elsewhere = bool(self._place.links[:-1].sum() > MAX_LINK_ODDS)
         batch = EstimateBatch(
-            tau,
-            estimate.wrench,
-            estimate.covariance,
-            estimate.condition_number,
-            estimate.invalid,
-            J,
-            self._sd[None],
+            tau_ext=tau,
+            wrench=estimate.wrench,
+            covariance=estimate.covariance,
+            condition_number=estimate.condition_number,
+            invalid=estimate.invalid,
+            J=J,
+            torque_sd=self._sd[None],
             fresh=np.array([is_finite]),
             fault=np.zeros(1, np.int64),
         )
         batch = batch.marked(SAMPLE_MISSING, not is_finite)
         batch = batch.marked(SETTLING, self._detector is None)
-        batch = batch.marked(OTHER_LINK, bool(may_be_elsewhere))
+        batch = batch.marked(OTHER_LINK, may_be_elsewhere)
         detection = Detection(
             statistic=np.array([state.statistic]),
             contact=np.array([state.contact]),

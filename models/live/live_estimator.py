@@ -116,22 +116,24 @@ class LiveEstimator:
     ) -> None:
         """Prepares what does not depend on the stream's step; arguments as the class has them.
 
-        The estimator itself is made by `_prepare`, once the step is known: here, where
-        configuration or source state it, else after the first samples, which wait until then. The
-        encoders' resolution is the robot's where it states one; else the model's, until the stream
-        shows its own.
+        The estimator itself is made by `_prepare`: here, where configuration or source state a
+        step, else after the first samples, which wait until then. A configured step is the grid's;
+        a source's may still be corrected by these samples, and is prepared for to save them the
+        wait. The encoders' resolution is the configuration's or the robot's where one states it;
+        else the model's, until the stream shows its own.
         """
         self._config = config if config is not None else LiveConfig()
         self._robot, self._model = robot, model
         self._num_joints = robot.num_joints
         self._stated_step = step
         self._estimator: WrenchEstimator | None = None
-        states_resolution = self._config.estimator.position_resolution is not None
-        states_resolution |= bool(np.isfinite(robot.position_resolution).all())
-        self._resolution_q: list[Array] | None = None if states_resolution else []
-        self._resolution: list[float] | None = None
-        if not states_resolution and model.torque_error is not None:
-            # The model's, until the stream shows its own.
+        is_resolution_stated = self._config.estimator.position_resolution is not None or bool(
+            np.isfinite(robot.position_resolution).all()
+        )
+        # Positions in which the encoders' step is looked for; None: it is not.
+        self._resolution_q: list[Array] | None = None if is_resolution_stated else []
+        self._resolution: list[float] | None = None  # None: as stated
+        if not is_resolution_stated and model.torque_error is not None:
             self._resolution = model.torque_error.resolution.tolist()
         self.tracked: TrackedEstimator | None = None
         """Estimator that follows friction and takes off a payload, where that is requested."""
@@ -139,15 +141,15 @@ class LiveEstimator:
         self._check: SampleCheck | None = None
         if self._config.estimator.check_samples:
             self._check = SampleCheck(robot, jitter=True)
-        self._reader: Reader
+        self._reader: Reader  # of `_prepare`
         self._waiting: list[Sample] = []  # until the step is known
-        self._was_running: bool | None = None
-        self._is_external = False
-        self._is_silent = False
-        self._zero_begin: float | None = None
+        self._was_running: bool | None = None  # None: no sample yet
+        self._is_external = False  # whether the samples are external torque
+        self._is_silent = False  # whether a sample is overdue
+        self._zero_begin: float | None = None  # s, in the stream's time
         self._is_zeroed = self._is_zeroing = False
-        self._last_received = math.inf
-        self._reading: Reading | None = None
+        self._last_received = math.inf  # s, of the computer's clock
+        self._reading: Reading | None = None  # the last one
         self.contradicted = False
         """Whether the stream contradicts the model: no reading is valid."""
         self.impossible_times: deque[float] = deque(maxlen=_KEPT_TIMES)
@@ -274,42 +276,40 @@ class LiveEstimator:
 
         `_reader` is what reads a sample of the grid: of external torque that of the joints alone;
         else the contact estimator, or the tracked one, inside that of a known contact where one is
-        stated. Each has `run(q, v, current)`.
+        stated. Each has `run(q, v, current)`, and begins as after a restart; the grid goes on.
 
         Raises:
             InputError: an option that a stream of external torque does not take.
         """
-        config = self._config.estimator
+        live = self._config
         config = replace(
-            config,
-            observer=replace(config.observer, time_step=step),
-            position_resolution=self._resolution or config.position_resolution,
+            live.estimator,
+            observer=replace(live.estimator.observer, time_step=step),
+            position_resolution=self._resolution or live.estimator.position_resolution,
         )
         self._estimator = WrenchEstimator(self._robot, self._model, config)
-        detection = self._config.detection
         self.tracked = None
         if self._is_external:
-            live_config = self._config
-            if live_config.track or live_config.zero_s or live_config.contact.axis:
+            if live.track or live.zero_s or live.contact.axis:
                 problem = "is read without --track, --zero and --contact-axis"
                 raise InputError("watch", "external torque", problem, "leave them out")
             self._reader = ExternalTorqueEstimator(
-                self._robot, config.reconstruction, live_config.torque_sd, step
+                self._robot, config.reconstruction, live.torque_sd, step
             )
             return
-        self._reader = ContactEstimator(self._estimator, detection)
-        if self._config.track or self._config.zero_s:
+        self._reader = ContactEstimator(self._estimator, live.detection)
+        if live.track or live.zero_s:
             self.tracked = TrackedEstimator(
                 self._robot,
                 self._model,
                 config,
-                detection,
-                follows_friction=self._config.track,
+                live.detection,
+                follows_friction=live.track,
             )
             self._reader = self.tracked
-        if self._config.contact.axis:
+        if live.contact.axis:
             estimator = self._estimator if self.tracked is None else self.tracked.estimator
-            self._reader = KnownContactEstimator(self._reader, estimator, self._config.contact)
+            self._reader = KnownContactEstimator(self._reader, estimator, live.contact)
 
     def _begin(self, step: float) -> None:
         estimator = self._estimator
@@ -340,20 +340,24 @@ class LiveEstimator:
     ) -> None:
         """Takes a sample of the source onto the grid; appends readings and events to `out`.
 
+        A sample of the wrong size, out of order or of a robot that does not run gives no reading of
+        its own; the last reading is then not valid any more where the robot has stopped.
+
         Args:
-            out: gets them, in order.
+            sample: of a stream whose step is known.
+            out: gets readings and events, in order.
             is_stale: whether it waited too long to be of use.
         """
-        events: list[StreamEvent] = []
-        sizes = {array.shape for array in (sample.q, sample.v, sample.effort)}
-        if sizes != {(self._num_joints,)}:
-            numbers = (sample.q.size, sample.v.size, sample.effort.size)
+        shapes = {array.shape for array in (sample.q, sample.v, sample.effort)}
+        if shapes != {(self._num_joints,)}:
             text = (
-                f"a sample of {numbers[0]} positions, {numbers[1]} velocities and {numbers[2]} "
-                f"currents, expected {self._num_joints} of each; it is left out"
+                f"a sample of {sample.q.size} positions, {sample.v.size} velocities and "
+                f"{sample.effort.size} currents, expected {self._num_joints} of each; it is left "
+                "out"
             )
             out.append(StreamEvent(EventKind.RECIPE, text, sample.received))
             return
+        events: list[StreamEvent] = []
         order = self._order.take(sample, events)
         if order.counts:
             self._last_received, self._is_silent = sample.received, False
@@ -434,17 +438,20 @@ class LiveEstimator:
 
         Args:
             point: x (3 n + 1,) of q, v, motor current, and how much faulty samples weigh in them:
-                0 none, up to OTHER_FAULT_WEIGHT one of another fault than FAULT_BEYOND.
+                0 none, up to OTHER_FAULT_WEIGHT one of another fault than FAULT_BEYOND. Any is
+                reported as FAULT_BEYOND, as `estimate` does.
             sample: the one that the grid took last.
             is_stale: whether the stream is late.
         """
         n = self._num_joints
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
-        sample_fault = 0 if point.x[-1] == 0.0 else FAULT_BEYOND
+        fault_weight = point.x[-1]
+        sample_fault = 0 if fault_weight == 0.0 else FAULT_BEYOND
         # The sample check of the estimator takes a current of inf for an impossible sample.
-        if point.x[-1] > OTHER_FAULT_WEIGHT and not self._is_external:
+        if fault_weight > OTHER_FAULT_WEIGHT and not self._is_external:
             current = np.full(n, np.inf)
         batch, detection = self._reader.run(q[None], v[None], current[None])
+        # External torque is read without a model.
         contradicted = self.contradicted and not self._is_external
         lacks_model = self.lacks_model and not self._is_external
         batch = batch.marked(SAMPLE_MISSING, point.dropout).marked(STREAM_LATE, is_stale)

@@ -45,10 +45,11 @@ class StreamOrder:
     """The order of one stream.
 
     Attributes:
-        step: s, of the stream.
-        max_gap: s, longest gap that is bridged.
         late: s, by which a sample may come later than the quickest one.
         rate: as `Source`.
+        step: s, of the stream; infinite until it is known: no gap is seen.
+        max_gap: s, longest gap that is bridged; infinite until the step is known.
+        is_late: whether the samples come late now.
     """
 
     late: float
@@ -69,6 +70,9 @@ class StreamOrder:
     def take(self, sample: Sample, events: list[StreamEvent]) -> SampleOrder:
         """Judges the next sample.
 
+        One that is older than the last is left out; MIN_LATE_SAMPLES of them in rising order show
+        that the clock has jumped back.
+
         Args:
             sample: as it came.
             events: gets an event for whatever is wrong.
@@ -77,44 +81,29 @@ class StreamOrder:
             Whether the sample counts (else it is to be left out), and whether the reading begins
             anew with it: after a jump of the clock, or a gap longer than `max_gap`.
         """
-        last, t = self._last, sample.t
-        if not math.isfinite(t):
+        if not math.isfinite(sample.t):
             self._say(
                 EventKind.GARBAGE, "a sample's time is no number; it is left out", sample, events
             )
             return _LEFT_OUT
         begins_anew = False
-        if last is not None:
-            step = t - last.t
+        if self._last is not None:
+            step = sample.t - self._last.t
             if step == 0.0:
                 text = "a sample came twice; the second is left out"
                 self._say(EventKind.DOUBLED, text, sample, events)
                 return _LEFT_OUT
             if step < 0.0:
-                if not self._jumped_back(t):
+                if not self._jumped_back(sample.t):
                     text = f"a sample is {-step:.4g} s older than the one before it; it is left out"
                     self._say(EventKind.DISORDERED, text, sample, events)
                     return _LEFT_OUT
                 text = f"the source's clock jumped back by {-step:.4g} s; reading begins anew"
                 self._say(EventKind.CLOCK, text, sample, events, always=True)
                 begins_anew = True
-            elif step > self.max_gap:
-                begins_anew = True
-                passed = (sample.received - last.received) * self.rate
-                if self.rate and step > passed + CLOCK_SLACK * self.rate:
-                    text = f"the source's clock jumped on by {step:.4g} s; reading begins anew"
-                    self._say(EventKind.CLOCK, text, sample, events, always=True)
-                else:
-                    text = (
-                        f"{step:.4g} s of samples are missing, more than the {self.max_gap:.4g} s "
-                    )
-                    text += "that are bridged (--max-gap); reading begins anew"
-                    self._say(EventKind.GAP, text, sample, events)
-            elif step > DROPOUT_STEPS * self.step:
-                text = (
-                    f"{1e3 * (step - self.step):.4g} ms of samples are missing; not valid meanwhile"
-                )
-                self._say(EventKind.GAP, text, sample, events)
+            else:
+                begins_anew = step > self.max_gap
+                self._judge_gap(step, self._last, sample, events)
         self._behind.clear()
         if begins_anew:
             self._offset = math.inf
@@ -122,8 +111,33 @@ class StreamOrder:
         self._judge_lateness(sample, events)
         return SampleOrder(counts=True, begins_anew=begins_anew)
 
+    def _judge_gap(
+        self, step: float, last: Sample, sample: Sample, events: list[StreamEvent]
+    ) -> None:
+        """Appends an event where samples are missing, or the clock has jumped on.
+
+        Args:
+            step: s of the source's clock between both samples, positive.
+            last, sample: in order.
+            events: gets the event.
+        """
+        if step > self.max_gap:
+            # By the computer's clock; a source without a rate has none to compare with.
+            passed = (sample.received - last.received) * self.rate
+            if self.rate and step > passed + CLOCK_SLACK * self.rate:
+                text = f"the source's clock jumped on by {step:.4g} s; reading begins anew"
+                self._say(EventKind.CLOCK, text, sample, events, always=True)
+            else:
+                text = f"{step:.4g} s of samples are missing, more than the {self.max_gap:.4g} s "
+                text += "that are bridged (--max-gap); reading begins anew"
+                self._say(EventKind.GAP, text, sample, events)
+        elif step > DROPOUT_STEPS * self.step:
+            missing = 1e3 * (step - self.step)
+            text = f"{missing:.4g} ms of samples are missing; not valid meanwhile"
+            self._say(EventKind.GAP, text, sample, events)
+
     def _jumped_back(self, t: float) -> bool:
-        assert self._last is not None
+        """Takes the time of a sample older than the last; whether enough of them have come."""
         if self._behind and t <= self._behind[-1]:
             self._behind.clear()
         self._behind.append(t)
@@ -187,7 +201,8 @@ class SampleGrid:
     def __init__(self, step: float) -> None:
         self._step = step
         self._last: GridSample | None = None
-        self._is_uniform = True
+        self._is_uniform = True  # as long as the stream's own samples are the grid
+        # Then the grid's times are origin + h k, the origin the last of these; k comes next.
         self._origin = 0.0
         self._next = 1
 
@@ -196,7 +211,7 @@ class SampleGrid:
 
         As long as the stream's steps are h, they are its own; from the first other step on they are
         linear between the stream's at even times. A dropout is one inside a gap, or between samples
-        of which one is a dropout.
+        of which one is a dropout. All must be taken from the iterator before the next call.
         """
         last, self._last = self._last, sample
         if last is None:
@@ -209,16 +224,16 @@ class SampleGrid:
                 return
             self._is_uniform, self._origin = False, last.t
         end = sample.t + TIME_TOLERANCE * h
-        last_point = math.floor((end - self._origin) / h) + 1
-        for k in range(self._next, last_point + 1):
+        most = math.floor((end - self._origin) / h) + 1  # one more than fit, as the quotient rounds
+        for k in range(self._next, most + 1):
             t = self._origin + h * k
             if t > end:
                 break
             self._next += 1
             weight = (t - last.t) / step
             to_nearest = min(t - last.t, sample.t - t)
-            bridged = step > DROPOUT_STEPS * h and to_nearest > UNIFORM_TOLERANCE * h
-            dropout = bridged or sample.dropout or (last.dropout and weight < 1.0)
+            is_bridged = step > DROPOUT_STEPS * h and to_nearest > UNIFORM_TOLERANCE * h
+            dropout = is_bridged or sample.dropout or (last.dropout and weight < 1.0)
             # At the sample itself, what the last one lacked does not count.
             x = last.x + weight * (sample.x - last.x) if weight < 1.0 else sample.x
             yield GridSample(t, x, dropout)
