@@ -31,7 +31,7 @@ MIN_WITHOUT_CONTACT = 0.10  # share of rows without contact that a log with a co
 MAX_CONTACT_LEFT = 0.04  # share of rows in contact that a fault leaves in a log without contact
 MIN_FREE, MIN_GAIN = 0.9, 0.2  # share of rows free of error that a fault then leaves, or adds
 MAX_UNEXPLAINED_SHARE = 0.5  # share of rows that are neither free nor touched by a plausible force
-_ROUNDING = 1e-9  # of the share that a fault leaves unexplained, where both leave nothing
+_ROUNDING_SHARE = 1e-9  # of the share that a fault leaves unexplained, where both leave nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +232,7 @@ def judge(case: Case) -> Judgement:
         # Beside an identified model: a robot's file has masses that gravity shows as a zero.
         is_likeliest = case.model is not None and log_odds[fault.name] == largest_odds
         max_left = MAX_SMALL_LEFT_SHARE if fault.is_small and is_likeliest else MAX_LEFT_SHARE
-        return 1.0 - fault.explained < max_left * (1.0 - explained) + _ROUNDING
+        return 1.0 - fault.explained < max_left * (1.0 - explained) + _ROUNDING_SHARE
 
     faults = [
         one
