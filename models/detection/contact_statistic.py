@@ -40,9 +40,10 @@ lag. The variance s'^2 has the parts of sd^2, with other shares, and the square 
 the local scale of the change. A joint that comes to rest releases its friction within some samples,
 sooner than sd^2 shows rest. Below REST_SPEED the stiction part is therefore at least
 b^2 / 3 exp(-(v / REST_SPEED)^2), low-passed as the reading, until all joints have rested for
-REST_TIME. A joint that starts releases its friction later than it is seen to move, and the mean
-still holds it: until then the part is at least LP(w b)^2 / 3. Nor is s'^2 below the square of the
-white noise that speeds and currents show, as the observer reads it,
+REST_TIME and this one rests rather than creeps to its stop, w >= MIN_REST_SHARE: at some mrad/s
+that may take longer. A joint that starts releases its friction later than it is seen to move, and
+the mean still holds it: until then the part is at least LP(w b)^2 / 3. Nor is s'^2 below the square
+of the white noise that speeds and currents show, as the observer reads it,
 
     noise^2 = -LP(d_p d_p' + d_L d_L') / 4
     d_p = (1 - pole) (p - 2 p' + p'') / T,    d_L = (1 - pole) (L - 2 L' + L'') / sqrt(1 - pole^2)
@@ -127,6 +128,7 @@ _STICTION_PART = NUM_FEATURES - 1  # among the parts of a variance
 MAX_UNTOUCHED_RMS = 2.0  # root mean square over MEAN_TIME
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
+MIN_REST_SHARE = 0.5  # w of a joint that rests; of one that creeps at 3 mrad/s it is .3
 
 # Rows of the state.
 _MOMENTUM, _PREVIOUS_MOMENTUM, _TORQUE, _PREVIOUS_TORQUE, _BASE, _JUMP2, _LOCAL2 = range(7)
@@ -351,7 +353,8 @@ def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) ->
         state[_STOP, j] = pole * state[_STOP, j] + (1.0 - pole) * stop
         start = rows[UNKNOWN_SHARE_ROW, j] * stiction_sd
         state[_START, j] = keep * state[_START, j] + (1.0 - keep) * start
-        if single[_RESTING] < REST_TIME:
+        # A joint that still creeps to its stop has not released its friction.
+        if single[_RESTING] < REST_TIME or rows[UNKNOWN_SHARE_ROW, j] < MIN_REST_SHARE:
             part = joints[CHANGE + _STICTION_PART, j] * parts[_STICTION_PART]
             released = max(state[_STOP, j], state[_START, j])
             variance[j] += max(part, released * released)

@@ -406,6 +406,21 @@ def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
         assert Detection.of(out).contact.any() == touched
 
 
+def test_a_joint_that_creeps_to_its_stop_lets_go_late_and_nothing_touched_it(sts, model):
+    """It carried 1.7 of the 2 N m that it can, and lets go of it after half a second's creep."""
+    noise_model, friction = noise_and_friction(scale=0.2)
+    arm = replace(model, friction=friction, contact_noise=noise_model)
+    detector = detector_of(arm, sts)
+    q, v, transmitted, momentum, J = still(arm, sts, 300)
+    read = np.zeros((300, N))
+    read[250:, 0] = 1.7 * (1.0 - np.exp(-20.0 * T * np.arange(1, 51)))
+    for creep, touched in ((0.005, False), (0.05, True)):  # rad/s: creeps, and moves on
+        v[:, 0] = np.where(np.arange(300) < 200, 0.5, creep)
+        q[:, 0] = sts.home[0] + T * np.cumsum(v[:, 0])
+        out = judge(detector, q, v, transmitted, momentum, J, read)
+        assert Detection.of(out).contact.any() == touched
+
+
 def test_a_joint_that_starts_lets_go_of_what_it_carried_and_nothing_touched_it(sts, model):
     """It carried 1.7 of the 2 N m that it can, for .15 s after the start, too."""
     noise_model, friction = noise_and_friction(scale=0.2)
