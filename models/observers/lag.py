@@ -40,6 +40,17 @@ rates seen through both are as (1 + x^2) / (1 + x^2 / r^2), 1.6 at x = 1. Above 
 1.5, the reading lags by an unknown amount. It does not keep pace, and is not valid, if the lag's
 variance is more than MAX_LAG_RATIO of all else that the force's holds.
 
+**Springs.** Gears and links are springs that encoders at the motors do not see. A force that
+changes bends them and accelerates the links, and F - A d^2/dt^2 F is read, with A = J^-T M K^-1 J^T
+for a joint stiffness K. The eigenvalues of A are 1 / w_s^2 of the arm's natural frequencies w_s
+with held motors. Within the bandwidth d^2/dt^2 F is at most omega K_0 times the lag, so that the
+error is about omega K_0 / w_s^2 of it, in any direction, as A mixes them:
+
+    Sigma_F <- Sigma_F + (omega K_0 / w_s^2)^2 tr(lag) 1,    of the force alone
+
+Along the force the lag itself is wider. No log without fast contact shows w_s, so it is assumed:
+NATURAL_FREQUENCY_HZ.
+
 **The scale** of all readings (torque per ampere, friction under a load that no log had) has a
 stated relative sd: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
 """
@@ -60,6 +71,7 @@ PACE_TIME = 4.0  # 1 / omega, over which powers are compared: a period of the sl
 LAG_POWER_SHARE = 3.0 * RATE_CORNERS**2 * (1.0 - RATE_CORNERS * math.atan(1.0 / RATE_CORNERS))
 MAX_POWER_RATIO = 2.1  # of the rates seen through both corners
 MAX_LAG_RATIO = 4.0  # variance of the lag of a force faster than stated, over that of all else
+NATURAL_FREQUENCY_HZ = 8.0  # lowest of an industrial arm with held motors; assumed
 _DOUBTED_PACE = 0.1  # pace of the low-passes where the reading is not valid
 
 # Rows of the state, (LAG_ROWS, 6): the wrench through both low-passes, NaN before the first; L; and
@@ -77,6 +89,7 @@ class LagSettings(NamedTuple):
         rate_factor, slow_rate_factor: w / K_0 and omega / K_0, for samples a tick apart; 0: the
             observer has no lag.
         scale: relative sd of the scale of all readings.
+        spring_share: of the lag, by which springs change the force in any direction.
     """
 
     pole: float
@@ -87,6 +100,7 @@ class LagSettings(NamedTuple):
     rate_factor: float
     slow_rate_factor: float
     scale: float
+    spring_share: float
 
 
 def lag_settings(
@@ -109,12 +123,13 @@ def lag_settings(
             raise ValueError(f"{name} must be zero or more, not {value}")
     omega = 2.0 * np.pi * force_bandwidth_hz
     if K_0 is None:
-        return LagSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(scale))
+        return LagSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(scale), 0.0)
     rates = np.array([RATE_CORNERS, 1.0]) * omega
     pole, slow_pole = np.exp(-rates * time_step).tolist()
     doubted_pole, doubted_slow_pole = np.exp(-_DOUBTED_PACE * rates * time_step).tolist()
     # Such that a ramp, low-passed up to the sample before, shows its rate exactly.
     ramp_rates = (1.0 - np.exp(-rates * time_step)) / time_step
+    natural_frequency = 2.0 * np.pi * NATURAL_FREQUENCY_HZ
     rate_factor, slow_rate_factor = (ramp_rates / float(np.min(K_0))).tolist()
     return LagSettings(
         pole=pole,
@@ -125,6 +140,7 @@ def lag_settings(
         rate_factor=rate_factor,
         slow_rate_factor=slow_rate_factor,
         scale=float(scale),
+        spring_share=omega * float(np.min(K_0)) / natural_frequency**2,
     )
 
 
@@ -174,7 +190,7 @@ def lag_tick(
 ) -> bool:
     """Single-sample kernel: adds lag and scale to the covariance (6, 6).
 
-        covariance += L / LAG_POWER_SHARE + h h^T + scale^2 F F^T
+        covariance += L / LAG_POWER_SHARE + h h^T + scale^2 F F^T, and springs
 
     With f what the reading F lags by, from its rate, g = f without the noise of the reading, L the
     mean of g g^T over the last 1 / omega, h what of g this instant has beyond that mean; omega / (2
@@ -225,6 +241,8 @@ def lag_tick(
             covariance[j, i] = covariance[i, j]
             if i == j and i >= 3:
                 lag_variance += lag
+    for i in range(3, 6):  # what springs in gears and links add, whatever the force's direction
+        covariance[i, i] += settings.spring_share * settings.spring_share * lag_variance
     is_fast = state[_RATES, 0] > MAX_POWER_RATIO * state[_RATES, 1]
     return not (is_fast and lag_variance > MAX_LAG_RATIO * force_variance)
 

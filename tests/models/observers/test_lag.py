@@ -6,6 +6,7 @@ from sample_models import jacobian_seen
 
 from wrenchsight.models.observers.lag import (
     LAG_POWER_SHARE,
+    NATURAL_FREQUENCY_HZ,
     RATE_CORNERS,
     initial_lag_state,
     lag_settings,
@@ -83,8 +84,8 @@ def test_a_J_that_is_lost_starts_anew() -> None:
 def band(
     wrench: np.ndarray, K_0: float = 20.0, bandwidth: float = 3.0, valid: bool = True
 ) -> np.ndarray:
-    """(N, 6) sd that lag adds."""
-    settings = lag_settings(K_0, STEP, bandwidth, 0.0)
+    """(N, 6) sd that lag adds, without what springs do."""
+    settings = lag_settings(K_0, STEP, bandwidth, 0.0)._replace(spring_share=0.0)
     covariance = np.zeros((len(wrench), 6, 6))
     lag_log(settings, wrench, np.full(len(wrench), valid), covariance)
     np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
@@ -178,6 +179,25 @@ def test_a_sine_within_the_bandwidth_is_held_at_its_zero_crossings_too(frequency
     # No wider than it has to be: a sine of this lag has the sd of its error within a third.
     error = np.sqrt(np.mean((read - force)[50:, 4] ** 2))
     assert np.sqrt(np.mean(covariance[50:, 4, 4])) < 1.35 * error + 0.2
+
+
+@pytest.mark.parametrize(("frequency", "has_springs"), [(2.0, False), (2.0, True), (3.0, True)])
+def test_springs_turn_a_part_of_the_force_and_the_band_holds_it(
+    frequency: float, has_springs: bool
+) -> None:
+    """At the assumed natural frequency F - F'' / w_s^2 is read, here all of F'' along x."""
+    force, read = sine(frequency, noise=0.3)
+    share = (frequency / NATURAL_FREQUENCY_HZ) ** 2
+    read[:, 3] += low_passed(share * force[:, [4]], 20.0)[:, 0]
+    covariance = np.tile(0.3**2 * np.eye(6), (2000, 1, 1))
+    settings = lag_settings(20.0, STEP, 3.0, 0.0)
+    if not has_springs:
+        settings = settings._replace(spring_share=0.0)
+    lag_log(settings, read, np.ones(2000, bool), covariance)
+    z = np.abs(read - force)[50:, 3] / np.sqrt(covariance[50:, 3, 3])
+    assert (np.mean(z < 1.96) > 0.95 and np.mean(z > 3.0) < 0.01) == has_springs
+    moment_sd = np.sqrt(covariance[50:, :3, :3].diagonal(axis1=1, axis2=2))
+    assert moment_sd.mean() < 1.35 * 0.3  # moments are read as without springs
 
 
 def test_a_force_that_is_faster_than_stated_is_not_kept_pace_with() -> None:
