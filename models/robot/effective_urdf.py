@@ -23,7 +23,7 @@ class JointLimits:
     """The limits of a moving joint in the URDF."""
 
     name: str
-    line: int  # of the file; 0 where it was no URDF
+    place: str  # in the file, of `place_of`
     lower: float  # rad or m; -inf where there is none
     upper: float
     velocity: float  # rad/s or m/s; inf where there is none

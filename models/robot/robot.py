@@ -148,8 +148,7 @@ class Robot(Arm):
         if joint.effort is None:
             problem = f'joint "{joint.name}" has no effort limit above 0'
             remedy = 'add effort="..." (N m) to its <limit>, or effort_limit to its drive in '
-            place = f"line {joint.line}" if joint.line else ""
-            raise InputError(self._urdf_source, place, problem, f"{remedy}robot.yaml")
+            raise InputError(self._urdf_source, joint.place, problem, f"{remedy}robot.yaml")
         return joint.effort
 
     @property

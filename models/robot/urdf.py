@@ -28,7 +28,7 @@ from wrenchsight.models.robot.rotational_inertia import (
     unphysical,
 )
 from wrenchsight.models.robot.rounded_angles import exact_angle
-from wrenchsight.models.robot.urdf_document import drop_commas, read_document
+from wrenchsight.models.robot.urdf_document import drop_commas, place_of, read_document
 from wrenchsight.models.robot.urdf_elements import (
     INERTIA,
     add_inertial,
@@ -74,7 +74,7 @@ class _Reader:
         self.meshes = CollisionMeshes()
         self.root, self.lines = read_document(path, config_source)
         if with_commas := drop_commas(self.root):
-            first = f"line {self.lines[with_commas[0]]}" if self.lines else "the file"
+            first = place_of(with_commas[0], self.lines)
             self.notices.append(
                 f"{first}: commas between numbers are read as blanks, as PyBullet does, in "
                 f"{len(with_commas)} places; other programs refuse the file, or misread it"
@@ -626,7 +626,12 @@ class _Reader:
             self._fail(joint, f'joint "{name}": velocity limit {velocity:g}, expected 1e-6 or more')
         is_stated = 0 < effort < math.inf
         return JointLimits(
-            name, self.lines.get(joint, 0), lower, upper, velocity, effort if is_stated else None
+            name=name,
+            place=place_of(joint, self.lines),
+            lower=lower,
+            upper=upper,
+            velocity=velocity,
+            effort=effort if is_stated else None,
         )
 
     def _limit(self, limit: ET.Element, key: str) -> float:
@@ -687,5 +692,4 @@ class _Reader:
         return nearest(name, self.links) or "links: " + ", ".join(self.links)
 
     def _fail(self, element: ET.Element, problem: str, remedy: str = "") -> NoReturn:
-        line = self.lines.get(element)
-        raise InputError(self.path, f"line {line}" if line else "", problem, remedy)
+        raise InputError(self.path, place_of(element, self.lines), problem, remedy)

@@ -4,6 +4,7 @@ import hashlib
 import re
 import xml.etree.ElementTree as ET
 import xml.parsers.expat
+from collections.abc import Mapping
 from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
@@ -41,16 +42,30 @@ def read_document(
         root, lines = parse_document(urdf_of_model(path, root.tag, digest), path)[0], {}
     if root.tag != "robot":
         problem = f"<{root.tag}> is the root element, expected <robot> of a URDF, <sdf> or <mujoco>"
-        raise InputError(path, f"line {lines[root]}", problem)
+        raise InputError(path, place_of(root, lines), problem)
     if is_xacro(path, root):
         raise untrusted_xacro(path)
     for element in root.iter():
         name = element.get("name", "")
         if not name.isprintable():
-            location = f"line {lines[element]}" if lines else f"<{element.tag}>"
             problem = f"the name {name!r} holds characters that cannot be printed"
-            raise InputError(path, location, problem, "rename it")
+            raise InputError(path, place_of(element, lines), problem, "rename it")
     return root, lines
+
+
+def place_of(element: ET.Element, lines: Mapping[ET.Element, int]) -> str:
+    """Where a message sends its reader: the line of an element, or the element by its name.
+
+    A line says nothing where the whole document is a single one, or was converted to a URDF.
+
+    Args:
+        lines: of the elements in the file, as `read_document` returns them.
+    """
+    if len(set(lines.values())) > 1:
+        return f"line {lines[element]}" if element in lines else ""
+    name = element.get("name", "")
+    has_name = name and name.isprintable()
+    return f'<{element.tag} name="{name}">' if has_name else f"<{element.tag}>"
 
 
 def drop_commas(root: ET.Element) -> list[ET.Element]:

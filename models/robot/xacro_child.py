@@ -60,7 +60,7 @@ def main(words: list[str]) -> int:
 
     try:
         document = xacro.process_file(str(path), mappings=arguments)
-        text = document.toxml(encoding="utf-8")
+        text = document.toprettyxml(indent="  ", encoding="utf-8")  # messages name its lines
     # What xacro raises has no common class, and SystemExit is among it.
     except (Exception, SystemExit) as error:
         cause = _cause(error)

@@ -68,3 +68,17 @@ def test_a_servo_without_a_limit_has_none() -> None:
       <actuator><position joint="a" ctrlrange="-1.9 1.9"/><motor joint="b" gear="spoilt"/>
       <muscle joint="a"/></actuator></mujoco>"""
     assert effort_limits(ET.fromstring(text)) == {"a": np.inf, "b": np.inf}
+
+
+def test_without_inferred_limits_the_flags_decide() -> None:
+    """MuJoCo and Drake refuse a range without its flag there; with one it counts as it says."""
+    text = """<mujoco model="arm"><compiler autolimits="false"/><worldbody>
+      <body><joint name="a"/><geom size=".1"/></body>
+      <body><joint name="b"/><geom size=".1"/></body></worldbody>
+      <actuator><motor joint="a" ctrlrange="-3 3" ctrllimited="true"/>
+      <motor joint="b" ctrlrange="-3 3" ctrllimited="false"/></actuator></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.actuator_ctrllimited.tolist() == [1, 0]
+    assert effort_limits(ET.fromstring(text)) == {"a": 3.0, "b": np.inf}
+    with pytest.raises(ValueError, match="ctrlrange"):
+        mujoco.MjModel.from_xml_string(text.replace('ctrllimited="true"', ""))

@@ -109,6 +109,16 @@ def test_the_moving_link_itself_needs_one(tmp_path: Path) -> None:
         robot.require_inertias("simulate")
 
 
+def test_a_file_of_one_line_has_its_elements_named(tmp_path: Path) -> None:
+    _machine(tmp_path)
+    path = tmp_path / "machine.urdf"
+    text = path.read_text().replace('izz="0.01"', 'izz="1"', 1).replace("\n", " ")
+    path.write_text(text)
+    with pytest.raises(InputError, match=r'machine\.urdf: <inertial>: link "l1" has') as error:
+        Robot.load(tmp_path / "robot.yaml").require_inertias("simulate")
+    assert "line 1:" not in str(error.value)
+
+
 def test_a_rounded_inertia_is_mended_by_what_the_message_states(tmp_path: Path) -> None:
     _machine(tmp_path)
     path = tmp_path / "machine.urdf"

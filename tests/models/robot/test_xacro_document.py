@@ -7,7 +7,7 @@ import pytest
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot import limited_child
-from wrenchsight.models.robot.urdf_document import is_xacro_file, read_document
+from wrenchsight.models.robot.urdf_document import is_xacro_file, parse_document, read_document
 from wrenchsight.models.robot.xacro_document import renamed_packages, urdf_of_xacro
 
 pytest.importorskip("xacro", reason="the package xacro is not installed")
@@ -40,6 +40,12 @@ def arm(tmp_path):
 def test_macros_packages_and_arguments(arm):
     assert b'<box size="1 2.0 0.6"/>' in urdf_of_xacro(arm, {})
     assert b'<box size="1 2.0 1.0"/>' in urdf_of_xacro(arm, {"length": "0.5"})
+
+
+def test_each_element_has_a_line_of_its_own(arm):
+    """Messages about the expanded file send their reader to lines."""
+    _, lines = parse_document(urdf_of_xacro(arm, {}), arm.with_name("robot.urdf"))
+    assert len(set(lines.values())) == len(lines) > 4
 
 
 def test_a_package_whose_folder_was_renamed_is_found_by_what_it_holds(arm):
