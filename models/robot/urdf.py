@@ -452,8 +452,12 @@ class _Reader:
                     self.inertia_faults.append(fault)
                 for inertial in link.findall("inertial"):
                     link.remove(inertial)  # Drake would refuse the whole file
-        for joint in moving:
-            body = self._child(joint)
+        bodies = [self._child(joint) for joint in moving]
+        if without_mass := [body for body in bodies if not self._mass_with_fixed(body) > 0.0]:
+            self.inertia_faults.append(self._fault_without_mass(without_mass))
+        for body in bodies:
+            if body in without_mass:
+                continue
             try:
                 self._check_composite(body)
             except InputError as fault:
@@ -508,8 +512,30 @@ class _Reader:
         if mass > 0 and np.any(about_com != 0):
             self._check_physical(link, f'link "{name}"', about_com, self._nearest(link, about_com))
 
+    def _mass_with_fixed(self, body: str) -> float:
+        """kg, of a link with what is fixed to it, and the tool on its flange."""
+        fixed = self._below(body, True)
+        mass = sum(self._inertia(self.links[name])[0] for name in fixed)
+        tool = self.config.tool
+        return mass if tool is None or self.config.flange not in fixed else mass + tool.mass
+
+    def _fault_without_mass(self, bodies: list[str]) -> InputError:
+        """What is wrong where moving links, and what is fixed to them, have no mass."""
+        listed = ", ".join(f'"{body}"' for body in bodies)
+        if len(bodies) == 1:
+            problem = f"moving link {listed} and what is fixed to it have no mass"
+            remedy = "give it an <inertial>"
+        else:
+            problem = f"moving links {listed} and what is fixed to them have no mass"
+            remedy = "give each an <inertial>"
+        if self.config.flange in self._below(bodies[-1], True):
+            carrier = "it" if len(bodies) == 1 else f'"{bodies[-1]}"'
+            remedy += f", or state what {carrier} carries as tool in {self.config_source.name}"
+        place = place_of(self.links[bodies[0]], self.lines)
+        return InputError(self.path, place, problem, remedy)
+
     def _check_composite(self, body: str) -> None:
-        """Checks a moving link with what is fixed to it.
+        """Checks a moving link that has a mass, with what is fixed to it.
 
         Masses, centres of mass and inertias are put into the link's frame and summed up about the
         common centre of mass.
@@ -518,7 +544,7 @@ class _Reader:
             body: name of the link.
 
         Raises:
-            InputError: no mass, or an inertia that no body has.
+            InputError: an inertia that no body has.
         """
         tool = self.config.tool
         bodies = []
@@ -536,12 +562,6 @@ class _Reader:
                 )
         total = sum(mass for mass, _, _ in bodies)
         link = self.links[body]
-        if total <= 0:
-            remedy = "give it an <inertial>"
-            if self.config.flange in self._below(body, True):
-                remedy += f", or state what it carries as tool in {self.config_source.name}"
-            problem = f'moving link "{body}" and what is fixed to it have no mass'
-            self._fail(link, problem, remedy)
         com = sum((mass * p for mass, p, _ in bodies), np.zeros(3)) / total
         composite = np.zeros((3, 3))
         for mass, p, about_com in bodies:

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -682,6 +683,16 @@ def test_a_moving_body_without_mass(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         plant.CalcMassMatrix(context), expected.CalcMassMatrix(expected_context), rtol=1e-12
     )
+
+
+def test_all_links_without_mass_are_named_at_once(tmp_path: Path) -> None:
+    massless = re.sub("<inertial>.*?</inertial>", "", SMALL_URDF, flags=re.DOTALL)
+    expected_line = (
+        r'moving links "upper", "lower" and what is fixed to them have no mass; give each an '
+        r'<inertial>, or state what "lower" carries as tool in robot\.yaml'
+    )
+    with pytest.raises(InputError, match=expected_line):
+        load_small(tmp_path, massless).require_inertias("simulate")
 
 
 def test_a_file_that_is_no_urdf(tmp_path: Path) -> None:
