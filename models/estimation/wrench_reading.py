@@ -431,6 +431,7 @@ def judge_rows(
             samples.tau_ext[k],
             samples.sd[k],
             tau_J,
+            samples.unexplained[k],
             is_fresh and is_corrected,
             samples.fault[k] & BEYOND_LIMITS != 0,
         )

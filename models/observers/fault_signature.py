@@ -15,10 +15,11 @@ once) + b (once - twice) must be LATE_SHARE of |z|^2. a and b must be those of a
 s, within LATE_SUM and LATE_SECOND.
 
 Suspicion is counted in seconds, up to MAX_REPORT_TIME. From REPORT_TIME on a reading is not valid,
-unless it is
-free of force: |z|^2 < MAX_FREE_SQUARE n, as without any contact or fault. While z lies on none of
-these lines, as in a contact, suspicion falls as fast as it rose. While readings are free, it falls
-by FORGETTING_SHARE of the time.
+unless it is free of force: |z|^2 < MAX_FREE_SQUARE n, as without any contact or fault. Where a
+wrench at E leaves less of z than the line of a wrong current does, it is likelier a push that
+crosses the line: suspicion then grows by AMBIGUOUS_SHARE of the time. While z lies on none of these
+lines, as in a contact, suspicion falls as fast as it rose. While readings are free, it falls by
+FORGETTING_SHARE of the time.
 
 After samples beyond the joints' limits for LOST_TIME, readings are not valid as soon as samples are
 possible again: two exchanged joints, or an encoder that slipped, give possible numbers. Until there
@@ -43,7 +44,7 @@ LATE_SHARE, CONTACT_SHARE = 0.8, 0.5
 MAX_LATENESS, LATE_TIME = 0.15, 0.15  # s
 LATE_SUM, LATE_SECOND = (1.0, 3.0), (-1.5, 5.0)  # of a + b / 2, of b
 REPORT_TIME, MAX_REPORT_TIME = 0.05, 0.5  # s
-FORGETTING_SHARE = 0.2
+FORGETTING_SHARE, AMBIGUOUS_SHARE = 0.2, 0.2
 LOST_TIME, PROBATION_TIME = 0.05, 5.0  # s
 
 _MAX_SQUARE = 1e50  # of |z|^2; beyond, nothing is known
@@ -64,7 +65,8 @@ class FaultConstants(NamedTuple):
             ever rejected.
         need_decay: factor per sample of the low-passes of need, of time constant MAX_LATENESS.
         late_decay: factor per sample of the means over LATE_TIME.
-        poles: (n,) of the observer; -1: lateness is not looked for.
+        poles: (n,) of the observer; -1: it reads the wrench itself; lateness is not looked for, and
+            that a wrench explains its torque says nothing.
         lines: (m, n) N m, along which the torque of a wrong current lies.
     """
 
@@ -126,6 +128,7 @@ def is_believed(
     tau_ext: Array,
     sd: Array,
     tau_J: Array,
+    unexplained: float,
     is_measured: bool,
     is_implausible: bool,
 ) -> bool:
@@ -141,6 +144,8 @@ def is_believed(
         state: of `initial_fault_state`, changed.
         tau_ext, sd: (n,) N m, the observed torque and the sd of its error.
         tau_J: (n,) N m, of the sample before; NaN before it is known.
+        unexplained: what a wrench at E leaves of |z|^2, with what it costs beside its prior: D of
+            `models.observers.explained_torque`.
         is_measured: whether tau_ext is of this sample.
         is_implausible: whether the sample is beyond what the joints can do.
     """
@@ -164,7 +169,10 @@ def is_believed(
         off_line = square - _along(constants.lines, tau_ext, sd)
         on_line = off_line < min(MAX_OTHERS_SQUARE * n, ALONE_SHARE * square)
         if on_line or late_share > LATE_SHARE:
-            means[_SUSPICION] = min(means[_SUSPICION] + period, MAX_REPORT_TIME)
+            # An observer that reads the wrench (no poles) has no torque but that of a wrench.
+            is_push = constants.poles[0] >= 0.0 and unexplained < off_line
+            share = AMBIGUOUS_SHARE if is_push and late_share <= LATE_SHARE else 1.0
+            means[_SUSPICION] = min(means[_SUSPICION] + share * period, MAX_REPORT_TIME)
         elif off_line > MAX_OTHERS_SQUARE * n and late_share < CONTACT_SHARE:
             means[_SUSPICION] = max(means[_SUSPICION] - period, 0.0)
     elif is_free:
