@@ -276,7 +276,7 @@ def _actuators(plant: MultibodyPlant) -> dict[int, JointActuator]:
 def _limits(joint: Joint, actuator: JointActuator | None) -> JointLimits:
     return JointLimits(
         name=joint.name(),
-        line=0,
+        place="",
         lower=float(joint.position_lower_limits()[0]),
         upper=float(joint.position_upper_limits()[0]),
         velocity=float(joint.velocity_upper_limits()[0]),
