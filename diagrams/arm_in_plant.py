@@ -42,6 +42,8 @@ class ArmInPlant(Arm):
     W is the plant's World: `wrench`, Jacobian and gravity are in its axes. `in_base_axes` gives the
     same arm with W at its base, as a robot.yaml has it.
 
+    Arguments that are None are found in the plant, in this order: instance, E, base, chain, drives.
+
     Args:
         plant: finalized.
         model_instance: the arm's; None: the only one with an actuator.
@@ -56,7 +58,7 @@ class ArmInPlant(Arm):
 
     Attributes:
         plant, model_instance, frame_E: as given or found.
-        X_WB: pose of the base's frame in World.
+        X_WB: pose of the base's frame in World, as in the context.
         joints: joints of the chain, base to tool.
 
     Raises:
@@ -79,22 +81,21 @@ class ArmInPlant(Arm):
         if not plant.is_finalized():
             problem = "is not finalized"
             raise InputError(plant.get_name() or "plant", "", problem, "call Finalize() first")
+        instance = _actuated_instance(plant) if model_instance is None else model_instance
+        frame_of_tool = _last_frame(plant, instance) if frame_E is None else frame_E
+        base_body = _base(plant, instance, frame_of_tool) if base is None else base
+        plant_context = plant.CreateDefaultContext() if context is None else context
         self.plant = plant
-        self.model_instance = instance = (
-            _actuated_instance(plant) if model_instance is None else model_instance
-        )
-        # Messages of errors name the model instance where they name the file of another arm.
-        source = Path(plant.GetModelInstanceName(instance))
-        self.frame_E = frame_E = _last_frame(plant, instance) if frame_E is None else frame_E
-        # Joints that are not between base and E stand still as they are in this context.
-        context = plant.CreateDefaultContext() if context is None else context
-        base = _base(plant, instance, frame_E) if base is None else base
-        self.X_WB: RigidTransform = base.EvalPoseInWorld(context)
-        self._chain_in_W = SerialChain.from_plant(
-            plant, instance, frame_E, StandingJoints(base, context)
+        self.model_instance = instance
+        self.frame_E = frame_of_tool
+        self.X_WB: RigidTransform = base_body.EvalPoseInWorld(plant_context)
+        # Joints that are not between base and E stand still as they are in the context. Reflected
+        # inertia is that of the plant's actuators.
+        chain = SerialChain.from_plant(
+            plant, instance, frame_of_tool, StandingJoints(base_body, plant_context)
         )
         self.joints: tuple[Joint, ...] = tuple(
-            _joint_on_chain(plant, base, frame_E, joint) for joint in self._chain_in_W.joint_names
+            _joint_on_chain(plant, base_body, frame_of_tool, name) for name in chain.joint_names
         )
         actuators = _actuators(plant)  # by the index of the joint; some have none
         limits = [_limits(joint, actuators.get(int(joint.index()))) for joint in self.joints]
@@ -102,11 +103,13 @@ class ArmInPlant(Arm):
         if drives is None:  # the current is then the motor torque, at 1 N m/A
             drives = [_simulated_drive(joint, actuators) for joint in self.joints]
         if payload is None:
-            masses = self._chain_in_W.inertial_parameters[:, 0]  # kg, of the moving links
+            masses = chain.inertial_parameters[:, 0]  # kg, of the moving links
             payload = max(USUAL_PAYLOAD_SHARE * float(masses.sum()), _MIN_PAYLOAD)
-        # N m by the joint's name, for `_effort_limit`, which Arm.__init__ calls for each joint.
-        self._gravity_bound = _largest_gravity(self._chain_in_W, limits)
-        self._is_in_W = True  # `in_base_axes` makes a copy where it is not
+        # N m by the joint's name. Set before Arm.__init__, which calls `_effort_limit` for each
+        # joint: it falls back on these.
+        self._gravity_bound = _largest_gravity(chain, limits)
+        # Messages of errors name the model instance where they name the file of another arm.
+        source = Path(plant.GetModelInstanceName(instance))
         Arm.__init__(
             self,
             name=name or str(source),
@@ -116,9 +119,10 @@ class ArmInPlant(Arm):
             coupling=[],  # of drives that move several joints: none
             payload=payload,
         )
-        # The chain has had the inertia of the plant's actuators. That of the drives, which
-        # Arm.__init__ has put into `reflected_inertia`, takes its place.
-        self._chain_in_W = replace(self._chain_in_W, reflected_inertia=self.reflected_inertia)
+        # Arm.__init__ has put the inertia of the drives into `reflected_inertia`: it takes the
+        # place of that of the plant's actuators.
+        self._chain_in_W = replace(chain, reflected_inertia=self.reflected_inertia)
+        self._is_in_W = True  # False of the copy that `in_base_axes` makes
         self.gravity = frozen(self._chain_in_W.gravity)
 
     def in_base_axes(self) -> "ArmInPlant":

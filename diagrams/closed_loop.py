@@ -210,17 +210,26 @@ def make_closed_loop(
                          |   +---------------- terms ---- estimator <-------+
                          +-- wrench: of the sensor or of the estimator
 
-    Logged at every tick: reference, tau_command, q, v, current, tau_ext, wrench, covariance,
-    condition_number, valid; of the truth tau_ext_true and wrench_true; where they exist ft_wrench,
-    pose_error, force_setpoint; of a machining scenario phase, fault, progress and feed_time.
+    Logged at every tick, unless `log` says otherwise:
+
+        reference, tau_command, q, v, current
+        tau_ext, wrench, covariance, condition_number, valid, invalid   of the estimator
+        tau_ext_true, wrench_true                                       of the truth
+        ft_wrench                                                       with a force/torque sensor
+        pose_error                                                      of impedance control
+        force_setpoint                                                  of force control
+        phase, fault, progress, feed_time                               of machining
+        freed_torque, freed_sd, tool_vibration                          after an air pass
 
     Args:
+        scenario: what runs; checked here.
+        robot: the arm as it is described: the cell makes the true one of it.
         model: of the controller, and of the estimator where that has no other.
         motion: in the place of the scenario's: of the joints, or of a machining scenario the path
             that was planned before (the workpiece may stand elsewhere).
         estimator: None: the tracking controller has the model's terms from a separate block, and
-            there is no tau_ext, wrench, covariance, condition_number and valid. That is for the
-            motion alone, in two thirds of the time.
+            the signals of the estimator are not there. That is for the motion alone, in two thirds
+            of the time.
         log: signals to be logged.
         meshcat: draws the cell and the force at the tool, true and estimated.
 
@@ -236,7 +245,8 @@ def make_closed_loop(
     if estimator is None and (has_impedance or meshcat is not None):
         raise ValueError("closed loop: impedance control and drawings need the estimator")
     planned = _planned_motion(scenario, robot, motion)
-    # Blocks that are made within update in the same phase of a tick as the plant, where they can.
+    # Blocks take the phase of a tick in which they update when they are made: in here that of the
+    # plant, where its outputs allow it.
     with _update_phase(scenario):
         builder = DiagramBuilder()
         cell = make_robot_cell(
@@ -385,6 +395,9 @@ def _logged_estimator_ports(estimator: Diagram) -> dict[str, OutputPort]:
 def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPorts:
     """Adds a joint tracking controller, with the estimator or, without it, the model's terms.
 
+        trajectory --> path_reference --> controller --> tau_command
+        terms -------------------------------^
+
     The terms are rigid-body terms (M, Cv, G...) at the measured q and v, which they hold, too: of
     the estimator's model where there is an estimator (`LoopEstimator.model`), as it computes them
     anyway, else of the controller's. Friction is always that of the controller's model.
@@ -458,17 +471,16 @@ def _add_machining(
     if wrench_estimator.observer.reads_present_torque:
         raise ValueError("machining: an observer that reads the present torque closes a loop")
     estimator = _add_loop_estimator(parts, requested, config)
-    readings, terms = _logged_estimator_ports(estimator), estimator.GetOutputPort("terms")
-    fed_back_wrench = readings["wrench"]
-    if uses_sensor(scenario):
-        fed_back_wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
+    readings = _logged_estimator_ports(estimator)
+    terms = estimator.GetOutputPort("terms")
+    fed_back_wrench = _fed_back_wrench(parts, readings)
 
     # (T,) 1 where the force feedback counts: where the feed is steady, or after an air pass where
     # its correction is valid.
     steady = plan.steady if air_pass is None else air_pass.steady_at(plan.trajectory.t)
     reference = _add_reference(parts, replace(plan, steady=steady), terms, fed_back_wrench)
     controller = _add_impedance_controller(parts, scenario.controller, plan.q_start)
-    # The controller's other inputs have the names of the reference's outputs.
+    # All of the controller's other inputs have the names of the reference's outputs.
     _connect_by_name(builder, controller, reference | {"terms": terms, "wrench": fed_back_wrench})
     controller_outputs = split_outputs(builder, controller)
     tau_command = controller_outputs["tau_command"]
@@ -485,6 +497,7 @@ def _add_machining(
             less_freed = builder.AddNamedSystem(
                 "freed_friction", FreedFrictionFeedforward(controller.law, viscous)
             )
+            # Its inputs have the names of ports of reference, tracker and controller.
             sources = reference | tracked | {"tau_command": tau_command}
             _connect_by_name(builder, less_freed, sources)
             tau_command = less_freed.get_output_port()
@@ -541,14 +554,17 @@ def _add_correction(
     """Adds the air pass and the tracker of the tool's vibration, which correct the estimator.
 
     An air pass, along the same path without contact, has taught what torque the model lacks. The
-    tool's vibration frees part of the joints' friction, which the model takes off in full.
+    tool's vibration frees part of the joints' friction, which the model takes off in full. The
+    tracker reads the tau_ext that it corrects: it does so in its update alone, for the tick after,
+    so that there is no algebraic loop.
 
         feed_time --> air_pass --> correction --------- + --> tau_correction --> estimator
         reference, correction, estimator --> vibration -^ freed_torque            ^
                                                  +------- freed_sd ---------------+
 
     Args:
-        wrench_estimator: what the blocks of `estimator` are made of.
+        wrench_estimator: what the blocks of `estimator` are made of; the tracker gets its
+            constants.
         air_pass: what was learnt in it.
         estimator: made with `corrected`; its inputs for a correction are connected here.
         reference: outputs of the block MachiningReference by their names.
@@ -600,7 +616,7 @@ def _add_correction(
 def _connect_by_name(
     builder: DiagramBuilder, block: LeafSystem, sources: Mapping[str, OutputPort]
 ) -> None:
-    """Connects the inputs of a block to the sources of their names."""
+    """Connects all inputs of a block to the sources of their names; other sources are left over."""
     for k in range(block.num_input_ports()):
         port = block.get_input_port(k)
         builder.Connect(sources[port.get_name()], port)
@@ -611,17 +627,26 @@ def uses_sensor(scenario: Scenario) -> bool:
     return scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
 
 
+def _fed_back_wrench(parts: _LoopParts, readings: Mapping[str, OutputPort]) -> OutputPort:
+    """The wrench that force control feeds back: the sensor's, or that among the readings."""
+    if uses_sensor(parts.scenario):
+        return parts.cell.diagram.GetOutputPort("ft_wrench")
+    return readings["wrench"]
+
+
 def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPorts:
     """Adds an impedance controller along a motion of the joints, with its estimator.
 
     trajectory --> path_reference --> pose_reference --> controller --> tau_command
-    terms and wrench of the estimator ----------------------^
+    terms of the estimator ---------------------------------^
+    force_setpoint, wrench (of sensor or estimator) --------^   with a controlled force
     """
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     config = scenario.controller
     assert isinstance(config, ImpedanceConfig) and parts.requested_estimator is not None
     estimator = _add_loop_estimator(parts, parts.requested_estimator)
-    readings, terms = _logged_estimator_ports(estimator), estimator.GetOutputPort("terms")
+    readings = _logged_estimator_ports(estimator)
+    terms = estimator.GetOutputPort("terms")
     reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
     pose = builder.AddNamedSystem(
         "pose_reference", PoseReference(parts.controller_model.chain(robot))
@@ -641,11 +666,8 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
     controller_outputs = split_outputs(builder, controller)
     signals["pose_error"] = controller_outputs["pose_error"]
     if config.force is not None:  # force control along one direction, with a fed back wrench
-        fed_back_wrench = readings["wrench"]
-        if uses_sensor(scenario):
-            fed_back_wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
         builder.Connect(signals["force_setpoint"], controller.GetInputPort("force_setpoint"))
-        builder.Connect(fed_back_wrench, controller.GetInputPort("wrench"))
+        builder.Connect(_fed_back_wrench(parts, readings), controller.GetInputPort("wrench"))
     return _ControlPorts(
         controller=controller,
         tau_command=controller_outputs["tau_command"],

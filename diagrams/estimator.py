@@ -1,4 +1,22 @@
-"""The wrench estimator as a Diagram, to be dropped into any other."""
+"""The wrench estimator as a Diagram, to be dropped into any other.
+
+**Blocks of yours in the place of a stage.** `stages={"friction": MyFriction()}` of `make_estimator`
+puts a block in the place of ours. Its input ports are connected by their names: q, v, current,
+terms, tau_J, tau_f, tau_ext, tau_ext_valid, pole, sliding, torque_error, fault, and for `detection`
+the outputs of `reconstruction`. Inputs of other names stay open. It must have the stage's outputs:
+
+    samples         q, v, current (n,), fault (1,); from inputs of those names
+    terms           terms (abstract)
+    motor           tau_J (n,)
+    friction        tau_f (n,)
+    observer        tau_ext (n,), valid (1,); it should feed through neither tau_J nor current
+    torque_error    torque_error (ERROR_ROWS n,)
+    reconstruction  wrench (6,), covariance (36,), condition_number, valid, invalid (1,)
+    detection       contact (1,); the other signals of detection, if it has them
+
+A friction of yours without a port `sliding` leaves the stiction band that of the model's law. An
+observer of yours without a port `pole` (n,) 1/s is taken for one without lag.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -51,13 +69,16 @@ def make_estimator(
     """Builds the estimator: from a controller's measurements to the wrench at the tool.
 
                    +-----------+ --> tau_ext
-      q       -->  |           | --> wrench
-      v       -->  | estimator | --> covariance
-      current -->  |           | --> condition_number
-                   |           | --> valid
+                   |           | --> wrench
+      q       -->  |           | --> covariance
+                   |           | --> condition_number
+      v       -->  | estimator | --> valid
                    |           | --> invalid
-                   |           | --> terms
-                   +-----------+ --> fault
+      current -->  |           | --> terms
+                   |           | --> fault
+                   |           | --> tau_f
+                   |           | --> tau_ext_valid
+                   +-----------+ --> torque_error
 
     Inputs:   q                 (n,) rad (m for a prismatic joint)
               v                 (n,) rad/s (m/s)
@@ -77,7 +98,8 @@ def make_estimator(
               tau_f             (n,) N m, friction of the model, that was taken off
               tau_ext_valid     (1,) 1 where tau_ext belongs to the sample, and its correction holds
               torque_error      (ERROR_ROWS n,) of `systems.torque_error`; of a model that has
-                                learnt one, or with `corrected`
+                                learnt one, or with `corrected`. Stages have it also where the
+                                detector or the observer reads it
 
     The outputs at a tick t = k time_step are those of row k of `WrenchEstimator.run` over the same
     samples: they use q and v of that very tick and motor torque up to it. Between two ticks the
@@ -85,7 +107,8 @@ def make_estimator(
     `current`, so that a controller may use the wrench. The estimator starts by itself at its first
     update.
 
-    `terms` are those of q and v as they come, an impossible sample as well.
+    `terms` are those of q and v as they come, an impossible sample as well: the estimator leaves
+    that out, and a controller must not be left without the arm's weight.
 
     Inside are `samples`, `terms`, `motor`, `friction`, `observer`, `reconstruction`, and if another
     block reads it `torque_error` (and demultiplexers). Their numeric parameters
@@ -111,28 +134,17 @@ def make_estimator(
     (`systems.contact_detection.ContactDetection`), and outputs (1,) each: contact_statistic,
     contact, misfit, link, rest, out_of_range.
 
-    A block of yours takes the place of a stage: `stages={"friction": MyFriction()}`. Its input
-    ports are connected by their names (q, v, current, terms, tau_J, tau_f, tau_ext, tau_ext_valid,
-    pole, sliding, torque_error, fault, and for `detection` the outputs of `reconstruction`; others
-    stay open). It must have the stage's outputs:
-
-        samples         q, v, current (n,), fault (1,); from inputs of those names
-        terms           terms (abstract)
-        motor           tau_J (n,)
-        friction        tau_f (n,)
-        observer        tau_ext (n,), valid (1,); it should feed through neither tau_J nor current
-        torque_error    torque_error (ERROR_ROWS n,)
-        reconstruction  wrench (6,), covariance (36,), condition_number, valid, invalid (1,)
-        detection       contact (1,); the other signals of detection, if it has them
-
-    A friction of yours without a port `sliding` leaves the stiction band that of the model's law.
-    An observer of yours without a port `pole` (n,) 1/s is taken for one without lag.
-
     Args:
         robot: `Robot`, or `diagrams.arm_in_plant.ArmInPlant`, whose wrench is in the plant's World.
+        model: inertias, friction and residual of this robot, and its torque error if it has learnt
+            one.
+        config: observer (whose time_step is the period of all blocks), prior and checks; None: the
+            defaults of its class.
+        name: of the diagram, and in messages.
         fused: whether it is one block instead of its stages.
         detection: configuration of the contact detector; None: there is none.
-        stages: blocks of yours by the name of the stage; of a staged estimator only.
+        stages: blocks of yours by the name of the stage, as the module's text says; of a staged
+            estimator only. One for `detection` needs no configuration of the detector.
         corrected: whether there are inputs for a correction of tau_ext.
 
     Raises:
@@ -141,6 +153,7 @@ def make_estimator(
             that there is none, or without a port that it needs; a correction of an observer that
             reads the wrench itself.
     """
+    # The stages as plain mathematics: the blocks wrap its parts, which fit each other.
     estimator = WrenchEstimator(robot, model, config)
     if corrected and estimator.observer.reads_wrench:
         raise ValueError(
@@ -207,6 +220,8 @@ def _staged(
     q, v, current --> samples --> terms, motor, friction, observer, torque_error
                                      --> (correction) --> reconstruction, (detection)
 
+    Ports are exported in the order in which they are met: q, v and current first.
+
     Args:
         estimator: its parts are those of the blocks.
         replacements: the user's blocks, by the name of the stage that each takes the place of.
@@ -229,15 +244,16 @@ def _staged(
         has_error=reading_has_error or has_detection,
     )
     # Ports by the names of the inputs that take them: `_connect_by_name` connects a block to those
-    # that it has an input for.
+    # that it has an input for. Adds the check of the samples, and the diagram's q, v and current.
     sources = _signal_sources(builder, estimator, stages, replacements.get("samples"))
     _connect_by_name(builder, [stages.terms, stages.motor, stages.observer], sources)
     if stages.torque_error is not None:
         _connect_torque_error(builder, stages.torque_error, sources, corrected)
     _connect_friction(builder, stages.friction, sources, at_planned_speed)
 
-    # What the reconstruction is connected to, and what outputs and detection are.
-    reading_sources, output_sources = dict(sources), dict(sources)
+    # The ports by their names as the reconstruction takes them, and as outputs and detection do.
+    reading_sources = dict(sources)
+    output_sources = dict(sources)
     if corrected:
         correction = _add_correction(builder, estimator.num_joints, sources)
         for signal in ("tau_ext", "tau_ext_valid"):
@@ -252,11 +268,12 @@ def _staged(
     _connect_by_name(builder, [stages.reconstruction], reading_sources)
     output_sources |= _reading_ports(builder, stages.reconstruction)
 
-    known_terms = None if "terms" in replacements else sources["terms"]
-    terms_as_read = _terms_as_read(builder, estimator, known_terms)
     for signal in ("tau_ext", "tau_f", "tau_ext_valid", *_STAGE_OUTPUTS["reconstruction"]):
         builder.ExportOutput(output_sources[signal], signal)
-    builder.ExportOutput(terms_as_read, "terms")
+    # The diagram's terms are those of q and v as they come. The detector's are the stages', of the
+    # samples that the estimator takes, and stay in `output_sources`.
+    known_terms = None if "terms" in replacements else sources["terms"]
+    builder.ExportOutput(_terms_as_read(builder, estimator, known_terms), "terms")
     builder.ExportOutput(output_sources["fault"], "fault")
     if "detection" in replacements:
         _add_users_detector(builder, replacements["detection"], output_sources)
@@ -310,9 +327,12 @@ def _add_stages(
 ) -> _Stages:
     """Adds the blocks of the stages by their names, unconnected.
 
+    The check of the samples and the detector are none of them: `_signal_sources` and
+    `_add_detector` add these.
+
     Args:
         replacements: the user's blocks, by the name of the stage that each takes the place of.
-        knows_rest: whether the friction has an input by which it knows the joints that rest.
+        knows_rest: whether our friction has an input by which it knows the joints that rest.
         has_error: whether a block other than the observer reads the torque error.
 
     Returns:
@@ -321,15 +341,15 @@ def _add_stages(
     period = estimator.observer.time_step
 
     def add(stage: str, block: LeafSystem) -> LeafSystem:
-        """Adds the user's block of a stage, or else ours."""
+        """Adds the user's block of a stage, or else ours, which is then made for nothing."""
         return builder.AddNamedSystem(stage, replacements.get(stage, block))
 
     terms = add("terms", RigidBodyTermsSystem(estimator.chain))
     motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
     friction = add("friction", _friction_system(estimator.friction, period, knows_rest))
     observer = add("observer", _observer_system(estimator.observer))
-    # `learnt`: the model's torque error was fitted to logs. Else it is one covariance, which leaves
-    # the reading nothing to remember: period 0, a function without ticks.
+    # A model that has `learnt` its torque error, from logs, states it by the sample. Else it is one
+    # covariance, which leaves the reading nothing to remember: period 0, a function without ticks.
     reading_period = period if estimator.learnt else 0.0
     reconstruction = add(
         "reconstruction", JacobianWrenchReconstruction(estimator.reading, reading_period)
@@ -351,15 +371,17 @@ def _signal_sources(
     builder: DiagramBuilder,
     estimator: WrenchEstimator,
     stages: _Stages,
-    replacement: LeafSystem | None,
+    users_check: LeafSystem | None,
 ) -> dict[str, OutputPort]:
     """The port that each signal comes from, by the name of the inputs that take it.
 
     Adds the check of the samples q, v and current, and exports its inputs as the diagram's. Adds
-    what splits the observer's output up, and constants for what a user's block does not put out.
+    what splits the outputs of observer and torque error up, and constants for what a user's block
+    does not put out. Connects nothing of the stages' inputs.
 
     Args:
-        replacement: the user's block in the place of that check; None: ours.
+        stages: blocks that `builder` has already.
+        users_check: the user's block in the place of that check; None: ours.
 
     Returns:
         Ports of q, v, current and fault (checked), terms, tau_J, tau_f, sliding, pole, tau_ext,
@@ -367,7 +389,7 @@ def _signal_sources(
         reads the wrench itself.
     """
     observed = _observer_ports(builder, stages.observer)
-    sources = _checked_inputs(builder, estimator, replacement)  # q, v, current and fault
+    sources = _checked_inputs(builder, estimator, users_check)  # q, v, current and fault
     sources |= {
         "terms": stages.terms.GetOutputPort("terms"),
         "tau_J": stages.motor.GetOutputPort("tau_J"),
@@ -375,7 +397,7 @@ def _signal_sources(
         "sliding": _sliding_port(builder, stages.friction, estimator.friction),
         "pole": _pole_port(builder, stages.observer, estimator.num_joints),
         "tau_ext": observed["tau_ext"],
-        # What the observer calls `valid` goes by this name: `valid` is that of the wrench.
+        # What the observer calls `valid`: by that name goes the validity of the wrench.
         "tau_ext_valid": observed["valid"],
     }
     if "wrench" in observed:  # of an observer that reads the wrench itself
@@ -492,15 +514,15 @@ def _observer_system(observer: Observer) -> ExternalTorqueObserver:
 
 
 def _checked_inputs(
-    builder: DiagramBuilder, estimator: WrenchEstimator, replacement: LeafSystem | None
+    builder: DiagramBuilder, estimator: WrenchEstimator, users_check: LeafSystem | None
 ) -> dict[str, OutputPort]:
     """Exports the inputs q, v and current; returns their checked values, and `fault`."""
     n = estimator.num_joints
     check = SampleCheckSystem(estimator.check, n, estimator.observer.time_step)
-    block = builder.AddNamedSystem("samples", check if replacement is None else replacement)
+    block = builder.AddNamedSystem("samples", check if users_check is None else users_check)
     for signal in ("q", "v", "current"):
         builder.ExportInput(block.GetInputPort(signal), signal)
-    if replacement is not None:
+    if users_check is not None:
         return {signal: block.GetOutputPort(signal) for signal in _STAGE_OUTPUTS["samples"]}
     motion = builder.AddNamedSystem("motion", Demultiplexer(check.motion_sizes))
     builder.Connect(check.GetOutputPort("motion"), motion.get_input_port())
@@ -551,7 +573,7 @@ def _fused(
     detection: ContactDetectionConfig | None,
     corrected: bool,
 ) -> Diagram:
-    """The estimator as one block, with the outputs of the staged one.
+    """The estimator as one block, with the outputs of the staged one (torque_error: see there).
 
     q, v, current --> block --> reading --> demultiplexer --> tau_ext, wrench, ... --> detection
                         +-----> terms, pole, sliding, tau_J ----------------------------^
@@ -574,7 +596,7 @@ def _fused(
     for signal in ("terms", "pole", "sliding", "tau_J"):
         ports[signal] = block.GetOutputPort(signal)
 
-    for signal in _FUSED_OUTPUTS:
+    for signal in _FUSED_OUTPUTS:  # `pole`, `sliding` and `tau_J` are the detector's alone
         builder.ExportOutput(ports[signal], signal)
     # A torque error that was fitted to logs, or that a correction adds to, is an output too.
     if estimator.learnt or corrected:
@@ -605,9 +627,14 @@ def add_estimator_to_ports(
 
     `diagrams.estimator_in_plant.add_estimator` wires them to an arm in a MultibodyPlant.
 
+    The inputs of a correction (`corrected`) stay unconnected: connect the estimator's
+    tau_correction, correction_valid, correction_sd and, where it has one, v_planned afterwards.
+
     Args:
+        builder: holds the systems of the given ports.
+        robot, model, config, fused, detection, stages, corrected: as `make_estimator`.
         q, v, current: output ports of systems in `builder`, (n,) each; None is left unconnected.
-        fused, detection, stages, corrected: as `make_estimator`.
+        name: of the estimator in `builder`, which must have none of that name.
 
     Returns:
         the estimator, a subsystem of `builder`.
@@ -621,7 +648,7 @@ def add_estimator_to_ports(
     sources = {"q": q, "v": v, "current": current}
     for signal, port in sources.items():
         if port is None:
-            continue  # to be connected later
+            continue  # to be connected later, by the caller
         label = f"{port.get_system().get_name()}.{port.get_name()}"
         if port.get_data_type() != PortDataType.kVectorValued:
             raise ValueError(f"{name}: {signal} must be a vector, and {label} is abstract")

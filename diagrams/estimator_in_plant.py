@@ -20,6 +20,7 @@ from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot_config import DriveConfig
 
 DEFAULT_TIME_STEP = 1e-3
@@ -61,7 +62,11 @@ def add_estimator(
     or `actuation`. If neither exists, because the controller needs the estimator, connect the
     controller's torque afterwards to `builder.GetSubsystemByName(name + "_current")`.
 
+    Besides the estimator, `builder` gets systems whose names begin with its own: they pick q and v
+    out of the state, and turn the torque into the current and clip it at the effort limits.
+
     Args:
+        builder: with the plant, and with what drives it if that is there already.
         plant: finalized, in `builder`.
         model_instance, frame_E, drives, base, payload: as `ArmInPlant`.
         arm: arm of this plant, in the place of those; with it none of them is given.
@@ -97,31 +102,34 @@ def add_estimator(
         raise ValueError(f"{name}: give actuation or current, not both")
     if arm is None:
         arm = ArmInPlant(plant, model_instance, frame_E, drives, base=base, payload=payload)
-    if in_base_axes:
-        arm = arm.in_base_axes()
+    estimated_arm = arm.in_base_axes() if in_base_axes else arm
     state = plant.get_state_output_port(arm.model_instance)
     # Matrices of zeros and ones that take the arm's joints out of the state of the instance.
     q_selector, v_selector = arm.state_selector()
-    selected = {}
-    for signal, selector_matrix in (("q", q_selector), ("v", v_selector)):
-        selector = builder.AddNamedSystem(f"{name}_{signal}", MatrixGain(selector_matrix))
-        builder.Connect(state, selector.get_input_port())
-        selected[signal] = selector.get_output_port()
+    q = _selected(builder, state, q_selector, f"{name}_q")
+    v = _selected(builder, state, v_selector, f"{name}_v")
     if current is None:  # the motor torque that drives the plant, at 1 N m/A
         current = _motor_current(builder, arm, actuation, name)
     return add_estimator_to_ports(
         builder,
-        arm,
-        arm.nominal_model() if model is None else model,
+        estimated_arm,
+        estimated_arm.nominal_model() if model is None else model,
         _config_at_plant_rate(plant, config, name),
-        q=selected["q"],
-        v=selected["v"],
+        q=q,
+        v=v,
         current=current,
         name=name,
         fused=fused,
         detection=detection,
         stages=stages,
     )
+
+
+def _selected(builder: DiagramBuilder, state: OutputPort, rows: Array, name: str) -> OutputPort:
+    """The entries of a state that rows (n, n_state) of zeros and ones pick, by a system `name`."""
+    selector = builder.AddNamedSystem(name, MatrixGain(rows))
+    builder.Connect(state, selector.get_input_port())
+    return selector.get_output_port()
 
 
 def _config_at_plant_rate(

@@ -20,8 +20,12 @@ def graph_text(system: System) -> str:
 def write_graph(system: System, path: Path) -> Path:
     """Draws a Diagram or LeafSystem into `path`, an .svg.
 
-    A picture needs Graphviz's program `dot`. Without it the text is written beside, as .dot, for
-    any viewer to draw.
+    A picture needs Graphviz's program `dot`. Without it the text is written in the picture's place,
+    as .dot, for any viewer to draw. Either file is written whole or not at all.
+
+    Args:
+        system: as built; a Diagram is drawn with all that is in it.
+        path: path of the picture.
 
     Returns:
         The path that was written: `path`, or the same with the ending .dot.
@@ -29,16 +33,16 @@ def write_graph(system: System, path: Path) -> Path:
     Raises:
         InputError: `dot` cannot draw it, or the file cannot be written.
     """
-    content = graph_text(system).encode()
+    text = graph_text(system).encode()
     program = shutil.which("dot")
     if program is None:
-        path = path.with_suffix(".dot")
+        written_path, content = path.with_suffix(".dot"), text
     else:
-        drawn = subprocess.run([program, "-Tsvg"], input=content, capture_output=True, check=False)
+        drawn = subprocess.run([program, "-Tsvg"], input=text, capture_output=True, check=False)
         if drawn.returncode != 0:
             reason = drawn.stderr.decode(errors="replace").strip()
             raise InputError(path, "", f"Graphviz cannot draw the diagram: {reason}")
-        content = drawn.stdout
-    with whole_file(path) as partial, writing_to(path):
+        written_path, content = path, drawn.stdout
+    with whole_file(written_path) as partial, writing_to(written_path):
         partial.write_bytes(content)
-    return path
+    return written_path

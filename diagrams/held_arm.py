@@ -30,7 +30,8 @@ from wrenchsight.systems.joint_tracking_controller import (
 )
 from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor
 
-# Stiff enough that the arm hardly moves under the wrench, slow enough for a 1 ms drive.
+# Critically damped at 100 rad/s: stiff enough that the arm hardly moves under the wrench, slow
+# enough for a drive that holds its torque for 1 ms.
 _HOLD_CONTROL = JointTrackingConfig(law="computed_torque", kp=[1e4], kd=[200.0])
 
 
@@ -93,11 +94,12 @@ def make_held_arm(
 
     Args:
         robot: the arm.
-        estimators: by name; all with the same time step.
+        estimators: configurations by the names that the estimators get in diagram and logs; one or
+            more, all with the same time step.
         script: the wrench on the tool at E.
         q: (n,) rad, at rest there from the start.
         current_noise: whether currents have the drives' noise, resolution and bandwidth.
-        seed: seed of the noise.
+        seed: seed of the noise, as MotorCurrentSensor's; not read without `current_noise`.
 
     Raises:
         ValueError: no estimator, or time steps that differ.
@@ -132,6 +134,7 @@ def make_held_arm(
         diagrams = estimator_diagrams.items()
         return {name: log(diagram.GetOutputPort(signal)) for name, diagram in diagrams}
 
+    # Logs are systems, too: added before the diagram is built.
     q_log, wrench_true_log = log(arm.q), log(wrench_true)
     tau_ext_logs, wrench_logs = logs("tau_ext"), logs("wrench")
     diagram = builder.Build()
@@ -214,9 +217,9 @@ def _current_sensor(robot: Robot, time_step: float, noise: bool, seed: int) -> M
         sensor = MotorCurrentSensor(
             robot.num_joints,
             time_step,
-            robot.current_bandwidth,
-            robot.current_noise_sd,
-            robot.current_resolution,
+            bandwidth=robot.current_bandwidth,
+            noise_sd=robot.current_noise_sd,
+            resolution=robot.current_resolution,
             seed=seed,
         )
     sensor.set_name("current_sensor")

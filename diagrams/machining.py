@@ -33,10 +33,13 @@ from wrenchsight.models.planning.motion.redundancy import (
 from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.robot.robot import Robot
 
+# Of the grid about the tool's axis, 10 degrees apart. The search's time grows with their square,
+# and `refine` goes on between them.
 NUM_ANGLES = 36
 _TOOL_AXIS_E = (0.0, 0.0, 1.0)  # working direction of the tool, held into the surface
-_MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next
-_LIMIT_MARGIN = math.radians(5.0)  # kept from every joint limit
+# Of a joint from one sample to the next: more is a jump to another branch, not a motion.
+_MAX_STEP = math.radians(8.0)
+_LIMIT_MARGIN = math.radians(5.0)  # kept from every joint limit, so that control stays off it
 # N per rad^2: a smooth motion matters more here than the last millinewton
 _SMOOTHNESS_WEIGHT = 0.05
 REST_AFTER_PASS = 0.2  # s at rest, after the pass
@@ -46,6 +49,8 @@ def make_machining_path(
     scenario: Scenario, robot: Robot, source: str = "scenario: machining"
 ) -> MachiningPath:
     """Plans the pass of a scenario over its workpiece: path, postures and feed.
+
+    The path is straight in the coordinates (u, v) of the workpiece's surface, each 0 to 1.
 
     Args:
         scenario: with machining and a workpiece, checked by `check_scenario`.
@@ -78,7 +83,8 @@ def make_machining_path(
     )
     # `plan_machining` checks it, too; here before the search for postures, which takes seconds.
     check_curvature(path, settings.tool_radius)
-    return plan_machining(robot, path, postures(robot, path, machining, source), settings, source)
+    q = postures(robot, path, machining, source)  # (N, n), one a sample of the path
+    return plan_machining(robot, path, q, settings, source)
 
 
 def posture_problem(
@@ -87,12 +93,14 @@ def posture_problem(
     """The problem of the best postures along a path, which `best_on_grid` and `refine` solve.
 
     Postures differ by the angle about the tool's axis, which the work leaves free. Minimised is the
-    mean over the path of the force's stated sd, N, with the nominal model, plus _SMOOTHNESS_WEIGHT
-    times the joints' motion.
+    mean over the path of the force's stated sd, N, plus _SMOOTHNESS_WEIGHT times the joints'
+    motion. The sd is that of the nominal model: what is planned must not depend on an
+    identification.
 
     Args:
         robot, path: whose samples the postures are of.
-        machining: states the first angle, and narrower joint limits if any.
+        machining: states narrower joint limits, if any, and the first angle of the grid, from which
+            the others are even steps (`angle_deg`; without one 0).
         source: named in messages.
 
     Raises:
@@ -139,12 +147,18 @@ def _postures_at_angle(problem: RedundancyProblem, angle: Array, source: str) ->
     What is left to choose is the branch of the inverse kinematics (elbow up or down, ...) in which
     the path is followed: the cheapest of those that reach its end within the problem's bounds.
 
+    Args:
+        problem: robot, path, cost and bounds.
+        angle: of each sample of the path.
+        source: named in messages.
+
     Raises:
         InputError: no branch does.
     """
     robot, path = problem.robot, problem.path
-    R_WE = path.orientations(angle)
-    best_cost, best_q = math.inf, None
+    R_WE = path.orientations(angle, problem.tool_axis_E)  # (N, 3, 3)
+    best_cost = math.inf
+    best_q: Array | None = None
     first_postures = all_branches(robot, R_WE[:1], path.p_WS[:1])[0]  # (branches, n)
     for q_first in first_postures:
         if not np.all((q_first >= problem.lower) & (q_first <= problem.upper)):
@@ -153,7 +167,7 @@ def _postures_at_angle(problem: RedundancyProblem, angle: Array, source: str) ->
             q = follow_path(robot, R_WE, path.p_WS, q_first)
         except InputError:  # the branch ends before the path does
             continue
-        if problem.violation(q) > 0.0:
+        if problem.violation(q) > 0.0:  # beyond a limit, or a step that is too large
             continue
         cost = problem.cost(q)
         # Cheaper by more than rounding: of branches with one cost the first is taken, on every

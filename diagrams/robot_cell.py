@@ -139,7 +139,7 @@ def make_robot_cell(
 
     Args:
         scenario: what stands in the cell, and what acts on the tool.
-        robot: the true robot.
+        robot: the arm as it is described, with its truth: what it really is follows from that here.
         q_0: (n,) rad, where its encoders are at the start, at rest.
         meshcat: draws the cell into it; without it there are no pictures.
         clear_links: names of links that never touch anything: they are left out of contact.
@@ -148,10 +148,12 @@ def make_robot_cell(
         InputError: a sensor without a tool to sit on, true friction out of range, or directives
             that Drake cannot follow.
     """
-    robot = with_true_friction(robot, scenario.friction)
-    true_model = true_robot(robot)  # true joint frames and tool weight
-    cell = _add_surroundings_and_arm(scenario, robot, true_model, is_drawn=meshcat is not None)
-    joints = TrueJoints.of(robot, scenario.time_step)
+    robot_with_friction = with_true_friction(robot, scenario.friction)
+    true_model = true_robot(robot_with_friction)  # true joint frames and tool weight
+    cell = _add_surroundings_and_arm(
+        scenario, robot_with_friction, true_model, is_drawn=meshcat is not None
+    )
+    joints = TrueJoints.of(robot_with_friction, scenario.time_step)
     # The encoders read q_0, their gears bent by the arm's weight.
     q_start = joints.links_at(np.asarray(q_0, dtype=np.float64), true_model.chain)
     cell.plant.SetDefaultPositions(cell.arm.model_instance, q_start)
@@ -169,7 +171,7 @@ def make_robot_cell(
             script=script,
             contacts=_tool_contacts(cell) if cell.has_contact else None,
             process=_machining_process(scenario),
-            current=_current_sensor(robot) if scenario.current_noise else None,
+            current=_current_sensor(robot_with_friction) if scenario.current_noise else None,
             sensor=_force_torque_sensor(cell),
             seed=scenario.seed,
         )
@@ -180,7 +182,9 @@ def make_robot_cell(
         MeshcatVisualizer.AddToBuilder(cell.builder, cell.scene_graph, meshcat, parameters)
     diagram = cell.builder.Build()
     diagram.set_name("robot_cell")
-    return RobotCell(diagram, cell.plant, cell.arm, joints, script)
+    return RobotCell(
+        diagram=diagram, plant=cell.plant, parts=cell.arm, joints=joints, script=script
+    )
 
 
 def _add_surroundings_and_arm(
@@ -189,6 +193,7 @@ def _add_surroundings_and_arm(
     """Adds the plant with the arm, the workpiece and the floor, to a new builder.
 
     Args:
+        robot: the true robot, with the scenario's friction.
         true_model: the robot's true links, of `true_robot`.
         is_drawn: whether pictures are needed.
     """
@@ -203,11 +208,20 @@ def _add_surroundings_and_arm(
         _add_floor(plant, solid=scenario.floor)
     _follow_directives(plant, scenario)
     plant.Finalize()
-    return _CellParts(builder, scenario, robot, plant, scene_graph, arm)
+    return _CellParts(
+        builder=builder,
+        scenario=scenario,
+        robot=robot,
+        plant=plant,
+        scene_graph=scene_graph,
+        arm=arm,
+    )
 
 
 def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
-    """Adds the true arm, connects it with drives and plant, and exports the cell's ports.
+    """Adds the true arm, connects it with drives and plant, and exports the cell's outputs.
+
+    The inputs are exported by what connects them: the drives, and the forces of the user's diagram.
 
     current_command --> drives --> true_arm --> actuation, forces --> plant
                                       ^------- state, contacts ---------+
@@ -453,8 +467,9 @@ def _prepare_contact(
     links never touch each other.
 
     Args:
-        cell: its plant is finalized.
-        scene_graph: of the plant; its shapes are changed, before any Context is made.
+        cell: its plant is finalized, so that all shapes are there.
+        scene_graph: of the plant; its shapes are changed, which is possible before any Context is
+            made.
         clear_links: names of links that touch nothing.
     """
     plant, arm = cell.plant, cell.arm

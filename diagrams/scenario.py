@@ -289,7 +289,7 @@ class Scenario:
 
 
 def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenario:
-    """Loads a bundled scenario by name, or one out of a file.
+    """Loads a bundled scenario by name, or one out of a file, and checks it.
 
     Args:
         name_or_path: name of a bundled scenario, or the path of a YAML file of scenarios.
@@ -315,7 +315,7 @@ def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenar
     # Paths in the file are relative to it. A robot without ending and folder is a bundled one.
     if Path(scenario.robot).suffix or Path(scenario.robot).parent != Path():
         scenario = replace(scenario, robot=str(path.parent / scenario.robot))
-    for directive in scenario.directives:
+    for directive in scenario.directives:  # of this call's own Scenario: changed in place
         model = directive.add_model
         if model is not None and ":" not in model.file:  # else package:// or file://
             model.file = f"file://{(path.parent / model.file).resolve()}"
@@ -562,13 +562,15 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
                   `passes` of them, each takes one_way
 
     Equal cycles of there and back are put one after another, cycle 0 from `begin` on, and what lies
-    between start and end is cut out of them. The lead-in is the end of a way back.
+    between start and end is cut out of them. The lead-in is the end of a way back, cycle -1: it is
+    one_way long at most, and there is none before a single pass, whose cycle is the way there
+    alone (`_check_line`). Of an odd number of passes the last cycle is cut in its middle.
     """
     _check_line(motion)
     cycle = _line_cycle(motion, robot)
     begin = motion.start + motion.lead_in
     end = begin + motion.passes * motion.one_way
-    first_cycle = -1 if motion.lead_in > 0 else 0
+    first_cycle = -1 if motion.lead_in > 0 else 0  # by its number
     cycles = range(first_cycle, (motion.passes + 1) // 2)
     t = np.concatenate([begin + k * cycle.duration + cycle.t for k in cycles])
     # The last sample of a cycle, which ends where it began, is the first of the next one: one of

@@ -18,7 +18,7 @@ class ArmShapes:
 
     Args:
         robot: the arm with its tool.
-        add: adds what stands around it to the plant.
+        add: adds what stands around it to the plant, which has the arm and is not finalized.
 
     Attributes:
         plant: finalized.
@@ -39,16 +39,15 @@ class ArmShapes:
         builder = DiagramBuilder()
         plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         # Hulls: distances of meshes are those of their convex hulls.
-        self.plant, self.parts = plant, robot.add_to_plant(plant, hulls=True)
+        self.plant = plant
+        self.parts = robot.add_to_plant(plant, hulls=True)
         add(plant)
         plant.Finalize()
         self.diagram = builder.Build()
         self.inspector = self._scene_graph.model_inspector()
+        shapes = sorted(self.inspector.GetAllGeometryIds(Role.kProximity), key=GeometryId.get_value)
         self.body = {
-            geometry: plant.GetBodyFromFrameId(self.inspector.GetFrameId(geometry))
-            for geometry in sorted(
-                self.inspector.GetAllGeometryIds(Role.kProximity), key=GeometryId.get_value
-            )
+            shape: plant.GetBodyFromFrameId(self.inspector.GetFrameId(shape)) for shape in shapes
         }
         # What is welded to a joint's child moves with it, so that joint j leads to level j + 1.
         self.level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
@@ -60,10 +59,11 @@ class ArmShapes:
             self.parts.frame_E.body() if weld is None else plant.get_joint(weld).child_body()
         )
         self.position_indices = [joint.position_start() for joint in self.parts.joints]
-        # Where the first floating body's pose begins among the plant's positions; -1: none floats.
+        # Where the pose of the first floating body begins among the plant's positions: 7 numbers,
+        # quaternion and position. None: no body floats.
         floating = [plant.get_body(index) for index in plant.GetFloatingBaseBodies()]
         self._floating_start = min(
-            (body.floating_positions_start() for body in floating), default=-1
+            (body.floating_positions_start() for body in floating), default=None
         )
         # Contexts of the diagram, kept alive: `new_context` gives away the plant's parts of them.
         self._diagram_contexts: list[Any] = []
@@ -92,7 +92,7 @@ class ArmShapes:
         return str(body.name())
 
     def pairs(self, q: ArrayLike, influence: float, pose: ArrayLike = ()) -> list[Any]:
-        """Pairs of shapes within `influence` (m), the arm at q (n,).
+        """Pairs of shapes within `influence` (m), the arm at q (n,), where `context` is then left.
 
         Args:
             pose: (7,) quaternion and position of the first body that floats, where there is one.
@@ -109,6 +109,7 @@ class ArmShapes:
         positions = self.plant.GetDefaultPositions()
         if len(np.asarray(pose)):
             start = self._floating_start
+            assert start is not None, "a pose needs a body that floats"
             positions[start : start + 7] = pose
         positions[self.position_indices] = np.asarray(q, np.float64)
         self.plant.SetPositions(self.context, positions)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
+from wrenchsight.diagrams.distances.clearance import WORKPIECE
 from wrenchsight.diagrams.distances.machining_way import postures_of_pass
 from wrenchsight.diagrams.scenario import PlateConfig, Scenario
 from wrenchsight.diagrams.workpiece import add_plate
@@ -10,7 +11,8 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.robot.robot import Robot
 
-# Far more than the arm strays from its way, and moves between two postures that are checked.
+# Far more than the arm strays from its way, and moves between two postures that are checked. A
+# link that is wrongly left out would pass through the plate; one that is kept costs time alone.
 CLEAR_DISTANCE = 0.05  # m
 
 
@@ -20,6 +22,11 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
     The set is empty without machining of a plate, if other contact is possible (a floor to touch, a
     wrench that pushes the arm off its path), or if the path cannot be planned. A blade touches only
     the tool's tip in any case.
+
+    Args:
+        scenario: as it will be simulated.
+        robot: its collision shapes count.
+        plan: path of the pass over the plate.
     """
     machining, plate = scenario.machining, scenario.workpiece
     if not isinstance(plate, PlateConfig) or machining is None or scenario.floor or scenario.wrench:
@@ -30,14 +37,15 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
     except InputError:  # a part cannot be planned
         return frozenset()
     shapes = ArmShapes(robot, lambda plant: add_plate(plant, plate))
-    clear_links = {
+    links = {
         shapes.name(shape)
         for shape, body in shapes.body.items()
         if body.model_instance() == shapes.parts.model_instance
     }
+    near_links: set[str] = set()
     for q in np.vstack(list(postures_by_part.values())):
         for pair in shapes.pairs(q, CLEAR_DISTANCE):
             names = {shapes.name(pair.id_A), shapes.name(pair.id_B)}
-            if "workpiece" in names:  # the plate's name in `add_plate`; the other is a link's
-                clear_links -= names
-    return frozenset(clear_links)
+            if WORKPIECE in names:  # the plate's name in `add_plate`; the other is a link's
+                near_links |= names
+    return frozenset(links - near_links)

@@ -15,14 +15,24 @@ from wrenchsight.models.robot.robot import Robot
 
 _TUBE_RADIUS = 0.006  # m, of the tube along the path
 _TUBE_CORNERS = 8  # its corners
-_SCALE_END_QUANTILE = 0.99  # of the measure, where the scale of colours ends
-_MIN_SCALE_RATIO = 1.01  # of the scale's end to its beginning
+# Of the measure, where the scale of colours ends: near a singular posture a measure has no bound,
+# and a few samples would take all the colours.
+_SCALE_END_QUANTILE = 0.99
+# Of the scale's end to its beginning: a measure that is the same everywhere still has a scale, and
+# its noise no colours.
+_MIN_SCALE_RATIO = 1.01
 _PAUSE_TIME = 0.7  # s, between two motions
 
 
 @dataclass(frozen=True)
 class PathMotion:
-    """One way to follow a path: q (N, n), and its measure (N,), such as the condition number."""
+    """One way to follow a path.
+
+    Attributes:
+        name: names it in page and picture; other motions of a page have others.
+        q: (N, n) postures, two or more.
+        measure: (N,) of each, positive, such as the condition number.
+    """
 
     name: str
     q: Array
@@ -51,19 +61,29 @@ def write_path_page(
     """Writes a web page in which the arm makes the motions one after the other.
 
     Each motion takes `seconds`. While it lasts, its path is drawn as a tube coloured by the
-    measure, on one scale for all motions.
+    measure, on one logarithmic scale for all motions.
 
     Args:
+        robot: the arm.
+        motions: one or more, whose names differ.
         path: path of the page, which needs nothing else; written whole or not at all.
+        title: stands in the page, before the motions' names.
         label: name of the measure, in the legend.
+        workpiece: drawn beside the arm; None: nothing is.
+        seconds: length of a motion.
+        fps: frames of a second.
 
     Raises:
+        ValueError: a measure that is not positive, or two motions of one name.
         InputError: the file cannot be written.
     """
     measures = np.concatenate([motion.measure for motion in motions])
-    # The scale ends below the few largest: near a singular posture a measure has no bound.
-    low, high = float(np.min(measures)), float(np.quantile(measures, _SCALE_END_QUANTILE))
-    high = max(high, _MIN_SCALE_RATIO * low)
+    if np.any(measures <= 0.0):  # the scale of colours is logarithmic
+        raise ValueError("path page: a measure must be positive")
+    if len({_meshcat_path(motion) for motion in motions}) < len(motions):
+        raise ValueError("path page: the names of the motions must differ")
+    low = float(np.min(measures))
+    high = max(float(np.quantile(measures, _SCALE_END_QUANTILE)), _MIN_SCALE_RATIO * low)
     tips = [robot.chain.pose(motion.q)[1] for motion in motions]  # (N, 3) m, of E in W
     meshcat = make_meshcat(robot, np.mean(np.concatenate(tips), axis=0))
     picture = ArmPicture(robot, meshcat, fps)
@@ -110,6 +130,7 @@ def _show_one_path(
 
 
 def _meshcat_path(motion: PathMotion) -> str:
+    """The place of a motion's tube in Meshcat's tree, in which a slash would begin a branch."""
     return f"path/{motion.name.replace('/', ' ')}"
 
 

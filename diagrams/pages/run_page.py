@@ -44,10 +44,10 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
     """Starts Meshcat without a browser, on a white ground, looking at arm and tool from the side.
 
     Args:
-        robot: its base is at W's origin; from there to E at home counts as its size.
-        p_WE: (..., 3) m, where the tool will be.
-        view_direction: (3,) from what the camera looks at to the camera, in W, of any length; by
-            default from ahead of the tool and to one side, a little above.
+        robot: its base is at W's origin.
+        p_WE: (..., 3) m, where the tool will be; one point or more.
+        view_direction: (3,) from what the camera looks at to the camera, in W, of any length but 0;
+            by default from ahead of the tool and to one side, a little above.
     """
     meshcat = _quiet_meshcat()
     meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
@@ -56,8 +56,10 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
         meshcat.SetProperty(object_path, "visible", False)
     path = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
     middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
-    _, p_home = robot.chain.pose(robot.home)
+    _, p_home = robot.chain.pose(robot.home)  # (3,) m, of E
+    # How far E is from the base, at home or on its way: the size of what is to be seen.
     size = max(_MIN_SIZE, float(np.linalg.norm(p_home)), float(np.linalg.norm(path, axis=1).max()))
+    # The camera looks between base and tool, half as high as that.
     target = np.array([_TARGET_SHARE * middle[0], _TARGET_SHARE * middle[1], 0.5 * size])
     if view_direction is None:
         azimuth = np.arctan2(middle[1], middle[0]) - _SIDE_ANGLE
@@ -66,6 +68,7 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
         direction = np.array(view_direction, dtype=np.float64)
     direction /= np.linalg.norm(direction)
     points = np.vstack([np.zeros(3), p_home, path])  # base, E at home and E on its way
+    # Far enough for these; links may stand out beyond them, so not too near in any case.
     distance = max(_MIN_DISTANCE * size, _distance_of_view(points - target, direction))
     meshcat.SetCameraPose(target + distance * direction, target)
     return meshcat

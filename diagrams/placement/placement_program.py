@@ -302,7 +302,7 @@ class PlacementProgram:
         Args:
             start: need not keep the constraints.
             solver: one of SOLVERS.
-            options: options of the solver, beside or in place of the defaults.
+            options: options of the solver, by its own names, beside or in place of the defaults.
             measure: what to minimise the mean of, in place of the program's own; the cost of the
                 solution is the program's own all the same.
 
@@ -310,8 +310,11 @@ class PlacementProgram:
             Where the solver ended, converged or not; the start itself where it gave up.
 
         Raises:
+            ValueError: no such solver.
             KeyboardInterrupt: the user's, from within the solver.
         """
+        if solver not in SOLVERS:
+            raise ValueError(f"placement: solver {solver!r}, expected {' or '.join(SOLVERS)}")
         # The program's cost, `_cost`, counts its calls in the one and minimises the other.
         self._evaluations = 0
         self._solved_measure = self.measure if measure is None else measure
@@ -335,7 +338,7 @@ class PlacementProgram:
                 raise KeyboardInterrupt from error
             raise
         x = np.asarray(result.GetSolution(self._variables), dtype=np.float64)
-        if not np.all(np.isfinite(x)):  # the solver gave up: the start stands
+        if not np.all(np.isfinite(x)):  # the solver gave up
             x = self._pack(start)
         placement = self._unpack(x)
         details = result.get_solver_details()

@@ -26,6 +26,21 @@ def test_a_page_with_both_motions_is_written_whole(sts: Robot, tmp_path: Path) -
         write_path_page(sts, motions, tmp_path / "no" / "x.html", "A", seconds=0.1)
 
 
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [(("initial", 1.0), "names of the motions must differ"), (("other", 0.0), "must be positive")],
+)
+def test_motions_that_a_page_cannot_tell_apart_or_colour_are_refused(
+    sts: Robot, tmp_path: Path, second: tuple[str, float], message: str
+) -> None:
+    """One name is one tube, and 0 has no logarithm."""
+    q = sts.home + np.zeros((2, 1))
+    name, value = second
+    motions = [PathMotion("initial", q, np.ones(2)), PathMotion(name, q, np.array([1.0, value]))]
+    with pytest.raises(ValueError, match=message):
+        write_path_page(sts, motions, tmp_path / "x.html", "A")
+
+
 def test_colours_follow_the_logarithm() -> None:
     scale = colour_scale([1.0, 10.0, 100.0, 5.0, 500.0], 1.0, 100.0)
     ends = colour_scale([1.0, 100.0], 1.0, 100.0)

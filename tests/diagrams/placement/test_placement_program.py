@@ -240,6 +240,12 @@ def test_bounds_are_kept_where_they_cost_something(sts: Robot, bounds: Placement
     assert np.max(np.abs(np.diff(placement.q, axis=0))) <= 0.4 + 1e-7
 
 
+def test_an_unknown_solver_is_refused(sts: Robot, bounds: PlacementBounds) -> None:
+    """It was IPOPT."""
+    with pytest.raises(ValueError, match="expected snopt or ipopt"):
+        program_of(sts, bounds).solve(start(sts), "nlopt")
+
+
 @pytest.mark.long
 def test_ipopt_solves_the_same_program(sts: Robot, bounds: PlacementBounds) -> None:
     """From the end of a rough solve, as the search has it, wherever last bits send the iterations.
