@@ -34,6 +34,9 @@ _CUTOFF_FREQUENCY, _MAX_CUTOFF_SHARE = 5.0, 0.2  # Hz; of the sampling rate
 _SIGN_FADING_SHARE = 0.02  # of the speed limit, within which friction's sign fades
 _MIN_COLUMN_SD = 1e-6  # rad/s^2, 1 or rad/s: a column that varies less is the offset's
 _ROW_PERIOD = 0.05  # s between rows of the fit
+_FILTER_ORDER = 5
+_TRIM_PERIODS = 2.5  # of the cutoff frequency, at both ends, in which the low-pass settles
+_MIN_SINGULAR_RATIO = 1e-9  # of the columns' singular values: less, and one depends on the others
 _MIN_BLOCKS = 6  # blocks of REST_ERROR_TIME, one more than the columns of a joint
 _HELD_SPEED, _HELD_TIME = 0.01, 0.5  # rad/s (m/s) below which an arm is held, and s
 _POSTURE_TOLERANCE = 0.03  # rad or m by which a posture may differ when it is taken again
@@ -125,6 +128,7 @@ def scale_from_weight(
 
     Args:
         empty, laden: logs without and with the weight.
+        robot: its kinematics and gravity.
         parameters: (10,) of the weight, in the flange's frame, as `load_parameters`.
 
     Raises:
@@ -212,13 +216,13 @@ def _motion_rows(recording: Recording, robot: Robot) -> _MotionRows:
     step = float(f"{recording.time_step:.3g}")
     uniform = resampled(recording, step)
     cutoff = min(_CUTOFF_FREQUENCY, _MAX_CUTOFF_SHARE / step)
-    low_pass = ZeroPhaseLowPass(cutoff, step, 5)
+    low_pass = ZeroPhaseLowPass(cutoff, step, _FILTER_ORDER)
     if uniform.duration < 5.0 / cutoff:
         raise InputError(recording.source, "", "is too short to be filtered", "log a longer motion")
     q, v, effort = low_pass(uniform.q), low_pass(uniform.v), low_pass(_effort(uniform))
     vdot = derivative(v, step)
     whole = ~uniform.dropout & np.isfinite(q + v + effort).all(axis=1)
-    trim = int(np.ceil(2.5 / cutoff / step))
+    trim = int(np.ceil(_TRIM_PERIODS / cutoff / step))
     whole[:trim] = whole[len(whole) - trim :] = False
     rows = np.flatnonzero(whole)[:: max(1, round(_ROW_PERIOD / step))]
     q, v, vdot = (np.ascontiguousarray(x[rows]) for x in (q, v, vdot))
@@ -232,11 +236,11 @@ def _slope(A: Array, y: Array, block: Array) -> tuple[float, float]:
     """The first coefficient by least squares, and its standard error by sums over blocks."""
     scale = np.sqrt((A**2).mean(axis=0))
     A = A / scale
-    x, *_ = np.linalg.lstsq(A, y, rcond=1e-9)
+    x, *_ = np.linalg.lstsq(A, y, rcond=_MIN_SINGULAR_RATIO)
     scores = A * (y - A @ x)[:, None]
     names = np.unique(block)
     sums = np.stack([scores[block == name].sum(axis=0) for name in names])
-    inverse = np.linalg.pinv(A.T @ A, rcond=1e-9)
+    inverse = np.linalg.pinv(A.T @ A, rcond=_MIN_SINGULAR_RATIO)
     free = max(1, len(names) - A.shape[1])
     covariance = inverse @ (sums.T @ sums) @ inverse * len(names) / free
     return float(x[0] / scale[0]), float(np.sqrt(covariance[0, 0]) / scale[0])

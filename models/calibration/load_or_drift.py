@@ -44,6 +44,8 @@ COM_DETERMINED_SD = 0.02  # m; beyond it the motion has not determined the centr
 # rows that a pass tries as the begin of a load; the next pass searches around the best
 PLACES_PER_PASS = 25
 FIRST_PASS_ROWS = 600  # rows of a long log that the first pass uses
+_LARGEST_STATED_ODDS, _LEAST_PROBABILITY = 1e6, 1e-300
+_HELD_SD = 1e-9  # of a column that a fit without unknowns has: the prior holds it at zero
 _CAUSE_NAMES = {(False, False): "none", (True, False): "load", (False, True): "drift"}
 
 
@@ -112,8 +114,8 @@ class LoadOrDrift:
 
 def _odds(probability: dict[str, float]) -> str:
     against = probability["none"] + probability["drift"]
-    odds = (probability["load"] + probability["both"]) / max(against, 1e-300)
-    return "over 1e6:1" if odds > 1e6 else f"{odds:.3g}:1"
+    odds = (probability["load"] + probability["both"]) / max(against, _LEAST_PROBABILITY)
+    return "over 1e6:1" if odds > _LARGEST_STATED_ODDS else f"{odds:.3g}:1"
 
 
 def weigh(
@@ -143,6 +145,9 @@ def weigh_begin(
     likeliest row before. Of a long log the first passes use every stride-th row, until that many
     lie between the neighbours. The last pass has successive rows; others add nothing to the
     evidence. None also where a load is less likely than none.
+
+    Args:
+        log, law, prior: as `weigh`.
     """
     count = len(log.rows.t)
     first_row, last_row = MIN_ROWS, count - MIN_ROWS
@@ -308,7 +313,7 @@ def _evidence(log: LoadRows, law: CoulombViscous, load_sd: Array) -> dict[str, f
             is_used = np.repeat([loaded, drifted, True], [len(load_sd), 3 * n, num_model])
             prior_sd = sd[is_used]
             if not is_used.any():  # none of the three: a column that the prior holds at zero
-                is_used[0], prior_sd = True, np.full(1, 1e-9)
+                is_used[0], prior_sd = True, np.full(1, _HELD_SD)
             columns = np.append(np.flatnonzero(is_used), -1)  # the residual is the last
             rows = [block[:, columns] for block in blocks]
             fit = fit_with_prior(rows, prior_sd, np.zeros(len(prior_sd)))

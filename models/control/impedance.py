@@ -29,6 +29,7 @@ from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.rigid_body.rotations import rotation_vector
 
 _NO_GAIN = np.zeros((6, 6))
+_SMALL_ANGLE2 = 1e-8  # rad^2, below which a series stands for a cotangent
 _MIN_MOBILITY_SHARE = 1e-9  # of E's mobility, added to it; changes the torque by as much
 
 
@@ -125,7 +126,7 @@ class DesiredPose(NamedTuple):
 def _left_jacobian_inverse(e: Array, sign: float, out: Array) -> None:
     """Writes 1 - sign/2 [e]x + c [e]x^2 (3, 3); sign -1 gives the right Jacobian's inverse."""
     theta2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
-    if theta2 < 1e-8:
+    if theta2 < _SMALL_ANGLE2:
         c = 1.0 / 12.0 + theta2 / 720.0
     else:
         half = 0.5 * np.sqrt(theta2)

@@ -61,6 +61,7 @@ MAX_NAMED_LINKS = 3
 _POINTS_ALONG, _POINTS_AROUND = 5, 8
 _PARALLEL_SINE2 = 1e-3  # squared sine of the angle between axes
 _MIN_LINE_LENGTH = 1e-6  # m; a shorter line has no direction
+_MIN_SIDE_SINE = 0.1  # of the angle between a line and its `side`; less, and an axis of W stands in
 _UNIFORM_SD = 1.0 / np.sqrt(12.0)  # of a uniform distribution over a length of 1
 
 
@@ -350,7 +351,7 @@ def _surfaces(J: Array) -> list[_Surface]:
 
 
 def _tube(begin: Array, end: Array, side: Array) -> _LineSurface:
-    """A tube around the line between two points (3,); its points start at `side` (3,)."""
+    """A tube around the line from `begin` to `end`; its points start at `side`; (3,) each."""
     length = float(np.linalg.norm(end - begin))
     u, ring = _ring(begin, end, side)
     position = (np.arange(_POINTS_ALONG) + 0.5) / _POINTS_ALONG - 0.5
@@ -404,7 +405,7 @@ class _Ring(NamedTuple):
 def _ring(begin: Array, end: Array, side: Array) -> _Ring:
     """The unit vectors of the line between two points (3,), those across it from `side` on."""
     u = (end - begin) / float(np.linalg.norm(end - begin))
-    if np.linalg.norm(np.cross(u, side)) < 0.1:
+    if np.linalg.norm(np.cross(u, side)) < _MIN_SIDE_SINE:
         side = np.eye(3)[int(np.argmin(np.abs(u)))]
     e1 = np.cross(u, side) / np.linalg.norm(np.cross(u, side))
     turn = 2.0 * np.pi * np.arange(_POINTS_AROUND)[:, None] / _POINTS_AROUND

@@ -36,6 +36,8 @@ FRICTION_FLOOR_SHARE = 0.002  # of the effort limit, beside drift: of a joint wi
 ROTOR_RISE_TIME = 0.02  # s to the speed limit at the effort limit, by an unknown rotor alone
 LOAD_LEVER = 0.15  # m, of a load's centre of mass from the last joint
 END_MARGIN = 0.6  # s at both ends of a log, which a shift in time takes away
+MIN_MARGINS = 8.0  # of these margins: of a shorter log the ends are used, too
+MIN_MOVING_SHARE = 0.3  # of a row's time, in which a joint that moves does
 GOOD_SHARE = 0.9  # of rows that are free of contact and fault
 MOST_ROWS = 300  # at which the evidence is taken
 _LINK_PARAMETERS = 4  # m and m c: what gravity shows
@@ -110,11 +112,11 @@ class Case:
         limit = robot.effort_limit
         self.effort_limit = np.where(np.isfinite(limit), limit, UNKNOWN_EFFORT)
         is_inner = (rows.t > rows.t[0] + END_MARGIN) & (rows.t < rows.t[-1] - END_MARGIN)
-        if rows.t[-1] - rows.t[0] < 8.0 * END_MARGIN:
+        if rows.t[-1] - rows.t[0] < MIN_MARGINS * END_MARGIN:
             is_inner[:] = True
         used = np.flatnonzero(rows.is_used & is_inner)
         self.at = used[:: max(1, -(-len(used) // MOST_ROWS))]
-        is_moving = np.asarray((np.abs(rows.sliding[self.at]) > 0.3).any(axis=1))
+        is_moving = np.asarray((np.abs(rows.sliding[self.at]) > MIN_MOVING_SHARE).any(axis=1))
         spacing = len(used) * rows.step / max(1, len(self.at))
         self._weight = row_weights(spacing, is_moving)
 

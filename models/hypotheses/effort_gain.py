@@ -19,7 +19,10 @@ LOG_GAIN_TOLERANCE = 0.3  # of the logarithm, within which a gain is that of a k
 ALL_SMALL = 0.2  # gains of another unit; a single drive of less has the error of the others
 RATED_UNITS = {1e3: PER_MILLE, 1e2: PER_CENT}  # by the parts of a rated torque that they count
 MIN_LOG_CONSTANT = 0.7  # of a torque per ampere: nearer to 1, amperes and N m look alike
+MIN_EXPECTED_SDS, MIN_CORRELATION = 2.0, 0.5  # of expected torque, for friction; of both torques
 _NUM_PASSES = 3
+_MIN_SINGULAR_RATIO = 1e-6  # of the columns: less, and one depends on the others
+_LEAST_SIZE = 1e-12  # N m, for a division
 _NUM_FORMS = 6.0  # of gains that `explain` tries, equally likely beforehand
 _LEAST_UNIT_GAIN = 3.0  # of all joints, from which on the signal is in another unit
 
@@ -190,19 +193,22 @@ def _gains(case: Case) -> Array:
     for j in range(case.num_joints):
         expected, measured = base.expected[at, j], base.measured[at, j]
         columns = [expected, np.ones(len(at)), rows.sliding[at, j], rows.v[at, j]]
-        if np.std(expected) < 2.0 * float(np.median(base.kinds.sd[:, j])):
+        if np.std(expected) < MIN_EXPECTED_SDS * float(np.median(base.kinds.sd[:, j])):
             columns = [expected, np.ones(len(at))]
         A = np.stack(columns, axis=1)
-        scale = np.maximum(np.sqrt((A**2).mean(axis=0)), 1e-12)
+        scale = np.maximum(np.sqrt((A**2).mean(axis=0)), _LEAST_SIZE)
         weight = np.ones(len(at))
         for _ in range(_NUM_PASSES):  # contacts count less
-            x = np.linalg.lstsq(A / scale * weight[:, None], measured * weight, rcond=1e-6)[0]
+            x = np.linalg.lstsq(
+                A / scale * weight[:, None], measured * weight, rcond=_MIN_SINGULAR_RATIO
+            )[0]
             left = np.abs(measured - A / scale @ x)
-            weight = 1.0 / np.sqrt(1.0 + (left / max(float(np.median(left)), 1e-12)) ** 2)
+            usual = max(float(np.median(left)), _LEAST_SIZE)
+            weight = 1.0 / np.sqrt(1.0 + (left / usual) ** 2)
         varies = np.std(measured) > 0.0 and np.std(expected) > 0.0
         correlation = float(np.corrcoef(expected, measured)[0, 1]) if varies else 0.0
         slope = float(x[0] / scale[0])
-        if slope > 0.0 and correlation > 0.5:
+        if slope > 0.0 and correlation > MIN_CORRELATION:
             gains[j] = slope
     return gains
 

@@ -12,6 +12,8 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.log_words import DRIVE_SIGNALS, ORDER_WORD, correction_word
 
 NAME = "order of the drives"
+_NUM_EXCHANGES = 2  # of pairs, after the starts
+_MIN_SINGULAR_RATIO = 1e-6  # of the columns: less, and one depends on the others
 
 
 def explain(case: Case) -> Explanation | None:
@@ -28,9 +30,10 @@ def explain(case: Case) -> Explanation | None:
     starts = [*usual_orders(case.robot), _assignment(case)]
 
     def score(order: Order) -> float:
+        """Log evidence of the log with its drives in an order."""
         return case.fit(_view(case, order), quick=True).log_evidence
 
-    order = best_order(n, starts, score, case.quick_base_evidence, passes=2)
+    order = best_order(n, starts, score, case.quick_base_evidence, _NUM_EXCHANGES)
     if order is None:
         return None
     view = _view(case, order)
@@ -71,6 +74,6 @@ def _assignment(case: Case) -> Order:
 
 def _misfit(residual: Array, columns: Array) -> float:
     """Logarithm of what columns leave of a residual; robust, as a contact may last for a while."""
-    solution = np.linalg.lstsq(columns, residual, rcond=1e-6)[0]
+    solution = np.linalg.lstsq(columns, residual, rcond=_MIN_SINGULAR_RATIO)[0]
     left = residual - columns @ solution
     return float(np.log1p(left**2).mean())

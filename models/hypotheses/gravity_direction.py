@@ -14,6 +14,8 @@ NAME = "direction of gravity"
 SAME_LENGTH = 0.15  # relative; what changes gravity's length is no tilt
 NO_LOAD_LENGTH = 0.04  # the same, of an arm without a load
 SMALLEST_TILT = math.radians(2.0)
+FREE_OFFSET_SHARE = 0.1  # of the effort limit: sd of an offset that is left free
+MOUNTING_TOLERANCE = math.radians(15.0)  # of a ceiling or a wall
 _NUM_STEPS = 2  # of Newton, from the direction of the free gravity
 
 
@@ -87,7 +89,7 @@ def _without_load(case: Case, columns: Array, size: float) -> Array | None:
     base = case.base
     start, n = base.sliding_columns.start, case.num_joints
     prior_sd = base.prior_sd[start:].copy()
-    prior_sd[2 * n : 3 * n] = 0.1 * case.effort_limit
+    prior_sd[2 * n : 3 * n] = FREE_OFFSET_SHARE * case.effort_limit  # behind dry and viscous
     view = replace(base, columns=base.columns[:, :, start:], prior_sd=prior_sd)
     view = view.with_columns(columns, np.full(3, size))
     gravity = np.array(case.robot.gravity) + case.fit(view).theta[:3]
@@ -96,8 +98,8 @@ def _without_load(case: Case, columns: Array, size: float) -> Array | None:
 
 
 def _mounting(tilt: float) -> str:
-    if abs(tilt - math.pi) < math.radians(15.0):
+    if abs(tilt - math.pi) < MOUNTING_TOLERANCE:
         return "the arm hangs"
-    if abs(tilt - 0.5 * math.pi) < math.radians(15.0):
+    if abs(tilt - 0.5 * math.pi) < MOUNTING_TOLERANCE:
         return "the arm is on a wall"
     return "a tilted base"

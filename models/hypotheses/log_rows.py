@@ -17,6 +17,7 @@ from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 CUTOFF_FREQUENCY = 4.0  # Hz
 LARGEST_CUTOFF = 0.2  # of the log's rate
+FADING_SHARE = 0.01  # of the speed limit, within which the sign of friction fades
 FINE_RATE = 100.0  # 1/s, to which a faster log is averaged before it is kept
 ROW_RATE = 20.0  # 1/s
 LONGEST_LOG = 600.0  # s of a log that are looked at
@@ -59,7 +60,7 @@ class LogRows:
 def slowest_sliding(robot: Robot) -> Array:
     """(n,) rad/s (m/s) below which the sign of friction fades."""
     limit = robot.velocity_limit
-    return np.asarray(0.01 * np.where(np.isfinite(limit), limit, 1.0))
+    return np.asarray(FADING_SHARE * np.where(np.isfinite(limit), limit, 1.0))
 
 
 def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:

@@ -24,6 +24,7 @@ _SHIFT_DECIMALS = 4  # of s; shifts that are the same to 0.1 ms are fitted once
 # s, from the best shift to the neighbours of the parabola through it: at ten times _FINE_STEP the
 # difference of their evidence is curvature, not the error of the search.
 _PARABOLA_STEP = 0.02
+_LEAST_STATED_SD = 0.005  # s, of a shift that is stated to 10 ms
 _LEAST_SD = 1e-3  # s, of a shift: no log is believed to show it more exactly
 _FLAT_CURVATURE = 1e-6  # 1/s^2; at or below it the log does not determine the shift
 
@@ -83,7 +84,7 @@ def _known_of_friction(case: Case, shift: float, window: float) -> float:
 
 def _sentences(case: Case, best: "_Shift", window: float) -> tuple[str, str]:
     """What is wrong with the log, and what to do."""
-    word, shift, spread = case.word, best.shift, f"+- {max(best.sd, 0.005):.1g} s"
+    word, shift, spread = case.word, best.shift, f"+- {max(best.sd, _LEAST_STATED_SD):.1g} s"
     option = f"--log-format {correction_word(DRIVE_SIGNALS, DELAY_WORD, shift)}"
     if window:
         sense = "late" if shift >= 0.0 else "late (they lead)"

@@ -24,6 +24,7 @@ from wrenchsight.models.numerics.arrays import Array
 # Dependent columns have pivots of 1e-15; a joint axis written as 1.57079632679 makes that 1e-11.
 # Determined columns lie above 1e-3 even for poor motions. No value in between has occurred.
 RANK_TOLERANCE = 1e-7
+_LENGTH_POWER = 0.05  # by which a longer column is preferred; small, so that the rank decides
 _ORDER_WEIGHT = 1e-6  # relative; how much a column's place counts against its length
 
 
@@ -143,7 +144,7 @@ def _pivoted(W: Array, tolerance: float) -> _PivotedFactor:
     present = np.flatnonzero(length > tolerance * length.max())
     # Of two columns that are multiples of each other, the longer one is kept: a moment of inertia
     # is then not written as 1000 times some mass. Without this rule, rounding would decide.
-    favour = (length[present] / length.max()) ** 0.05
+    favour = (length[present] / length.max()) ** _LENGTH_POWER
     scaled = W[:, present] / length[present]
     R, order = qr(scaled * favour, mode="r", pivoting=True, check_finite=False)
     # Of two columns of one length, the earlier one is kept. LAPACK compares lengths that it updates

@@ -55,6 +55,7 @@ from wrenchsight.models.numerics.kernel import kernel
 FEWEST_SAMPLES = 200  # of a joint, over all logs
 MEAN_TIMES = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken, for the correlated error
 CORRELATION_TIMES = (0.01, 5.0)  # s, least and largest
+MAX_CORRELATION = 0.98  # of two joints; all correlations are smaller by this factor
 _MAX_ERROR_SDS = 4.0  # sds, at which errors are clipped for the correlations
 _LEAST_SHARE = 1e-4  # of a joint's rms error: the smallest constant
 _BLOCK_SAMPLES = 256  # samples
@@ -339,8 +340,8 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
 def _correlation(scaled: Sequence[Array]) -> Array:
     """(n, n) correlation that the readings agree on, positive definite.
 
-    It is shrunk by 2 %, so that it has an inverse even if two joints have equal errors. It is
-    shrunk further if the correlations of pairs contradict each other.
+    It is shrunk by MAX_CORRELATION, so that it has an inverse even if two joints have equal errors.
+    It is shrunk further if the correlations of pairs contradict each other.
     """
     correlations = np.stack(
         [_correlation_of_reading(errors) for errors in scaled if len(errors) > 0]
@@ -351,7 +352,7 @@ def _correlation(scaled: Sequence[Array]) -> Array:
         R *= np.maximum(0.0, 1.0 - variance_of_mean / np.maximum(R**2, _LEAST_SQUARE))
     n = len(R)
     R[np.arange(n), np.arange(n)] = 1.0
-    R *= 0.98 / max(1.0, 1.0 - float(np.linalg.eigvalsh(R)[0]))
+    R *= MAX_CORRELATION / max(1.0, 1.0 - float(np.linalg.eigvalsh(R)[0]))
     R[np.arange(n), np.arange(n)] = 1.0
     return np.asarray(R)
 

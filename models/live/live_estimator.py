@@ -58,6 +58,7 @@ RESOLUTION_SAMPLES = 2000  # in which the encoders' step is looked for
 RESOLUTION_EVERY = 100
 RESOLUTION_TOLERANCE = 0.2  # share by which equal resolutions may differ
 LEAST_PERIOD = 1e-9  # s between samples
+STEP_RANGE = (1e-4, 0.25)  # s, of a stream's grid
 _KEPT_TIMES = 2000  # of samples that were found impossible
 _CLOCK_JUMP_RATIO = 10.0  # times the time of zeroing, after which a clock has jumped
 
@@ -239,7 +240,7 @@ class LiveEstimator:
         stated = self._stated_step
         if stated is not None and abs(median - stated) <= UNIFORM_TOLERANCE * stated:
             return stated
-        return min(max(median, 1e-4), 0.25)
+        return float(np.clip(median, *STEP_RANGE))
 
     def _measure_resolution(self) -> bool:
         """Finds the encoders' step, as `estimate` does; whether it differs from the one in use."""
