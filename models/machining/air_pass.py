@@ -45,6 +45,9 @@ from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.robot.robot import Robot
 
 LEAD_TIME = 0.5  # s at rest before the motion: the observer settles
+_NUM_RISE_POINTS = 5
+"""Points of the way up from the path, both ends with them: inverse kinematics that goes all the way
+at once may end in another branch of postures."""
 STILL_SPEED = 2e-3  # rad/s: below it a speed that differs from the planned one hardly moves a joint
 
 
@@ -208,6 +211,10 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
         motion: motion of the joints, E's z axis into the surface, from rest to rest.
         height: m, above the surface.
 
+    Returns:
+        The motion from t = 0 on: one row at rest, LEAD_TIME before the rows of `motion`, which keep
+        their distances in time.
+
     Raises:
         InputError: a height that is not above 0, or out of the arm's reach.
     """
@@ -216,9 +223,8 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
     R_WE, p_WE = robot.chain.pose(motion.q)
     raised = p_WE - height * R_WE[:, :, 2]
     try:
-        steps = np.linspace(0.0, 1.0, 5)[:, np.newaxis]
-        # Up from the first point in some steps, so that the branch stays that of the motion.
-        up = p_WE[0] + steps * (raised[0] - p_WE[0])
+        share_of_way = np.linspace(0.0, 1.0, _NUM_RISE_POINTS)[:, np.newaxis]
+        up = p_WE[0] + share_of_way * (raised[0] - p_WE[0])
         first = follow_path(robot, R_WE[0], up, motion.q[0])[-1]
         q = follow_path(robot, R_WE, raised, first)
     except InputError as error:
@@ -228,21 +234,21 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
             f"{robot.name} cannot do this motion {height:g} m above the surface",
             "choose a lower height, or place the workpiece elsewhere",
         ) from error
-    # J dq/ds is what it is along the motion itself, turned with the tool: speeds scale alike.
     v = _joint_speeds(robot, motion, q, height)
     vdot = np.gradient(v, motion.t, axis=0)
-    vdot[[0, -1]] = 0.0
+    vdot[[0, -1]] = 0.0  # the motion begins and ends at rest, where a difference would be one-sided
     standstill = np.zeros((1, robot.num_joints))
     return JointTrajectory(
-        np.concatenate([[0.0], motion.t - motion.t[0] + LEAD_TIME]),
-        np.vstack([q[:1], q]),
-        np.vstack([standstill, v]),
-        np.vstack([standstill, vdot]),
+        t=np.concatenate([[0.0], motion.t - motion.t[0] + LEAD_TIME]),
+        q=np.vstack([q[:1], q]),
+        v=np.vstack([standstill, v]),
+        vdot=np.vstack([standstill, vdot]),
     )
 
 
 def _joint_speeds(robot: Robot, motion: JointTrajectory, q: Array, height: float) -> Array:
-    """(T, n) rad/s: E moves as on the motion, shifted along its z axis."""
+    """(T, n) rad/s with which E at q moves as a point of the tool `height` back along z of E does
+    on the motion."""
     J = robot.chain.jacobian(motion.q)
     V = np.einsum("tij,tj->ti", J, motion.v)
     R_WE, _ = robot.chain.pose(motion.q)

@@ -23,7 +23,9 @@ from wrenchsight.models.robot.robot import Robot
 
 _TIME_STEP = 0.01  # s between the times that the trajectory holds
 _SETTLING_TIME = 0.4  # s of even feed, after which joints slide and an observer has settled
-_MOST_TORQUE = 0.9  # of a drive's limit may be needed at rest
+_MAX_TORQUE_SHARE = 0.9  # of a drive's limit, needed at rest: the rest is for motion and control
+# of the largest speed of the feed; above it is the even part alone, whatever rounding does
+_FULL_SPEED_SHARE = 0.999
 
 
 @dataclass
@@ -91,12 +93,11 @@ def plan_machining(
 ) -> MachiningPath:
     """Plans a pass: the joints' motion along a path, to and fro, with the force to push with.
 
-    The returned path holds, at the times of the motion, the place s in [0, 1], the set-point in N,
-    whether the speed is steady (long enough for the force to be settled), and the posture above the
-    path's start from which the tool approaches.
+    Postures are joined by a quintic spline over the place s in [0, 1], not over time: velocity and
+    acceleration of the joints then follow the time law of the feed to its corners.
 
     Args:
-        robot: its limits.
+        robot: its chain and its limits of speed and torque.
         path: N points with normals in W.
         q: (N, n) postures there.
         settings: settings of the pass.
@@ -113,28 +114,34 @@ def plan_machining(
     s = path.distance / path.distance[-1]
     _check_torque(robot, path, q, force.at(s), source)
     feed = _time_law(settings)
+    # A quintic needs six points; between fewer the joints go straight.
     spline = make_interp_spline(s, q, k=5 if len(s) > 5 else 1)
     ds, d2s = feed.ds[:, np.newaxis], feed.d2s[:, np.newaxis]
     slope, bend = spline.derivative(1)(feed.s), spline.derivative(2)(feed.s)
-    trajectory = JointTrajectory(feed.t, spline(feed.s), slope * ds, bend * ds**2 + slope * d2s)
+    trajectory = JointTrajectory(
+        t=feed.t, q=spline(feed.s), v=slope * ds, vdot=bend * ds**2 + slope * d2s
+    )
     speed = np.abs(trajectory.v).max(axis=0)
     if np.any(speed > robot.velocity_limit):
         joint = robot.joint_names[int(np.argmax(speed / robot.velocity_limit))]
         raise InputError(source, "one_way", f"{settings.one_way:g} s is too fast for {joint}")
     feed_speed = np.abs(feed.ds)
-    steady = _held_for(feed_speed > 0.999 * feed_speed.max(), feed.t, _SETTLING_TIME)
+    steady = _held_for(feed_speed > _FULL_SPEED_SHARE * feed_speed.max(), feed.t, _SETTLING_TIME)
     q_start = _start_above(robot, path, q[0], settings.phases.standoff, source)
-    return MachiningPath(path, trajectory, feed.s, force.at(feed.s), steady, q_start)
+    return MachiningPath(
+        path=path,
+        trajectory=trajectory,
+        s=feed.s,
+        setpoint=force.at(feed.s),
+        steady=steady,
+        q_start=q_start,
+    )
 
 
 def _check_settings(settings: PassSettings, source: str) -> None:
     """Raises InputError, naming `source`, for a number out of range."""
-    one_way, ramp, force, phases = (
-        settings.one_way,
-        settings.ramp,
-        settings.force,
-        settings.phases,
-    )
+    one_way, ramp = settings.one_way, settings.ramp
+    force, phases = settings.force, settings.phases
     check_phases(phases, source)
     if not (math.isfinite(one_way) and one_way > 0.0):
         raise InputError(source, "one_way", f"{one_way:g} s, expected more than 0")
@@ -252,7 +259,7 @@ def _check_torque(robot: Robot, path: SurfacePath, q: Array, force: Array, sourc
     tau = np.asarray(chain.gravity_torque(q)) - np.einsum("nki,nk->ni", chain.jacobian(q), push)
     share = np.abs(tau) / robot.effort_limit
     i, j = np.unravel_index(int(np.argmax(share)), share.shape)
-    if share[i, j] > _MOST_TORQUE:
+    if share[i, j] > _MAX_TORQUE_SHARE:
         raise InputError(
             source,
             "force",

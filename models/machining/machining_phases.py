@@ -58,6 +58,7 @@ RAMP_TIME = 0.15  # s, in which an approach or a lift reaches its speed
 # factor of the force limit: at rest an estimate errs by stiction, tens of newtons
 _UNTRUSTED_FORCE_RATIO = 3.0
 _BASELINE_TIME = (0.15, 1.0)  # s, before and while contact is looked for
+_RETREAT_SPEED_RATIO = 2.0  # of lift_speed: a retreat is to be over soon
 
 
 @dataclass
@@ -188,7 +189,7 @@ def outward_travel(table: Array, state: Array, t: float) -> tuple[float, float]:
     if phase == Phase.LIFT:
         return travelled(since, table[_LIFT_SPEED], table[_LIFT])
     if phase == Phase.RETREAT:
-        return travelled(since, 2.0 * table[_LIFT_SPEED], table[_LIFT])
+        return travelled(since, _RETREAT_SPEED_RATIO * table[_LIFT_SPEED], table[_LIFT])
     return table[_LIFT], 0.0
 
 
@@ -255,14 +256,15 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
     """Takes one tick, changing `state` in place; returns whether the phase has changed.
 
     APPROACH, TOUCH, WORK, RELEASE and LIFT follow one another, then DONE; a fault leads from any of
-    the first four to RETREAT. Times in s since a phase began are `since`.
+    the first four to RETREAT. At most one change is made a tick. It writes SINCE, and sets ABOVE
+    and LOST to 0.
 
     Args:
         table: table of PhasesConfig.
-        inputs: of the tick: period s, time s, force and set-point N (positive: pushed), duration of
-            the work s, distance to the nearest joint limit rad, and whether the force is trusted.
-        state: phase and when it began, fault, baseline of the force in free motion N, and for how
-            long the force has been above the touch's or below the lost contact's bound s; changed.
+        inputs: of the tick.
+        state: (7,), changed. PHASE and SINCE, s, when it began; FAULT; BASELINE, N, of the force in
+            free motion; ABOVE and LOST, s, for how long the force has been above touch_force and
+            below lost_share; FORCE_THERE, N, above the baseline, from which the touch goes up.
     """
     time_step, t, force, setpoint_now, work_duration, joint_room, is_trusted = inputs
     phase = int(state[PHASE])
@@ -270,7 +272,7 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
     if phase == Phase.DONE:
         return False
     if phase in (Phase.LIFT, Phase.RETREAT):
-        speed = table[_LIFT_SPEED] * (2.0 if phase == Phase.RETREAT else 1.0)
+        speed = table[_LIFT_SPEED] * (_RETREAT_SPEED_RATIO if phase == Phase.RETREAT else 1.0)
         if since < travel_time(speed, table[_LIFT]):
             return False
         return _enter(state, Phase.DONE.value, t)
@@ -296,29 +298,32 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
         if since >= travel_time(table[_APPROACH_SPEED], whole_way):
             return _retreat(state, Fault.NOTHING_TOUCHED.value, t)
         return False
+    # While the force comes up there is no contact to lose, nor while it goes down.
     is_in_contact = phase == Phase.WORK or (phase == Phase.TOUCH and since > table[_RISE])
     is_lost = is_in_contact and is_trusted and force < table[_LOST_SHARE] * setpoint_now
     state[LOST] = state[LOST] + time_step if is_lost else 0.0
     if state[LOST] >= table[_LOST_TIME]:
         return _retreat(state, Fault.CONTACT_LOST.value, t)
     if phase == Phase.TOUCH:
-        length = table[_RISE] + table[_SETTLE]
+        duration = table[_RISE] + table[_SETTLE]
     elif phase == Phase.WORK:
-        length = work_duration
+        duration = work_duration
     else:
-        length = table[_RELEASE]
-    if since >= length:
+        duration = table[_RELEASE]
+    if since >= duration:
         return _enter(state, phase + 1, t)
     return False
 
 
 @kernel
 def _enter(state: Array, phase: int, t: float) -> bool:
+    """Begins a phase at time t, s; returns True: the phase has changed."""
     state[PHASE], state[SINCE], state[ABOVE], state[LOST] = phase, t, 0.0, 0.0
     return True
 
 
 @kernel
 def _retreat(state: Array, fault: int, t: float) -> bool:
+    """Begins a retreat for a Fault; returns True as `_enter`."""
     state[FAULT] = fault
     return _enter(state, Phase.RETREAT.value, t)

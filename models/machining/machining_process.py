@@ -102,6 +102,8 @@ class MachiningProcess:
         time_step: float = 1e-3,
     ) -> None:
         """Checks the settings, packs them for the kernels, and draws the variations, if any."""
+        # The spindle's bound is below half the rate of 1 ms ticks, at which it would be seen at
+        # another frequency; the others are wider than any tool and catch a wrong unit.
         for name, low, high in (
             ("cutting_ratio", 0.0, 10.0),
             ("speed_exponent", 0.0, 1.0),
@@ -115,7 +117,7 @@ class MachiningProcess:
             if not low <= value <= high:
                 raise InputError(source, name, f"{value:g}, expected {low:g} to {high:g}")
         self.config = config
-        self.table = np.array(
+        self.table = np.array(  # in the order of _RATIO to _VIBRATION
             [
                 config.cutting_ratio,
                 config.speed_exponent,

@@ -2,7 +2,8 @@
 
 Under force control the pose is that of the planned path. Before and after it E moves along the
 tool's axis from an anchor: the approach from where the run starts, lift and retreat from where they
-are decided. The anchor is (15,): R_WD row by row, p_WD and the outward direction.
+are decided. The anchor is (15,): R_WD row by row, p_WD and the outward unit vector, in W. D is the
+pose that E is to have.
 """
 
 from typing import NamedTuple
@@ -40,7 +41,9 @@ how much less is not known. Settled on grinding and polishing at 15 s one way, i
 set-point in grinding, and up to 6 N below it in polishing. With 1 it lies up to 20 and 7 N above
 it, with 0.3 up to 15 N above and 8 N below it.
 """
-_SINGULAR_DAMPING = 1e-6  # damping of J, in m and rad, where it loses rank
+_SINGULAR_DAMPING = 1e-6
+"""Added to the diagonal of J J^T, in m^2 and rad^2: far below its eigenvalues, and yet v is bounded
+where J loses rank."""
 
 
 class PassPlan(NamedTuple):
@@ -53,9 +56,11 @@ class PassPlan(NamedTuple):
         t, q, v, vdot: the planned JointTrajectory, (T,) s evenly spaced and (T, n).
         place, force: (T,) place on the path, and set-point of the normal force, N, at these times.
         trusted: (T,) 1 where the force feedback can be used at work, else 0.
-        pushes_on: m/s, above 0 where the feedback is wrong at rest, as an estimate is. In the touch
-            v_d is then that of going on into the surface at this speed, so that the friction of the
-            joints at rest is fed forward together with the contact force (TOUCH_SPEED_SHARE).
+        reads_at_rest: whether the force feedback is right where joints rest, as a sensor's is and
+            an estimate's is not.
+        touch_speed: m/s into the surface, of which v_d is in the touch unless `reads_at_rest`: so
+            the friction of joints at rest is fed forward together with the contact force
+            (TOUCH_SPEED_SHARE).
         time_step: s.
     """
 
@@ -69,7 +74,8 @@ class PassPlan(NamedTuple):
     place: Array
     force: Array
     trusted: Array
-    pushes_on: float
+    reads_at_rest: bool
+    touch_speed: float
     time_step: float
 
 
@@ -139,7 +145,8 @@ def plan_pass(
         place=np.array(path.s, dtype=np.float64),
         force=np.array(path.setpoint, dtype=np.float64),
         trusted=np.array(path.steady, dtype=np.float64),
-        pushes_on=0.0 if reads_at_rest else TOUCH_SPEED_SHARE * config.approach_speed,
+        reads_at_rest=reads_at_rest,
+        touch_speed=TOUCH_SPEED_SHARE * config.approach_speed,
         time_step=time_step,
     )
 
@@ -161,59 +168,60 @@ def machining_reference(
 ) -> PassProgress:
     """Writes the reference of a pass at time t; returns its progress.
 
-    D is the pose that the tool is to follow, with its z axis into the surface. While force is
-    controlled it goes along the planned path; at the touch of an arm whose reading is wrong at rest
-    the joints also get the speed of a slow push into the surface.
+    While force is controlled D goes along the planned path, and the joints with it; only in the
+    touch of a plan that does not read at rest, v_d is instead that of a slow push into the surface,
+    which D does not make. Before and after, D moves along the normal from its anchor; there q_d is
+    where the arm is and v_d follows from the speed of D, as only the pose is controlled.
 
     Args:
         plan: of `plan_pass`.
         t: s.
-        memory: state of the phases, and anchor (15,): R_WD row by row, p_WD and unit direction
-            outward, where the last motion along the normal began.
+        memory: of the pass, read only.
         terms: of `terms_type`: where the arm is.
         pose: (18,), written: R_WD row by row, p_WD m, V_WD rad/s, m/s.
         reference: (3, n), written: q_d, v_d, vdot_d: rad, rad/s, rad/s^2.
     """
     state, anchor = memory
+    p_WD, V_WD = pose[9:12], pose[12:]
+    q_d, v_d, vdot_d = reference[0], reference[1], reference[2]
     n, phase = reference.shape[1], int(state[PHASE])
     is_force_controlled = force_controlled(phase)
-    time = work_time(state, t, plan.t[-1] - plan.t[0])
-    # In contact D goes along the planned path; before and after it moves along the normal, from
-    # where the tool was, and the joints' speed follows from its own.
+    path_time = work_time(state, t, plan.t[-1] - plan.t[0])
     if is_force_controlled:
-        quintic_at(plan.t, plan.q, plan.v, plan.vdot, time, reference)
+        quintic_at(plan.t, plan.q, plan.v, plan.vdot, path_time, reference)
         R_WD, J_D = np.empty((3, 3)), np.empty((6, n))
         scratch = np.empty((n, SCRATCH_COLUMNS))
-        pose_and_jacobian(plan.chain, reference[0], R_WD, pose[9:12], J_D, scratch)
+        pose_and_jacobian(plan.chain, q_d, R_WD, p_WD, J_D, scratch)
         pose[:9] = R_WD.ravel()
         for i in range(6):
-            pose[12 + i] = 0.0
+            V_WD[i] = 0.0
             for j in range(n):
-                pose[12 + i] += J_D[i, j] * reference[1, j]
-        if phase == Phase.TOUCH and plan.pushes_on > 0.0:
-            into = np.zeros(6)
+                V_WD[i] += J_D[i, j] * v_d[j]
+        if phase == Phase.TOUCH and not plan.reads_at_rest:
+            V_push = np.zeros(6)
             for i in range(3):
-                into[3 + i] = plan.pushes_on * R_WD[i, 2]
-            _joint_velocity(J_D, into, reference[1])
+                V_push[3 + i] = plan.touch_speed * R_WD[i, 2]
+            _joint_velocity(J_D, V_push, v_d)
     else:
+        p_anchor, outward = anchor[9:12], anchor[12:]
         distance, speed = outward_travel(plan.phases, state, t)
         pose[:9] = anchor[:9]
         for i in range(3):
-            pose[9 + i] = anchor[9 + i] + distance * anchor[12 + i]
-            pose[12 + i] = 0.0
-            pose[15 + i] = speed * anchor[12 + i]
+            p_WD[i] = p_anchor[i] + distance * outward[i]
+            V_WD[i] = 0.0
+            V_WD[3 + i] = speed * outward[i]
         for j in range(n):
-            reference[0, j] = terms[0].q[j]
-            reference[2, j] = 0.0
-        _joint_velocity(plain(terms[0].J), pose[12:], reference[1])
+            q_d[j] = terms[0].q[j]
+            vdot_d[j] = 0.0
+        _joint_velocity(plain(terms[0].J), V_WD, v_d)
     return PassProgress(
-        _setpoint_now(plan, state, t),
-        1.0 if is_force_controlled else 0.0,
-        state[PHASE],
-        state[FAULT],
-        _on_path(plan.t, plan.place, time),
-        time if phase == Phase.WORK else -1.0,
-        1.0 if _is_trusted(plan, state, t) else 0.0,
+        force_setpoint=_setpoint_now(plan, state, t),
+        force_active=1.0 if is_force_controlled else 0.0,
+        phase=state[PHASE],
+        fault=state[FAULT],
+        progress=_on_path(plan.t, plan.place, path_time),
+        feed_time=path_time if phase == Phase.WORK else -1.0,
+        feedback_valid=1.0 if _is_trusted(plan, state, t) else 0.0,
     )
 
 
@@ -225,11 +233,12 @@ def advance_reference(
 
     Args:
         plan: of `plan_pass`.
-        t: s, the beginning of the tick.
+        t: s, the beginning of the tick; the phases are told of its end.
         terms: of `terms_type`: where the arm is.
-        wrench: (6,) F_E_W of the force feedback, environment on robot, rotation first.
-        memory: state of the phases; and anchor, which takes the tool's pose and the direction
-            outward (-z of E) where it begins to lift or retreats.
+        wrench: (6,) F_E_W of the force feedback, environment on robot, rotation first. Its force
+            along -z of E, out of the surface, is what the phases go by.
+        memory: changed. The anchor takes the tool's pose and the direction outward, -z of E, at the
+            tick at which it begins to lift or to retreat.
     """
     state, anchor = memory
     q, R_WE, p_WE = plain(terms[0].q), plain(terms[0].R_WE), plain(terms[0].p_WE)
@@ -240,13 +249,13 @@ def advance_reference(
     for i in range(3):
         push -= R_WE[i, 2] * wrench[3 + i]
     inputs = PhaseInputs(
-        plan.time_step,
-        t + plan.time_step,
-        push,
-        _setpoint_now(plan, state, t),
-        plan.t[-1] - plan.t[0],
-        joint_room,
-        _is_trusted(plan, state, t),
+        time_step=plan.time_step,
+        t=t + plan.time_step,
+        force=push,
+        setpoint=_setpoint_now(plan, state, t),
+        work_duration=plan.t[-1] - plan.t[0],
+        joint_room=joint_room,
+        is_trusted=_is_trusted(plan, state, t),
     )
     has_changed = advance(plan.phases, inputs, state)
     phase = int(state[PHASE])
@@ -260,21 +269,23 @@ def advance_reference(
 @kernel
 def _is_trusted(plan: PassPlan, state: Array, t: float) -> bool:
     """Whether the force feedback can be used now."""
-    if plan.pushes_on <= 0.0:
+    if plan.reads_at_rest:
         return True
-    time = work_time(state, t, plan.t[-1] - plan.t[0])
-    return int(state[PHASE]) == Phase.WORK and _on_path(plan.t, plan.trusted, time) == 1.0
+    path_time = work_time(state, t, plan.t[-1] - plan.t[0])
+    return int(state[PHASE]) == Phase.WORK and _on_path(plan.t, plan.trusted, path_time) == 1.0
 
 
 @kernel
 def _setpoint_now(plan: PassPlan, state: Array, t: float) -> float:
+    """The set-point of the normal force at time t, N."""
     at_place = _on_path(plan.t, plan.force, work_time(state, t, plan.t[-1] - plan.t[0]))
     return setpoint(plan.phases, state, t, plan.force[0], at_place, plan.force[-1])
 
 
 @kernel
-def _on_path(t_path: Array, values: Array, time: float) -> float:
-    x = time / (t_path[1] - t_path[0])
+def _on_path(t_path: Array, values: Array, path_time: float) -> float:
+    """Values (T,) at evenly spaced times from 0, read at a time in s, linear in between."""
+    x = path_time / (t_path[1] - t_path[0])
     k = min(int(x), values.shape[0] - 2)
     return float(values[k] + (x - k) * (values[k + 1] - values[k]))
 

@@ -53,7 +53,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
 NUM_WAVES = 24  # of a field
-_MEMORY_ENTRIES = 8  # entries of the memory of chatter before its first turn
+_SPARE_TICKS = 8  # of the trace of a turn that chatter keeps, beyond the turn itself
 
 # Entries of ProcessVariations.table.
 (
@@ -238,7 +238,7 @@ class ProcessVariations:
         """
         check_variations(config, spindle_frequency, time_step, source)
         chatter = config.chatter
-        ticks_per_turn = 0.0  # ticks of a turn of the spindle
+        ticks_per_turn = 0.0  # not read without chatter; the spindle may then stand
         if chatter.ratio > 0.0:
             ticks_per_turn = 1.0 / (spindle_frequency * time_step)
         table = np.empty(_TURN + 1)
@@ -248,7 +248,8 @@ class ProcessVariations:
         table[_OMEGA] = 2.0 * math.pi * spindle_frequency
         table[_ZONE], table[_MARGIN] = config.engagement.zone, config.engagement.margin
         table[_CHATTER], table[_OVERLAP] = chatter.ratio, chatter.overlap
-        table[_SLOW] = -math.expm1(-2.0 * math.pi * chatter.corner * time_step)  # gain a tick
+        # Gain per tick of the low-pass that takes the slow motion.
+        table[_SLOW] = -math.expm1(-2.0 * math.pi * chatter.corner * time_step)
         table[_TURN] = ticks_per_turn
         self.table = table
         # Surface and material have random numbers of their own: one keeps its when the other's
@@ -259,10 +260,9 @@ class ProcessVariations:
         self.patches = plane_waves(material, 1.0, patches.shortest, patches.longest)
         self.pose = np.vstack([contact.R_WP, contact.p_WP])
         self.ends = np.ascontiguousarray(contact.ends, dtype=np.float64)
-        # The memory: some numbers, then the trace of a turn; none without chatter.
-        self.memory_size = (
-            _TRACE + math.ceil(ticks_per_turn) + _MEMORY_ENTRIES if chatter.ratio > 0.0 else 0
-        )
+        self.memory_size = 0
+        if chatter.ratio > 0.0:
+            self.memory_size = _TRACE + math.ceil(ticks_per_turn) + _SPARE_TICKS
 
     @property
     def tables(self) -> VariationTables:
@@ -276,13 +276,17 @@ def check_variations(
     """Raises InputError, naming `source`, for a number out of range.
 
     Run-out and chatter turn with the spindle, so that the tick must be short enough to see it; with
-    `enabled` off they count for nothing.
+    `enabled` off they count for nothing. The bounds are wider than anything that is machined; they
+    catch a wrong unit.
 
     Args:
         config: of the variations; lengths in m, `chatter.corner` in Hz.
         spindle_frequency: Hz.
         time_step: s.
         source: place of the configuration, for error lines.
+
+    Raises:
+        InputError: as said.
     """
     chatter, run_out = config.chatter, config.run_out
     for name, value, low, high in (
@@ -303,8 +307,8 @@ def check_variations(
             raise InputError(source, name, f"{value:g}, expected {low:g} to {high:g}")
     if not 0 <= config.seed < 2**31:
         raise InputError(source, "seed", f"{config.seed}, expected 0 or more")
-    turns = max(run_out.amplitude, chatter.ratio) > 0.0 and config.enabled
-    if turns and spindle_frequency >= 0.5 / time_step:
+    follows_spindle = max(run_out.amplitude, chatter.ratio) > 0.0 and config.enabled
+    if follows_spindle and spindle_frequency >= 0.5 / time_step:
         raise InputError(
             source,
             "spindle_frequency",
@@ -408,12 +412,14 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
 
         height = ratio (overlap vibration(t - turn) - vibration(t)),  vibration = place - low-pass
 
+    vibration(t - turn) is 0 until it has been stored.
+
     Args:
         table: of ProcessVariations: gain of the low-pass, ticks of a turn, ratio and overlap.
         place: m, of the tool out of the surface, from any fixed origin.
-        memory: memory of `memory_size`; zeros at the first contact, and again after it was lost.
-            Low-passed place, number of stored vibrations, where the next goes, and from _TRACE on
-            the vibrations, m, in a ring.
+        memory: (memory_size,), changed; zeros at the first contact, and again after it was lost.
+            _SLOWLY: low-passed place, m; _FILLED: number of stored vibrations; _NEXT: where the
+            next one goes; from _TRACE on the vibrations, m, in a ring.
     """
     if memory[_FILLED] == 0.0:
         memory[_SLOWLY] = place
@@ -440,6 +446,14 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
 def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: Array) -> None:
     """Turns the cutting force of a steady process into that of this place and time, in place.
 
+    With F of the simulator's contact, F' of a surface that stands higher by h, the material's
+    factor f and the share e of the tool's zone that is over stock,
+
+        force = f e (F' / F) F_c - friction (f F' - F) direction + (F' - F) n - F' grad h
+
+    F_c is the steady force. The simulator's contact acts with F and its friction already: the
+    second and the third term are what it lacks. Without contact force and memory become 0.
+
     Args:
         tables: tables of the process: numbers, waves of the surface (height, m) and of the material
             (log of its factor), pose of the workpiece (R_WP and below it p_WP), ends of the path.
@@ -464,13 +478,12 @@ def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: A
     if len(memory) > 0:
         place = p[0] * n[0] + p[1] * n[1] + p[2] * n[2]
         height += regenerated(table, place, memory)
-    # Normal force with that height, N; the material's factor scales what it does along the surface.
     push = pressed(table[_STIFFNESS], table[_EXPONENT], normal_force, height)
     spread = table[_SPREAD]
     factor = math.exp(spread * field_at(patches, x, y)[0] - 0.5 * spread * spread)
     cutting = factor * engagement(table, ends, p) * push / normal_force
     rubbing = table[_FRICTION] * (factor * push - normal_force)
-    along = 0.0
+    along = 0.0  # the slope's part along the normal; it is taken off, as grad h is tangential
     for i in range(3):
         along += n[i] * (slope_x * pose[i, 0] + slope_y * pose[i, 1])
     for i in range(3):

@@ -93,7 +93,8 @@ WELL_DETERMINED = 0.7  # probability that a share deviates by far less than its 
 WELL_DETERMINED_SD = 0.15  # of the stated sd, of such a share
 MIN_AMPLITUDE, MAX_AMPLITUDE = 0.002, 0.1
 """m/s, bounds of the amplitude; 10 m/s^2 at 100 Hz are 0.016 m/s."""
-CORRELATION_TIME, MEMORY_TIME = 2.0, 30.0  # s
+CORRELATION_TIME = 2.0  # s, over which errors of friction last: one sample in it is independent
+MEMORY_TIME = 30.0  # s, after which a sample is forgotten, so that another amplitude may take over
 FREE_MASS = 0.2  # sd of a share, of itself, whatever M is: no joint is a free mass alone
 # of a torque over an acceleration: an identification averages its residuals
 INERTIA_ERROR_SHARE = 0.3
@@ -102,7 +103,7 @@ DEPARTED_FACTOR = 2.3  # the same of a joint that does not move as planned
 SHRINKAGE_SDS = 2.0  # sd, below which an entry of M beside the diagonal counts as none
 _MIN_ACCELERATION = 1e-3  # rad/s^2, below which a joint does not accelerate
 _LEAST_ADDED = 0.25  # sd, first added to the diagonal where M is not positive definite
-_MAX_DOUBLINGS = 30  # of it
+_MAX_DOUBLINGS = 30  # of it; more would be no longer a correction of M
 # Factors of a joint's mean amplitude, of the rows of `_Tracked.steps`.
 _STEPS = np.array([NEAR_FACTOR, 1.0 / NEAR_FACTOR, DEPARTED_FACTOR, 1.0 / DEPARTED_FACTOR])
 _NUM_STEPS = 4
@@ -120,7 +121,8 @@ class VibrationConstants(NamedTuple):
         prior: (6,) variances of the wrench, N^2 m^2 and N^2.
         inertia_sd: (n, n) of the entries of M, kg m^2.
         read_load: N m per N m that is read, sd of what contact changes of friction.
-        rates: share of the evidence that a tick keeps, and of an independent sample that it is.
+        kept_share: of the evidence, that outlasts a tick (MEMORY_TIME).
+        sample_share: of an independent sample, that a tick is (CORRELATION_TIME).
     """
 
     amplitudes: Array
@@ -130,7 +132,8 @@ class VibrationConstants(NamedTuple):
     prior: Array
     inertia_sd: Array
     read_load: float
-    rates: Array
+    kept_share: float
+    sample_share: float
 
 
 def vibration_constants(estimator: WrenchEstimator) -> VibrationConstants:
@@ -157,7 +160,8 @@ def vibration_constants(estimator: WrenchEstimator) -> VibrationConstants:
         prior=np.square([moment_sd] * 3 + [force_sd] * 3),
         inertia_sd=inertia_sd(estimator.model),
         read_load=0.0 if error is None else float(error.read_load),
-        rates=np.array([math.exp(-T / MEMORY_TIME), T / CORRELATION_TIME]),
+        kept_share=math.exp(-T / MEMORY_TIME),
+        sample_share=T / CORRELATION_TIME,
     )
 
 
@@ -266,7 +270,8 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
         M: (n, n) kg m^2, as identified.
         sd: (n, n) of its entries, `inertia_sd`.
         J, normal: as of `vibration_shares`.
-        out: 0 where no M that is positive definite is found.
+        out: (2n,), shares, then their sd; all 0 where no M that is positive definite is found, with
+            which nothing is taken off.
     """
     n = M.shape[0]
     factor, column, added = np.empty((n, n)), np.empty(n), 0.0
@@ -282,20 +287,20 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
         if factorise_in_place(factor, n, 0.0):
             break
         added = 2.0 * added if added > 0.0 else _LEAST_ADDED
-    else:
+    else:  # no factor was found
         return
     _shares(factor, J, normal, out[:n])
     for i in range(n):
         column[:] = 0.0
         column[i] = 1.0
         solve_factorised(factor, n, column)
-        moved = 0.0
+        row_variance = 0.0  # sum_k sd_ik^2 share_k^2
         for k in range(n):
-            moved += (sd[i, k] * out[k]) ** 2
+            row_variance += (sd[i, k] * out[k]) ** 2
         for j in range(n):
-            out[n + j] += column[j] ** 2 * moved
+            out[n + j] += column[j] ** 2 * row_variance
     for j in range(n):
-        out[n + j] = math.sqrt(out[n + j])
+        out[n + j] = math.sqrt(out[n + j])  # until here the variance
 
 
 @kernel
@@ -356,8 +361,8 @@ def freed_friction(amplitudes: Array, state: Array, torque: Array, sd: Array) ->
 
     Args:
         amplitudes: (m,) m/s, of the hypotheses.
-        state: of `track_vibration`.
-        torque: (n,) N m, written.
+        state: of `track_vibration`, read only.
+        torque: (n,) N m, written; to be taken off tau_ext.
         sd: (n,) N m, of it and of the correction, written.
     """
     m, n = amplitudes.shape[0], torque.shape[0]
@@ -467,8 +472,9 @@ def _free_friction(
 ) -> None:
     """Takes a tick into all of `tracked` but the evidence.
 
-    That is what each of the m amplitudes frees of the dry friction, through the observer's poles;
-    and how far the joint is from the planned speed, beyond which the correction says nothing.
+    That is what each of the m hypotheses frees of the dry friction, through the observer's poles;
+    and how far the joint is from the planned speed, beyond which the correction says nothing. The
+    evidence is that up to the tick before.
 
     Args:
         v, tau_f: (n,) rad/s and N m of the friction law, finite.
@@ -477,9 +483,10 @@ def _free_friction(
     amplitudes, deviations, shares = constants.amplitudes, constants.deviations, work.shares
     correction, touches = work.correction, work.touches
     m, n = amplitudes.shape[0], v.shape[0]
-    evidence, freed, steps, departed, correction_sd = tracked
+    freed, steps = tracked.freed, tracked.steps
+    departed, correction_sd = tracked.departed, tracked.correction_sd
     weights = np.empty(m)
-    _weigh(evidence, weights)
+    _weigh(tracked.evidence, weights)
     for i in range(n):
         share = shares[i]
         share_sd = math.hypot(shares[n + i], FREE_MASS * share)
@@ -507,16 +514,23 @@ def _take_evidence(
     error_variance: Array,
     tracked: _Tracked,
 ) -> None:
-    """Adds the likelihood of each amplitude to the evidence, which fades meanwhile.
+    """Adds the log-likelihood of each hypothesis to the evidence, which fades meanwhile.
 
-    It is that of the torque which the amplitude leaves to a wrench of the prior at E and to the
-    torque error, whose covariance J^T P J + S has the Cholesky factor `factor`.
+    What hypothesis h leaves of the torque, tau - freed_h, is due to a wrench of the prior at E and
+    to the torque error. Its covariance is J^T P J + S = L L^T, which all hypotheses share, so that
+
+        log-likelihood_h = -|L^-1 (tau - freed_h)|^2 / 2 + a constant
+
+    A tick says nothing, and the evidence stays, where the covariance is not positive definite or no
+    log-likelihood is finite.
 
     Args:
         J: (6, n) rows [angular; linear].
+        observed: tau_ext and the freed torque that was taken off it: together they are tau.
         error_variance: (n,) N^2 m^2, the diagonal of S.
+        tracked: freed, of this tick, is read; evidence is changed.
     """
-    prior, rates, (evidence, freed, _, _, _) = constants.prior, constants.rates, tracked
+    prior, evidence, freed = constants.prior, tracked.evidence, tracked.freed
     m, n = evidence.shape[0], error_variance.shape[0]
     factor = np.empty((n, n))
     for i in range(n):
@@ -527,22 +541,24 @@ def _take_evidence(
         factor[i, i] += error_variance[i]
     if not factorise_in_place(factor, n, 0.0):
         return
-    whitening, tau = np.zeros((n, n)), np.empty(n)  # whitening: its rows are the factor's inverse
+    inverse_columns, tau = np.zeros((n, n)), np.empty(n)  # row j: column j of L^-1
+    for j in range(n):
+        tau[j] = observed.tau_ext[j] + observed.freed_torque[j]
+        inverse_columns[j, j] = 1.0
+        solve_lower(factor, n, inverse_columns[j])
+    log_likelihood, whitened = np.zeros(m), np.empty(m)
     for i in range(n):
-        tau[i] = observed.tau_ext[i] + observed.freed_torque[i]
-        whitening[i, i] = 1.0
-        solve_lower(factor, n, whitening[i])
-    likelihood, whitened = np.zeros(m), np.empty(m)
-    for i in range(n):
-        whitened[:] = 0.0
+        whitened[:] = 0.0  # entry i of L^-1 (tau - freed_h), for each h
         for j in range(i + 1):
             for h in range(m):
-                whitened[h] += whitening[j, i] * (tau[j] - freed[j, h])
+                whitened[h] += inverse_columns[j, i] * (tau[j] - freed[j, h])
         for h in range(m):
-            likelihood[h] -= 0.5 * whitened[h] * whitened[h]
-    best = likelihood.max()
+            log_likelihood[h] -= 0.5 * whitened[h] * whitened[h]
+    best = log_likelihood.max()
     if not math.isfinite(best):
         return
-    # Evidence fades, so that another amplitude may take over.
+    # Only differences count: the best of the tick gets 0, so that sums stay small.
     for h in range(m):
-        evidence[h] = rates[0] * evidence[h] + rates[1] * (likelihood[h] - best)
+        evidence[h] = constants.kept_share * evidence[h] + constants.sample_share * (
+            log_likelihood[h] - best
+        )

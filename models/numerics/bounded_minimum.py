@@ -14,8 +14,9 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import TIE_TOLERANCE
 
 _DIFFERENCE_STEP = 1e-5  # of the variables, for the second derivatives
-_NEWTON_STEPS = 8
+_NEWTON_STEPS = 8  # at the most: each doubles the digits, and there are 16
 _MIN_CURVATURE_RATIO = 1e-9  # of the largest curvature; below it there is none to divide by
+# L-BFGS-B: tolerances near rounding, so that Newton's method starts near; counts far above need.
 _DESCENT_OPTIONS = {"ftol": 1e-14, "gtol": 1e-8, "maxiter": 1000, "maxfun": 5000, "maxcor": 20}
 
 
@@ -28,7 +29,7 @@ def bounded_minimum(
 
     Args:
         value_and_gradient: function of x (D,): its value, and its gradient (D,), exact
-            to rounding.
+            to rounding. It is also asked 1e-5 outside the bounds, for differences.
         starts: each (D,); of minima that are the same to 1e-9 the first one's counts.
         bounds: (D, 2) lower and upper; infinite where there is none.
 
@@ -68,22 +69,25 @@ def bounded_minimum(
 
 
 def _newton(
-    value_and_gradient: Callable[[Array], tuple[float, Array]], x: Array, limits: Array
+    value_and_gradient: Callable[[Array], tuple[float, Array]], start: Array, limits: Array
 ) -> Array:
     """Newton's method in the variables that no bound holds, as long as the gradient falls.
 
     The curvature comes from differences of the gradient; where it is not clearly positive definite
-    in these variables, x stays where it is.
+    in these variables, no further step is taken.
 
     Args:
-        x: (D,) near a minimum.
+        start: (D,) near a minimum.
         limits: (D, 2) lower and upper.
+
+    Returns:
+        x (D,) with the smallest slope that was reached; `start` where no step made it smaller.
     """
-    _, gradient = value_and_gradient(x)
+    x, (_, gradient) = start, value_and_gradient(start)
     for _ in range(_NEWTON_STEPS):
         free = _free(x, gradient, limits)
-        largest_slope = float(np.max(np.abs(gradient[free]), initial=0.0))
-        if largest_slope == 0.0:
+        slope = _largest_slope(x, gradient, limits)
+        if slope == 0.0:
             break
         curvature = np.empty((len(free), len(free)))
         for row, i in enumerate(free):
@@ -98,13 +102,15 @@ def _newton(
         x_trial[free] -= vectors @ ((vectors.T @ gradient[free]) / values)
         x_trial = np.clip(x_trial, limits[:, 0], limits[:, 1])
         _, trial_gradient = value_and_gradient(x_trial)
-        if (
-            not np.max(np.abs(trial_gradient[_free(x_trial, trial_gradient, limits)]), initial=0.0)
-            < largest_slope
-        ):
+        if not _largest_slope(x_trial, trial_gradient, limits) < slope:  # true for NaN as well
             break
         x, gradient = x_trial, trial_gradient
     return x
+
+
+def _largest_slope(x: Array, gradient: Array, limits: Array) -> float:
+    """Largest absolute derivative in a variable that no bound holds; 0 where all are held."""
+    return float(np.max(np.abs(gradient[_free(x, gradient, limits)]), initial=0.0))
 
 
 def _free(x: Array, gradient: Array, limits: Array) -> NDArray[np.intp]:

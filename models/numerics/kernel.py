@@ -93,9 +93,11 @@ def _definitions(file: str) -> _Definitions:
 
     Returns:
         By name: digest, and sorted names used: NAME of the same module, or "FILE:NAME" of another
-        of this package.
+        of this package. All that a name stands for is one digest: a constant that is assigned
+        twice, a function with its overloads.
     """
-    # A file that changed since then is not what runs: its stamp is one that no other process finds.
+    # A file that has changed since this process began is not what runs in it. Its digests get a
+    # random salt: what this process compiles is kept under a stamp that no other one finds.
     date = _date(file)
     salt = b"" if _dates.get(file, date) == date else os.urandom(16)
     imports: dict[str, str] = {}
@@ -106,7 +108,7 @@ def _definitions(file: str) -> _Definitions:
                 if (source := _source(node.module or "")) is not None:
                     imports[alias.asname or alias.name] = f"{source}:{alias.name}"
         elif isinstance(node, ast.FunctionDef | ast.ClassDef):
-            # An overload belongs to the name that it stands for.
+            # A numba overload belongs to the function that it stands for: @overload(function).
             replaced = [
                 ast.unparse(d.args[0])
                 for d in node.decorator_list
@@ -120,6 +122,7 @@ def _definitions(file: str) -> _Definitions:
                     nodes.setdefault(target.id, []).append(node)
     result: _Definitions = {}
     for name, group in nodes.items():
+        # Bare first: a name that only an annotation uses is not used.
         tree = [_bare(node) for node in group]
         used = {n.id for node in tree for n in ast.walk(node) if isinstance(n, ast.Name)} - {name}
         digest = hashlib.sha256(salt + "".join(map(ast.dump, tree)).encode()).hexdigest()

@@ -36,30 +36,31 @@ def path(sts):
     return JointTrajectory.from_positions(t, q), t / 2.0, 30.0 + 5.0 * t
 
 
-def plan(robot, path, pushes_on):
+def plan(robot, path, reads_at_rest):
     trajectory, place, force = path
     return PassPlan(
-        PHASES.table,
-        np.ascontiguousarray(robot.chain.table),
-        np.array([robot.position_lower, robot.position_upper]),
-        trajectory.t,
-        trajectory.q,
-        trajectory.v,
-        trajectory.vdot,
-        place,
-        force,
-        TRUSTED,
-        pushes_on,
-        T,
+        phases=PHASES.table,
+        chain=np.ascontiguousarray(robot.chain.table),
+        limits=np.array([robot.position_lower, robot.position_upper]),
+        t=trajectory.t,
+        q=trajectory.q,
+        v=trajectory.v,
+        vdot=trajectory.vdot,
+        place=place,
+        force=force,
+        trusted=TRUSTED,
+        reads_at_rest=reads_at_rest,
+        touch_speed=0.008,
+        time_step=T,
     )
 
 
-def reference(robot, path, t, state, anchor, pushes_on=0.0):
+def reference(robot, path, t, state, anchor, reads_at_rest=True):
     terms = robot.chain.terms(robot.home, np.zeros(6))
     pose, joints = np.empty(18), np.empty((3, 6))
     memory = PassMemory(state, anchor)
     progress = machining_reference(
-        plan(robot, path, pushes_on), t, memory, terms.record, pose, joints
+        plan(robot, path, reads_at_rest), t, memory, terms.record, pose, joints
     )
     return (pose, joints.ravel(), np.array(progress)), terms
 
@@ -108,11 +109,11 @@ def test_approach_and_retreat_move_along_the_anchors_direction(sts, path, phase,
     np.testing.assert_array_equal(control[-2:], [-1.0, 1.0])
 
 
-def tick(robot, path, state, anchor, push, q=None, pushes_on=0.0, t=5.0):
+def tick(robot, path, state, anchor, push, q=None, reads_at_rest=True, t=5.0):
     terms = robot.chain.terms(robot.home if q is None else q, np.zeros(6))
     wrench = np.concatenate([[7.0, 8.0, 9.0], -push * terms.R_WE[:, 2]])
     advance_reference(
-        plan(robot, path, pushes_on),
+        plan(robot, path, reads_at_rest),
         t,
         terms.record,
         wrench,
@@ -148,7 +149,7 @@ def test_in_the_touch_joints_push_on_where_no_sensor_reads(sts, path):
     state = initial_state()
     state[[PHASE, SINCE, FORCE_THERE]] = Phase.TOUCH, 5.0, 8.0
     (pose, joints, control), _ = reference(sts, path, 5.7, state, np.zeros(15))
-    (same_pose, pushing, blind), _ = reference(sts, path, 5.7, state, np.zeros(15), 0.008)
+    (same_pose, pushing, blind), _ = reference(sts, path, 5.7, state, np.zeros(15), False)
     np.testing.assert_array_equal(pose, same_pose)
     np.testing.assert_array_equal(
         joints[[*range(6), *range(12, 18)]], pushing[[*range(6), *range(12, 18)]]
@@ -187,7 +188,7 @@ def test_elsewhere_the_motion_is_the_same_without_a_sensor(sts, path, phase):
     state[[PHASE, SINCE]] = phase, 5.0
     anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], [0.0, 0.0, 1.0]])
     (*motion, control), _ = reference(sts, path, 5.7, state, anchor)
-    (*blind_motion, blind), _ = reference(sts, path, 5.7, state, anchor, 0.008)
+    (*blind_motion, blind), _ = reference(sts, path, 5.7, state, anchor, False)
     np.testing.assert_array_equal(np.concatenate(motion), np.concatenate(blind_motion))
     np.testing.assert_array_equal(control[:-1], blind[:-1])
 
@@ -212,8 +213,8 @@ def test_an_estimate_counts_where_the_feed_is_steady(sts, path, phase, time, val
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 5.0
     anchor = np.zeros(15)
-    for pushes_on, expected in ((0.008, valid), (0.0, 1.0)):
-        (_, _, control), _ = reference(sts, path, 5.0 + time, state, anchor, pushes_on)
+    for reads_at_rest, expected in ((False, valid), (True, 1.0)):
+        (_, _, control), _ = reference(sts, path, 5.0 + time, state, anchor, reads_at_rest)
         assert control[-1] == expected
         assert control[-2] == (pytest.approx(min(time, 2.0)) if phase == Phase.WORK else -1.0)
 
@@ -225,7 +226,7 @@ def test_without_a_sensor_an_over_force_counts_where_it_can_be_read(
 ):
     state = initial_state()
     state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
-    tick(sts, path, state, np.zeros(15), push, pushes_on=0.008)
+    tick(sts, path, state, np.zeros(15), push, reads_at_rest=False)
     # What is no number is no reading, wherever that is.
     assert (state[PHASE] == Phase.RETREAT) == (retreats or bool(np.isnan(push)))
     state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
