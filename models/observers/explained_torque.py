@@ -31,7 +31,8 @@ ONSET_SDS = 6.0
 RELEASE_SDS = 3.0
 RELEASE_TIME = 0.1  # s
 _BLOCK_ROWS = 4096  # rows a thread takes at a time
-_LARGEST_SD = 1e6  # N or N m; stands for no prior
+_LARGEST_SD = 1e6  # N or N m; stands for no prior, as J^T P J must be finite
+_FLOOR_SHARE = 1e-9  # of an error's variance: the least pivot, where rounding would leave less
 
 
 class ExplainedConstants(NamedTuple):
@@ -73,7 +74,7 @@ def explained_constants(
         moment_sd, force_sd: N m and N of the live prior; None: no prior.
         scale: relative sd of the reading's scale.
         time_step: s.
-        bound: see above; inf: any torque is explained.
+        bound: of sqrt(D), beyond which a torque is not explained; inf: any is.
     """
     moment_bound, force_bound = (
         _LARGEST_SD if sd is None else min(sd, _LARGEST_SD) for sd in (moment_sd, force_sd)
@@ -134,7 +135,7 @@ def unexplained_rows(
     for k in range(len(D)):
         for i in range(n):
             error_sd[i] = np.sqrt(sd[k, i] * sd[k, i] + scale_squared * tau_ext[k, i] ** 2)
-            floor[i] = 1e-9 * (error_sd[i] * error_sd[i])
+            floor[i] = _FLOOR_SHARE * (error_sd[i] * error_sd[i])
             whitened[i] = tau_ext[k, i]
         for i in range(n):
             for j in range(i + 1):
@@ -143,7 +144,7 @@ def unexplained_rows(
                     variance = constants.moment_variance if a < 3 else constants.force_variance
                     total += J[k, a, i] * variance * J[k, a, j]
                 covariance[i, j] = total
-        # Rounding takes no more from the diagonal than the error's own part.
+        # J^T P J may be singular, and so large that rounding hides Sigma beside it.
         factorise_with_floor(covariance, n, floor)
         solve_lower(covariance, n, whitened)
         D[k] = 0.0

@@ -154,7 +154,7 @@ def is_believed(
     n, period, means = tau_ext.shape[0], constants.period, state.means
     if is_implausible:
         means[_LOST] = min(means[_LOST] + period, LOST_TIME)
-        if means[_LOST] > LOST_TIME - 0.5 * period:
+        if means[_LOST] > LOST_TIME - 0.5 * period:  # LOST_TIME, whatever its sum rounds to
             means[_SUSPICION] = PROBATION_TIME + MAX_REPORT_TIME
     else:
         means[_LOST] = max(means[_LOST] - FORGETTING_SHARE * period, 0.0)
@@ -163,6 +163,7 @@ def is_believed(
         square += (tau_ext[j] / sd[j]) ** 2 + 0.0 * tau_J[j]  # NaN before a torque is known
     if not (is_measured and square < _MAX_SQUARE):  # NaN, too: nothing is known
         return True
+    # Of every measured reading, whatever is suspected: it takes the reading into its means.
     late_share = _lateness(constants, state, tau_ext, sd, tau_J)
     is_free = square < MAX_FREE_SQUARE * n
     if square > constants.loaded_square and means[_SUSPICION] <= MAX_REPORT_TIME:
@@ -176,8 +177,9 @@ def is_believed(
         elif off_line > MAX_OTHERS_SQUARE * n and late_share < CONTACT_SHARE:
             means[_SUSPICION] = max(means[_SUSPICION] - period, 0.0)
     elif is_free:
-        share = 1.0 if means[_SUSPICION] > MAX_REPORT_TIME else FORGETTING_SHARE
-        means[_SUSPICION] = max(means[_SUSPICION] - share * period, 0.0)
+        is_on_probation = means[_SUSPICION] > MAX_REPORT_TIME
+        forgotten_time = period if is_on_probation else FORGETTING_SHARE * period
+        means[_SUSPICION] = max(means[_SUSPICION] - forgotten_time, 0.0)
     believed: bool = is_free or means[_SUSPICION] < REPORT_TIME
     return believed
 
@@ -209,11 +211,12 @@ def _lateness(
         a = need - once,  b = once - twice,  once and twice need behind one and two low-passes
 
     Args:
-        constants: as `is_believed`; negative poles: lateness is not looked for.
-        state: its torques and its means of products are updated.
+        constants: as `is_believed`; a first pole below 0: lateness is not looked for.
+        state: its torques and its means of products are updated. tau_J goes through the observer's
+            own low-pass, so that it is as late as tau_ext is.
         tau_ext, sd, tau_J: as `is_believed`, finite.
     """
-    n, decay = tau_ext.shape[0], constants.need_decay
+    n, need_decay = tau_ext.shape[0], constants.need_decay
     means, torques = state.means, state.torques
     if constants.poles[0] < 0.0:
         return 0.0
@@ -225,24 +228,27 @@ def _lateness(
         pole = constants.poles[j]
         torques[_SEEN, j] = pole * torques[_SEEN, j] + (1.0 - pole) * tau_J[j]
         need = torques[_SEEN, j] + tau_ext[j]
-        torques[_ONCE, j] = decay * torques[_ONCE, j] + (1.0 - decay) * need
-        torques[_TWICE, j] = decay * torques[_TWICE, j] + (1.0 - decay) * torques[_ONCE, j]
+        torques[_ONCE, j] = need_decay * torques[_ONCE, j] + (1.0 - need_decay) * need
+        torques[_TWICE, j] = (
+            need_decay * torques[_TWICE, j] + (1.0 - need_decay) * torques[_ONCE, j]
+        )
         z, a = tau_ext[j] / sd[j], (need - torques[_ONCE, j]) / sd[j]
         b = (torques[_ONCE, j] - torques[_TWICE, j]) / sd[j]
         zz, za, zb = zz + z * z, za + z * a, zb + z * b
         aa, ab, bb = aa + a * a, ab + a * b, bb + b * b
-    decay, entry = constants.late_decay, _ZZ
+    late_decay, entry = constants.late_decay, _ZZ
     for product in (zz, za, zb, aa, ab, bb):  # in the order of the means' entries
-        means[entry] = decay * means[entry] + (1.0 - decay) * product
+        means[entry] = late_decay * means[entry] + (1.0 - late_decay) * product
         entry += 1
     za, zb, aa, ab, bb = means[_ZA], means[_ZB], means[_AA], means[_AB], means[_BB]
     if means[_ZZ] < constants.loaded_square:
         return 0.0
-    # Least squares z = a_fit a + b_fit b over LATE_TIME.
+    # Least squares z = a_fit a + b_fit b over LATE_TIME. Where a and b are alike but for rounding,
+    # det is that of a part in 1e9: a_fit and b_fit are then large, and no delay's.
     det = max(aa * bb - ab * ab, 1e-9 * aa * bb)
     a_fit, b_fit = (bb * za - ab * zb) / det, (aa * zb - ab * za) / det
-    total = a_fit + 0.5 * b_fit
-    if not (LATE_SUM[0] < total < LATE_SUM[1] and LATE_SECOND[0] < b_fit < LATE_SECOND[1]):
+    fit_sum = a_fit + 0.5 * b_fit
+    if not (LATE_SUM[0] < fit_sum < LATE_SUM[1] and LATE_SECOND[0] < b_fit < LATE_SECOND[1]):
         return 0.0
     share: float = (a_fit * za + b_fit * zb) / means[_ZZ]
     return share

@@ -139,7 +139,7 @@ def forward_log(
     Args:
         signals: (N, NUM_SIGNALS, n), rows as in `models.observers.observer`.
         changes: (N,) live prior's variances that F gains after a sample, beside its walk.
-        state: before the first sample; changed to that after the last.
+        state: before the first sample; changed to that before the one after the last.
         log: written: z and P before each sample, parts of the error and innovation (`period`), and
             whether the sample is measured and the period after it known (`kinds`).
     """
@@ -165,8 +165,11 @@ def forward_log(
             _take_innovation(K, miss, z, P)
         else:
             _restart_momentum(arrived, rounding, z, P)
-        # Over the period after it: z <- A z + T u, P <- A P A^T + noise.
-        parts = ErrorParts(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _DECAY])
+        # Over the period after it: z <- A z + T u, P <- A P A^T + noise. The parts are rows of the
+        # log, which so gets them.
+        parts = ErrorParts(
+            smooth=period[k, _SMOOTH], white=white, slow=period[k, _SLOW], decay=period[k, _DECAY]
+        )
         error_parts(t, state.previous_smooth, sample, parts)
         running[0] = is_known
         if is_known:
@@ -262,17 +265,22 @@ def _congruent(A: Array, n: int, P: Array) -> None:
 
 
 class _Adjoint(NamedTuple):
-    """The adjoint of the filter's state: lambda (M,) and Lambda (M, M)."""
+    """The adjoint of the filter's state.
 
-    lam: Array
-    Lam: Array
+    Attributes:
+        vector: lambda (M,).
+        matrix: Lambda (M, M).
+    """
+
+    vector: Array
+    matrix: Array
 
 
 @kernel
 def backward_log(
     model: IntervalModel, log: FilterLog, evidence: Array, wrench: Array, covariance: Array
 ) -> None:
-    """Estimates the wrench of the first K samples from all N of `forward_log`.
+    """Estimates the wrench of the first samples from all N of `forward_log`.
 
     Backward goes the adjoint of the filter's state z = [p (n), F (6), x (n), beta (n)], M = 3 n + 6
     numbers: lambda (M,) and Lambda (M, M) are what the samples from k on say of z before sample k,
@@ -281,7 +289,7 @@ def backward_log(
     Args:
         model, log: of `forward_log`, over the same N samples.
         evidence: (N, NUM_EVIDENCE), written: evidence for a change after a sample.
-        wrench, covariance: (K, 6), (K, 6, 6) with K at most N, written.
+        wrench, covariance: (num_ready, 6), (num_ready, 6, 6), written; num_ready is at most N.
     """
     period, kinds = log.period, log.kinds
     N, _, n = period.shape
@@ -290,83 +298,96 @@ def backward_log(
     rounding = t.joints[ROUND]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     adjoint = _Adjoint(np.zeros(M), np.zeros((M, M)))
-    lam, Lam = adjoint.lam, adjoint.Lam
-    inverse, product = np.empty((n, n)), np.empty((M, n))  # S^-1 of an innovation; scratch
+    vector, matrix = adjoint.vector, adjoint.matrix
+    S_inverse, scratch = np.empty((n, n)), np.empty((M, n))
     for k in range(N - 1, -1, -1):
-        _weigh_change(lam, Lam, t.sixes[JUMP_F], n, evidence[k])
+        # Of the samples after k alone: a change comes between k and them.
+        _weigh_change(adjoint, t.sixes[JUMP_F], n, evidence[k])
         if kinds[k, _KNOWN]:
             _step_matrix(t, model.drift_decay, model.J[k], period[k], A)
-            _transposed(A, n, lam.reshape(M, 1))  # lambda <- A^T lambda, Lambda <- A^T Lambda A
-            _transposed(A, n, Lam.T)
-            _transposed(A, n, Lam)
-            fade(period[k, _DECAY], lam, Lam)
-        else:  # the momentum of the next sample has nothing of this one's
-            lam[:n], Lam[:n], Lam[:, :n] = 0.0, 0.0, 0.0
+            # lambda <- A^T lambda, Lambda <- A^T Lambda A; `fade` is what `renew` does to z.
+            _transposed(A, n, vector.reshape(M, 1))
+            _transposed(A, n, matrix.T)
+            _transposed(A, n, matrix)
+            fade(period[k, _DECAY], vector, matrix)
+        else:
+            _forget_momentum(adjoint, n)
         if kinds[k, _MEASURED]:
             _gain(log.P[k], rounding, L, K)
             for i in range(n):
                 for j in range(n):
-                    inverse[i, j] = 1.0 if i == j else 0.0
-                solve_factorised(L, n, inverse[i])
-            _take_adjoint(K, inverse, period[k, _MISS], adjoint, product)
+                    S_inverse[i, j] = 1.0 if i == j else 0.0
+                solve_factorised(L, n, S_inverse[i])  # a column, and a row, as S is symmetric
+            _take_adjoint(K, S_inverse, period[k, _MISS], adjoint, scratch)
         else:
-            lam[:n], Lam[:n], Lam[:, :n] = 0.0, 0.0, 0.0
+            _forget_momentum(adjoint, n)
         if k < wrench.shape[0]:
             _smoothed(log.z[k], log.P[k], adjoint, wrench[k], covariance[k])
 
 
 @kernel
-def _take_adjoint(K: Array, inverse: Array, miss: Array, adjoint: _Adjoint, product: Array) -> None:
+def _forget_momentum(adjoint: _Adjoint, n: int) -> None:
+    """Clears what later samples say of the momentum: theirs has nothing of the one before a gap."""
+    adjoint.vector[:n], adjoint.matrix[:n], adjoint.matrix[:, :n] = 0.0, 0.0, 0.0
+
+
+@kernel
+def _take_adjoint(
+    K: Array, S_inverse: Array, miss: Array, adjoint: _Adjoint, scratch: Array
+) -> None:
     """Takes the adjoint over a measurement, in place.
 
         lambda <- lambda - H^T (K^T lambda + S^-1 miss)
         Lambda <- (1 - K H)^T Lambda (1 - K H) + H^T S^-1 H
 
+    H picks the first n states, the momentum: of Lambda K H only the first n columns are not zero.
+
     Args:
         K: (M, n) gain.
-        inverse: (n, n) S^-1, inverse covariance of the innovation.
+        S_inverse: (n, n) inverse covariance of the innovation.
         miss: (n,) innovation, N m s.
         adjoint: lambda (M,) and Lambda (M, M), changed.
-        product: (M, n), overwritten.
+        scratch: (M, n), overwritten: memory for the products.
     """
-    lam, Lam = adjoint.lam, adjoint.Lam
+    vector, matrix = adjoint.vector, adjoint.matrix
     M, n = K.shape
-    # lambda; H picks the first n states, the momentum.
+    # All of K^T lambda before lambda changes.
+    vector_step = scratch[0]
     for i in range(n):
         total = 0.0
         for a in range(M):
-            total -= K[a, i] * lam[a]
+            total -= K[a, i] * vector[a]
         for j in range(n):
-            total -= inverse[i, j] * miss[j]
-        product[0, i] = total
+            total -= S_inverse[i, j] * miss[j]
+        vector_step[i] = total
     for i in range(n):
-        lam[i] += product[0, i]
+        vector[i] += vector_step[i]
     # Lambda <- Lambda (1 - K H).
     for a in range(M):
         for i in range(n):
             total = 0.0
             for b in range(M):
-                total += Lam[a, b] * K[b, i]
-            product[a, i] = total
+                total += matrix[a, b] * K[b, i]
+            scratch[a, i] = total
     for a in range(M):
         for i in range(n):
-            Lam[a, i] -= product[a, i]
+            matrix[a, i] -= scratch[a, i]
     # Lambda <- (1 - K H)^T Lambda + H^T S^-1 H; then made symmetric, which rounding has lost.
     for i in range(n):
         for b in range(M):
             total = 0.0
             for a in range(M):
-                total += K[a, i] * Lam[a, b]
-            product[b, i] = total
+                total += K[a, i] * matrix[a, b]
+            scratch[b, i] = total
     for i in range(n):
         for b in range(M):
-            Lam[i, b] -= product[b, i]
+            matrix[i, b] -= scratch[b, i]
         for j in range(n):
-            Lam[i, j] += inverse[i, j]
+            matrix[i, j] += S_inverse[i, j]
     for a in range(M):
         for b in range(a):
-            Lam[a, b] = 0.5 * (Lam[a, b] + Lam[b, a])
-            Lam[b, a] = Lam[a, b]
+            matrix[a, b] = 0.5 * (matrix[a, b] + matrix[b, a])
+            matrix[b, a] = matrix[a, b]
 
 
 @kernel
@@ -381,7 +402,7 @@ def response_log(
             torque[:, c, j].
         error: (M, C n) of z before the first sample; changed to that before the first one that is
             not in `response`.
-        response: (K, 6, C n) with K at most N, written: dF.
+        response: (num_ready, 6, C n), written: dF; num_ready is at most N.
     """
     N, num_ready, n = len(log.kinds), len(response), log.period.shape[2]
     errors = np.empty((N, n + 6, error.shape[1]))
@@ -461,46 +482,41 @@ def _backward_response(
         model, log: of `forward_log`.
         errors: (N, n + 6, C n) of `_forward_response`: momentum and F of dz before each sample, for
             C n torques that the model does not have.
-        response: (K, 6, C n) with K at most N, written: dF.
+        response: (num_ready, 6, C n), written: dF; num_ready is at most N.
     """
     N, _, n = log.period.shape
     M, num_cases = log.P.shape[1], errors.shape[2]
     table = model.table
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
-    lam, by_sample = np.zeros((M, num_cases)), np.empty(n)
+    vectors = np.zeros((M, num_cases))  # lambda, a column a case
+    step = np.empty(n)  # of lambda's momentum, over a sample
     for k in range(N - 1, -1, -1):
         if log.kinds[k, _KNOWN]:
             _step_matrix(table, model.drift_decay, model.J[k], log.period[k], A)
-            _transposed(A, n, lam)
+            _transposed(A, n, vectors)
             for i in range(n):
-                lam[n + 6 + i] *= log.period[k, _DECAY, i]
+                vectors[n + 6 + i] *= log.period[k, _DECAY, i]
         if log.kinds[k, _MEASURED]:
             _gain(log.P[k], table.joints[ROUND], L, K)
             for case in range(num_cases):
-                by_sample[:] = errors[k, :n, case]
-                solve_factorised(L, n, by_sample)
+                step[:] = errors[k, :n, case]
+                solve_factorised(L, n, step)
                 for i in range(n):
                     for a in range(M):
-                        by_sample[i] -= K[a, i] * lam[a, case]
-                lam[:n, case] += by_sample
+                        step[i] -= K[a, i] * vectors[a, case]
+                vectors[:n, case] += step
         else:
-            lam[:n] = 0.0
+            vectors[:n] = 0.0
         if k < len(response):
             for a in range(6):
                 response[k, a] = errors[k, n + a]
                 for b in range(M):
                     for case in range(num_cases):
-                        response[k, a, case] -= log.P[k, n + a, b] * lam[b, case]
+                        response[k, a, case] -= log.P[k, n + a, b] * vectors[b, case]
 
 
 @kernel
-def _weigh_change(
-    lam: Array,
-    Lam: Array,
-    jump: Array,
-    n: int,
-    evidence: Array,
-) -> None:
+def _weigh_change(adjoint: _Adjoint, jump: Array, n: int, evidence: Array) -> None:
     """Writes the evidence for a change of F, of variance diag(jump), or of any p, at a sample.
 
     With d = D^1/2 lambda_F, S = D^1/2 Lambda_FF D^1/2 and D = diag(jump), all later samples are
@@ -513,28 +529,30 @@ def _weigh_change(
     what follows from it.
 
     Args:
-        lam, Lam: (M,), (M, M) adjoint of the later samples; the first n entries are those of the
-            momentum p, the next six those of F.
+        adjoint: of the later samples, read only; its first n entries are those of the momentum p,
+            the next six those of F.
         jump: (6,) variances.
         n: number of joints.
         evidence: (NUM_EVIDENCE,), written.
     """
+    vector, matrix = adjoint.vector, adjoint.matrix
     evidence[:] = 0.0
-    L, force = np.empty((6, 6)), np.empty(6)
+    L, force = np.empty((6, 6)), np.empty(6)  # 1 + S, then its factor; d, then whitened by it
     for a in range(6):
-        force[a] = np.sqrt(jump[a]) * lam[n + a]
+        force[a] = np.sqrt(jump[a]) * vector[n + a]
         for b in range(a + 1):
-            L[a, b] = np.sqrt(jump[a] * jump[b]) * Lam[n + a, n + b]
+            L[a, b] = np.sqrt(jump[a] * jump[b]) * matrix[n + a, n + b]
         L[a, a] += 1.0
+    # No pivot of 1 + S is below 1 but by rounding, of which 0.5 is too much.
     if factorise_in_place(L, 6, 0.5):
         solve_lower(L, 6, force)
         for a in range(6):
             evidence[FORCE_GAIN] += 0.5 * force[a] * force[a]
             evidence[LIKELIER] -= np.log(L[a, a])
         evidence[LIKELIER] += evidence[FORCE_GAIN]
-    M, blow = Lam[:n, :n].copy(), lam[:n].copy()
-    if factorise_in_place(M, n, 0.0):
-        solve_lower(M, n, blow)
+    factor, blow = matrix[:n, :n].copy(), vector[:n].copy()
+    if factorise_in_place(factor, n, 0.0):
+        solve_lower(factor, n, blow)
         for i in range(n):
             evidence[BLOW_GAIN] += 0.5 * blow[i] * blow[i]
 
@@ -554,17 +572,17 @@ def _transposed(A: Array, n: int, x: Array) -> None:
 @kernel
 def _smoothed(z: Array, P: Array, adjoint: _Adjoint, wrench: Array, covariance: Array) -> None:
     """Writes F and its covariance given all samples, from the prediction and the adjoint."""
-    lam, Lam = adjoint.lam, adjoint.Lam
+    vector, matrix = adjoint.vector, adjoint.matrix
     M = z.shape[0]
     n = (M - 6) // 3
     half = np.empty((6, M))
     for a in range(6):
         total = z[n + a]
         for b in range(M):
-            total -= P[n + a, b] * lam[b]
+            total -= P[n + a, b] * vector[b]
             half[a, b] = 0.0
             for c in range(M):
-                half[a, b] += P[n + a, c] * Lam[c, b]
+                half[a, b] += P[n + a, c] * matrix[c, b]
         wrench[a] = total
     for a in range(6):
         for b in range(a + 1):

@@ -199,12 +199,18 @@ class IntervalSmoother:
         state = _copied(self._start)
 
         def forward(rows: slice) -> None:
+            """Runs `state` over these rows, and writes them in `log`."""
             forward_log(
                 IntervalModel(self._table, self._drift_decay, J[rows]),
                 signals[rows],
                 changes[rows],
                 state,
-                FilterLog(log.z[rows], log.P[rows], log.period[rows], log.kinds[rows]),
+                FilterLog(
+                    z=log.z[rows],
+                    P=log.P[rows],
+                    period=log.period[rows],
+                    kinds=log.kinds[rows],
+                ),
             )
 
         forward(slice(0, num_ready))
@@ -214,7 +220,8 @@ class IntervalSmoother:
         wrench, covariance = np.empty((num_ready, 6)), np.empty((num_ready, 6, 6))
         model = IntervalModel(self._table, self._drift_decay, J)
         backward_log(model, log, evidence, wrench, covariance)
-        return IntervalReading(wrench, covariance, evidence, log), next_start
+        reading = IntervalReading(wrench=wrench, covariance=covariance, evidence=evidence, log=log)
+        return reading, next_start
 
 
 def likely_changes(evidence: Array, search: ChangeSearch) -> Array:
@@ -222,12 +229,13 @@ def likely_changes(evidence: Array, search: ChangeSearch) -> Array:
 
     A change lies where the likelihood ratio has its maximum within `reach` samples to both sides
     and is above 1 / CHANGE_ODDS, unless a blow explains more nearby. Its share of 1 is spread over
-    these samples in proportion to the likelihood that it lies there. All zero: no change is likely.
+    these samples in proportion to the likelihood that it lies there; shares of changes less than
+    twice `reach` apart add up where they overlap. All zero: no change is likely.
 
     Args:
         evidence: (N, NUM_EVIDENCE) logs of likelihood ratios, as
             `wrenchsight.models.observers.fixed_interval` writes them.
-        search: its settings.
+        search: how far apart changes are looked for, and what a blow counts for.
     """
     N = len(evidence)
     shares = np.zeros(N)
@@ -236,6 +244,7 @@ def likely_changes(evidence: Array, search: ChangeSearch) -> Array:
     reach, log_likelihood = search.reach, evidence[:, LIKELIER]
     highest = maximum_filter1d(log_likelihood, 2 * reach + 1, mode="nearest")
     blow_gain = maximum_filter1d(evidence[:, BLOW_GAIN], 2 * search.blow_reach + 1, mode="nearest")
+    # Akaike: what has more parameters must explain as many units of log-likelihood more.
     force_gain = evidence[:, FORCE_GAIN] + search.extra_parameters
     last_change = -reach - 1
     for k in np.flatnonzero((log_likelihood > -np.log(CHANGE_ODDS)) & (log_likelihood >= highest)):

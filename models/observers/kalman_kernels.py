@@ -63,6 +63,8 @@ class KalmanState(NamedTuple):
     p: entries 0 to n - 1, momentum; F: n to n + 5, wrench on the robot at E, rotation first;
     x: n + 6 to 2 n + 5, smooth part of the torque error, of sd 1.
 
+    It is that before a sample, and `_take_sample` leaves that before the next one, with its gain.
+
     Attributes:
         x, gain, P, C: (N,), (N, n), (N, N), (N, n) of the coming sample, before it is measured.
         status: (2,) phase, and number of measured samples.
@@ -181,7 +183,8 @@ def _wrench_after(
     slow part of the torque error, n numbers of sd 1, has put into the state.
 
     Args:
-        table, state: the filter's, before the sample; F are entries n to n + 5 of the state.
+        table, state: the filter's, before the sample, whose gain the state holds already; F are
+            entries n to n + 5 of the state.
         signals: (NUM_SIGNALS, n) of the sample; where it is not finite, F is as predicted.
         wrench, covariance: written.
     """
@@ -222,9 +225,9 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
 
     Args:
         t: constants.
-        s: state, entries [p (n), F (6), x (n)].
-        signals: (NUM_SIGNALS, n).
-        J: (6, n).
+        s: state before the sample, entries [p (n), F (6), x (n)]; changed to that before the next.
+        signals: (NUM_SIGNALS, n) of the sample.
+        J: (6, n) of the sample.
     """
     n = signals.shape[1]
     numbers, sixes, rounding = t.numbers, t.sixes, t.joints[ROUND]
@@ -233,24 +236,16 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
     is_known = True  # whether what the coming period begins with is finite
     for i in range(n):
         arrived[i] = sample_momentum(numbers, signals, i)
-        predicted = arrived[i] + signals[TAU_J, i] + signals[CTV, i] - signals[TAU_F, i]
-        is_known = is_known and np.isfinite(predicted)
+        torque_sum = signals[TAU_J, i] + signals[CTV, i] - signals[TAU_F, i]
+        is_known = is_known and np.isfinite(arrived[i] + torque_sum)
         for a in range(6):
             is_known = is_known and np.isfinite(J[a, i])
-    # The measurement. P grows where it is far off, and F's part of P where it stays off.
     if _is_measured(numbers, status, signals):
+        # Before the measurement, which changes the prediction that it is off.
         whitened = _whitened_innovation(s, rounding, arrived)
         _measure(s, rounding, arrived)
         status[_NUM_MEASURED] += 1.0
-        square = 0.0
-        for i in range(n):
-            square += whitened[i] * whitened[i]
-        if square > numbers[GROSS]:
-            P *= min(square / numbers[GROSS], MOST_DOUBT)
-        if _sum_innovations(numbers, s.sums, whitened) > numbers[CHANGED]:
-            for a in range(6):
-                P[n + a, n + a] += sixes[JUMP_F, a]
-            s.sums[:] = 0.0
+        _doubt_prediction(t, s, whitened)
     # After a gap the momentum is what the sample says, without regard to the one before.
     if status[_PHASE] != _RUNNING_STATUS:
         for i in range(n):
@@ -280,8 +275,29 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
 
 
 @kernel
+def _doubt_prediction(t: KalmanTable, s: KalmanState, whitened: Array) -> None:
+    """Widens P where the innovation is beyond the model, and F's part where it stays off.
+
+    Args:
+        t: constants.
+        s: state; P and the sums of innovations are changed.
+        whitened: (n,) innovation of the sample, of covariance 1 by the model.
+    """
+    numbers, P, n = t.numbers, s.P, whitened.shape[0]
+    square = 0.0
+    for i in range(n):
+        square += whitened[i] * whitened[i]
+    if square > numbers[GROSS]:
+        P *= min(square / numbers[GROSS], MOST_DOUBT)
+    if _sum_innovations(numbers, s.sums, whitened) > numbers[CHANGED]:
+        for a in range(6):
+            P[n + a, n + a] += t.sixes[JUMP_F, a]
+        s.sums[:] = 0.0
+
+
+@kernel
 def _begin(t: KalmanTable, s: KalmanState) -> None:
-    """Writes the state of a filter before its first sample."""
+    """Writes the state before a first sample, which reads no gain; the phase stays: not running."""
     n = t.mixing.shape[0]
     s.x[:], s.P[:], s.C[:], s.sums[:], s.status[_NUM_MEASURED] = 0.0, 0.0, 0.0, 0.0, 0.0
     for a in range(6):
@@ -424,7 +440,7 @@ def renew(decay: Array, mixing: Array, x: Array, P: Array) -> None:
 
 @kernel
 def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> None:
-    """Propagates x, P and C over a period, in place; u is added elsewhere.
+    """Propagates x, P and C over a period, in place; `_take_sample` adds T u and renews the error.
 
     Order of the state, of rows and columns alike: momentum p (entries 0 to n - 1), wrench F (n to
     n + 5), smooth part of the torque error (n + 6 to 2 n + 5).

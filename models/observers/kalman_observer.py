@@ -61,7 +61,7 @@ rounding's alone: what encoders add is in the torque error.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from scipy.special import chdtri
@@ -201,38 +201,44 @@ class KalmanObserver:
         _PLAIN_K_0, the sds of torque and prior by 1, the correlation by none.
 
         Raises:
-            ValueError: the arm's knowledge has no live prior.
+            ValueError: the method of the reading is one that no prior stands for.
         """
         n, T = self.num_joints, self.time_step
-        numbers, sixes = np.zeros(NUM_NUMBERS), np.zeros((SIXES, 6))
-        joints, mixing = np.zeros((JOINTS, n)), np.eye(n)
-        error = None if knowledge is None else knowledge.torque_error
-        K_0 = np.full(n, _PLAIN_K_0)
-        if error is not None and knowledge is not None:
-            K_0 = knowledge.rates
-        times: Any = np.full(n, _PLAIN_TIME) if error is None else error.correlation_time
+        K_0, correlation_time = np.full(n, _PLAIN_K_0), np.full(n, _PLAIN_TIME)
+        torque_sd, lasting, mixing = np.ones(n), np.zeros(n), np.eye(n)
+        prior: WrenchPrior | None = WrenchPrior(1.0, 1.0, 1.0, 1.0)
+        if knowledge is not None:
+            torque_sd, prior = knowledge.torque_sd, knowledge.prior
+            if (error := knowledge.torque_error) is not None:
+                K_0, correlation_time = knowledge.rates, error.correlation_time
+                torque_sd, lasting, mixing = error.constant, error.lasting, error.correlation
+        if prior is None:
+            raise ValueError("a Kalman observer reads by bayesian, force_only or inverse")
+        numbers = np.zeros(NUM_NUMBERS)
         numbers[PERIOD] = T
         numbers[BEFORE] = motor_share(T, self.config.torque_samples)
         numbers[GROSS] = chdtri(n, _GROSS_ODDS)  # the square that chi^2 exceeds so seldom
         numbers[CHANGED] = chdtri(n, CHANGE_ODDS)
         numbers[DECAY_SUM : DECAY_SUM + NUM_SUMS] = np.exp(-T / np.array(CHANGE_TIMES))
         numbers[SETTLED] = np.ceil(SETTLING_TIME_CONSTANTS / float(np.min(K_0)) / T)
-        prior = WrenchPrior(1.0, 1.0, 1.0, 1.0) if knowledge is None else knowledge.prior
-        if prior is None:
-            raise ValueError("a Kalman observer reads by bayesian, force_only or inverse")
-        decay, steps, start = changing_wrench(prior, self.config.bandwidth_hz, T)
-        sixes[DECAY_F], sixes[NOISE_F], sixes[START_F] = decay, steps, start
-        sixes[JUMP_F] = np.minimum(start, np.repeat(np.square(prior[2:]), 3))
-        joints[RATE_X] = 1.0 / times
-        joints[SMOOTH] = (1.0 - WHITE_SHARE) * (1.0 + K_0 * times) / (K_0 * times)
+        decay, noise, start = changing_wrench(prior, self.config.bandwidth_hz, T)
+        live_variance = np.square([prior.live_moment_sd] * 3 + [prior.live_force_sd] * 3)
+        sixes = np.zeros((SIXES, 6))
+        sixes[DECAY_F], sixes[NOISE_F], sixes[START_F] = decay, noise, start
+        sixes[JUMP_F] = np.minimum(start, live_variance)
+        joints = np.zeros((JOINTS, n))
+        joints[RATE_X] = 1.0 / correlation_time
+        K_0_T_c = K_0 * correlation_time
+        joints[SMOOTH] = (1.0 - WHITE_SHARE) * (1.0 + K_0_T_c) / K_0_T_c
         joints[WHITE] = WHITE_SHARE * 2.0 / K_0
-        sd = np.ones(n) if knowledge is None else knowledge.torque_sd
-        if error is not None:
-            mixing = error.correlation
-            joints[LASTING] = np.sqrt(error.lasting)
-            sd = error.constant
-        joints[ROUND] = (_ROUNDING_SHARE * T * np.asarray(sd)) ** 2
-        return KalmanTable(numbers, sixes, joints, np.ascontiguousarray(mixing, float))
+        joints[LASTING] = np.sqrt(lasting)
+        joints[ROUND] = (_ROUNDING_SHARE * T * np.asarray(torque_sd)) ** 2
+        return KalmanTable(
+            numbers=numbers,
+            sixes=sixes,
+            joints=joints,
+            mixing=np.ascontiguousarray(mixing, float),
+        )
 
 
 def changing_wrench(

@@ -123,8 +123,18 @@ def lag_settings(
             raise ValueError(f"{name} must be zero or more, not {value}")
     omega = 2.0 * np.pi * force_bandwidth_hz
     if K_0 is None:
-        return LagSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(scale), 0.0)
-    rates = np.array([RATE_CORNERS, 1.0]) * omega
+        return LagSettings(
+            pole=0.0,
+            slow_pole=0.0,
+            doubted_pole=0.0,
+            doubted_slow_pole=0.0,
+            pace_pole=0.0,
+            rate_factor=0.0,
+            slow_rate_factor=0.0,
+            scale=float(scale),
+            spring_share=0.0,
+        )
+    rates = np.array([RATE_CORNERS, 1.0]) * omega  # w and omega, 1/s
     pole, slow_pole = np.exp(-rates * time_step).tolist()
     doubted_pole, doubted_slow_pole = np.exp(-_DOUBTED_PACE * rates * time_step).tolist()
     # Such that a ramp, low-passed up to the sample before, shows its rate exactly.

@@ -89,8 +89,9 @@ def observe_momentum(
     the observer runs, without a jump.
 
     Args:
-        table: of MomentumObserver, a row a joint: gain and decay of the recursion, half the period,
-            and the weights of the motor torque in the period after a sample and before it.
+        table: (n, 5) of MomentumObserver, a row a joint: gain K' and decay a of the recursion, the
+            weights of the motor torque in the period after a sample and before it, s, and half the
+            period, s.
         state: of `MomentumObserver.initial_state`, changed. Rows (n,) each: momentum that the model
             predicts for the next sample, kg m^2/s, NaN where it is not known, inf before the first
             sample; last estimate, N m; share of the start that is still in it, 1 at first.

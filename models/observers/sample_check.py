@@ -66,6 +66,7 @@ FROZEN_TIME, ZERO_TIME = 0.5, 0.05  # s
 ZERO_FALL = 0.1
 MOVING_SHARE = 0.02  # of the speed limit, above which a joint moves
 RESTART_TIME, RESTART_TICKS = 0.1, 3.5  # s, and at least as many periods
+_BOUND_GROWTH = 1.25  # per refused sample, of the bound on a disagreement that lasts
 
 # Codes of a fault, summed up: beyond a limit; drift or disorder; a current that does not change.
 FAULT_BEYOND, FAULT_DISAGREES, FAULT_FROZEN = 1, 2, 4
@@ -211,15 +212,13 @@ def _check_motion(
         The faults of all joints, and of the current of the sample before: a sum of FAULT_ codes.
     """
     codes = 0
-    fade_age, fade = (
-        np.nan,
-        np.nan,
-    )  # s since the last possible sample; how much a drift fades by it
+    fade_age = np.nan  # s since the last possible sample, of the joint before
+    fade = np.nan  # share of a drift that is left after it
     for j in range(q.shape[0]):
         codes |= int(state[_PREVIOUS_CODE, j])
         checked[0, j], checked[1, j] = q[j], v[j]
         age = state[_AGE, j] + period
-        if age != fade_age:  # most often all joints are of one age
+        if age != fade_age:  # most often all joints are of one age, and an exponential is dear
             fade_age, fade = age, np.exp(-age / DRIFT_TIME)
         code = _wrong_motion(_Joint(table, state, period, j), fade, q[j], v[j])
         if code != 0:
@@ -267,8 +266,11 @@ def _take_sample(
         table, state: of SampleCheck, (rows, n).
         period: s since the sample before.
         q, v, current: (n,) as measured.
-        checked: (3, n) the same as both checks wrote them: NaN where impossible.
+        checked_motion: (2, n) q and v as `_check_motion` wrote them: NaN where impossible.
+        checked_current: (n,) the current as `_check_current` wrote it. Both checks come before, as
+            they compare with the sample that is replaced here.
     """
+    # The age of the joint before, and the shares of a rise and of a drift that are left after it.
     fade_age, rise_fade, fade = np.nan, np.nan, np.nan
     for j in range(q.shape[0]):
         joint = _Joint(table, state, period, j)
@@ -288,8 +290,8 @@ def _take_sample(
             r = abs(_disagreement(joint, age, q[j], v[j])) if is_recent else np.inf
             # A lasting disagreement is not a spike: the bound follows it within some samples.
             if r * age <= table[_DRIFT, j] and abs(v[j]) <= table[_SPEED, j]:
-                adapted = 1.25 * _bound(joint) / MAX_RISE
-                state[_LARGEST, j] = max(state[_LARGEST, j], min(r, adapted))
+                raised = _BOUND_GROWTH * _bound(joint) / MAX_RISE
+                state[_LARGEST, j] = max(state[_LARGEST, j], min(r, raised))
         else:  # a drift is still summed, or it would never end
             if is_recent:
                 r = _disagreement(joint, age, q[j], v[j])
