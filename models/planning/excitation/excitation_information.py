@@ -34,9 +34,10 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 Measure = Literal["condition_number", "log_det"]
 MEASURES: tuple[Measure, ...] = get_args(Measure)
 
-_BOUND_POWER = (
-    12.0  # p of the smooth bound: at most 60^(1/12), a factor of 1.4, above the condition number
-)
+# p of the smooth bound: at most 60^(1/12), a factor of 1.4, above the condition number
+_BOUND_POWER = 12.0
+# Least length of a column of W and least eigenvalue, where a motion leaves something undetermined.
+_MIN_LENGTH, _MIN_EIGENVALUE = 1e-12, 1e-13
 # rad, of the differences of q: cut-off and rounding both below 1e-8 of the gradient
 _DIFFERENCE_STEP = 1e-4
 
@@ -117,16 +118,16 @@ class ExcitationInformation:
 
         In the two measures (see the module's docstring) W are the columns of the weighted regressor
         (N n, 14 n) that determine the base parameters, A = W D^-1 the same scaled to length 1, and
-        lambda, V the eigenvalues and eigenvectors of A^T A. `by_X` is the gradient by X.
+        lambda, V the eigenvalues and eigenvectors of A^T A. `by_X` is the gradient by X. A motion
+        that leaves something undetermined has a large cost, not an infinite one.
         """
         n, b = self.chain.num_joints, len(self.columns)
         W = self.regressor(q, v, vdot)[:, self.columns]
-        lengths = np.maximum(np.linalg.norm(W, axis=0), 1e-12)
+        lengths = np.maximum(np.linalg.norm(W, axis=0), _MIN_LENGTH)
         A = W / lengths
         gram = A.T @ A
         eigenvalues, V = np.linalg.eigh(gram)
-        # A motion that leaves something undetermined has a large cost, not an infinite one.
-        eigenvalues = np.maximum(eigenvalues, 1e-13)
+        eigenvalues = np.maximum(eigenvalues, _MIN_EIGENVALUE)
         if measure == "condition_number":
             largest, by_largest = _log_sum(eigenvalues, _BOUND_POWER)
             smallest, by_smallest = _log_sum(eigenvalues, -_BOUND_POWER)
@@ -137,6 +138,7 @@ class ExcitationInformation:
             by_W = (by_A - A * (A * by_A).sum(axis=0)) / lengths
         else:
             value = -float(0.5 * np.log(eigenvalues).sum() + np.log(lengths).sum()) / b
+            # -W (W^T W)^-1 / b, with (W^T W)^-1 = D^-1 V lambda^-1 V^T D^-1.
             by_W = -(A @ ((V / eigenvalues) @ V.T)) / lengths / b
         by_regressor = np.zeros((len(q), n, 14 * n))  # by the regressor without the weights
         by_regressor.reshape(-1, 14 * n)[:, self.columns] = by_W

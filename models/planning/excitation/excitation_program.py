@@ -44,7 +44,15 @@ _DIFFERENCE_STEP = 1e-3  # rad, of the differences of q in the torque
 _MOTION_DECIMALS, _VALUE_DECIMALS, _GRADIENT_DECIMALS = 9, 8, 6
 
 
-_MAX_SHRINKS, _MAX_SHRINKS_PATIENT = 4, 9  # of a random motion, by .6 each
+_SHRINK_FACTOR = 0.6  # by which a random motion that breaks a limit is made smaller
+_MAX_SHRINKS, _MAX_SHRINKS_PATIENT = 4, 9  # of a random motion: to 13 % and to 1 % of its size
+_ROUNDING_ROOM = 0.999  # of a random motion's largest size, so that rounding breaks no limit
+_SNOPT_OPTIONS = {
+    "Major feasibility tolerance": 1e-6,
+    "Major optimality tolerance": 1e-4,
+    "Major step limit": 0.5,  # of the coefficients' size
+    "Function precision": 1e-7,  # of the distances between curved shapes, found iteratively
+}
 _MOST_POSTURES = 2000  # that random motions are drawn about
 UNSTATED_SPEED = 3.0  # rad/s (m/s), of a joint whose URDF states no speed limit
 MAX_SPEED = 30.0  # rad/s (m/s); a limit beyond is a placeholder, and counts as not stated
@@ -90,9 +98,9 @@ class MotionBounds:
         if acceleration.shape not in ((1,), (n,)):
             problem = f"{acceleration.size} numbers, expected 1 or {n}"
             raise InputError("excite", "acceleration", problem)
-        # A joint without position limits gains nothing from more than a turn each way.
         is_stated = robot.velocity_limit <= MAX_SPEED
         speed = np.where(is_stated, robot.velocity_limit, UNSTATED_SPEED)
+        # A joint without position limits gains nothing from more than a turn each way.
         lower = np.maximum(robot.position_lower, -2.0 * np.pi)
         upper = np.minimum(robot.position_upper, 2.0 * np.pi)
         slide_margin = np.minimum(limits.position_margin, _SLIDE_MARGIN * (upper - lower))
@@ -216,7 +224,8 @@ class ExcitationProgram:
         t = np.arange(num_samples) * period / num_samples
         # Position, velocity and acceleration (num_samples, 1 + 2 H) by the scaled coefficients.
         self._basis = [b * self._scale for b in fourier_basis(t, settings.base_frequency, H)]
-        # Clearance is checked at few samples, torque at every other one; motion at all of them.
+        # Clearance is checked at few samples, torque at every other one: each costs a gradient in
+        # all variables, and `reserve` is for what lies between. Motion is checked at all samples.
         self._slack_rows = slice(0, None, max(1, num_samples // settings.num_postures))
         self._torque_rows = slice(0, None, 2)
         # What samples keep to this share of a linear limit, all times keep to the limit.
@@ -233,53 +242,66 @@ class ExcitationProgram:
         hold, too. Where none of `num_draws` is found, as many more are drawn: then postures that
         cannot be held at rest no longer count as draws, and the motions may be smaller.
 
-        The coefficients x (n, 1 + 2 H) are a joint's centre, its sines k A_k and its cosines
-        k B_k, with A_k, B_k the amplitudes of harmonic k = 1 to H.
+        Args:
+            rng: of the postures and shapes.
+            num_draws: as said.
 
         Raises:
             NoTrajectoryError: none was found; the line names the limit that most draws broke.
         """
-        n, H = self.chain.num_joints, self.num_harmonics
-        low, high = self.bounds.position_lower, self.bounds.position_upper
         num_broken = {"torque": 0, "clearance": 0}
         num_tried = 0
         for _ in range(_MOST_POSTURES):
             if num_tried == 2 * num_draws:
                 break
-            middle, half = 0.5 * (low + high), 0.5 * (high - low)
-            centre = middle + rng.uniform(-0.5, 0.5, n) * np.minimum(half, np.pi)
-            x = rng.normal(size=(n, 1 + 2 * H))
-            x[:, 0] = 0.0
-            # At rest at the start, without velocity, sum k A_k = 0, and without acceleration,
-            # sum k^2 B_k = 0.
-            x[:, 1 : 1 + H] -= x[:, 1 : 1 + H].mean(axis=1, keepdims=True)
-            k = np.arange(1, H + 1)
-            x[:, 1 + H :] -= np.outer(x[:, 1 + H :] @ k, k) / (k @ k)
-            q, v, vdot = (basis @ x.T for basis in self._basis)
-            room_about_centre = self._share_at_samples * half - np.abs(centre - middle)
-            amplitude = np.min(
-                [
-                    room_about_centre / np.abs(q).max(axis=0),
-                    self._share_at_samples * self.bounds.velocity / np.abs(v).max(axis=0),
-                    self._share_at_samples * self.bounds.acceleration / np.abs(vdot).max(axis=0),
-                ],
-                axis=0,
-            )
-            x *= 0.999 * amplitude[:, None]
-            x[:, 0] = centre
+            x = self._random_motion(rng)
             is_patient = num_tried >= num_draws
             # Another posture, where this one alone breaks a limit.
-            if is_patient and self._broken(np.hstack([x[:, :1], np.zeros((n, 2 * H))])):
+            at_rest = np.hstack([x[:, :1], np.zeros_like(x[:, 1:])])
+            if is_patient and self._broken(at_rest):
                 continue
             num_tried += 1
             for _ in range(_MAX_SHRINKS_PATIENT if is_patient else _MAX_SHRINKS):
                 broken_limit = self._broken(x)
                 if not broken_limit:
                     return self._trajectory(x)
-                x[:, 1:] *= 0.6
+                x[:, 1:] *= _SHRINK_FACTOR
             num_broken[broken_limit] += 1
         worst = max(num_broken, key=lambda name: num_broken[name])
         raise NoTrajectoryError(worst, num_tried)
+
+    def _random_motion(self, rng: np.random.Generator) -> Array:
+        """The largest motion of a random shape about a random posture, by the linear limits alone.
+
+        Returns:
+            x (n, 1 + 2 H): each joint's centre, its sines k A_k and its cosines k B_k; A_k and B_k
+            are the amplitudes of harmonic k = 1 to H.
+        """
+        n, H = self.chain.num_joints, self.num_harmonics
+        low, high = self.bounds.position_lower, self.bounds.position_upper
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        # In the middle half of the range, or of a turn: room to both sides.
+        centre = middle + rng.uniform(-0.5, 0.5, n) * np.minimum(half, np.pi)
+        x = rng.normal(size=(n, 1 + 2 * H))
+        x[:, 0] = 0.0
+        # At rest at the start: sum k A_k = 0, without velocity; sum k^2 B_k = 0, without
+        # acceleration.
+        x[:, 1 : 1 + H] -= x[:, 1 : 1 + H].mean(axis=1, keepdims=True)
+        k = np.arange(1, H + 1)
+        x[:, 1 + H :] -= np.outer(x[:, 1 + H :] @ k, k) / (k @ k)
+        q, v, vdot = (basis @ x.T for basis in self._basis)
+        room_about_centre = self._share_at_samples * half - np.abs(centre - middle)
+        amplitude = np.min(
+            [
+                room_about_centre / np.abs(q).max(axis=0),
+                self._share_at_samples * self.bounds.velocity / np.abs(v).max(axis=0),
+                self._share_at_samples * self.bounds.acceleration / np.abs(vdot).max(axis=0),
+            ],
+            axis=0,
+        )
+        x *= _ROUNDING_ROOM * amplitude[:, None]
+        x[:, 0] = centre
+        return x
 
     def solve(
         self,
@@ -303,18 +325,15 @@ class ExcitationProgram:
         solver = SnoptSolver()
         for name, value in {
             "Major iterations limit": iterations,
-            "Iterations limit": 100 * iterations,
-            "Major feasibility tolerance": 1e-6,
-            "Major optimality tolerance": 1e-4,
-            "Major step limit": 0.5,
-            "Function precision": 1e-7,  # of the distances between curved shapes, found iteratively
+            "Iterations limit": 100 * iterations,  # minor ones, of all quadratic programs
+            **_SNOPT_OPTIONS,
         }.items():
             settings.SetOption(solver.solver_id(), name, value)
         guess = np.round(self._coefficients(start), _MOTION_DECIMALS)
         self.program.SetInitialGuess(self._x, guess)
         result = solver.Solve(self.program, None, settings)
         x = np.asarray(result.GetSolution(self._x), dtype=np.float64)
-        if not np.isfinite(x).all():
+        if not np.isfinite(x).all():  # SNOPT returned none
             x = self._coefficients(start)
         q, v, vdot = (basis @ x.T for basis in self._basis)
         return ExcitationSolution(
@@ -372,14 +391,14 @@ class ExcitationProgram:
                 upper = np.full(len(basis), share * limit[j])
                 program.AddLinearConstraint(basis, -upper, upper, joint_x)
         all_x = x.ravel()
-        upper = np.full(self.chain.num_joints * len(self._basis[0][self._torque_rows]), 1.0)
-        upper -= self._reserve.torque_share
-        program.AddConstraint(differentiable(self._torque), -upper, upper, all_x)
+        num_torques = self.chain.num_joints * len(self._basis[0][self._torque_rows])
+        torque_bound = np.full(num_torques, 1.0 - self._reserve.torque_share)
+        program.AddConstraint(differentiable(self._torque), -torque_bound, torque_bound, all_x)
         if self._slack is not None:
-            count = len(self._basis[0][self._slack_rows])
-            lower = np.full(count, self._reserve.slack)
-            upper = np.full(count, np.inf)
-            program.AddConstraint(differentiable(self._slacks), lower, upper, all_x)
+            num_slacks = len(self._basis[0][self._slack_rows])
+            least_slack = np.full(num_slacks, self._reserve.slack)
+            no_bound = np.full(num_slacks, np.inf)
+            program.AddConstraint(differentiable(self._slacks), least_slack, no_bound, all_x)
         cost = differentiable(self._cost)
         program.AddCost(lambda x: cost(x)[0], vars=all_x)
 

@@ -116,6 +116,16 @@ def reversal_motion(
     d2p = d2a * sine + 2.0 * da * dsine + a * (-(omega**2) * sine)
     q = np.outer(p, joint_shares) + posture
     v, vdot = np.outer(dp, joint_shares), np.outer(d2p, joint_shares)
+    _check_within_limits(robot, q, v)
+    return JointTrajectory(t=np.asarray(t, dtype=np.float64), q=q, v=v, vdot=vdot)
+
+
+def _check_within_limits(robot: Robot, q: Array, v: Array) -> None:
+    """Checks a motion (T, n) against the limits of position and velocity.
+
+    Raises:
+        InputError: naming the first joint that is beyond one.
+    """
     for values, low, high, quantity in (
         (q, robot.position_lower, robot.position_upper, "position"),
         (v, -robot.velocity_limit, robot.velocity_limit, "velocity"),
@@ -130,7 +140,6 @@ def reversal_motion(
                 f"{low[j]:.3g} and {high[j]:.3g}",
                 "choose a posture farther inside, lower speeds or a shorter period",
             )
-    return JointTrajectory(np.asarray(t, dtype=np.float64), q, v, vdot)
 
 
 class FilteredMotion(NamedTuple):
@@ -163,9 +172,10 @@ def separate(
         chain: chain of the identified model; its gravity enters the asymmetric part only.
         motion: with passes of the joint in both directions.
         joint: index.
-        rest_speed: rad/s, below which the joint rests and belongs to no pass.
+        rest_speed: rad/s, below which the joint rests and belongs to no pass; above the noise of a
+            filtered velocity, and below the slowest pass.
         settle: s, left out at both ends of a pass: there a low-pass mixes the friction of both
-            directions. About one over its cutoff.
+            directions. About one over its cutoff; 0 for a log that is not filtered.
         spacing: rad, between the positions at which two passes are compared.
 
     Returns:
@@ -173,9 +183,9 @@ def separate(
     """
     passes = _passes(motion.t, motion.v[:, joint], rest_speed, settle)
     pairs = [_pair(motion, joint, *neighbours, spacing) for neighbours in pairwise(passes)]
-    none = _at_rows(motion, slice(0, 0))
-    up = _joined([none, *(pair.up for pair in pairs)])
-    down = _joined([none, *(pair.down for pair in pairs)])
+    up = _joined(motion, [pair.up for pair in pairs])
+    down = _joined(motion, [pair.down for pair in pairs])
+    # Of both; they differ by MAX_POSTURE_DIFFERENCE at the most.
     posture = 0.5 * (up.q + down.q)
     # What the rigid body leaves of the joint's torque, up and down.
     tau_up = up.tau[:, joint] - chain.inverse_dynamics(posture, up.v, up.vdot)[:, joint]
@@ -260,6 +270,7 @@ def _at_rows(motion: FilteredMotion, rows: slice | Flags | NDArray[np.intp]) -> 
     return FilteredMotion(*(signal[rows] for signal in motion))
 
 
-def _joined(motions: list[FilteredMotion]) -> FilteredMotion:
-    """Motions one after another."""
-    return FilteredMotion(*(np.concatenate(signals) for signals in zip(*motions, strict=True)))
+def _joined(log: FilteredMotion, motions: list[FilteredMotion]) -> FilteredMotion:
+    """Parts of a log one after another; without any, a motion of no samples."""
+    parts = [_at_rows(log, slice(0, 0)), *motions]
+    return FilteredMotion(*(np.concatenate(signals) for signals in zip(*parts, strict=True)))

@@ -30,7 +30,7 @@ _PARALLEL_ANGLE = 1e-8  # rad; axes nearer than this are meant to be parallel
 _AT_LIMIT = 1e-10  # rad or m; what a solution exceeds a limit by in rounding
 _POLISH_SETTINGS = ApproachSettings(max_steps=6, aim=_POSE_ROUNDING)
 _SEARCH_SETTINGS = ApproachSettings(max_steps=100, aim=_POSE_ROUNDING)
-_NUM_SEEDS = 12
+_NUM_SEEDS = 12  # starts of a search at a pose; more find more branches, in proportionate time
 
 
 def is_closed_form(robot: Robot) -> bool:
@@ -106,19 +106,22 @@ def all_branches(
     p = np.ascontiguousarray(p_WE, dtype=np.float64).reshape(-1, 3)
     lower, upper = np.array(robot.position_lower), np.array(robot.position_upper)
     solver = closed_form(robot)
+    # q (M, n) are solutions in the order of their poses, pose_of (M,) the index of each one's pose;
+    # `approach` moves q in place.
     if solver is not None:
-        q, pose_of = _from_closed_form(robot, solver, R, p)  # (M, n); (M,) index of each one's pose
+        q, pose_of = _from_closed_form(robot, solver, R, p)
         q = _nearest_to_middle(robot, q)
         errors = approach(robot.chain, R[pose_of], p[pose_of], q, _POLISH_SETTINGS)
-        q = _nearest_to_middle(robot, q)
+        q = _nearest_to_middle(robot, q)  # an angle half a turn from it may have passed it
     else:
         starts = np.array(_starts(robot) if seeds is None else seeds, float)
         starts = np.broadcast_to(starts, (len(p), *starts.shape[-2:]))
         pose_of = np.repeat(np.arange(len(p)), starts.shape[1])
         q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
         q[~np.all(np.isfinite(q), axis=1)] = robot.home
-        limits = lower, upper
-        errors = approach(robot.chain, R[pose_of], p[pose_of], q, _SEARCH_SETTINGS, limits)
+        errors = approach(
+            robot.chain, R[pose_of], p[pose_of], q, _SEARCH_SETTINGS, limits=(lower, upper)
+        )
     is_reached = errors < _POSE_TOLERANCE
     if turns_of is not None:
         q, pose_of, is_reached = _with_turns(robot, q, pose_of, is_reached, turns_of)
@@ -184,7 +187,7 @@ def _turns(span: float) -> int:
 
 
 def _by_pose(q: Array, row: NDArray[np.intp], num_poses: int) -> Array:
-    """(N, B, n) from solutions sorted by their pose."""
+    """(N, B, n) from solutions (M, n) and the poses' indices (M,), which must not fall."""
     counts = np.bincount(row, minlength=num_poses)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     branches = np.full((num_poses, int(counts.max(initial=0)), q.shape[1]), np.nan)

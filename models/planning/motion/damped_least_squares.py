@@ -18,10 +18,10 @@ from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_an
 from wrenchsight.models.rigid_body.rotations import rotation_vector
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
-_MAX_DAMPING = 1e-4
+_MAX_DAMPING = 1e-4  # in m^2 and rad^2; far from the goal a step is then short where J is singular
 _MAX_STEP = 0.5  # rad or m, of a joint in one step
 _MIN_STEP = 1e-15  # rad or m; a shorter step changes nothing
-_MIN_PIVOT = 1e-20  # least pivot of the matrix
+_MIN_PIVOT = 1e-20  # least pivot of J J^T + damping 1; below it the step is rounding
 _BLOCK_POSTURES = 8  # postures that a thread takes at a time
 
 
@@ -90,8 +90,8 @@ def approach(
 
     Args:
         R_WE, p_WE: (M, 3, 3), and (M, 3) in m.
-        q: contiguous.
-        limits: lower and upper (n,) bounds of each step.
+        q: (M, n), contiguous, changed.
+        limits: lower and upper (n,), within which each step ends; None: anywhere.
 
     Returns:
         (M,) the remaining errors, rad and m; inf where the chain is singular without damping, NaN

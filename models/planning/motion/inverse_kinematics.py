@@ -73,6 +73,7 @@ def _advance(
     """The solution (n,) at `end` that continues the solution q (n,) at `start`.
 
     Args:
+        q: (n,) reaches `start`.
         sample: index of `end` on the path, for error lines.
         bisections_left: how often the way from start to end may still be halved; after that a step
             of a joint beyond _MAX_JOINT_STEP is an error.
@@ -91,8 +92,8 @@ def _advance(
         )
     rotations = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([start.R_WE, end.R_WE])))
     middle = _Pose(rotations(0.5).as_matrix(), 0.5 * (start.p_WE + end.p_WE))
-    q = _advance(robot, q, start, middle, sample, bisections_left - 1)
-    return _advance(robot, q, middle, end, sample, bisections_left - 1)
+    q_middle = _advance(robot, q, start, middle, sample, bisections_left - 1)
+    return _advance(robot, q_middle, middle, end, sample, bisections_left - 1)
 
 
 def _unreachable(robot: Robot, sample: int, p_WE: Array) -> InputError:

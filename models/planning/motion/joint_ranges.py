@@ -20,6 +20,8 @@ def narrowed_limits(
 ) -> tuple[Array, Array]:
     """The limits (n,) in rad (m), each no wider than the range of its joint.
 
+    A range beyond the limits leaves a joint with lower above upper: the caller refuses it.
+
     Args:
         ranges: [lower, upper] by the joint's name; deg, of sliding joints m.
         lower, upper: (n,) rad (m).

@@ -228,7 +228,7 @@ class JointTrajectory:
 
 @kernel
 def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Array) -> None:
-    """Quintic Hermite interpolation at one time; beyond the ends the arm rests at the last posture.
+    """Quintic Hermite interpolation at one time; beyond an end the arm rests at the posture there.
 
     Args:
         t: (T,) s, rising.
@@ -285,9 +285,13 @@ def joint_trajectory(
     path, not over time: so velocity and acceleration follow the time law to its corners.
 
     Args:
+        robot: chain and joint limits.
+        path: of E.
+        law: progress along it over the share of `duration` that is over.
         duration: duration of the whole motion, s.
         q_seed: (n,) the branch is the one nearest to it at the start of the path.
         time_step: between the times that the trajectory holds, s.
+        num_points: of the spline, whose knots they are; six at least.
 
     Raises:
         InputError: part of the path is out of reach (see `follow_path`).
@@ -300,4 +304,4 @@ def joint_trajectory(
     slope, bend = spline.derivative(1)(progress.s), spline.derivative(2)(progress.s)
     ds = progress.ds_du[:, np.newaxis] / duration
     d2s = progress.d2s_du2[:, np.newaxis] / duration**2
-    return JointTrajectory(t, spline(progress.s), slope * ds, bend * ds**2 + slope * d2s)
+    return JointTrajectory(t=t, q=spline(progress.s), v=slope * ds, vdot=bend * ds**2 + slope * d2s)

@@ -161,6 +161,7 @@ class _Search:
         best = self.best[rows]
         self._is_reached[rows] |= np.isfinite(values).any(axis=1)
         if self._is_free is not None:
+            # Writes inf for those that hit something: they are reached, but not chosen.
             _pass_over_hits(values, postures, best, self._is_free)
         choice = first_of_least(values)
         indices = np.arange(len(rows))

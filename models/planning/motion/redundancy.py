@@ -43,6 +43,17 @@ _TIE_TOLERANCE = 1e-12  # relative; two ways to a posture that differ by roundin
 _VIOLATION_PENALTY = 100.0  # of a violated bound in the merit of a refinement, per rad
 _FIRST_RADIUS, _LAST_RADIUS = 0.1, 1e-6  # rad, trust region
 _BOUND_SLACK = 1e-7  # rad; what a refined trajectory may exceed a bound by
+# Trust region of a refinement, by the gain: the fall of the merit over the predicted one.
+_MIN_GAIN = 0.05  # of a step that is taken
+_POOR_GAIN, _GOOD_GAIN = 0.25, 0.75  # below, the region shrinks; above, it grows
+_SHRINK_FACTOR, _GROWTH_FACTOR = 0.3, 2.0
+_MIN_FALL_SHARE = 1e-7  # of the merit, predicted; a step for less is rounding
+_GRADIENT_STEP = 1e-5  # rad, of the differences of the gradient
+_MIN_CURVATURE = 1e-6  # of the measure, per rad^2: a quadratic program needs some
+# A descent of the baseline: lengths of a step, rad, of the joint that moves most.
+_FIRST_STEP, _LAST_STEP = 0.05, 1e-6
+_STEP_GROWTH, _STEP_SHRINK = 1.5, 0.4  # factors after a step that goes downhill, and one that fails
+_MIN_SLOPE = 1e-9  # of the measure, per rad; a smaller one is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +140,11 @@ def candidates(
         np.broadcast_to(psi[:, np.newaxis], (len(psi), path.num_samples)), problem.tool_axis_E
     )
     layers: list[Array] = []  # of each sample (K, its B, n)
+    # Of a closed form all turns are candidates, but for joints that turn freely: `_within_turns`
+    # chooses theirs. A search finds too few solutions for that.
     has_closed_form = is_closed_form(robot)
-    turns, seeds = ~_turns_freely(robot) if has_closed_form else None, None
+    turns = ~_turns_freely(robot) if has_closed_form else None
+    seeds = None
     for i in range(path.num_samples):
         p = np.broadcast_to(path.p_WS[i], (len(psi), 3))
         postures = all_branches(robot, R[:, i], p, turns_of=turns, seeds=seeds)
@@ -205,37 +219,44 @@ def refine(
     task by Newton's method. So position and direction hold to 1e-9 at every step.
 
     Args:
+        problem: path, objective and bounds.
         q: keeps to the bounds and to the task.
         max_iterations: quadratic programs, at most.
         progress: called with the share that is done.
+
+    Returns:
+        The cheapest of all trajectories on the way that keep to the bounds to _BOUND_SLACK.
     """
-    q, cost, radius = q.copy(), problem.cost(q), _FIRST_RADIUS
-    # What must fall from step to step; the best trajectory so far is the cheapest within bounds.
-    merit = cost + _VIOLATION_PENALTY * problem.violation(q)
-    best, best_cost = q.copy(), cost
+    q, radius = q.copy(), _FIRST_RADIUS
+    best, best_cost = q, problem.cost(q)
+    # What must fall from step to step.
+    merit = best_cost + _VIOLATION_PENALTY * problem.violation(q)
     model = _Quadratic(problem, q)
     for iteration in range(max_iterations):
         progress(iteration / max_iterations)
         step, predicted_fall = model.step(radius)
         if step is None:  # the solver gave up; a smaller region is easier
-            radius *= 0.3
+            radius *= _SHRINK_FACTOR
             if radius < _LAST_RADIUS:
                 break
             continue
-        if predicted_fall < 1e-7 * merit:
+        if predicted_fall < _MIN_FALL_SHARE * merit:
             break
         q_trial, is_on_task = onto_task(problem, q + step)
         trial_merit = math.inf
         if is_on_task:
             trial_merit = problem.cost(q_trial) + _VIOLATION_PENALTY * problem.violation(q_trial)
         gain = (merit - trial_merit) / predicted_fall  # 1 where the quadratic program was exact
-        radius = radius * (0.3 if gain < 0.25 else 2.0 if gain > 0.75 else 1.0)
-        if gain > 0.05:
+        if gain < _POOR_GAIN:
+            radius *= _SHRINK_FACTOR
+        elif gain > _GOOD_GAIN:
+            radius *= _GROWTH_FACTOR
+        if gain > _MIN_GAIN:
             q, merit = q_trial, trial_merit
             model = _Quadratic(problem, q)
             cost = problem.cost(q)
             if cost < best_cost and problem.violation(q) <= _BOUND_SLACK:
-                best, best_cost = q.copy(), cost
+                best, best_cost = q, cost
         if radius < _LAST_RADIUS:
             break
     progress(1.0)
@@ -342,8 +363,9 @@ class _Quadratic:
         basis = null_space(task(problem, q)[1])  # (N, n, m) of each sample, m = n - 5
         m = basis.shape[2]
         _, gradient = problem.measure.values_and_gradients(q)
+        # The mean of the measure: slope (N, m) and curvature (N, m, m) by z, sample by sample.
         slope = np.einsum("ijk,ij->ik", basis, gradient) / N
-        h = 1e-5  # rad, of the differences of the gradient
+        h = _GRADIENT_STEP
         curvature = np.empty((N, m, m))
         for k in range(m):
             _, gradient_plus = problem.measure.values_and_gradients(q + h * basis[:, :, k])
@@ -351,10 +373,9 @@ class _Quadratic:
             curvature[:, :, k] = np.einsum("ijk,ij->ik", basis, gradient_plus - gradient_minus) / (
                 2 * h * N
             )
-        # The mean of the measure: gradient (N, m) and curvature (N, m, m) by z, sample by sample.
-        values, vectors = np.linalg.eigh(0.5 * (curvature + np.swapaxes(curvature, 1, 2)))
         # Made convex, so that it has a minimum; the trust region limits the error of that.
-        positive_values = np.clip(np.abs(values), 1e-6 / N, None)
+        values, vectors = np.linalg.eigh(0.5 * (curvature + np.swapaxes(curvature, 1, 2)))
+        positive_values = np.clip(np.abs(values), _MIN_CURVATURE / N, None)
         curvature = (vectors * positive_values[:, np.newaxis]) @ np.swapaxes(vectors, 1, 2)
 
         self._problem, self._q, self._basis = problem, q, basis
@@ -373,7 +394,9 @@ class _Quadratic:
         self._b = slope.ravel() + weight * (self._to_steps.T @ steps)
 
     def step(self, radius: float) -> tuple[Array | None, float]:
-        """The program's step of q (N, n), None if it fails, and the predicted fall of the merit.
+        """The program's step of q (N, n), and the fall of the merit that it predicts.
+
+        Where the solver gives up, None and 0.
 
         Args:
             radius: rad, bound of each coordinate z.
@@ -386,7 +409,7 @@ class _Quadratic:
         # Where the trajectory is beyond a bound, by the curvature of the last step, back to it, by
         # half of what the region allows at most: so the program stays feasible. The bounds are
         # needed only where the trust region reaches them.
-        reach = radius * math.sqrt(self._basis.shape[2])
+        reach = radius * math.sqrt(self._basis.shape[2])  # of each joint: bases are orthonormal
         limits = np.concatenate([(problem.lower - q).ravel(), (problem.upper - q).ravel()])
         low, high = limits[: q.size], limits[q.size :]
         near_rows = np.flatnonzero((low > -reach) | (high < reach))
@@ -429,13 +452,13 @@ def _descend(
         num_inner: steps, at most.
     """
     value = float(problem.measure.values(q))
-    step_length = 0.05  # rad, of the joint that moves most; longer after a success, else shorter
+    step_length = _FIRST_STEP
     for _ in range(num_inner):
         _, gradient = problem.measure.values_and_gradients(q)
         basis = null_space(task(problem, q[np.newaxis], sample)[1])[0]
         direction = -basis @ (basis.T @ gradient)
         steepest = float(np.max(np.abs(direction)))
-        if steepest < 1e-9:
+        if steepest < _MIN_SLOPE:
             break
         q_trial, is_on_task = onto_task(
             problem, (q + step_length * direction / steepest)[np.newaxis], sample
@@ -445,10 +468,11 @@ def _descend(
             float(problem.measure.values(q_trial[0])) if is_on_task and is_inside else math.inf
         )
         if trial_value < value:
-            q, value, step_length = q_trial[0], trial_value, 1.5 * step_length
+            q, value = q_trial[0], trial_value
+            step_length *= _STEP_GROWTH
         else:
-            step_length *= 0.4
-            if step_length < 1e-6:
+            step_length *= _STEP_SHRINK
+            if step_length < _LAST_STEP:
                 break
     return q
 
@@ -479,7 +503,8 @@ def _cheapest(
     )
     window = min(K // 2, math.ceil(largest_turn / (2.0 * math.pi / max(problem.num_angles, 1))))
     step_costs = _StepCosts(problem.max_step, is_free, smoothness * (N - 1), window)
-    # Of the cheapest way to each candidate: the candidate before, k B + b; and its cost, (K, B).
+    # Of the cheapest way to each candidate: the candidate before, k B + b; and its cost, (K, B),
+    # inf where there is no way. Its parent is then not read.
     parent = np.full((N, K, B), -1, dtype=np.int32)
     value = cost[0].copy()
     for i in range(1, N):

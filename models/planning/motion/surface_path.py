@@ -24,6 +24,7 @@ COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
 _NORMAL_TOLERANCE = 1e-3
 MOST_SAMPLES = 10_000  # of a path
 LARGEST_FILE = 1 << 24  # bytes of a CAM file
+_MIN_DISTANCE = 1e-9  # m, of two neighbours; nearer ones give the path no direction
 _MAX_COORDINATE = 1e3  # m, of a point; no workpiece reaches as far
 _EVALUATIONS_PER_SAMPLE = 40  # evaluations of the surface per sample, to space the samples evenly
 
@@ -81,9 +82,11 @@ class SurfacePath:
         """A path that is straight in (u, v), its samples evenly spaced along it.
 
         Args:
+            surface: in the workpiece's frame P.
             start, end: (u, v) of its ends; beyond [0, 1] a periodic u goes on round.
             num_samples: N.
-            R_WP, p_WP: pose of the workpiece's frame in W; p in m.
+            R_WP, p_WP: pose of P in W; p in m; None: W itself.
+            source: named in messages.
 
         Raises:
             InputError: as the class; or an end beyond the surface.
@@ -204,8 +207,9 @@ def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
     """Raises InputError for the first sample that is none of a path on a surface.
 
     Args:
-        p, n: (N, 3) points in m and unit normals.
-        locations: of the samples in the file, for error lines.
+        source: the file or the workpiece, for error lines.
+        p, n: (N, 3) points in m and unit normals, as read.
+        locations: of the samples in it, for error lines.
     """
     if len(p) < 2:
         raise InputError(source, "", f"{len(p)} samples, expected two or more")
@@ -235,7 +239,7 @@ def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
             "the normal points to the other side than the one before it",
             "let all normals point out of the workpiece, and sample edges more finely",
         )
-    bad = np.flatnonzero(np.linalg.norm(np.diff(p, axis=0), axis=1) < 1e-9) + 1
+    bad = np.flatnonzero(np.linalg.norm(np.diff(p, axis=0), axis=1) < _MIN_DISTANCE) + 1
     if bad.size:
         raise InputError(source, locations[bad[0]], "the point is that of the line before it")
 

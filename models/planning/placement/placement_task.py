@@ -18,7 +18,9 @@ from wrenchsight.models.planning.placement.placements import PlacementBounds
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 
-_DEGREES_ROUNDING = 1e-9
+_DEGREES_ROUNDING = 1e-9  # degrees, by which two angles that are meant to be equal may differ
+_MIN_LENGTH = 1e-9  # of a vector that is to have a direction
+_MAX_SEGMENTS = 500  # of a path; a program has n variables for each point
 
 
 @dataclass
@@ -247,6 +249,7 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
     """
 
     def expect(values: list[float], length: int, key: str) -> None:
+        """Raises InputError unless these are so many finite numbers."""
         if len(values) != length:
             raise InputError(source, key, f"{len(values)} numbers, expected {length}")
         if not all(math.isfinite(value) for value in values):
@@ -255,8 +258,9 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
     check_numbers(task, str(source))
     if not 0.0 < task.path_length < math.inf:
         raise InputError(source, "path_length", f"{task.path_length:g}, expected m above 0")
-    if not 2 <= task.num_segments <= 500:
-        raise InputError(source, "num_segments", f"{task.num_segments}, expected 2 to 500")
+    if not 2 <= task.num_segments <= _MAX_SEGMENTS:
+        problem = f"{task.num_segments}, expected 2 to {_MAX_SEGMENTS}"
+        raise InputError(source, "num_segments", problem)
     expect(task.midpoint_lower, 3, "midpoint_lower")
     expect(task.midpoint_upper, 3, "midpoint_upper")
     for axis, low, high in zip("xyz", task.midpoint_lower, task.midpoint_upper, strict=True):
@@ -281,7 +285,7 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
         )
     if task.tool_direction is not None:
         expect(task.tool_direction, 3, "tool_direction")
-        if not np.linalg.norm(task.tool_direction) > 1e-9:
+        if not np.linalg.norm(task.tool_direction) > _MIN_LENGTH:
             raise InputError(source, "tool_direction", f"{task.tool_direction} has no direction")
         if not 0.0 <= task.tool_tilt_deg <= 180.0:
             raise InputError(source, "tool_tilt_deg", f"{task.tool_tilt_deg:g}, expected 0 to 180")
@@ -330,8 +334,8 @@ def _check_directions(task: PlacementTask, source: Path) -> None:
     """Checks that some rotation of the tool and some direction of the path keep all angles.
 
     The tool points along its z within a cone of `tool_tilt_deg` about `tool_direction` (W), turned
-    from W by `angle_upper_deg` at most. A rotation that takes z to an angle beta from z is by beta
-    or more.
+    from W by `angle_upper_deg` at most. A rotation that takes z to a direction at the angle beta
+    from z is itself by beta or more.
 
     With `path_in_surface` the path is perpendicular to the tool, and it is at
     `path_angle_lower_deg` to `path_angle_upper_deg` from `path_direction`. If the tool is at an
@@ -385,6 +389,7 @@ def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Pa
     """
     if not 0.0 <= clearance.distance <= 1.0:
         raise InputError(source, "clearance.distance", f"{clearance.distance:g}, expected 0 to 1 m")
+    # By key below `clearance`.
     sizes = [(f"obstacles[{i}]", o.size) for i, o in enumerate(clearance.obstacles)]
     names = [obstacle.name for obstacle in clearance.obstacles]
     for index, name in enumerate(names):
