@@ -25,6 +25,7 @@ TX40 at full speed."""
 _LEAST_HALF_WINDOW = 4  # samples: a cubic through fewer repeats the encoder's steps
 LEAST_WINDOW = 2 * _LEAST_HALF_WINDOW + 1
 _SPLINE_DEGREE = 3
+_MIN_TIME_STEP = 1e-9  # s; a log whose times stand still is refused elsewhere
 
 
 def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
@@ -44,9 +45,8 @@ def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
         if half_window is None:
             if buffer.num_samples < LEAST_WINDOW:
                 continue
-            half_window = max(
-                _LEAST_HALF_WINDOW, round(HALF_WINDOW_S / max(buffer.time_step, 1e-9))
-            )
+            time_step = max(buffer.time_step, _MIN_TIME_STEP)
+            half_window = max(_LEAST_HALF_WINDOW, round(HALF_WINDOW_S / time_step))
         end = buffer.num_samples - half_window  # of the samples whose window is complete
         if end <= max(num_yielded, half_window):
             continue

@@ -9,6 +9,7 @@ import io
 import re
 import tempfile
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -50,26 +51,24 @@ class UnfoldedFile:
             lines = (line.decode("utf-8", "replace").lstrip("\ufeff") for line in raw)
             for _ in range(skip_lines):
                 target.write("\n" if next(lines, None) is not None else "")
-            reader = csv.reader(lines, delimiter=separator)
+            reader = csv.reader(lines, delimiter=separator)  # its lines count from the header on
             try:
                 header = next(reader)
-                widths: list[int] = []  # entries of each column's lists; -1: single values
-                last_line = 0  # of `path`, up to which the table is written
-                for cells in reader:
+                first_cells = next((cells for cells in reader if cells), [])
+                # How wide its lists are decides the names of the columns. The header takes all
+                # lines before it, also blank ones.
+                widths = [_width(entries(cell)) for cell in first_cells]
+                num_written = reader.line_num - 1  # lines of the table so far
+                if first_cells:
+                    target.write(_line(_names(header, widths), separator, num_written))
+                for cells in chain([first_cells] if first_cells else [], reader):
                     lists = [entries(cell) for cell in cells]
-                    if not widths:
-                        if not cells:
-                            continue  # the lines before the first row are the header's
-                        # The header waits for the first row, which tells how wide its lists are.
-                        widths = [-1 if row is None else len(row) for row in lists]
-                        last_line = reader.line_num - 1
-                        target.write(_line(_names(header, widths), separator, last_line))
                     _check_widths(path, skip_lines + reader.line_num, header, lists, widths)
                     flat: list[str] = []
                     for cell, row in zip(cells, lists, strict=True):
                         flat += [cell] if row is None else row
-                    num_lines = reader.line_num - last_line  # a cell may have line breaks
-                    last_line = reader.line_num
+                    num_lines = reader.line_num - num_written  # a cell may have line breaks
+                    num_written = reader.line_num
                     target.write(_line(flat, separator, num_lines) if cells else "\n" * num_lines)
             except csv.Error as error:
                 place = f"line {skip_lines + reader.line_num}"
@@ -91,11 +90,17 @@ def entries(cell: str) -> list[str] | None:
     return [entry.strip("'\"") for entry in re.split(r"[,;\s]+", content) if entry]
 
 
-def _names(header: Sequence[str], widths: Sequence[int]) -> list[str]:
+def _width(row: list[str] | None) -> int | None:
+    """Number of entries of a list; None: a single value."""
+    return None if row is None else len(row)
+
+
+def _names(header: Sequence[str], widths: Sequence[int | None]) -> list[str]:
+    """A name for each entry of the columns' lists; columns beyond `widths` hold single values."""
     names: list[str] = []
     for k, name in enumerate(header):
-        width = widths[k] if k < len(widths) else -1
-        names += [name] if width < 0 else [f"{name}.{e + 1}" for e in range(width)]
+        width = widths[k] if k < len(widths) else None
+        names += [name] if width is None else [f"{name}.{e + 1}" for e in range(width)]
     return names
 
 
@@ -112,15 +117,18 @@ def _check_widths(
     line: int,
     header: Sequence[str],
     rows: Sequence[list[str] | None],
-    widths: Sequence[int],
+    widths: Sequence[int | None],
 ) -> None:
-    """Refuses a row whose lists have other lengths than the first row's."""
+    """Refuses a row whose lists have other lengths than the first row's, or too many entries.
+
+    A row with other numbers of cells than the first is left to who reads the table.
+    """
     for k, (row, width) in enumerate(zip(rows, widths, strict=False)):
-        count = -1 if row is None else len(row)
-        if count == width and count <= _MOST_ENTRIES:
+        count = _width(row)
+        if count == width and (count is None or count <= _MOST_ENTRIES):
             continue
         name = header[k] if k < len(header) else str(k + 1)
         content = "no list" if row is None else f"a list of {count} entries"
-        expected = "a single value" if width < 0 else f"{min(width, _MOST_ENTRIES)}"
+        expected = "a single value" if width is None else f"{min(width, _MOST_ENTRIES)}"
         problem = f"holds {content}, expected {expected} as in the first row"
         raise InputError(path, f"line {line}, column {name}", problem, "correct or remove the row")

@@ -71,12 +71,12 @@ def log_words(description: str | Path | None) -> LogWords | None:
         key: word.removeprefix(key) for word in words for key in _VALUES if word.startswith(key)
     }
     return LogWords(
-        _first_unit(_EFFORT_UNITS, words),
-        _first_unit(_ANGLE_UNITS, words),
-        values.get(PREFIX, ""),
-        IN_ROBOT_ORDER in words,
-        _rate(values[RATE]) if RATE in values else 0.0,
-        tuple(
+        effort=_first_unit(_EFFORT_UNITS, words),
+        angle=_first_unit(_ANGLE_UNITS, words),
+        joint_prefix=values.get(PREFIX, ""),
+        in_robot_order=IN_ROBOT_ORDER in words,
+        rate_hz=_rate(values[RATE]) if RATE in values else 0.0,
+        corrections=tuple(
             (signals, _correction(signals, values, words))
             for signals in (JOINT_SIGNALS, DRIVE_SIGNALS)
         ),

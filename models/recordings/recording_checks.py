@@ -42,7 +42,8 @@ _VELOCITY_RATIO = (0.8, 1.25)
 _GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
 _LEAST_GRAVITY_SAMPLES = 50
 _COUNT_SPREAD = 16  # whole numbers apart, from which positions look like counts of an encoder
-_SCALES = (
+_SCALE_TOLERANCE = 0.2  # by which a ratio may differ from one of the scales
+_SCALES = (  # of dq/dt over v, and what it comes from
     (1 / _RAD_PER_DEGREE, "the positions look like degrees: set position: {unit: deg}"),
     (_RAD_PER_DEGREE, "the velocities look like degrees per second: set velocity: {unit: deg/s}"),
     (1e3, "positions and velocities do not share a unit (mm and m?)"),
@@ -177,8 +178,8 @@ class RecordingChecks:
         do where both are far from each other: on all joints, as with a wrong unit, or where one of
         them stands still. Before, only a long motion that v does not explain at all is wrong.
 
-        Of each joint `_motion` sums x = change of q and y = integral of v over the windows in which
-        it moves: xx, yy, xy and their count.
+        Of each joint `_motion` sums x = integral of v and y = change of q over the windows in which
+        it moves: xx, yy, xy and their count; its ratio is that of y to x.
 
         Raises:
             InputError: names the first such joint, and how v and dq/dt differ.
@@ -211,7 +212,9 @@ class RecordingChecks:
             remedy = "check that q and v name the joints in one order"
         else:
             problem = f"dq/dt is {ratio[j]:.4g} times v, expected 1"
-            remedies = [text for scale, text in _SCALES if abs(ratio[j] / scale - 1) < 0.2]
+            remedies = [
+                text for scale, text in _SCALES if abs(ratio[j] / scale - 1) < _SCALE_TOLERANCE
+            ]
             remedy = remedies[0] if remedies else "check the units of q, v and t"
             if not is_enough[j]:  # sums over a short time may be in proportion by chance
                 problem = f"v does not follow dq/dt: {problem}"

@@ -119,6 +119,11 @@ def by_number(columns: Sequence[int], unit: str = "") -> SignalColumns:
     return SignalColumns(", ".join(str(column + 1) for column in columns), unit=unit)
 
 
+def column_numbers(columns: SignalColumns) -> list[int]:
+    """The numbers, counted from 0, of columns that `by_number` has made."""
+    return [int(number) - 1 for number in str(columns.columns).split(",")]
+
+
 @dataclass
 class RecordingFormat:
     """A description of a log's columns, read from YAML (`--log-format`)."""
@@ -203,6 +208,7 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
     """A signal whose columns are in another order, turned, late or without gravity.
 
     Args:
+        signal: as the log has it, with unit, gain and offset.
         correction: `order` names for each joint of the robot the place (from 1) of its column among
             the signal's, `turned` the joints (from 1, in the new order) whose sign changes, `delay`
             in s adds to the signal's. Empty or 0: unchanged.
@@ -326,6 +332,7 @@ def resolve_layout(
     """Finds the signals of a description among the columns of a log.
 
     Args:
+        description: as its file has it.
         description_source: the description's file, for error lines.
         header: header of the log.
 
@@ -423,18 +430,47 @@ class _LogColumns:
         if unit not in units:
             listed = ", ".join(u for u in units if u)
             raise InputError(source, place, f'unknown unit "{unit}"', f"give one of {listed}")
-        # Scale and offset of each column, in the unit and sign of a recording.
         columns = self._columns(entry, place)
         num_columns = len(columns)
         scale = units[unit] * self._per_column(entry.gain, 1.0, num_columns, f"{place}, gain")
         offset = self._per_column(entry.offset, 0.0, num_columns, f"{place}, offset")
         if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
             raise InputError(source, place, "a gain is zero or not a number", "correct it")
+        self._check_keys(entry, place, name)
+        if entry.exerted_on == ENVIRONMENT:
+            scale = -scale
+        shape = self._shape(entry, num_columns, place)
+        if name == "t":
+            shape = ()  # time is one number, also of two columns
+            self._check_time(entry, num_columns, place)
+            if num_columns == 2:  # seconds and nanoseconds
+                scale[1] = 1e-9
+        signal = Signal(
+            name=name,
+            columns=tuple(columns),
+            scale=scale,
+            offset=offset,
+            shape=shape,
+            may_be_empty=entry.may_be_empty,
+            exerted_on=entry.exerted_on,
+            encoding=entry.encoding,
+            bits=entry.bits,
+            wrap=entry.wrap,
+        )
+        correction = SignalCorrection(
+            order=tuple(entry.order),
+            turned=tuple(entry.turned),
+            delay=entry.delay,
+            without_gravity=entry.without_gravity,
+        )
+        return corrected(signal, correction, source, place)
+
+    def _check_keys(self, entry: SignalColumns, place: str, name: str) -> None:
+        """Checks the words of an entry and the length of its numbers; arguments as `signal`."""
+        source = self._source
         if entry.exerted_on not in (ROBOT, ENVIRONMENT):
             problem = f'exerted_on is "{entry.exerted_on}", expected {ROBOT} or {ENVIRONMENT}'
             raise InputError(source, place, problem, "correct it")
-        if entry.exerted_on == ENVIRONMENT:
-            scale = -scale
         for key, value, allowed in (
             ("encoding", entry.encoding, _ENCODINGS),
             ("wrap", entry.wrap, _WRAPS if name == "q" else ("",)),
@@ -445,43 +481,25 @@ class _LogColumns:
         if not 2 <= entry.bits <= _MOST_BITS:
             problem = f"{entry.bits}, expected 2 to {_MOST_BITS}"
             raise InputError(source, f"{place}, bits", problem, "give the length of a word")
-        # The shape of a sample; time is a number, in one column or two.
+
+    def _shape(self, entry: SignalColumns, num_columns: int, place: str) -> tuple[int, ...]:
+        """The shape of a sample; of a vector where the entry states none."""
         shape = tuple(entry.shape) or (num_columns,)
-        shape_size = math.prod(shape)
-        if min(shape) < 1 or shape_size != num_columns:
-            problem = (
-                f"{list(shape)} holds {shape_size} numbers, but {num_columns} columns are named"
-            )
+        size = math.prod(shape)
+        if min(shape) < 1 or size != num_columns:
+            problem = f"{list(shape)} holds {size} numbers, but {num_columns} columns are named"
             remedy = "correct the shape or the columns"
-            raise InputError(source, f"{place}, shape", problem, remedy)
-        if name == "t":
-            shape = ()
-            if entry.may_be_empty:
-                problem = "every sample needs its time"
-                raise InputError(source, place, problem, "remove may_be_empty")
-            if num_columns == 2:  # seconds and nanoseconds
-                if entry.unit or entry.gain or entry.offset:
-                    problem = (
-                        "has two columns, seconds and nanoseconds, but also a unit, gain or offset"
-                    )
-                    raise InputError(source, place, problem, "remove these")
-                scale[1] = 1e-9
-        signal = Signal(
-            name,
-            tuple(columns),
-            scale,
-            offset,
-            shape,
-            may_be_empty=entry.may_be_empty,
-            exerted_on=entry.exerted_on,
-            encoding=entry.encoding,
-            bits=entry.bits,
-            wrap=entry.wrap,
-        )
-        correction = SignalCorrection(
-            tuple(entry.order), tuple(entry.turned), entry.delay, entry.without_gravity
-        )
-        return corrected(signal, correction, source, place)
+            raise InputError(self._source, f"{place}, shape", problem, remedy)
+        return shape
+
+    def _check_time(self, entry: SignalColumns, num_columns: int, place: str) -> None:
+        """Checks an entry that is the log's time."""
+        if entry.may_be_empty:
+            problem = "every sample needs its time"
+            raise InputError(self._source, place, problem, "remove may_be_empty")
+        if num_columns == 2 and (entry.unit or entry.gain or entry.offset):
+            problem = "has two columns, seconds and nanoseconds, but also a unit, gain or offset"
+            raise InputError(self._source, place, problem, "remove these")
 
     def _per_column(self, values: list[float], default: float, size: int, place: str) -> Array:
         if len(values) not in (0, 1, size):

@@ -256,7 +256,7 @@ class RecordingReader:
             return
         differentiation = (
             "they are differentiated from the positions, without delay (slope of a cubic over "
-            f"{2e3 * HALF_WINDOW_S:.0f} ms around each sample, or over {LEAST_WINDOW} samples "
+            f"{1e3 * 2 * HALF_WINDOW_S:.0f} ms around each sample, or over {LEAST_WINDOW} samples "
             "where these are longer)"
         )
         if self.layout.signal("v") is None:
@@ -265,7 +265,7 @@ class RecordingReader:
             return
         for chunk in self._first_chunks():
             idle = idle_velocities(chunk)
-            if idle is None:
+            if idle is None:  # no joint moves in this chunk
                 continue
             if len(idle):
                 names = ", ".join(self.layout.column_of("v", int(j)) for j in idle)
@@ -402,7 +402,10 @@ class RecordingReader:
         return corrected_chunks(chunks, self.layout, self._robot, self.gravity_torque)
 
     def _read(self) -> Iterator[Recording]:
-        """The parts of the log as written, without the samples that lack a number."""
+        """The parts of the log as written, without the samples that lack a number.
+
+        What is counted of the log (missing numbers, stamps, turns of angles) starts anew.
+        """
         used_columns = sorted(
             {column for signal in self.layout.signals for column in signal.columns}
         )
@@ -417,9 +420,9 @@ class RecordingReader:
         self._stamps = StampFilter()
         is_wrapped = position is not None and position.wrap != ""
         self._angles = Unwrapper(self._robot, is_wrapped)
-        for values, rows in self.table.blocks(
-            used_columns, self._rows, {*used_columns} - {*time_columns}
-        ):
+        # The table refuses a row without its time; what else is missing is dealt with here.
+        may_be_empty = {*used_columns} - {*time_columns}
+        for values, rows in self.table.blocks(used_columns, self._rows, may_be_empty):
             is_missing = np.isnan(values) & is_mandatory
             if is_missing.any():
                 values, rows = self._without_missing(values, rows, is_missing, used_columns)
@@ -551,10 +554,11 @@ class RecordingReader:
             form, form_path = load_format(description)
             table = (container or TEXT).open(path, form)
             if form.rate_hz:
+                # The time is one more column, behind those of the log.
                 time = by_number([table.num_columns])
-                size = form.num_columns + 1 if form.num_columns else 0
-                form = replace(form, time=time, rate_hz=0.0, num_columns=size)
-                table = RatedTable(table, load_format(description)[0].rate_hz)
+                num_columns = form.num_columns + 1 if form.num_columns else 0
+                table = RatedTable(table, form.rate_hz)
+                form = replace(form, time=time, rate_hz=0.0, num_columns=num_columns)
             return _OpenedLog(form, str(form_path), table)
         if container is DATA_SETS:
             episode = DATA_SETS.open(path, None)
@@ -610,7 +614,7 @@ class RecordingReader:
         names = _in_lower_case([name for name in table.names if name not in further_names])
         try:
             form, others = header_format(names, path, num_joints)
-        except InputError:
+        except InputError:  # reported where the words in the names leave doubt, too
             joint_names = self._robot.joint_names if self._robot is not None else None
             layout = column_words_layout(table.names, path, joint_names, self._words)
             if layout is None:

@@ -184,6 +184,7 @@ class _Grid:
         if num_points > _MOST_POINTS:
             problem = f"a step of {h:g} s makes {num_points} samples of {part.num_samples}"
             raise InputError(part.source, "", problem, "give a time step nearer to the log's")
+        # One point more than the quotient gives, as it may be rounded down; then those within.
         t = self._origin + h * np.arange(self._next_point, last_point + 1)
         t = t[t <= bounds[-1]]
         self._next_point += len(t)

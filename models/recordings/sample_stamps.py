@@ -66,6 +66,7 @@ class StampFilter:
         if is_later and (np.diff(chunk.t) > 0.0).all():
             self._history = chunk[-_HISTORY_SAMPLES:]
             return chunk
+        # Some sample of the chunk is not later than all before it: it must repeat one of them.
         with_history = chunk if history is None else concatenated([history, chunk])
         chunk_begin = 0 if history is None else history.num_samples  # of the chunk within the part
         is_kept = np.ones(with_history.num_samples, bool)

@@ -116,6 +116,7 @@ class TextTable:
 
     Attributes:
         first_cells: first cells of the first row.
+        skip_lines: lines before the header or the first row.
 
     Raises:
         InputError: no such file, a directory, a binary file, no line of numbers.
@@ -151,23 +152,10 @@ class TextTable:
         with opened(self._source, "a log") as file:
             _refuse_binary(path, file)
             self._begin = _after_byte_order_mark(file)
-            for _ in range(skip_lines):
-                self._line(file)
-            top_line = self._line(file).lstrip("#").strip()  # numpy.savetxt writes "# " and names
-            size = self._source.stat().st_size
-            while not top_line and header is not False and file.tell() < size:
-                skip_lines += 1
-                top_line = self._line(file).lstrip("#").strip()
-            # Words on the recording above the table.
+            may_be_blank = header is not False
+            top_line, self.skip_lines = self._top_line_from(file, skip_lines, may_be_blank)
             if separator is None and header is None:
-                skipped = self._num_words_above(file, top_line)
-                if skipped:
-                    file.seek(self._begin)
-                    skip_lines += skipped
-                    for _ in range(skip_lines):
-                        self._line(file)
-                    top_line = self._line(file).lstrip("#").strip()
-                    self.notices.append(f"the first {skip_lines} lines are no table: left out")
+                top_line, self.skip_lines = self._below_words(file, top_line, self.skip_lines)
             if not top_line:
                 raise InputError(path, "", "is empty", "record the log again")
             # The header, and the units below it.
@@ -176,9 +164,7 @@ class TextTable:
             if header is None:
                 header = not all(_is_number(cell.replace(",", ".")) for cell in cells)
             self.names: tuple[str, ...] | None = tuple(cells) if header else None
-            self._num_head_lines = skip_lines + (1 if header else 0)
-            self.skip_lines = skip_lines
-            """Lines before the header or the first row."""
+            self._num_head_lines = self.skip_lines + (1 if header else 0)
             line_of_numbers = self._line(file).strip() if header else top_line
             if self.names is not None and self._is_of_units(self._cells(line_of_numbers)):
                 units = self._cells(line_of_numbers)
@@ -204,6 +190,35 @@ class TextTable:
             problem = "holds numbers where the names of the columns are expected"
             remedy = "set header: false in the description, or add a first line t,q1,..."
             raise InputError(path, f"line {self._num_head_lines}", problem, remedy)
+
+    def _top_line_from(
+        self, file: BinaryIO, skip_lines: int, may_be_blank: bool
+    ) -> tuple[str, int]:
+        """The first line of the table, behind which the file is left, and how many precede it.
+
+        Args:
+            file: at its begin, behind a byte order mark.
+            skip_lines: lines that are no part of the table.
+            may_be_blank: whether blank lines below these are passed over, too.
+        """
+        for _ in range(skip_lines):
+            self._line(file)
+        num_skipped, size = skip_lines, self._source.stat().st_size
+        top_line = self._line(file).lstrip("#").strip()  # numpy.savetxt writes "# " and names
+        while not top_line and may_be_blank and file.tell() < size:
+            num_skipped += 1
+            top_line = self._line(file).lstrip("#").strip()
+        return top_line, num_skipped
+
+    def _below_words(self, file: BinaryIO, top_line: str, skip_lines: int) -> tuple[str, int]:
+        """As `_top_line_from`, below words on the recording that stand above the table."""
+        num_words = self._num_words_above(file, top_line)
+        if not num_words:
+            return top_line, skip_lines
+        file.seek(self._begin)
+        num_skipped = skip_lines + num_words
+        self.notices.append(f"the first {num_skipped} lines are no table: left out")
+        return self._top_line_from(file, num_skipped, may_be_blank=False)
 
     def _num_words_above(self, file: BinaryIO, top_line: str) -> int:
         """Lines above a table that are no part of it, such as words on the recording."""
@@ -285,6 +300,7 @@ class TextTable:
             if end < first_line:
                 continue
             if line < first_line or end > last_line:
+                # Where the lines of the block begin, but the first.
                 breaks = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + 1
                 start = int(breaks[first_line - line - 1]) if line < first_line else 0
                 stop = int(breaks[last_line - line]) if end > last_line else len(block)
@@ -354,11 +370,11 @@ class TextTable:
         used = [str(k) for k in columns]
         # A carriage return within a line: Arrow would take it for the end of the line.
         if block.count(b"\r") > block.count(b"\r\n") + block.endswith(b"\r"):
-            self._refuse_fault(block, line, columns, may_be_empty)  # unless they are within quotes
+            self._refuse_fault(block, line, columns, may_be_empty)  # returns if it is within quotes
         try:
             try:
                 table = self._table(block, names, used)
-            except pa.ArrowInvalid:
+            except pa.ArrowInvalid:  # as over a line of blanks, which is as good as an empty one
                 without_blanks = _BLANK_LINE.sub(b"", block)
                 if without_blanks == block:
                     raise

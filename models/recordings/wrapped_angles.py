@@ -11,6 +11,7 @@ from wrenchsight.models.robot.robot import Robot
 _FULL_TURN = 2.0 * np.pi
 _TURN_TOLERANCE = 0.5 * np.pi  # rad, by which a jump may differ from a turn where no limit is known
 _JUMP_MARGIN = 0.1  # rad beyond what twice the velocity limit allows
+_MAX_SPEED = 20.0  # rad/s, where the robot states a higher limit or none
 
 
 class Unwrapper:
@@ -61,7 +62,7 @@ class Unwrapper:
             is_wrap &= ~np.asarray(self._robot.chain.prismatic, bool)
         turns = np.where(is_wrap, turns, 0.0)
         offset = self._offset - _FULL_TURN * np.cumsum(turns, axis=0)  # rad, of each sample
-        if self._last is None:
+        if self._last is None:  # no jump leads to the first sample
             offset = np.vstack([self._offset, offset])
         self._last = float(chunk.t[-1]), chunk.q[-1]
         self._offset = offset[-1]
@@ -74,7 +75,7 @@ class Unwrapper:
             return np.full((len(steps), 1), np.pi)
         if self._robot is None or not hasattr(self._robot, "velocity_limit"):
             return np.full((len(steps), 1), _TURN_TOLERANCE)
-        limit = np.minimum(self._robot.velocity_limit, 20.0)
+        limit = np.minimum(self._robot.velocity_limit, _MAX_SPEED)
         return np.minimum(2.0 * limit * steps[:, None] + _JUMP_MARGIN, _TURN_TOLERANCE)
 
     def notice(self) -> tuple[str, ...]:

@@ -118,6 +118,9 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
         rows: (count, length, lanes): a matrix of `count` rows of `length` in each lane; changed.
         a, b, g: (lanes,) scratch: |x|^2, |y|^2, x.y; g then says (1 or 0) whether a lane turned.
         c, s: (lanes,) scratch: cosine and sine.
+
+    Returns:
+        Whether any lane turned: as long as one does, another sweep is due.
     """
     count, length, lanes = rows.shape
     num_turned = 0.0

@@ -13,7 +13,8 @@ def rotation_vector(R: Array, out: Array) -> None:
     """Writes the rotation vector (3,) of R (3, 3), its length in [0, pi], through the quaternion.
 
     Accurate near zero and near pi. At pi exactly either of the two vectors is right; the choice is
-    deterministic.
+    deterministic. The quaternion (w, x, y, z) is scaled by what its branch has not divided by: only
+    its direction counts.
     """
     trace = R[0, 0] + R[1, 1] + R[2, 2]
     # Shepperd's method: divide by the largest of the four components.

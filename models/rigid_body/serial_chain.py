@@ -194,13 +194,14 @@ class SerialChain:
             raise InputError(name, "", "its plant is not finalized", "call Finalize() first")
         tree = _Tree(plant, model_instance, frame_E, standing)
         chain = tree.moving_joints()  # base to tool
-        position = {joint.index(): i for i, joint in enumerate(chain)}
+        position = {joint.index(): i for i, joint in enumerate(chain)}  # place on the chain
         reflected_inertia = np.zeros(len(chain))
         for actuator_index in plant.GetJointActuatorIndices():
             actuator = plant.get_joint_actuator(actuator_index)
             if actuator.joint().index() in position:
                 i = position[actuator.joint().index()]
                 reflected_inertia[i] = actuator.default_reflected_inertia()
+        # In the joint frame before, or W: what carries the joint's own frame on its parent.
         poses = [tree.anchor(joint.frame_on_parent())[1] for joint in chain]
         axes = [
             joint.revolute_axis() if isinstance(joint, RevoluteJoint) else joint.translation_axis()

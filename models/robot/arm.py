@@ -76,32 +76,33 @@ class Arm(ABC):
         self.name, self.source, self.payload = name, source, payload
         self.joint_names: tuple[str, ...] = tuple(joint.name for joint in limits)
         self.num_joints = len(self.joint_names)
-        self._drives = drives = _ordered_drives(drives, source, self.joint_names)
-        self.torque_per_ampere = frozen([_torque_per_ampere(d, source) for d in drives])
-        self.reflected_inertia = frozen([_reflected_inertia(d, source) for d in drives])
-        self.current_sign = frozen([float(d.current_sign) for d in drives])
+        self._drives = ordered = _ordered_drives(drives, source, self.joint_names)
+        self.torque_per_ampere = frozen([_torque_per_ampere(d, source) for d in ordered])
+        self.reflected_inertia = frozen([_reflected_inertia(d, source) for d in ordered])
+        self.current_sign = frozen([float(d.current_sign) for d in ordered])
         self._motor_gain = motor_gain(self.torque_per_ampere, self.current_sign)
         self.coupling = coupling_of(coupling, self.num_joints, source)
         self.coupling.setflags(write=False)
-        self.current_resolution = frozen([d.current_resolution for d in drives])
-        self.current_noise_sd = frozen([d.current_noise_sd for d in drives])
-        self.q_offset = frozen([d.q_offset for d in drives])
-        self.rest_friction_share = frozen([d.rest_friction_share for d in drives])
+        self.current_resolution = frozen([d.current_resolution for d in ordered])
+        self.current_noise_sd = frozen([d.current_noise_sd for d in ordered])
+        self.q_offset = frozen([d.q_offset for d in ordered])
+        self.rest_friction_share = frozen([d.rest_friction_share for d in ordered])
         # Left out, a drive at rest gives as much torque per ampere as in motion.
-        at_rest = [d.rest_torque_per_ampere for d in drives]
+        at_rest = [d.rest_torque_per_ampere for d in ordered]
         moving = self.torque_per_ampere.tolist()
         self.rest_torque_per_ampere = frozen(
             [k if r is None else r for k, r in zip(moving, at_rest, strict=True)]
         )
         self.position_resolution = frozen(
-            [math.nan if d.position_resolution is None else d.position_resolution for d in drives]
+            [math.nan if d.position_resolution is None else d.position_resolution for d in ordered]
         )
-        self.current_bandwidth = frozen([d.current_bandwidth or math.inf for d in drives])
+        self.current_bandwidth = frozen([d.current_bandwidth or math.inf for d in ordered])
         self.velocity_limit = frozen([joint.velocity for joint in limits])
         self.position_lower = frozen([joint.lower for joint in limits])
         self.position_upper = frozen([joint.upper for joint in limits])
+        # Of the kind of arm, whose own constructor has not run yet but for what this line needs.
         self.effort_limit = frozen(
-            [self._effort_limit(d, j) for d, j in zip(drives, limits, strict=True)]
+            [self._effort_limit(d, j) for d, j in zip(ordered, limits, strict=True)]
         )
 
     @abstractmethod

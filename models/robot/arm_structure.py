@@ -410,7 +410,11 @@ def _is_jaw(name: str) -> bool:
 
 
 def _joint(element: ET.Element) -> DescribedJoint:
-    """A joint as its URDF element states it; a number that is left out is NaN or the default."""
+    """A joint as its URDF element states it.
+
+    A velocity or effort that is left out, or is no number, is NaN; an end of the range is then 0,
+    as in URDF.
+    """
 
     def end(role: str) -> str:
         link = element.find(role)

@@ -89,14 +89,14 @@ def convex_hull(points: Array) -> tuple[Array, Any]:
             points = outer
     except (QhullError, ValueError) as error:
         raise UnusableMeshError("its points lie in a plane") from error
-    # The triangles of scipy count all points, in either sense of rotation: they are to count the
-    # vertices alone, with their normals outwards.
+    # scipy's triangles count all points, in either sense of rotation: they are to count the
+    # vertices alone, with their normals outwards, as those of its planes (`equations`).
     index = np.full(len(points), -1)  # of a point: its place among the vertices
     index[hull.vertices] = np.arange(len(hull.vertices))
     faces = hull.simplices.copy()
-    corners = points[faces]
-    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    is_inward = np.einsum("ij,ij->i", outward, hull.equations[:, :3]) < 0
+    triangles = points[faces]  # (F, 3 corners, 3)
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    is_inward = np.einsum("ij,ij->i", normal, hull.equations[:, :3]) < 0
     faces[is_inward] = faces[is_inward][:, [0, 2, 1]]
     return points[hull.vertices], index[faces]
 

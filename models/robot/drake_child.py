@@ -104,7 +104,7 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     has_shapes = root.find("worldbody//geom") is not None
     name = root.get("model") or path.stem
     root.set("model", name)
-    efforts = effort_limits(root)
+    efforts = effort_limits(root)  # Drake's own are not those of MuJoCo
     _give_mass(root)
     _find_files(root, path.parent)
     builder = DiagramBuilder()
@@ -219,11 +219,17 @@ def _urdf_of_plant(
 ) -> tuple[ET.Element, dict[str, RigidTransform]]:
     """The <robot> of a model without its shapes, and the poses of its bodies in their links.
 
+    A URDF has the frame of a link where the joint that moves it is: a body keeps its own frame only
+    where no joint moves it.
+
     Args:
+        plant, instance: the model, not necessarily finalized.
+        name: of the <robot>.
         efforts: N m or N by the joint's name; None: the plant's actuators state them.
     """
     robot = ET.Element("robot", name=name)
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    # Of each body that a joint moves, the joint's frame in it: X_BL.
     in_body = {joint.child_body().index(): _frame(joint.frame_on_child()) for joint in joints}
     frames: dict[str, RigidTransform] = {}
     for index in plant.GetBodyIndices(instance):
@@ -253,16 +259,21 @@ def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: floa
         X_LP: the parent body's frame in the parent link's.
         effort: N m or N; inf where there is no limit.
     """
-    kind, axis, X = "floating", None, X_LP @ _frame(joint.frame_on_parent())
+    axis = None
+    X_LF = X_LP @ _frame(joint.frame_on_parent())
     if isinstance(joint, WeldJoint):
-        kind, X = "fixed", X @ joint.X_FM()
+        kind = "fixed"
+        X_LF = X_LF @ joint.X_FM()
     elif isinstance(joint, RevoluteJoint):
         kind, axis = "revolute", joint.revolute_axis()
     elif isinstance(joint, PrismaticJoint):
         kind, axis = "prismatic", joint.translation_axis()
-    element = fixed_joint(joint.name(), joint.parent_body().name(), joint.child_body().name(), X)
+    else:
+        kind = "floating"  # or planar, ball ...: none is an arm's
+    parent, child = joint.parent_body().name(), joint.child_body().name()
+    element = fixed_joint(joint.name(), parent, child, X_LF)
     robot.append(element)
-    if (rpy := rounded_rpy(X.rotation())) is not None:
+    if (rpy := rounded_rpy(X_LF.rotation())) is not None:
         for origin in element.findall("origin"):
             origin.set("rpy", rpy)
     if axis is not None:
@@ -274,6 +285,7 @@ def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: floa
         if kind != "continuous":
             limit.set("lower", repr(float(lower)))
             limit.set("upper", repr(float(upper)))
+        # 0 is what the reader of a URDF takes for a limit that is not stated.
         velocity = float(joint.velocity_upper_limits()[0])
         limit.set("velocity", repr(velocity if math.isfinite(velocity) else 0.0))
         limit.set("effort", repr(effort if math.isfinite(effort) else 0.0))

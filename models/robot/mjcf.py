@@ -61,6 +61,8 @@ def chain_mjcf(
 ) -> str:
     """Returns a chain as MJCF.
 
+    Each body is nested in the one before; a motor is controlled by the torque on its joint.
+
     Args:
         name: name of the model.
         chain: kinematics, inertias and gravity; each link's inertia must be physical.
@@ -95,7 +97,7 @@ def chain_mjcf(
             joint["range"] = _numbers([joints.lower[i], joints.upper[i]])
         ET.SubElement(parent, "joint", joint)
         end = chain.p_PJ[i + 1] if i + 1 < len(chain.joint_names) else chain.p_LE
-        if np.linalg.norm(end) > thickness:
+        if np.linalg.norm(end) > thickness:  # a shorter one would be a ball inside its neighbours
             ends = _numbers([0.0, 0.0, 0.0, *end])
             ET.SubElement(parent, "geom", CAPSULE_ATTRIBUTES, fromto=ends, size=repr(thickness))
         motor = {"name": joint_name, "joint": joint_name}

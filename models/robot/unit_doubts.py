@@ -24,7 +24,11 @@ _MASSES = {"grams": 1e-3, "tonnes": 1e3, "kilograms": 1.0}
 def unit_doubts(robot: Robot, postures: Array) -> tuple[str, ...]:
     """Sentences on sizes, masses and speeds that an arm has hardly, with the likely unit.
 
+    What is unusual is doubted; what no arm is (_MAX_REACH, _MAX_DENSITY) is refused where another
+    unit explains it.
+
     Args:
+        robot: as its file describes it.
         postures: (N, n) rad or m, over which the reach is taken.
 
     Raises:

@@ -43,6 +43,7 @@ _MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING_JOINT_TYPES, "fixed", "floating", "planar")
 _KEPT_TAGS = ("link", "joint", "material", "drake:collision_filter_group")
 _MAX_TILT = math.radians(1.0)  # between two directions of gravity that agree
+_MIN_AXIS = 1e-9  # of an axis that has a direction
 _MAX_NUMBER = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
 
 
@@ -156,7 +157,7 @@ class _Reader:
                     )
             self._origin(joint)
             self._snap_angles(joint)
-            if kind in _MOVING_JOINT_TYPES and np.linalg.norm(self._axis(joint)) < 1e-9:
+            if kind in _MOVING_JOINT_TYPES and np.linalg.norm(self._axis(joint)) < _MIN_AXIS:
                 self._fail(joint, f'joint "{name}" has an axis of length zero')
 
     def _renamed_world(self) -> str:
@@ -261,7 +262,8 @@ class _Reader:
         """Drops all links that the base link does not carry: W is the base link's frame.
 
         Those with collision shapes go to `standing`: as obstacles at rest, each with a fixed joint
-        to the base. `poses` are those of the links with all joints at zero, from the file's root.
+        to the base. `poses` are those of the links with all joints at zero, from the file's root;
+        locked joints are fixed by now.
 
         Raises:
             InputError: there is no base link of this name.
@@ -295,9 +297,9 @@ class _Reader:
                 f'links not carried by "{base}" count as obstacles at rest in clearance checks: '
                 f"{', '.join(self.standing)}"
             )
-        dropped = [name for name in dropped if name not in self.standing and name != "world"]
-        if dropped:
-            self.notices.append(f'links not carried by "{base}" dropped: {", ".join(dropped)}')
+        lost = [name for name in dropped if name not in self.standing and name != "world"]
+        if lost:
+            self.notices.append(f'links not carried by "{base}" dropped: {", ".join(lost)}')
         for element in list(self.root):
             if element.tag not in _KEPT_TAGS:
                 self.root.remove(element)
@@ -547,7 +549,7 @@ class _Reader:
             InputError: an inertia that no body has.
         """
         tool = self.config.tool
-        bodies = []
+        bodies = []  # mass, centre of mass and inertia about it, in the link's frame
         for name, pose in self._below(body, True).items():
             mass, com, about_com = self._inertia(self.links[name])
             R = pose.rotation().matrix()
@@ -562,10 +564,10 @@ class _Reader:
                 )
         total = sum(mass for mass, _, _ in bodies)
         link = self.links[body]
-        com = sum((mass * p for mass, p, _ in bodies), np.zeros(3)) / total
+        common_com = sum((mass * com for mass, com, _ in bodies), np.zeros(3)) / total
         composite = np.zeros((3, 3))
-        for mass, p, about_com in bodies:
-            d = p - com
+        for mass, com, about_com in bodies:
+            d = com - common_com
             composite += about_com + mass * (d @ d * np.eye(3) - np.outer(d, d))
         self._check_physical(link, f'moving link "{body}" (with what is fixed to it)', composite)
 

@@ -28,7 +28,8 @@ from wrenchsight.models.numerics.arrays import Array
 MIN_EXCURSION_GAP = 0.5  # s
 # of the samples above the level: the first with ENOUGH_EXCURSIONS excursions
 TAIL_SHARES = (0.02, 0.05, 0.1)
-ENOUGH_EXCURSIONS, MIN_EXCURSIONS = 25, 10  # excursions
+ENOUGH_EXCURSIONS = 25  # for the level to stay as high as it is
+MIN_EXCURSIONS = 10  # fewer tell nothing of a tail
 SHAPE_SD = 0.1
 LARGEST_SHAPE = 0.5  # beyond it the law has no variance; a few excursions do not show such a tail
 _GAUSSIAN_TAIL_SHARE = 1e-3  # share of a Gaussian tail's level
@@ -77,7 +78,7 @@ def fit_exceedances(runs: Sequence[ArrayLike], time_step: float) -> ExceedanceTa
     the lowest of them.
 
     Args:
-        runs: every sample counts.
+        runs: logs of the statistic; no excursion goes on from one to the next.
         time_step: s, from sample to sample.
     """
     values = [np.asarray(run, float) for run in runs]
@@ -88,11 +89,12 @@ def fit_exceedances(runs: Sequence[ArrayLike], time_step: float) -> ExceedanceTa
         level = float(np.quantile(pooled, 1.0 - share))
         excess = np.concatenate([peaks_above(run, level, time_step) for run in values]) - level
         if len(excess) >= ENOUGH_EXCURSIONS:
-            break
+            break  # else the last level, the lowest, stands
     if len(excess) < MIN_EXCURSIONS:
         return None
     shape, scale = _most_likely(excess)
-    # A lighter tail than the number of peaks can show is not believed: it would end somewhere.
+    # A lighter tail than the number of peaks can show is not believed: it is taken as exponential,
+    # of the mean excess, with the shape that this number gives the next one to come.
     if shape < 1.0 / len(excess):
         shape, scale = 1.0 / len(excess), excess.mean()
     return ExceedanceTail(

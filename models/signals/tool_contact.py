@@ -1,4 +1,6 @@
-"""The contact of the tool in one array of ten: wrench at E, normal force and normal.
+"""The contact of the tool in one array of ten: wrench at E (6), normal force, and normal (3).
+
+The wrench is F_E_W, rotation first.
 
 The tip is a ball with its centre on E's z axis and E on its surface: the normal points from the
 contact to its centre, exact on any smooth surface.
@@ -9,7 +11,8 @@ import numpy as np
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
-CONTACT_SIZE, NORMAL_SIZE = 10, 4
+CONTACT_SIZE = 10
+NORMAL_SIZE = 4  # normal force and normal together
 WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array
 _MIN_LENGTH = 1e-9  # m; a shorter vector has no direction
 
@@ -24,10 +27,12 @@ def add_contact(
     p_WC: Array,
     contact: Array,
 ) -> None:
-    """Adds a contact to those in `contact` (10,), in place; the normal is that of the last.
+    """Adds a contact to those in `contact` (10,), in place; the normal becomes that of this one.
 
     The normal points out of the workpiece at C: from C to the centre of the ball, which lies
-    `tip_radius` behind E along the tool's axis (z of E). The normal force is positive.
+    `tip_radius` behind E along the tool's axis (z of E). The wrench at E is that about C shifted by
+    r = p_WC - p_WE: the moment gains r x force. A contact only pushes: a force that pulls along the
+    normal adds nothing to the normal force.
 
     Args:
         p_WE, R_WE: (3,) m and (3, 3), pose of E.
@@ -35,7 +40,7 @@ def add_contact(
         force: (3,) N, on the tool, axes of W.
         moment: (3,) N m, on the tool about C.
         p_WC: (3,) m, where it touches.
-        contact: (10,), changed: wrench at E in W, rotation first, normal, normal force.
+        contact: (10,), changed, as the module describes it; zeros before the first contact.
     """
     wrench, normal = contact[WRENCH], contact[NORMAL]
     r = p_WC - p_WE

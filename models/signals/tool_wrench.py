@@ -36,18 +36,21 @@ def tool_table(
 
 @kernel
 def _turn(R: Array, x: Array, y: Array) -> None:
+    """Writes y = R x, (3,)."""
     for i in range(3):
         y[i] = R[i, 0] * x[0] + R[i, 1] * x[1] + R[i, 2] * x[2]
 
 
 @kernel
 def _turn_back(R: Array, x: Array, y: Array) -> None:
+    """Writes y = R^T x, (3,)."""
     for i in range(3):
         y[i] = R[0, i] * x[0] + R[1, i] * x[1] + R[2, i] * x[2]
 
 
 @kernel
 def _add_cross(gain: float, a: Array, b: Array, y: Array) -> None:
+    """Adds gain a x b to y, (3,)."""
     y[0] += gain * (a[1] * b[2] - a[2] * b[1])
     y[1] += gain * (a[2] * b[0] - a[0] * b[2])
     y[2] += gain * (a[0] * b[1] - a[1] * b[0])
@@ -102,27 +105,28 @@ def contact_wrench(
     """
     com, I_C = table[_COM_ROW], table[_INERTIA_ROW : _INERTIA_ROW + 3]
     R_EJ = table[_R_EJ : _R_EJ + 3]
-    w, alpha, force, moment = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    force_J, moment_J, x = np.empty(3), np.empty(3), np.empty(3)
-    # From here on in axes of E; `force` is a_C - g until it is multiplied by the mass.
+    w, alpha, acceleration = np.empty(3), np.empty(3), np.empty(3)
+    force, moment = np.empty(3), np.empty(3)
+    force_J, moment_J = np.empty(3), np.empty(3)
+    w_x_com, I_w, p_CJ = np.zeros(3), np.empty(3), np.empty(3)
+    # All in axes of E. a_C - g = a_E - g + alpha x p_C + w x (w x p_C).
     _turn_back(R_WE, w_WE, w)
     _turn_back(R_WE, A_WE[:3], alpha)
-    _turn_back(R_WE, A_WE[3:] - table[_GRAVITY_ROW], force)
+    _turn_back(R_WE, A_WE[3:] - table[_GRAVITY_ROW], acceleration)
+    _add_cross(1.0, w, com, w_x_com)
+    _add_cross(1.0, alpha, com, acceleration)
+    _add_cross(1.0, w, w_x_com, acceleration)
     _turn(R_EJ, reaction[:3], moment_J)
     _turn(R_EJ, reaction[3:], force_J)
-    x[:] = 0.0
-    _add_cross(1.0, w, com, x)
-    _add_cross(1.0, alpha, com, force)
-    _add_cross(1.0, w, x, force)
     for k in range(3):
-        force[k] = table[_MASS_ROW, 0] * force[k] - force_J[k]
+        force[k] = table[_MASS_ROW, 0] * acceleration[k] - force_J[k]
     _turn(I_C, alpha, moment)
-    _turn(I_C, w, x)
-    _add_cross(1.0, w, x, moment)
+    _turn(I_C, w, I_w)
+    _add_cross(1.0, w, I_w, moment)
     for k in range(3):
         moment[k] -= moment_J[k]
-        x[k] = table[_P_EJ, k] - com[k]
-    _add_cross(-1.0, x, force_J, moment)
+        p_CJ[k] = table[_P_EJ, k] - com[k]
+    _add_cross(-1.0, p_CJ, force_J, moment)
     _add_cross(1.0, com, force, moment)  # from C to E
     _turn(R_WE, moment, out[:3])
     _turn(R_WE, force, out[3:])

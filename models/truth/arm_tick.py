@@ -300,8 +300,8 @@ def arm_motion(
         motion: (1,) of `motion_type`, written.
     """
     n, layout, sample = constants.joints.shape[0], constants.layout, motion[0]
-    arm = arm_state(state.copy(), layout, n)
-    plain(sample.q)[:] = x[:n]
+    arm = arm_state(state.copy(), layout, n)  # a copy: the Context's array cannot be written to
+    plain(sample.q)[:] = x[:n]  # `all_terms` reads them
     plain(sample.v)[:] = x[n:]
     all_terms(constants.chain, motion, constants.scratch)
     tick = _tick_number(t, layout.time_step)
@@ -353,8 +353,8 @@ def arm_drives(
     if constants.motors.shape[0] > 0:
         mixed_currents(constants.motors[0], command, joint_command)
     tau_ext = arm.joints[EXTERNAL] if constants.in_contact else plain(motion[0].torque)
-    inputs = JointInputs(joint_command, tau_ext, noise)
-    memory = JointMemory(arm.joints, out.joints, out.signals)
+    inputs = JointInputs(command=joint_command, tau_ext=tau_ext, noise=noise)
+    memory = JointMemory(state=arm.joints, next_state=out.joints, signals=out.signals)
     joint_tick(constants.joints, time_step, _links(motion), inputs, memory)
     motor_current = out.signals[MOTOR_CURRENT]
     if constants.motors.shape[0] > 0:
@@ -436,13 +436,15 @@ def _take_process(
         advance_process(constants.process, time_step, contact, V_WE, process)
     else:
         tables = VariationTables(
-            constants.variations,
-            constants.waviness,
-            constants.patches,
-            constants.pose,
-            constants.ends,
+            constants=constants.variations,
+            waviness=constants.waviness,
+            patches=constants.patches,
+            pose=constants.pose,
+            ends=constants.ends,
         )
-        tick = ProcessTick(t, time_step, contact, V_WE, plain(sample.p_WE))
+        tick = ProcessTick(
+            t=t, time_step=time_step, contact=contact, V_WE=V_WE, p_WE=plain(sample.p_WE)
+        )
         advance_varying_process(constants.process, tables, tick, process)
     arm.wrench[3:] = process[FORCE]
     joint_vibration(

@@ -146,8 +146,7 @@ def simulate_free_arm(
     """
     joints = TrueJoints.of(robot, time_step)
     chain = true_robot(robot).chain if payload is None else payload
-    duration = trajectory.duration if duration is None else duration
-    ticks = round(duration / time_step) + 1
+    ticks = round((trajectory.duration if duration is None else duration) / time_step) + 1
     script = WrenchScript(()) if wrench is None else wrench
     rows = (ticks + every - 1) // every
     n = robot.num_joints
@@ -162,9 +161,11 @@ def simulate_free_arm(
         lagged=np.full(n, np.nan),
     )
     times = trajectory.t[0] + time_step * np.arange(ticks)
-    truth_rows = np.empty((4, rows if whole else 0, n))
-    # What is measured: q, v, current, and the true friction; and the truth: q, v, tau_J, rise.
-    log = _Rows(np.empty((4, rows, n)), truth_rows, np.zeros((rows, 6)))
+    log = _Rows(
+        logged=np.empty((4, rows, n)),
+        truth_rows=np.empty((4, rows if whole else 0, n)),
+        wrenches=np.zeros((rows, 6)),
+    )
     arm = _Arm(
         table=joints.table,
         motors=joints.motors,
@@ -180,7 +181,7 @@ def simulate_free_arm(
         reference = np.concatenate(trajectory.sample(times[first : first + _CHUNK_TICKS]), axis=1)
         _run(arm, control, pushes, _Reference(first, reference), memory, log)
     q_read, v_read, current, tau_f = log.logged
-    q_true, v_true, tau_J, rise = truth_rows
+    q_true, v_true, tau_J, rise = log.truth_rows
     return FreeLog(
         t=times[::every].copy(),
         q=q_read,
@@ -330,22 +331,27 @@ def _run(
     time_step, seed, state = arm.time_step, arm.seed, memory.joints
     q, v, lagged = memory.q, memory.v, memory.lagged
     n = q.shape[0]
-    dynamics = JointDynamics(np.empty((n, n)), np.empty(n), np.empty(n), q, v)
+    # The terms of the truth are at the memory's own q and v, those of the controller at its
+    # readings: `dynamics_terms` finds them where they have moved to.
+    dynamics = JointDynamics(M=np.empty((n, n)), Cv=np.empty(n), G=np.empty(n), q=q, v=v)
     q_read, v_read, tau = np.empty(n), np.empty(n), np.empty(n)
-    model_dynamics = JointDynamics(np.empty((n, n)), np.empty(n), np.empty(n), q_read, v_read)
+    model_dynamics = JointDynamics(
+        M=np.empty((n, n)), Cv=np.empty(n), G=np.empty(n), q=q_read, v=v_read
+    )
     scratch = np.empty((n, SCRATCH_COLUMNS))
     wander_noise = np.empty(2 * n)
     command, noise, current = np.empty(n), np.empty(n), np.empty(n)
-    tau_ext, vdot = np.zeros(n), np.empty(n)
+    tau_ext, net_torque = np.zeros(n), np.empty(n)
     wrench = np.zeros(6)
     signals, next_state = np.empty((SIGNALS, n)), np.empty_like(state)
-    motor_current = signals[MOTOR_CURRENT]
+    motor_current = signals[MOTOR_CURRENT]  # a view, which `joint_tick` writes
     for k in range(reference.rows.shape[0]):
         tick, reference_row = reference.first + k, reference.rows[k]
         # The truth: terms of the motion, and the torque of the scripted wrench.
         dynamics_terms(arm.chain, dynamics, scratch)
         if script.table.shape[0] > 0:
             sample_script(script.table, script.tones, script.start + tick * time_step, wrench)
+            # By the true links' places in `scratch`, which the controller's terms overwrite.
             _wrench_torque(arm.chain, scratch, wrench, tau_ext)
         # The controller: what the encoders say, and the torque that it asks for by its model.
         encoders = EncoderSample(arm.on_motor, seed + VELOCITY_STREAM, tick)
@@ -360,8 +366,8 @@ def _run(
             arm.table,
             time_step,
             dynamics,
-            JointInputs(command, tau_ext, wander_noise),
-            JointMemory(state, next_state, signals),
+            JointInputs(command=command, tau_ext=tau_ext, noise=wander_noise),
+            JointMemory(state=state, next_state=next_state, signals=signals),
         )
         if arm.motors.shape[0] > 0:
             mixed_currents(arm.motors[1], motor_current.copy(), motor_current)
@@ -371,14 +377,14 @@ def _run(
             gaussian_noise(seed, tick, noise)
             current[:] = lagged
             report_current(control.noise_sd, control.resolution, motor_current, noise, current)
-            measured = _Measured(q_read, v_read, current, wrench)
+            measured = _Measured(q=q_read, v=v_read, current=current, wrench=wrench)
             _log_row(log, tick // arm.every, measured, memory, signals)
         # The motion over the tick, by the torque that acts at its start.
         advance_integral(control.law, q_read, reference_row, tau, memory.integral)
         for i in range(n):
             torque = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i]
-            vdot[i] = torque - dynamics.Cv[i] - dynamics.G[i]
-        _step(dynamics.M, time_step, vdot, q, v)
+            net_torque[i] = torque - dynamics.Cv[i] - dynamics.G[i]
+        _step(dynamics.M, time_step, net_torque, q, v)
         state[:] = next_state
 
 
@@ -408,12 +414,12 @@ def _log_row(log: _Rows, row: int, measured: _Measured, memory: _Memory, signals
 
 
 @kernel(inline="always")
-def _step(M: Array, time_step: float, vdot: Array, q: Array, v: Array) -> None:
-    """Takes q and v of the links to the tick's end, in place: M (v+ - v) / h = `vdot`, the torques.
+def _step(M: Array, time_step: float, net_torque: Array, q: Array, v: Array) -> None:
+    """Takes q and v of the links to the tick's end, in place: M (v+ - v) / h = `net_torque`.
 
-    M and `vdot` are overwritten.
+    M becomes its factor, and `net_torque` the acceleration.
     """
     factorise_in_place(M, v.shape[0], 0.0)
-    solve_factorised(M, v.shape[0], vdot)
-    v += time_step * vdot
+    solve_factorised(M, v.shape[0], net_torque)
+    v += time_step * net_torque
     q += time_step * v

@@ -113,6 +113,9 @@ TAU_J, TORQUE, TAU_F, MOTOR_CURRENT, SIGNALS = range(5)
 _MAX_STEPS = 60  # of Newton's method
 _ROOT_TOLERANCE = 1e-13  # of the torque, relative to 1 N m and the right side
 _MIN_STEP_SHARE = 1e-6  # of a Newton step, that the line search tries
+# A step must lower the potential by this share of what its slope promises (Armijo's rule), but for
+# rounding of the potential.
+_LEAST_FALL_SHARE, _POTENTIAL_ROUNDING = 1e-4, 1e-15
 
 
 class JointInputs(NamedTuple):
@@ -226,7 +229,7 @@ def joint_tick(
         load = state[TRANSMITTED, i]  # N m, of the tick before; NaN at the first
         if math.isnan(load):
             load = links.G[i]
-        _drive(i, table, motor_velocity, inputs, memory)
+        _drive(i, table, motor_velocity, inputs, memory)  # writes signals[TAU_J, i]
         wander = _wander(i, table, inputs.noise, memory)
         limits = _dry_limits(i, table, motor_velocity, load, wander, memory)
         dry_damper = _set_elements(i, table, time_step, links.v[i], limits, state, balance.elements)
@@ -243,7 +246,7 @@ def joint_tick(
             - position_torque
             - balance.damper[i] * state[RATE, i]
         )
-    velocity_after(links.M, time_step, links.v, balance)
+    velocity_after(links.M, time_step, links.v, balance)  # writes balance.end_velocity
     for i in range(n):
         dissipative = _friction_after(i, balance, memory)
         motor_velocity = balance.end_velocity[i] + state[RATE, i]
@@ -329,8 +332,8 @@ def _set_elements(
 
     An element k is a spring that slides at its share of the dry friction. Its torque at the
     period's end, with the velocity v+ there, is spring + stiffness v+, within low and high. Where
-    dry friction is a function of velocity, as in grease (TRANSITION > 0),
-    it is the returned damper, and no element has a share.
+    dry friction is a function of velocity, as in grease (TRANSITION > 0), it is the returned
+    damper, and no element has a share.
 
     Args:
         i: index of the joint.
@@ -352,7 +355,7 @@ def _set_elements(
         stiffness = table[i, column + ELEMENT_STIFFNESS] * time_step
         decay = table[i, column + ELEMENT_DECAY]
         spring = decay * spring_torque(table, time_step, state, i, k, v)
-        if decay > 0.0:
+        if decay > 0.0:  # 0: of a damper, which follows the link alone
             spring += stiffness * state[RATE, i]
         elements.stiffness[k, i], elements.spring[k, i] = stiffness, spring
         elements.low[k, i] = -weight * limits.backwards
@@ -564,7 +567,9 @@ def velocity_after(M: Array, time_step: float, v: Array, balance: Balance) -> No
             newton.right[i] += newton.mass_rate[i, j] * v[j]
         newton.mass_rate[i, i] += balance.damper[i]
         end[i] = v[i]
-    # Newton's method on a convex potential; a step that does not lower it enough is halved.
+    # Newton's method on a convex potential; a step that does not lower it enough is halved. Each
+    # `_potential` leaves gradient and curvature at its velocity in `newton`: after the line search
+    # those at the step taken.
     value = _potential(end, balance.elements, newton)
     for _ in range(_MAX_STEPS):
         if not _largest_residual(newton) > _ROOT_TOLERANCE:
@@ -575,7 +580,7 @@ def velocity_after(M: Array, time_step: float, v: Array, balance: Balance) -> No
                 factor[i, j] = newton.mass_rate[i, j]
             factor[i, i] += newton.curvature[i]
             step[i] = -newton.gradient[i]
-        factorise_in_place(factor, n, 0.0)
+        factorise_in_place(factor, n, 0.0)  # positive definite: M / h, and dampers of zero or more
         solve_factorised(factor, n, step)
         for i in range(n):
             slope += newton.gradient[i] * step[i]
@@ -584,7 +589,7 @@ def velocity_after(M: Array, time_step: float, v: Array, balance: Balance) -> No
             for i in range(n):
                 trial[i] = end[i] + share * step[i]
             lower = _potential(trial, balance.elements, newton)
-            bound = value + 1e-4 * share * slope + 1e-15 * abs(value)
+            bound = value + _LEAST_FALL_SHARE * share * slope + _POTENTIAL_ROUNDING * abs(value)
             if not lower > bound or not share > _MIN_STEP_SHARE:
                 break
             share *= 0.5

@@ -36,6 +36,9 @@ from wrenchsight.models.truth.joint_kernels import (
     ELEMENT_STIFFNESS,
     ELEMENT_WEIGHT,
     ERROR_AMPLITUDE,
+    ERROR_INVERSE_SPEED,
+    ERROR_PERIODS,
+    ERROR_PHASE,
     FIRST_ELEMENT,
     FIRST_RIPPLE,
     FIRST_SLIP,
@@ -78,6 +81,7 @@ _MIN_STIFFNESS = 1e-9  # N m s/rad per tick, so that no element is without any s
 _MAX_DEFLECTION_SHARE = 0.2  # of a gear's deflection, that an element may take back in one tick
 # streams of the individual's and the day's random numbers
 _PHASE_STREAM, _DAY_STREAM, _HARMONIC_STREAM = 17, 18, 20
+_SUM_TOLERANCE = 1e-6  # of shares that are written with some digits
 _MIN_DAY_FACTOR = 0.2  # of friction: a draw far below makes it no smaller
 
 
@@ -187,12 +191,18 @@ class TrueJoints:
         _pack_friction(table, robot, config, reader, time_step)
         _pack_position(table, robot, config, reader)
         _pack_drive(table, robot, config, reader, time_step)
-        _pack_elements(table, slip, reader, time_step)
+        _pack_elements(table, slip, reader, time_step)  # reads columns of friction and of the drive
         table = np.hstack([table, _harmonics(ripple, config.individual, reader)])
         table[:, NUM_HARMONICS] = len(ripple.motor_periods)
         on_motor = (config.elasticity or ElasticityConfig()).encoder == "motor"
         rise = reader.number(config.lubrication or LubricationConfig(), "start_rise")
-        return cls(table, rise, on_motor, time_step, _motors(robot))
+        return cls(
+            table=table,
+            start_rise=rise,
+            on_motor=on_motor,
+            time_step=time_step,
+            motors=_motors(robot),
+        )
 
 
 def _pack_friction(
@@ -208,7 +218,6 @@ def _pack_friction(
         time_step: s.
     """
     truth, n = robot.truth, robot.num_joints
-    load = config.load
     lubrication = config.lubrication or LubricationConfig()
     # Lubrication differs from day to day: one factor a joint on viscous friction, one on Coulomb.
     rng = np.random.default_rng([config.day, config.individual, _DAY_STREAM])
@@ -226,8 +235,9 @@ def _pack_friction(
     table[:, TEMPERATURE_SHARE] = reader.per_joint(lubrication, "temperature_share")
     table[:, HEATING] = reader.per_joint(lubrication, "heating")
     table[:, INVERSE_TIME] = 1.0 / reader.number(lubrication, "time_constant", above_zero=True)
-    if load is None:
-        load = LoadFrictionConfig(list(truth.load_dependence), list(truth.load_dependence))
+    load = config.load or LoadFrictionConfig(
+        motoring=list(truth.load_dependence), generating=list(truth.load_dependence)
+    )
     table[:, MOTORING] = reader.per_joint(load, "motoring", upper=1.0)
     table[:, GENERATING] = reader.per_joint(load, "generating", upper=1.0)
     asymmetry = reader.per_joint(load, "asymmetry", minimum=-0.9, upper=0.9)
@@ -263,10 +273,11 @@ def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader:
     speed = reader.per_joint(error, "speed")
     if np.any((amplitude > 0.0) & (speed == 0.0)):
         raise reader.error(error, "speed", "0", "a speed above 0 where there is an amplitude")
-    transmission_error = np.stack([amplitude, periods, phases[3], _inverse(speed)], axis=1)
-    table[:, ERROR_AMPLITUDE : ERROR_AMPLITUDE + 4] = transmission_error
+    table[:, ERROR_AMPLITUDE], table[:, ERROR_PERIODS] = amplitude, periods
+    table[:, ERROR_PHASE], table[:, ERROR_INVERSE_SPEED] = phases[3], _inverse(speed)
+    # Of ripple and cogging, not of the transmission error, which a plain truth has not.
     if config.ripple is None and config.motor is None:
-        phases[:] = 0.0  # the plain truth's
+        phases[:] = 0.0
     ripple, motor = config.ripple or RippleConfig(), config.motor or MotorConfig()
     gear = [
         truth.ripple_amplitude,
@@ -342,7 +353,7 @@ def _pack_elements(table: Array, slip: SlipConfig, reader: "_Reader", time_step:
     """
     displacement = reader.per_joint(slip, "displacement")
     weight = np.array(slip.weight, dtype=np.float64)
-    if not (weight.size > 0 and np.all(weight >= 0.0) and abs(weight.sum() - 1.0) < 1e-6):
+    if not (weight.size > 0 and np.all(weight >= 0.0) and abs(weight.sum() - 1.0) < _SUM_TOLERANCE):
         raise reader.error(slip, "weight", f"{slip.weight}", "shares with sum 1")
     for name in ("spread", "creep_time"):
         values = getattr(slip, name)

@@ -97,21 +97,22 @@ def true_robot(robot: Robot) -> Robot:
     mechanisms = robot.config.simulated_truth.mechanisms
     if mechanisms is None:
         return robot.without_coupling() if robot.is_coupled else robot
+    loaded = robot
     if mechanisms.payload is not None and mechanisms.payload.factor != 1.0:
-        robot = _with_weight(robot, mechanisms.payload.factor)
+        loaded = _with_weight(robot, mechanisms.payload.factor)
     if mechanisms.kinematics is None:
-        return robot
+        return loaded
     errors = mechanisms.kinematics
     for name in ("translation_sd", "rotation_sd"):
         value = getattr(errors, name)
         if not (math.isfinite(value) and value >= 0.0):
             key = f"simulated_truth.mechanisms.kinematics.{name}"
             raise InputError(robot.source, key, f"{value}, expected a number of 0 or more")
-    draws = np.random.default_rng([mechanisms.individual, _FRAME_STREAM]).standard_normal(
-        (robot.num_joints, 6)
-    )
-    return robot.with_moved_joints(
-        errors.translation_sd * draws[:, :3], errors.rotation_sd * draws[:, 3:]
+    rng = np.random.default_rng([mechanisms.individual, _FRAME_STREAM])
+    draws = rng.standard_normal((robot.num_joints, 6))
+    return loaded.with_moved_joints(
+        translation=errors.translation_sd * draws[:, :3],
+        rotation=errors.rotation_sd * draws[:, 3:],
     )
 
 

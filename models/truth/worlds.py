@@ -375,7 +375,7 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
         low, high = getattr(ranges, parameter.name)
         middle = 0.5 * (low + high) if parameter.name in ABSOLUTE_RANGES else 1.0
         factors[parameter.name] = tuple(_between(low, middle, high, float(u)) for u in shares)
-    world = World(number, noise_seed, individual, day, factors)
+    world = World(number=number, seed=noise_seed, individual=individual, day=day, factors=factors)
     if source.posterior is None or source.posterior.num_arms == 0:
         return world
     arm = int(generator.integers(source.posterior.num_arms))

@@ -27,6 +27,7 @@ from wrenchsight.models.recordings.recording_format import (
     RecordingFormat,
     SignalColumns,
     by_number,
+    column_numbers,
 )
 
 _ARRAYS = {
@@ -82,8 +83,7 @@ def array_layout(
     if time is None:
         return None
     form = RecordingFormat(time=time)
-    time_numbers = [int(column) - 1 for column in str(time.columns).split(",")]
-    time_names = " and ".join(names[column] for column in time_numbers)
+    time_names = " and ".join(names[column] for column in column_numbers(time))
     assignments = [f"{time_names} as time"]
     array_of = {key: _array(arrays, array_words) for key, array_words in _ARRAYS.items()}
     position = array_of["position"]
@@ -93,7 +93,7 @@ def array_layout(
     order = _order(names, arrays, num_joints, path, row_words, joint_names, words)
     for key, array in array_of.items():
         if array is not None and len(arrays[array]) == num_joints:
-            columns = arrays.pop(array)
+            columns = arrays.pop(array)  # what is left is no signal of the joints
             setattr(form, key, by_number([columns[j] for j in order.indices]))
             assignments.append(f"{array} as {key.replace('_', ' ')}")
     joint_name_arrays = [name for name in arrays if _last_word(name) in _NAMES]

@@ -34,8 +34,10 @@ from wrenchsight.models.recordings.recording_format import (
     UNITS,
     RecordingFormat,
     by_number,
+    column_numbers,
 )
 
+_LISTED_NAMES = 6  # of the columns that are left out, in a notice
 _JOINT_COLUMNS = ("joint", "joint_name", "joint_names", "joint_id", "axis", "name")
 
 
@@ -78,13 +80,14 @@ def column_words_layout(
     if len({len(signal.columns) for signal in series.values()}) > 1:
         return None
     form = RecordingFormat(time=time)
-    used_columns = {int(column) - 1 for column in str(time.columns).split(",")}
+    used_columns = set(column_numbers(time))
     assignments = []
     for key, signal in series.items():
-        unit, key_of_unit = signal.unit, key
-        if unit in (PER_CENT, PER_MILLE):  # of what, the hypotheses find and the user must say
-            unit, key_of_unit = "", "current"
-        setattr(form, key_of_unit, by_number(signal.columns, unit))
+        # A share of a rated value is read as a current of an unknown scale: of which value, the
+        # hypotheses find and the user must say.
+        is_share = signal.unit in (PER_CENT, PER_MILLE)
+        columns = by_number(signal.columns, "" if is_share else signal.unit)
+        setattr(form, "current" if is_share else key, columns)
         used_columns |= set(signal.columns)
         first, last = names[signal.columns[0]], names[signal.columns[-1]]
         in_unit = f" in {signal.unit}" if signal.unit else ""
@@ -93,8 +96,9 @@ def column_words_layout(
     notices += dict.fromkeys(signal.how for signal in series.values() if signal.how)
     others = [name for k, name in enumerate(names) if k not in used_columns and name]
     if others:
-        more = f" and {len(others) - 6} more" if len(others) > 6 else ""
-        notices.append(f"columns left out: {', '.join(others[:6])}{more}")
+        num_more = len(others) - _LISTED_NAMES
+        more = f" and {num_more} more" if num_more > 0 else ""
+        notices.append(f"columns left out: {', '.join(others[:_LISTED_NAMES])}{more}")
     is_effort = form.motor_torque is not None and any("effort" in name.lower() for name in names)
     return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
 

@@ -46,6 +46,7 @@ _VELOCITY = re.compile(rf"(?:.*[/.])?(?:v|dq|joint_?velocit(?:y|ies)){_INDEX}", 
 _JACOBIAN_ENTRY = re.compile(r"(?:.*[/.])?(?:jacobian|J)(?:_(\d+)_(\d+)|\[(\d+)\]\[(\d+)\])", re.I)
 _FLAT_JACOBIAN = re.compile(rf"(?:.*[/.])?jacobian{_INDEX}", re.I)
 _Key = TypeVar("_Key", int, tuple[int, int])
+_CHECKED_SAMPLES = 100  # Jacobians of a log, evenly spread, that are looked at
 _UNIT_LENGTH = 0.02  # by which the length of an angular column of a Jacobian may differ from 1
 _DESCRIBE = "name its columns in a description (--log-format), extra, jacobian, linear rows first"
 
@@ -125,7 +126,7 @@ def jacobians(recording: Recording) -> Array:
     """The Jacobians of a recording (T, 6, n), rows [angular; linear].
 
     The extra signal JACOBIAN has its linear rows first, row by row; FORCE_FIRST exchanges them with
-    the angular ones. Some hundred samples are checked.
+    the angular ones. About a hundred samples are checked.
 
     The angular column of a revolute joint has length 1 in any axes: all links that it carries turn
     at its rate. This shows the order of the rows.
@@ -134,7 +135,7 @@ def jacobians(recording: Recording) -> Array:
         InputError: the columns are no Jacobian in SI units with linear rows first.
     """
     J = np.asarray(recording.extra[JACOBIAN])[:, FORCE_FIRST]
-    sample = J[:: max(1, len(J) // 100)]
+    sample = J[:: max(1, len(J) // _CHECKED_SAMPLES)]
     if _may_be_jacobian(sample):
         return J
     as_logged = sample[:, FORCE_FIRST]

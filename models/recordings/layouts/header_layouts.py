@@ -115,7 +115,7 @@ def _rtde(names: Sequence[str]) -> KnownLayout | None:
     form = RecordingFormat(time=time)
 
     def columns(prefix: str) -> SignalColumns | None:
-        """The columns PREFIX_0 to PREFIX_(size - 1); None where one is missing."""
+        """The columns PREFIX_0 to PREFIX_(num_joints - 1); None where one is missing."""
         joint_columns = [f"{prefix}_{j}" for j in range(num_joints)]
         if not all(name in names for name in joint_columns):
             return None
@@ -135,6 +135,7 @@ def _rtde(names: Sequence[str]) -> KnownLayout | None:
         extra = columns(name)
         if extra is not None:
             form.extra[name] = extra
+    # A controller's torque of the current: which unit it is in is looked at as that of an effort.
     is_effort = form.motor_torque is not None
     return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
 
@@ -191,11 +192,12 @@ def _series(
     form = RecordingFormat(time=times)
     form.extra = _wrenches(names) | _pop_plain_signals(topics)
     numbered = [f"joint_{j + 1}" for j in range(len(joint_names or ()))]
+    looked_for = joint_names
     if any(list(columns.get("position", {})) == numbered for columns in topics.values()):
-        joint_names = numbered or None  # as `rosbag.table` writes them
-    main, joint_match = _topic_of(topics, "position", path, joint_names, words)
+        looked_for = numbered or None  # as `rosbag.table` writes them
+    main, joint_match = _topic_of(topics, "position", path, looked_for, words)
     log_joints = list(topics[main]["position"])
-    if joint_names is None:
+    if looked_for is None:
         order = joint_order(log_joints, path, None, words)
     else:
         order = _order_of(joint_match, log_joints)

@@ -78,18 +78,17 @@ def matched_joints(
         return JointMatch(tuple(robot_joints))
     if is_nameless(log_joints):
         return _by_order(log_joints, robot_joints, path, words, source)
-    if words.joint_prefix:
-        log_joints = [name for name in log_joints if name.startswith(words.joint_prefix)]
+    eligible = [name for name in log_joints if name.startswith(words.joint_prefix)]
     # Each way gives its matches, by (how it matched, prefix) the log's joints in the robot's order.
-    # The first way with a single match decides.
+    # The first way that has any decides.
     for candidates in (
-        _with_affixes(log_joints, robot_joints),
-        _of_pendant(log_joints, robot_joints),
-        _by_letter(log_joints, robot_joints),
-        _by_number(log_joints, robot_joints),
+        _with_affixes(eligible, robot_joints),
+        _of_pendant(eligible, robot_joints),
+        _by_letter(eligible, robot_joints),
+        _by_number(eligible, robot_joints),
     ):
         if len(candidates) == 1:
-            (((how, prefix), joints),) = candidates.items()
+            (how, prefix), joints = next(iter(candidates.items()))
             pairs = ", ".join(
                 f"{theirs} as {ours}"
                 for theirs, ours in zip(joints[:2], robot_joints[:2], strict=True)

@@ -9,7 +9,11 @@ from typing import NamedTuple
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.layouts.time_names import time_columns
-from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
+from wrenchsight.models.recordings.recording_format import (
+    RecordingFormat,
+    SignalColumns,
+    column_numbers,
+)
 
 _DESCRIBE = "or describe the columns with --log-format (`wrenchsight log` drafts that)"
 _ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a stamp
@@ -38,20 +42,21 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
         InputError: a column is missing or named twice; one is unknown, and a joint's is missing.
     """
     time = None if "t" in names else time_columns(names)
-    time_numbers = [int(column) - 1 for column in str(time.columns).split(",")] if time else []
+    time_numbers = column_numbers(time) if time else []
     # A column without a name is a table's index, or follows a separator at the end of the line.
-    names = [name for k, name in enumerate(names) if name and k not in time_numbers]
-    header = _read_names(names, path, has_time_columns=time is not None)
+    signal_names = [name for k, name in enumerate(names) if name and k not in time_numbers]
+    header = _read_names(signal_names, path, has_time_columns=time is not None)
     numbers = header.joint_numbers  # numbers of the joints, from 1, by letter: q, v, i, tau
     n = num_joints or max([*numbers["q"], *numbers["v"]], default=1)
     signals = ["q"]  # that the log must hold for every joint
     signals += [letter for letter in ("v", "tau") if numbers[letter]]
     if numbers["i"] or not numbers["tau"]:
         signals.append("i")
-    missing = ["t"] if "t" not in names and time is None else []
+    missing = ["t"] if "t" not in signal_names and time is None else []
     missing += [f"{x}{j}" for x in signals for j in range(1, n + 1) if j not in numbers[x]]
     for name, entries in header.extra.items():
         missing += [f"{name}.{k}" for k in range(1, max(entries) + 1) if k not in entries]
+    # Only beside a whole set, with v too, is an unknown name no misspelt signal.
     is_complete = not missing and bool(numbers["v"])
     if header.others and not is_complete:
         if not any(numbers.values()):
@@ -74,7 +79,7 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
         setattr(form, _JOINT_SIGNALS[letter], SignalColumns(f"{letter}{{1..{n}}}"))
     for name, entries in header.extra.items():
         form.extra[name] = SignalColumns(f"{name}.{{1..{max(entries)}}}")
-    if "dropout" in names:
+    if "dropout" in signal_names:
         form.extra["dropout"] = SignalColumns("dropout")
     return PlainHeader(form, tuple(header.others))
 

@@ -260,29 +260,28 @@ def _write_statistics(
         data_set: the original.
         folder: root of the copy.
         features: of which the statistics are added.
-        tables: files of the episodes' tables; empty: version 2.
+        tables: files of version 3's table of episodes; empty for version 2.
 
     Raises:
         InputError: a file of statistics is damaged.
     """
     root = data_set.root
-    path = root / _STATS
-    if path.is_file():
+    of_all_file, of_episodes_file = root / _STATS, root / _EPISODE_STATS
+    if of_all_file.is_file():
         try:
-            by_feature = json.loads(read_limited(path, _LARGEST_META, "statistics"))
+            by_feature = json.loads(read_limited(of_all_file, _LARGEST_META, "statistics"))
         except ValueError as error:
-            raise InputError(path, "", f"is no JSON ({error})", "copy it again") from error
+            raise InputError(of_all_file, "", f"is no JSON ({error})", "copy it again") from error
         has_quantiles = any(isinstance(s, dict) and "q50" in s for s in by_feature.values())
         for feature in features:
             values = np.concatenate([feature.frames[e.index] for e in data_set.episodes])
             by_feature[feature.name] = statistics(values, has_quantiles)
         _write_text(folder / _STATS, json.dumps(by_feature, indent=4))
-    path = root / _EPISODE_STATS
-    if path.is_file():
-        rows = json_lines(path)
+    if of_episodes_file.is_file():
+        rows = json_lines(of_episodes_file)
         for row in rows:
             for feature in features:
-                frames = feature.frames.get(row.get("episode_index", -1))
+                frames = feature.frames.get(row.get("episode_index", -1))  # -1: of no episode
                 if frames is not None and isinstance(row.get("stats"), dict):
                     row["stats"][feature.name] = statistics(frames)
         _write_text(folder / _EPISODE_STATS, "\n".join(json.dumps(row) for row in rows))

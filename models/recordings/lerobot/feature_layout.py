@@ -35,7 +35,8 @@ _HANDS = ("gripper", "finger", "hand", "jaw")
 _FILLERS = ("observation", "state", "states", "main", "follower", "joint", "joints", "arm", "motor",
             "motors", "present", "robot", "measured", "filtered")  # fmt: skip
 _POSE = {"x", "y", "z", "rx", "ry", "rz", "qw", "qx", "qy", "qz", "roll", "pitch", "yaw", "delta"}
-_LARGEST_RAD = 4.0 * np.pi
+_LONGEST_NOTICE = 200  # characters of the features of a quantity
+_LARGEST_RAD = 4.0 * np.pi  # no joint turns twice about itself to either side
 _MAX_NORMALISED = 100.5  # LeRobot's normalised positions end at 100
 _DESCRIBE = (
     'name the columns with --log-format, such as position: {columns: "observation.state.{1..6}"}'
@@ -74,6 +75,7 @@ def feature_layout(
     of as many joints. Torque comes before current.
 
     Args:
+        data_set: whose features are read, by its description.
         columns: columns of its tables, as `parquet_table` names them: FEATURE.1..FEATURE.k.
         joint_names: joint names of the robot, base to tool; None: all joints, in the data set's
             order.
@@ -106,7 +108,7 @@ def feature_layout(
             numbers = [entry.column for entry in joint_entries]
             setattr(form, quantity, by_number(numbers, units.get(quantity, "")))
             features = ", ".join(dict.fromkeys(entry.feature for entry in joint_entries))
-            assignments.append(f"{quantity.replace('_', ' ')} from {features}"[:200])
+            assignments.append(f"{quantity.replace('_', ' ')} from {features}"[:_LONGEST_NOTICE])
     if form.current is not None and form.motor_torque is not None:
         form.current = None  # torque needs no torque constant
     notices = [f"data set read: {'; '.join(assignments)}"]

@@ -27,8 +27,8 @@ from wrenchsight.models.recordings.plausibility.product_sums import (
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-# by which the logarithm of one ratio must be nearer than the other, joints' mean
-MAX_NEARER_SHARE = 0.7
+# By how much nearer to 0 the logarithm of one ratio must be than that of the other: a factor of 2.
+MIN_LOG_DIFFERENCE = 0.7
 NO_GRAVITY = "effort holds no gravity torque"
 """Begin of the sentence on an effort from which gravity is taken; what it is follows a colon."""
 _LEAST_SAMPLES = 20
@@ -119,8 +119,8 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     if without_gravity:
         return replace(unknown, without_gravity=without_gravity)
     ratio = np.abs(sums.ratio())
-    loaded = sums.gravity() > LEAST_GRAVITY
-    is_telling = loaded & telling_joints(robot) & (np.abs(sums.cosine()) > MIN_COSINE)
+    is_loaded = sums.gravity() > LEAST_GRAVITY
+    is_telling = is_loaded & telling_joints(robot) & (np.abs(sums.cosine()) > MIN_COSINE)
     if not is_telling.any():
         return unknown
     # How far the ratio is from either, by its logarithm; the mean of the joints that tell.
@@ -129,7 +129,7 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     distance_to_newton_metres = np.abs(np.log(ratio[is_telling]))
     difference = (distance_to_amperes - distance_to_newton_metres).mean()
     unit = ""
-    if abs(difference) >= MAX_NEARER_SHARE:
+    if abs(difference) >= MIN_LOG_DIFFERENCE:
         unit = "N m" if difference > 0.0 else "A"
     return EffortUnit(unit, ratio, is_telling)
 
