@@ -14,10 +14,11 @@ from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
 
-CPU_TIME = 6  # s
-WALL_TIME = 15.0  # s
+CPU_TIME = 6  # s of processor time
+WALL_TIME = 15.0  # s on the clock: a child that waits takes no processor time
 LARGEST_OUTPUT = 1 << 26  # bytes
 _LONGEST_PROBLEM = 400  # characters
+_SIGNALS_OF_LIMITS = (signal.SIGXCPU, signal.SIGKILL, signal.SIGXFSZ)
 
 
 def run_limited(
@@ -30,10 +31,13 @@ def run_limited(
     """Returns what `python -m MODULE PATH ARGUMENTS` writes to its standard output.
 
     The module calls `limit_process` before anything else, and ends with what is wrong as the last
-    line of its standard error and a code that is not 0.
+    line of its standard error and a code that is not 0. Of a child that was stopped at a limit that
+    line may be any warning: the limit is named instead.
 
     Args:
+        module: full name of the child's module.
         path: the file of unknown origin.
+        arguments: of the child, behind the path.
         what: what is done, for error lines: "xacro".
         remedy: what to do, whatever the problem is; or what to do about the problem stated.
 
@@ -45,6 +49,7 @@ def run_limited(
         with output.open("wb") as out, errors.open("wb") as err:
             # -P: no module is imported from the working directory.
             command = [sys.executable, "-P", "-m", module, str(path), *arguments]
+            code: int | None
             try:
                 code = subprocess.run(
                     command,
@@ -55,13 +60,17 @@ def run_limited(
                     timeout=WALL_TIME,
                 ).returncode
             except subprocess.TimeoutExpired:
-                code = -signal.SIGXCPU
+                code = None
         if code == 0:
             return output.read_bytes()
         lines = errors.read_text(encoding="utf-8", errors="replace").split("\n")
-    problem = " ".join(next((line for line in reversed(lines) if line.strip()), "").split())
-    if "MemoryError" in problem or "bad_alloc" in problem or not problem:
+    last_line = " ".join(next((line for line in reversed(lines) if line.strip()), "").split())
+    if code is None:
+        problem = f"takes more than {WALL_TIME:g} s; it was stopped"
+    elif -code in _SIGNALS_OF_LIMITS or "MemoryError" in last_line or "bad_alloc" in last_line:
         problem = _ending_of(code)
+    else:
+        problem = last_line or _ending_of(code)
     words = remedy if isinstance(remedy, str) else remedy(problem)
     raise InputError(path, "", f"{what}: {problem[:_LONGEST_PROBLEM]}", words)
 
@@ -80,9 +89,10 @@ def limit_process(memory: int) -> None:
 
 
 def _ending_of(code: int) -> str:
-    """A few words on a process that ended without any."""
+    """A few words on a process that was stopped, or ended without any."""
     if -code in (signal.SIGXCPU, signal.SIGKILL):
-        return f"takes more than {CPU_TIME} s, or more memory than there is; it was stopped"
+        times = f"takes more than {CPU_TIME} s of processor time"
+        return f"{times}, or more memory than there is; it was stopped"
     if code == -signal.SIGXFSZ:
         return f"writes more than {LARGEST_OUTPUT >> 20} MB; it was stopped"
     if code < 0:
