@@ -102,7 +102,8 @@ def array_layout(
         for name, columns in arrays.items()
         if name not in joint_name_arrays and not name.startswith("field.")
     }
-    is_effort = form.motor_torque is not None and any("effort" in text for text in assignments)
+    torque_array = array_of["motor_torque"] or ""
+    is_effort = form.motor_torque is not None and "effort" in _last_word(torque_array)
     notices = (f"arrays read by their names: {', '.join(assignments)}", *order.notices)
     return KnownLayout(form, notices, torque_is_effort=is_effort)
 

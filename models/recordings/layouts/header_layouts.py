@@ -202,7 +202,7 @@ def _series(
     else:
         order = _order_of(joint_match, log_joints)
     joints = [log_joints[j] for j in order.indices]
-    lack = ""  # which quantity lacks which joints, for the error if no effort is left
+    lack_of_effort = ""  # which topic lacks the effort of which joints
     for quantity in _SERIES_QUANTITIES:
         candidates = _topics_with(topics, main, quantity, joints)
         complete = {
@@ -211,12 +211,13 @@ def _series(
             if set(joints) <= columns[quantity.name].keys()
         }
         if not complete:
-            for topic, columns in candidates.items():  # a velocity can be differentiated
-                missing = [joint for joint in joints if joint not in columns[quantity.name]]
-                lack = (
-                    f"{topic or 'the log'} lacks the {quantity.name} of {', '.join(missing)} (no "
-                    "number, or NaN only)"
-                )
+            if quantity.name == "effort":  # a velocity can be differentiated
+                for topic, columns in candidates.items():
+                    missing = [joint for joint in joints if joint not in columns["effort"]]
+                    lack_of_effort = (
+                        f"{topic or 'the log'} lacks the effort of {', '.join(missing)} (no "
+                        "number, or NaN only)"
+                    )
             continue
         # The topic of the positions, or the only other one that has all joints.
         topic = main if main in complete else next(iter(complete))
@@ -224,8 +225,8 @@ def _series(
             topic, _ = _topic_of(complete, quantity.name, path, joints, words)
         column_of = topics[topic][quantity.name]
         setattr(form, quantity.key, by_number([column_of[joint] for joint in joints]))
-    if form.motor_torque is None and form.current is None and "effort" in lack:
-        raise InputError(path, "header", lack, "record the effort of all joints")
+    if form.motor_torque is None and form.current is None and lack_of_effort:
+        raise InputError(path, "header", lack_of_effort, "record the effort of all joints")
     notice = f"joints read from the columns of {main or 'each joint'}"
     external = _external_torque(topics, main, joints)
     if external is not None:

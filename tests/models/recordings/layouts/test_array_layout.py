@@ -24,6 +24,7 @@ _ARRAYS = np.random.default_rng(1).normal(size=(4, _ROWS, 2))
         ("timestamps", "qpos", "qvel", "tau"),
         ("t", "joint_positions", "joint_velocities", "efforts"),
         ("time", "q", "v", "tau_J"),
+        ("time", "qpos", "qvel", "Efforts"),
     ],
 )
 @pytest.mark.parametrize("kind", ["npz", "parquet"])
@@ -45,7 +46,7 @@ def test_arrays_are_recognised_by_their_usual_names(
     np.testing.assert_array_equal(log.tau_J, tau)
     np.testing.assert_array_equal(log.extra["other"], other_signal)
     is_effort = any("effort is read as joint torque" in text for text in log.notices)
-    assert is_effort == (torque == "efforts")
+    assert is_effort == (torque.lower() == "efforts")
 
 
 def test_a_plain_header_may_call_the_time_otherwise(tmp_path: Path) -> None:

@@ -79,6 +79,17 @@ def test_series_of_plotjuggler_are_read_in_the_robots_order(tmp_path: Path) -> N
         read_recording(path, robot=other)  # type: ignore[arg-type]
 
 
+def test_a_topic_named_for_its_effort_may_lack_a_velocity(tmp_path: Path) -> None:
+    """What is missing is told by the quantity, not by a word in the topic's name."""
+    topic = "/effort_controller"
+    header = f"__time,{topic}/shoulder/position,{topic}/elbow/position,{topic}/elbow/velocity"
+    values = _numbers(3)
+    path = _written(tmp_path, header, _rows(np.c_[_t(), values]))
+    recording = read_recording(path, robot=_ROBOT, check=False)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(recording.q, values[:, :2])
+    assert any("holds no velocities" in notice for notice in recording.notices)
+
+
 def test_samples_with_empty_cells_of_other_topics_are_left_out(tmp_path: Path) -> None:
     """PlotJuggler leaves cells empty where a topic has no message."""
     header = "__time,/js/shoulder/position,/js/elbow/position,/ft/wrench/force/x"
