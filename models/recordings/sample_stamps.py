@@ -50,39 +50,35 @@ class StampFilter:
         Raises:
             InputError: time runs backwards, or two samples of one stamp differ.
         """
-        if self._pending is not None:
-            chunk, self._pending = concatenated([self._pending, chunk]), None
-        if self._history is None and (chunk.t == 0.0).all():
-            self._pending = chunk
-            return chunk[:0]
-        is_unset = self._unset(chunk.t)
-        if is_unset.any():
-            self.num_unset += int(is_unset.sum())
-            chunk = chunk[~is_unset]
-        if not chunk.num_samples:
-            return chunk
+        part = chunk if self._pending is None else concatenated([self._pending, chunk])
+        self._pending = None
+        if self._history is None and (part.t == 0.0).all():
+            self._pending = part
+            return part[:0]
+        is_unset = self._unset(part.t)
+        self.num_unset += int(is_unset.sum())
+        stamped = part[~is_unset] if is_unset.any() else part
+        if not stamped.num_samples:
+            return stamped
         history = self._history
-        is_later = history is None or bool(chunk.t[0] > history.t[-1])
-        if is_later and (np.diff(chunk.t) > 0.0).all():
-            self._history = chunk[-_HISTORY_SAMPLES:]
-            return chunk
-        # Some sample of the chunk is not later than all before it: it must repeat one of them.
-        with_history = chunk if history is None else concatenated([history, chunk])
-        chunk_begin = 0 if history is None else history.num_samples  # of the chunk within the part
+        is_later = history is None or bool(stamped.t[0] > history.t[-1])
+        if is_later and (np.diff(stamped.t) > 0.0).all():
+            self._history = stamped[-_HISTORY_SAMPLES:]
+            return stamped
+        # Some sample is not later than all before it: it must repeat one of them.
+        with_history = stamped if history is None else concatenated([history, stamped])
+        begin = 0 if history is None else history.num_samples  # of `stamped` behind the history
         is_kept = np.ones(with_history.num_samples, bool)
         latest = np.maximum.accumulate(with_history.t)
         late = 1 + np.flatnonzero(with_history.t[1:] <= latest[:-1])
-        late = late[late >= chunk_begin]
-        if len(late):
-            signals = _signals(with_history)
-            for k in late.tolist():
-                if not self._is_repeat(with_history, signals, is_kept, k):
-                    raise _stamp_error(with_history, signals, k)
-                is_kept[k] = False
-                self.num_repeated += 1
-            chunk = with_history[is_kept & (np.arange(with_history.num_samples) >= chunk_begin)]
+        signals = _signals(with_history)
+        for k in late[late >= begin].tolist():
+            if not self._is_repeat(with_history, signals, is_kept, k):
+                raise _stamp_error(with_history, signals, k)
+            is_kept[k] = False
+            self.num_repeated += 1
         self._history = with_history[is_kept][-_HISTORY_SAMPLES:]
-        return chunk
+        return with_history[is_kept & (np.arange(with_history.num_samples) >= begin)]
 
     def rest(self) -> Recording | None:
         """The samples of a log that ends before its clock runs; None for any other log.

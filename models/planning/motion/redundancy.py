@@ -406,30 +406,25 @@ class _Quadratic:
         z = program.NewContinuousVariables(len(self._b))
         program.AddQuadraticCost(self._Q, self._b, z, is_convex=True)
         program.AddBoundingBoxConstraint(-radius, radius, z)
-        # Where the trajectory is beyond a bound, by the curvature of the last step, back to it, by
-        # half of what the region allows at most: so the program stays feasible. The bounds are
-        # needed only where the trust region reaches them.
-        reach = radius * math.sqrt(self._basis.shape[2])  # of each joint: bases are orthonormal
-        limits = np.concatenate([(problem.lower - q).ravel(), (problem.upper - q).ravel()])
-        low, high = limits[: q.size], limits[q.size :]
-        near_rows = np.flatnonzero((low > -reach) | (high < reach))
-        if near_rows.size:
-            program.AddLinearConstraint(
-                self._to_q[near_rows].toarray(),
-                np.minimum(low[near_rows], reach * 0.5),
-                np.maximum(high[near_rows], -reach * 0.5),
-                z,
-            )
+        # How far the trust region lets a joint move (bases are orthonormal), and a step change.
+        reach = radius * math.sqrt(self._basis.shape[2])
+        step_reach = 2.0 * reach
         steps = np.diff(q, axis=0)
-        low, high = (-problem.max_step - steps).ravel(), (problem.max_step - steps).ravel()
-        near_rows = np.flatnonzero((low > -2.0 * reach) | (high < 2.0 * reach))
-        if near_rows.size:
-            program.AddLinearConstraint(
-                self._to_steps[near_rows].toarray(),
-                np.minimum(low[near_rows], reach * 0.5),
-                np.maximum(high[near_rows], -reach * 0.5),
-                z,
-            )
+        for rows, low, high, row_reach in (
+            (self._to_q, problem.lower - q, problem.upper - q, reach),
+            (self._to_steps, -problem.max_step - steps, problem.max_step - steps, step_reach),
+        ):
+            # Bounds are needed only where the trust region reaches them.
+            near_rows = np.flatnonzero((low.ravel() > -row_reach) | (high.ravel() < row_reach))
+            if near_rows.size:
+                # Where the trajectory is beyond a bound, by the curvature of the last step, back to
+                # it, by half of a joint's reach at most: so the program stays feasible.
+                program.AddLinearConstraint(
+                    rows[near_rows].toarray(),
+                    np.minimum(low.ravel()[near_rows], reach * 0.5),
+                    np.maximum(high.ravel()[near_rows], -reach * 0.5),
+                    z,
+                )
         result = ClarabelSolver().Solve(program)
         if not result.is_success():
             return None, 0.0

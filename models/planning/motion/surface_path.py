@@ -213,35 +213,35 @@ def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
     """
     if len(p) < 2:
         raise InputError(source, "", f"{len(p)} samples, expected two or more")
-    bad = np.flatnonzero(~np.all(np.isfinite(p), axis=1) | ~np.all(np.isfinite(n), axis=1))
-    if bad.size:
-        raise InputError(source, locations[bad[0]], "a coordinate is not a finite number")
-    bad = np.flatnonzero(np.any(np.abs(p) > _MAX_COORDINATE, axis=1))
-    if bad.size:
-        farthest = np.abs(p[bad[0]]).max()
+    not_finite = np.flatnonzero(~np.all(np.isfinite(p), axis=1) | ~np.all(np.isfinite(n), axis=1))
+    if not_finite.size:
+        raise InputError(source, locations[not_finite[0]], "a coordinate is not a finite number")
+    far = np.flatnonzero(np.any(np.abs(p) > _MAX_COORDINATE, axis=1))
+    if far.size:
+        farthest = np.abs(p[far[0]]).max()
         problem = f"a coordinate of {farthest:g} m, expected {_MAX_COORDINATE:g} at most"
-        raise InputError(source, locations[bad[0]], problem, "write metres")
+        raise InputError(source, locations[far[0]], problem, "write metres")
     with np.errstate(over="ignore"):
         length = np.linalg.norm(n, axis=1)
-    bad = np.flatnonzero(np.abs(length - 1.0) > _NORMAL_TOLERANCE)
-    if bad.size:
+    not_unit = np.flatnonzero(np.abs(length - 1.0) > _NORMAL_TOLERANCE)
+    if not_unit.size:
         raise InputError(
             source,
-            locations[bad[0]],
-            f"the normal has length {length[bad[0]]:.4g}, expected 1",
+            locations[not_unit[0]],
+            f"the normal has length {length[not_unit[0]]:.4g}, expected 1",
             "export unit normals",
         )
-    bad = np.flatnonzero(np.sum(n[1:] * n[:-1], axis=1) < 0.0) + 1
-    if bad.size:
+    reversed_normals = np.flatnonzero(np.sum(n[1:] * n[:-1], axis=1) < 0.0) + 1
+    if reversed_normals.size:
         raise InputError(
             source,
-            locations[bad[0]],
+            locations[reversed_normals[0]],
             "the normal points to the other side than the one before it",
             "let all normals point out of the workpiece, and sample edges more finely",
         )
-    bad = np.flatnonzero(np.linalg.norm(np.diff(p, axis=0), axis=1) < _MIN_DISTANCE) + 1
-    if bad.size:
-        raise InputError(source, locations[bad[0]], "the point is that of the line before it")
+    repeated = np.flatnonzero(np.linalg.norm(np.diff(p, axis=0), axis=1) < _MIN_DISTANCE) + 1
+    if repeated.size:
+        raise InputError(source, locations[repeated[0]], "the point is that of the line before it")
 
 
 def _read_rows(path: Path) -> tuple[list[list[float]], list[int]]:

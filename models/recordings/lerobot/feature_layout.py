@@ -35,6 +35,7 @@ _HANDS = ("gripper", "finger", "hand", "jaw")
 _FILLERS = ("observation", "state", "states", "main", "follower", "joint", "joints", "arm", "motor",
             "motors", "present", "robot", "measured", "filtered")  # fmt: skip
 _POSE = {"x", "y", "z", "rx", "ry", "rz", "qw", "qx", "qy", "qz", "roll", "pitch", "yaw", "delta"}
+_SINGLE_NUMBERS = "one number a feature"  # the group of all features of one number
 _LONGEST_NOTICE = 200  # characters of the features of a quantity
 _LARGEST_RAD = 4.0 * np.pi  # no joint turns twice about itself to either side
 _MAX_NORMALISED = 100.5  # LeRobot's normalised positions end at 100
@@ -162,7 +163,7 @@ def _entries(data_set: DataSet, columns: Sequence[str]) -> list[_Entry]:
         feature_words = _words(feature.name)
         if not feature.is_number or _NO_JOINT_FEATURE.intersection(feature_words):
             continue
-        group = feature.name if feature.size > 1 else "one number a feature"
+        group = feature.name if feature.size > 1 else _SINGLE_NUMBERS
         for k in range(min(feature.size, len(columns))):
             column_name = feature.name if feature.size == 1 else f"{feature.name}.{k + 1}"
             if column_name not in column_numbers:

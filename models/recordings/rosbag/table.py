@@ -273,11 +273,11 @@ class RosbagTable:
         first, last = rows_within(self.path, rows, count, f"messages on {main}")
         topics = {self._columns[column - 1].topic for column in columns if column > 0}
         interpolated = {topic: _InterpolatedTopic(self._stream(topic)) for topic in topics - {main}}
-        row = 1
+        next_row = 1
         for t, block in self._stream(main):
+            row, next_row = next_row, next_row + len(t)  # of the block's first message
             begin, end = max(first - row, 0), min(last + 1 - row, len(t))
-            row += len(t)
-            self.progress = min(1.0, (row - 1) / count)
+            self.progress = min(1.0, (next_row - 1) / count)
             if end <= begin:
                 continue
             numbers_of = {topic: source.at(t[begin:end]) for topic, source in interpolated.items()}
@@ -289,10 +289,10 @@ class RosbagTable:
                 else:
                     place = self._columns[column - 1]
                     values[:, i] = numbers_of[place.topic][:, place.entry]
-            row_numbers = np.arange(row - len(t) + begin, row - len(t) + end)
+            row_numbers = np.arange(row + begin, row + end)
             refuse_missing(self, self.path, values, row_numbers, columns, may_be_empty)
             yield values, row_numbers
-            if row > last:
+            if next_row > last:
                 break
 
     def _main_topic(self, columns: Sequence[int]) -> str:
