@@ -200,11 +200,12 @@ def lag_tick(
 ) -> bool:
     """Single-sample kernel: adds lag and scale to the covariance (6, 6).
 
-        covariance += L / LAG_POWER_SHARE + h h^T + scale^2 F F^T, and springs
+        covariance += L / LAG_POWER_SHARE + h h^T + scale^2 F F^T
 
-    With f what the reading F lags by, from its rate, g = f without the noise of the reading, L the
-    mean of g g^T over the last 1 / omega, h what of g this instant has beyond that mean; omega / (2
-    pi) is the bandwidth that the user states.
+    and on the force's diagonal what springs add: spring_share^2 times the trace of the force's part
+    of the first two terms. f is what the reading F lags by, from its rate; g = f without the noise
+    of the reading; L the mean of g g^T over the last 1 / omega; h what of g this instant has beyond
+    that mean; omega / (2 pi) the bandwidth that the user states.
 
     Args:
         settings: of `lag_settings`.
@@ -219,34 +220,33 @@ def lag_tick(
         Whether the reading keeps pace with the force.
     """
     fast_power, slow_power, force_variance = 0.0, 0.0, 0.0  # of the three forces, N^2
-    # `rate` is f, `slow_rate` the same seen through the lower corner. `lateness` holds g for now.
+    g, h = np.empty(6), lateness
     for i in range(6):
-        rate, slow_rate = 0.0, 0.0
+        f, slow_f = 0.0, 0.0  # slow_f: what f is through the lower corner, omega
         if np.isfinite(state[_FAST, i]) and np.isfinite(wrench[i]):
-            rate = settings.rate_factor * (wrench[i] - state[_FAST, i])
-            slow_rate = settings.slow_rate_factor * (wrench[i] - state[_SLOW, i])
-        power = rate * rate - NOISE_FACTOR * covariance[i, i]
-        lateness[i] = np.copysign(np.sqrt(power), rate) if power > 0.0 else 0.0
+            f = settings.rate_factor * (wrench[i] - state[_FAST, i])
+            slow_f = settings.slow_rate_factor * (wrench[i] - state[_SLOW, i])
+        power = f * f - NOISE_FACTOR * covariance[i, i]
+        g[i] = np.copysign(np.sqrt(power), f) if power > 0.0 else 0.0
         if i >= 3:
-            fast_power += rate * rate
-            slow_power += slow_rate * slow_rate
+            fast_power += f * f
+            slow_power += slow_f * slow_f
             force_variance += covariance[i, i]
-    decay = settings.slow_pole  # L = LP_omega(g g^T)
-    for i in range(6):
+    slow_pole, pace_pole = settings.slow_pole, settings.pace_pole
+    for i in range(6):  # L = LP_omega(g g^T)
         for j in range(6):
-            product = lateness[i] * lateness[j]
-            state[_POWER + i, j] = decay * state[_POWER + i, j] + (1.0 - decay) * product
-    decay = settings.pace_pole  # powers over PACE_TIME, which tell a force faster than stated
-    state[_RATES, 0] = decay * state[_RATES, 0] + (1.0 - decay) * fast_power
-    state[_RATES, 1] = decay * state[_RATES, 1] + (1.0 - decay) * slow_power
-    # From here on `lateness` holds h, the part of g that L does not contain.
+            product = g[i] * g[j]
+            state[_POWER + i, j] = slow_pole * state[_POWER + i, j] + (1.0 - slow_pole) * product
+    # Powers over PACE_TIME tell a force faster than stated.
+    state[_RATES, 0] = pace_pole * state[_RATES, 0] + (1.0 - pace_pole) * fast_power
+    state[_RATES, 1] = pace_pole * state[_RATES, 1] + (1.0 - pace_pole) * slow_power
     for i in range(6):
-        missing = lateness[i] * lateness[i] - state[_POWER + i, i] / LAG_POWER_SHARE
-        lateness[i] = np.copysign(np.sqrt(missing), lateness[i]) if missing > 0.0 else 0.0
+        missing = g[i] * g[i] - state[_POWER + i, i] / LAG_POWER_SHARE
+        h[i] = np.copysign(np.sqrt(missing), g[i]) if missing > 0.0 else 0.0
     lag_variance, scale = 0.0, settings.scale
     for i in range(6):
         for j in range(i + 1):
-            lag = state[_POWER + i, j] / LAG_POWER_SHARE + lateness[i] * lateness[j]
+            lag = state[_POWER + i, j] / LAG_POWER_SHARE + h[i] * h[j]
             covariance[i, j] += lag + scale * scale * wrench[i] * wrench[j]
             covariance[j, i] = covariance[i, j]
             if i == j and i >= 3:

@@ -277,41 +277,75 @@ def _take_sample(
         age = state[_AGE, j] + period
         if age != fade_age:
             fade_age, rise_fade, fade = age, np.exp(-age / RISE_TIME), np.exp(-age / DRIFT_TIME)
-        is_known = np.isfinite(state[_Q, j]) and np.isfinite(q[j]) and np.isfinite(v[j])
-        is_recent = is_known and age <= max(RESTART_TIME, RESTART_TICKS * period)
-        # A sample that is not finite, or after none that was, is as useless as one beyond a limit.
-        code = FAULT_BEYOND
-        if np.isfinite(checked_motion[0, j]) and np.isfinite(checked_motion[1, j]):
-            code = 0
-        elif is_known:
-            code = _wrong_motion(joint, fade, q[j], v[j])
-        if code == FAULT_BEYOND:
-            state[_AGE, j] = age
-            r = abs(_disagreement(joint, age, q[j], v[j])) if is_recent else np.inf
-            # A lasting disagreement is not a spike: the bound follows it within some samples.
-            if r * age <= table[_DRIFT, j] and abs(v[j]) <= table[_SPEED, j]:
-                raised = _BOUND_GROWTH * _bound(joint) / MAX_RISE
-                state[_LARGEST, j] = max(state[_LARGEST, j], min(r, raised))
-        else:  # a drift is still summed, or it would never end
-            if is_recent:
-                r = _disagreement(joint, age, q[j], v[j])
-                state[_LARGEST, j] = max(abs(r), state[_LARGEST, j] * rise_fade)
-                total, disorder = _drift(joint, age, fade, r, v[j])
-                # Capped, so that a drift that is over is forgotten soon.
-                cap = DRIFT_CAP * table[_DRIFT, j]
-                state[_SUM, j] = min(max(total, -cap), cap)
-                state[_DISORDER, j] = min(disorder, cap)
-            else:
-                state[_SUM, j] = state[_DISORDER, j] = 0.0
-            state[_Q, j], state[_V, j], state[_AGE, j] = q[j], v[j], 0.0
-        state[_PREVIOUS_CODE, j] = _wrong_current(joint, current[j])
-        if current[j] != state[_I, j]:
-            state[_SAME, j] = 0.0
-        elif abs(v[j]) > table[_MOVING, j]:
-            state[_SAME, j] = min(state[_SAME, j] + period, 2.0 * FROZEN_TIME)
-        state[_I_AGE, j] += period
-        if np.isfinite(checked_current[j]) or current[j] == state[_I, j]:
-            state[_I, j], state[_I_AGE, j] = current[j], 0.0
+        is_possible = np.isfinite(checked_motion[0, j]) and np.isfinite(checked_motion[1, j])
+        _take_motion(joint, age, _Fades(rise_fade, fade), q[j], v[j], is_possible)
+        _take_current(joint, v[j], current[j], np.isfinite(checked_current[j]))
+
+
+class _Fades(NamedTuple):
+    """The shares that are left, after the age of a sample, of a rise and of a drift."""
+
+    rise: float
+    drift: float
+
+
+@kernel
+def _take_motion(
+    joint: _Joint, age: float, fades: _Fades, q: float, v: float, is_possible: bool
+) -> None:
+    """Updates the state of q and v of one joint.
+
+    Args:
+        joint: of the state before the sample.
+        age: s since the last sample that was taken.
+        fades: after this age.
+        q, v: as measured.
+        is_possible: whether the check has left both.
+    """
+    table, state, period, j = joint
+    is_known = np.isfinite(state[_Q, j]) and np.isfinite(q) and np.isfinite(v)
+    is_recent = is_known and age <= max(RESTART_TIME, RESTART_TICKS * period)
+    # A sample that is not finite, or after none that was, is as useless as one beyond a limit.
+    code = FAULT_BEYOND
+    if is_possible:
+        code = 0
+    elif is_known:
+        code = _wrong_motion(joint, fades.drift, q, v)
+    if code == FAULT_BEYOND:
+        state[_AGE, j] = age
+        r = abs(_disagreement(joint, age, q, v)) if is_recent else np.inf
+        # A lasting disagreement is not a spike: the bound follows it within some samples.
+        if r * age <= table[_DRIFT, j] and abs(v) <= table[_SPEED, j]:
+            raised = _BOUND_GROWTH * _bound(joint) / MAX_RISE
+            state[_LARGEST, j] = max(state[_LARGEST, j], min(r, raised))
+        return
+    # Taken, also where q and v disagree: a drift is still summed, or it would never end.
+    if is_recent:
+        r = _disagreement(joint, age, q, v)
+        state[_LARGEST, j] = max(abs(r), state[_LARGEST, j] * fades.rise)
+        total, disorder = _drift(joint, age, fades.drift, r, v)
+        # Capped, so that a drift that is over is forgotten soon.
+        cap = DRIFT_CAP * table[_DRIFT, j]
+        state[_SUM, j] = min(max(total, -cap), cap)
+        state[_DISORDER, j] = min(disorder, cap)
+    else:
+        state[_SUM, j] = state[_DISORDER, j] = 0.0
+    state[_Q, j], state[_V, j], state[_AGE, j] = q, v, 0.0
+
+
+@kernel
+def _take_current(joint: _Joint, v: float, current: float, is_possible: bool) -> None:
+    """Updates the state of the current of one joint, A, at the measured velocity v."""
+    table, state, period, j = joint
+    state[_PREVIOUS_CODE, j] = _wrong_current(joint, current)
+    if current != state[_I, j]:
+        state[_SAME, j] = 0.0
+    elif abs(v) > table[_MOVING, j]:
+        state[_SAME, j] = min(state[_SAME, j] + period, 2.0 * FROZEN_TIME)
+    state[_I_AGE, j] += period
+    # One that stays the same is the last one, also where it counts as frozen.
+    if is_possible or current == state[_I, j]:
+        state[_I, j], state[_I_AGE, j] = current, 0.0
 
 
 @kernel
