@@ -23,6 +23,10 @@ from wrenchsight.models.robot.robot_config import pose_of
 
 INFLUENCE_DISTANCE = 0.12  # m, beyond which a pair of shapes does not count
 MINIMUM_SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs
+# m, slack that the smooth minimum has where nothing is near. Pairs enter it with the slack
+# INFLUENCE_DISTANCE or more. This is less by ten e-folds of their shares, so that an entry moves
+# the value by 0.1 um at most. Less still would tell fewer distances apart.
+_FAR_SLACK = INFLUENCE_DISTANCE - 10.0 / MINIMUM_SHARPNESS
 _MIN_INTERVAL = 1e-4  # s, shortest interval of a motion that is looked at
 FLOOR, WORKPIECE = "floor", "workpiece"  # names of shapes that are none of the robot's
 _FLOOR_SIZE = (10.0, 10.0, 1.0)  # m, of the floor
@@ -34,9 +38,11 @@ _MAX_SUNK_BASE = 0.01  # m, by which the shape of a base may reach into the tabl
 _SAME_DISTANCE = 1e-6  # m; distances of curved shapes are exact to that
 _BOX_CORNERS = tuple(itertools.product((-1.0, 1.0), repeat=3))  # of a box
 _MAX_SAMPLE_PERIOD = 0.1  # s, between the times at which a motion is looked at first
-_MIN_REQUIRED = 1e-9  # m, in a quotient, in the place of nothing
-_LARGEST_SCALE = 10.0  # of a pair that must keep little, so that its gradient stays smooth
-_MIN_GRADIENT_SHARE = 1e-6  # of a pair in the gradient
+_MIN_REQUIRED = 1e-9  # m, in a quotient by what a pair must keep, which may be 0
+_LARGEST_SCALE = 10.0  # of the slack of a pair that must keep little, whose rate by distance it is
+# Of a pair in the gradient, below which its two Jacobians are not computed: less than a solver that
+# rounds its gradients to 1e-6 sees.
+_MIN_GRADIENT_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -78,7 +84,7 @@ class Clearance:
 
     Args:
         robot: its collision shapes count.
-        margin: m.
+        margin: m, least distance of a pair that was not near at home.
         floor: height of the floor in W, m; None for none.
         workpiece: in the cell, if any; a blade counts as its convex hull.
         obstacles: boxes that stand in the cell; all links but the base keep `margin`.
@@ -132,13 +138,14 @@ class Clearance:
             _working_shapes(shapes, margin) if tip_only else self._tool_shapes()
         )
         # What a pair of shapes (two ids) must keep, m, where it is not `margin`;
-        # -inf: the pair is left out. The home posture says it of arm and floor; of a workpiece and
-        # obstacles it follows from what may touch them.
+        # -inf: the pair is left out. The two calls below fill it in, each its own pairs: the home
+        # posture says it of arm and floor; of a workpiece and obstacles it follows from what may
+        # touch them.
         self._required: dict[tuple[Any, Any], float] = {}
         arm_and_floor = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
         self.overlapping = self._require_at_home(robot, arm_and_floor)
         self._require_of_others()
-        self.near_at_home = self._less_than_margin(arm_and_floor)
+        self.near_at_home = self._less_than_margin(arm_and_floor)  # reads what was filled in
         self.has_shapes = bool(self._arm_shapes)
         # (n,) m: no point of the arm is farther from the axis of joint j than entry j.
         self._speed_radius = _speed_radius(robot, shapes)
@@ -182,7 +189,7 @@ class Clearance:
         return " and ".join(self.shapes.name(shape) for shape in pair)
 
     def _require_at_home(self, robot: Robot, counted: set[Any]) -> tuple[str, ...]:
-        """Requirements of the pairs among `counted` shapes that are near in the home posture.
+        """Writes `_required` of the pairs among `counted` shapes that are near at home.
 
         Returns:
             The pairs that overlap there, by name.
@@ -210,7 +217,7 @@ class Clearance:
         return self.shapes.level.get(self.shapes.body[shape].index(), 0)
 
     def _require_of_others(self) -> None:
-        """Requirements of all pairs with the workpiece or an obstacle, in either order."""
+        """Writes `_required` of all pairs with the workpiece or an obstacle, in either order."""
         stated = self._workpiece_shapes | self._obstacle_shapes
         for shape in (shape for shape in self.shapes.body if shape in stated):
             is_workpiece = shape in self._workpiece_shapes
@@ -306,47 +313,49 @@ class Clearance:
         return pairs
 
     def slack(self, q: ArrayLike) -> float:
-        """Smallest slack at q (n,), m; INFLUENCE_DISTANCE where nothing is near."""
+        """Smallest slack at q (n,), m; INFLUENCE_DISTANCE stands for any that is larger."""
         slacks = [
-            pair.distance - self._requirement(pair)
-            for pair in self.shapes.pairs(q, INFLUENCE_DISTANCE)
+            pair.distance - self._requirement(pair)  # inf of a pair that does not count
+            for pair in self.shapes.pairs(q, INFLUENCE_DISTANCE + self.margin)
         ]
         return float(min([INFLUENCE_DISTANCE, *slacks]))
 
     def smooth_slack(self, q: ArrayLike) -> tuple[float, Array]:
-        """A smooth measure of the least slack, m, and its gradient (n,) by q, m/rad.
+        """A smooth measure of the least slack, m, and its gradient (n,) by q, m/rad (m/m).
 
-            value    = -1/k ln sum_i exp(-k slack_i),           k = MINIMUM_SHARPNESS
-            slack_i  = scale_i (distance_i - required_i),       scale_i = margin / required_i
-            gradient = sum_i w_i scale_i d distance_i / dq,     w_i = exp(-k slack_i) / sum
+            value    = -1/k ln(exp(-k _FAR_SLACK) + sum_i exp(-k slack_i)),  k = MINIMUM_SHARPNESS
+            slack_i  = scale_i (distance_i - required_i)
+            scale_i  = margin / required_i,  at least 1, at most _LARGEST_SCALE
+            gradient = sum_i w_i scale_i d distance_i / dq,  w_i = exp(-k slack_i) / the sum in ln
 
-        over all pairs that are near and one that is always at INFLUENCE_DISTANCE, so that there is
-        a value where none is. It is positive only where `slack` is. The scale, 1 for most pairs, is
-        larger for one that must keep less than the margin, as the parts of a wrist: what a caller
-        keeps in reserve of the margin then fits it too.
+        over all pairs that count and are within INFLUENCE_DISTANCE and the margin. _FAR_SLACK is
+        the value where none is, and its bound. The value is positive only where `slack` is. The
+        scale, 1 for most pairs, is larger for one that must keep less than the margin, as the parts
+        of a wrist: what a caller keeps in reserve of the margin then fits it too.
         """
-        pairs = [
-            p for p in self.shapes.pairs(q, INFLUENCE_DISTANCE) if np.isfinite(self._requirement(p))
-        ]
-        # The last entry is that of the pair that is always at INFLUENCE_DISTANCE; gradient 0.
-        required = np.array([self._requirement(pair) for pair in pairs] + [self.margin])
-        distance = np.array([pair.distance for pair in pairs] + [INFLUENCE_DISTANCE + self.margin])
+        near_pairs = self.shapes.pairs(q, INFLUENCE_DISTANCE + self.margin)
+        # What is not finite is the requirement of a pair that does not count: it may touch.
+        pairs = [pair for pair in near_pairs if np.isfinite(self._requirement(pair))]
+        required = np.array([self._requirement(pair) for pair in pairs])
+        distance = np.array([pair.distance for pair in pairs])
         scale = np.clip(self.margin / np.maximum(required, _MIN_REQUIRED), 1.0, _LARGEST_SCALE)
         slack = scale * (distance - required)
-        least = float(slack.min())  # taken out of the sum, whose terms would underflow
+        # The least is taken out of the sum, whose terms would underflow.
+        least = min([_FAR_SLACK, *slack.tolist()])
         terms = np.exp(-MINIMUM_SHARPNESS * (slack - least))
-        total = float(terms.sum())
-        value = least - float(np.log(total)) / MINIMUM_SHARPNESS
-        shares = terms * scale / total
+        total = math.exp(-MINIMUM_SHARPNESS * (_FAR_SLACK - least)) + float(terms.sum())
+        value = least - math.log(total) / MINIMUM_SHARPNESS
         gradient = np.zeros(self.shapes.plant.num_velocities())  # by the plant's positions
-        for pair, share in zip(pairs, shares[:-1], strict=True):
+        for pair, share in zip(pairs, terms * scale / total, strict=True):
             if share >= _MIN_GRADIENT_SHARE:
+                # At q: `shapes.pairs` has put the context there.
                 gradient += share * self._distance_gradient(pair)
         return value, gradient[self.shapes.position_indices]
 
     def _distance_gradient(self, pair: SignedDistancePair) -> Array:
-        """(n_v,) gradient of a pair's distance by the plant's positions, at the context's posture.
+        """(n_v,) gradient of a pair's distance by the plant's positions.
 
+        The posture is that of `shapes.context`, at which `shapes.pairs` has just found the pair.
         The distance grows as the nearest points Ca and Cb move apart along the normal.
         """
         plant, world = self.shapes.plant, self.shapes.plant.world_frame()
@@ -390,8 +399,8 @@ class Clearance:
         interval gets shorter than _MIN_INTERVAL.
 
         Args:
-            position: from time in s to q (n,).
-            speed: (n,) rad/s, bound of each joint's speed.
+            position: from time in s, 0 to duration, to q (n,).
+            speed: (n,) rad/s (m/s of a prismatic joint), bound of each joint's speed at all times.
             duration: s.
 
         Returns:
@@ -406,7 +415,7 @@ class Clearance:
         def lowest_slack(t: float) -> float:
             """The least slack at a time, m; keeps its pair in `worst` where none was worse."""
             nonlocal worst
-            pairs = self.slacks(position(t))
+            pairs = self.slacks(position(t))  # those within INFLUENCE_DISTANCE
             if not pairs:
                 return far_slack
             pair = min(pairs, key=lambda pair: pair.slack)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from pydrake.multibody.plant import MultibodyPlant
 
 from wrenchsight.diagrams.distances import clearance as clearance_module
@@ -56,6 +57,59 @@ def test_the_smooth_slack_is_below_the_true_one_and_has_its_gradient(sts, cleara
     # Distances between curved shapes are found iteratively, to some 1e-6 m.
     np.testing.assert_allclose(gradient, difference, atol=0.02)
     assert np.abs(gradient).max() > 0.1
+
+
+@pytest.fixture
+def lifted_ball(tmp_path):
+    """A ball on a mast: q is the height of its centre, m, and an angle about the vertical."""
+    inertial = """<inertial><mass value="1"/>
+    <inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>"""
+    limit = '<limit lower="0" upper="2" velocity="1" effort="100"/>'
+
+    def joint(name, kind, parent, child):
+        return (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<axis xyz="0 0 1"/>{limit}</joint>'
+        )
+
+    (tmp_path / "mast.urdf").write_text(f"""<robot name="mast">
+    <link name="base"/><link name="lift">{inertial}</link><link name="ball">{inertial}
+    <collision><geometry><sphere radius=".05"/></geometry></collision></link>
+    {joint("up", "prismatic", "base", "lift")}
+    {joint("turn", "revolute", "lift", "ball")}</robot>""")
+    settings = {
+        "name": "mast",
+        "urdf": "mast.urdf",
+        "base_link": "base",
+        "flange": "ball",
+        "payload": 1.0,
+        "home": [1.0, 0.0],
+        "drives": [
+            {"joint": name, "torque_per_ampere": 1.0, "rotor_inertia": 0.0}
+            for name in ("up", "turn")
+        ],
+    }
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(settings))
+    return Robot.load(tmp_path / "robot.yaml")
+
+
+@pytest.mark.parametrize("margin", [0.02, 0.1])
+def test_the_smooth_slack_does_not_jump_where_a_pair_comes_near(lifted_ball, margin):
+    """A ball that is lowered from where nothing is near to the floor, 1 mm at a time."""
+    clearance = Clearance(lifted_ball, margin)
+    heights = np.arange(0.35, 0.06, -0.001)
+    slacks = np.array([clearance.slack([height, 0.0]) for height in heights])
+    results = [clearance.smooth_slack([height, 0.0]) for height in heights]
+    values = np.array([value for value, _ in results])
+    gradients = np.array([gradient for _, gradient in results])
+    # The distance of ball and floor changes by the step; the pair's entry by 0.1 um more.
+    np.testing.assert_allclose(slacks, np.minimum(INFLUENCE_DISTANCE, heights - 0.05 - margin))
+    steps = np.diff(values)
+    assert (steps < 1e-9).all() and (steps > -0.001 - 2e-7).all()
+    assert (values <= slacks).all()
+    # Central differences over 2 mm: the value's third derivative, k^2, makes 0.1 of them.
+    np.testing.assert_allclose(gradients[1:-1, 0], (values[2:] - values[:-2]) / -0.002, atol=0.02)
+    np.testing.assert_allclose(gradients[:, 1], 0.0, atol=1e-9)
 
 
 def test_a_contact_between_samples_is_found(sts, clearance):
