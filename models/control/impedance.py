@@ -367,6 +367,35 @@ class ImpedanceTick(NamedTuple):
 
 
 @kernel
+def _takeover_integral(
+    law: Record,
+    terms: Record,
+    desired: DesiredPose,
+    d_W: Array,
+    commanded: Array,
+    setpoint: float,
+) -> float:
+    """The integral, N s, with which force control would command what the spring does now.
+
+    That is the spring's push against d, less the set-point with which force control will begin,
+    over the integral gain.
+
+    Args:
+        law, terms: as `impedance_action`; the integral gain is above zero.
+        desired: D.
+        d_W: (3,) direction of force control in W.
+        commanded: (6,) of spring and damper.
+        setpoint: N.
+    """
+    free_wrench = np.empty(6)
+    impedance_wrench(law, terms, desired, d_W, free_wrench)
+    spring_along = 0.0
+    for k in range(3):
+        spring_along += d_W[k] * (commanded[3 + k] - free_wrench[3 + k])
+    return float((-spring_along - setpoint) / law[0].integral)
+
+
+@kernel
 def impedance_action(
     law: Record,
     terms: Record,
@@ -409,7 +438,6 @@ def impedance_action(
         write_holding_torque(terms, plain(effort_limit), tau)
         error[:] = 0.0
         return ImpedanceTick(False, integral)
-    n = terms[0].v.shape[0]
     R_WE, p_WE = plain(terms[0].R_WE), plain(terms[0].p_WE)
     desired = DesiredPose(
         R_WD=pose_reference[:9].reshape(3, 3),
@@ -446,17 +474,11 @@ def impedance_action(
         return ImpedanceTick(True, integral)
     if is_active:
         # The integral goes on unless a drive at its limit would only wind it up.
-        saturated = False
-        for j in range(n):
-            saturated = saturated or abs(tau[j]) >= effort_limit[j]
-        if not (saturated and force_error * integral > 0.0):
+        is_saturated = False
+        for j in range(tau.shape[0]):
+            is_saturated = is_saturated or abs(tau[j]) >= effort_limit[j]
+        if not (is_saturated and force_error * integral > 0.0):
             integral += law[0].time_step * force_error
     elif ki > 0.0:
-        # The spring's push against d, less the set-point with which force control will begin.
-        free_wrench = np.empty(6)
-        impedance_wrench(law, terms, desired, d_W, free_wrench)
-        spring_along = 0.0
-        for k in range(3):
-            spring_along += d_W[k] * (commanded[3 + k] - free_wrench[3 + k])
-        integral = (-spring_along - setpoint) / ki
+        integral = _takeover_integral(law, terms, desired, d_W, commanded, setpoint)
     return ImpedanceTick(True, min(max(integral, -bound), bound))

@@ -52,8 +52,7 @@ def fit_contact_noise(
         return None
     time_step = readings[0].time_step
     momenta = [chain.momentum_terms(reading.q, reading.v)[0] for reading in readings]
-    # In this order: the usual torque jump, of the readings; with it z, and the scale of its mean
-    # and the sd of its changes; with all of these the norms, and their levels.
+    # The usual torque jump, which z depends on.
     jumps = np.vstack(
         [
             torque_jumps(
@@ -69,15 +68,14 @@ def fit_contact_noise(
         time_step=float(time_step),
         hours=count * time_step / 3600.0,
     )
-    model_with_noise = replace(model, contact_noise=noise)  # this very noise, as it is completed
-    white = _white(readings, momenta, is_used, model_with_noise, chain)
+    white = _white(readings, momenta, is_used, replace(model, contact_noise=noise), chain)
     z = np.vstack([reading.z for reading in white])
     mean = np.vstack([reading.mean for reading in white])
     change = np.vstack([reading.change for reading in white])
+    # The scale of the mean of z, and the sd of a change of torque, by what the torque error depends
+    # on: the norms depend on both.
     squares = np.maximum(np.mean(z**2, axis=0), _LEAST_SQUARE)
     scale = np.sqrt(np.mean(mean**2, axis=0) / squares)
-    noise.mean_scale = np.maximum(scale, _MIN_MEAN_SCALE).tolist()
-    # The sd of a change of torque, by what the torque error depends on.
     features = np.concatenate(
         [
             features_along(model.torque_error, reading)[rows]
@@ -85,15 +83,22 @@ def fit_contact_noise(
         ]
     )
     usual_jump = np.asarray(noise.usual_jolt)
-    noise.change_sd = _change_sd(features, jumps, usual_jump, change).tolist()
-    white = _white(readings, momenta, is_used, model_with_noise, chain)
-    # Levels: tails of each statistic over the contact-free readings.
-    noise.sample = fit_exceedances([w.lengths[:, SAMPLE_LENGTH] for w in white], time_step)
-    noise.mean = fit_exceedances([w.lengths[:, MEAN_LENGTH] for w in white], time_step)
-    noise.power = fit_exceedances([w.lengths[:, POWER_LENGTH] for w in white], time_step)
-    noise.misfit = fit_exceedances([w.misfit for w in white], time_step)
-    noise.change = fit_exceedances([w.lengths[:, CHANGE_LENGTH] ** 2 for w in white], time_step)
-    return noise
+    noise = replace(
+        noise,
+        mean_scale=np.maximum(scale, _MIN_MEAN_SCALE).tolist(),
+        change_sd=_change_sd(features, jumps, usual_jump, change).tolist(),
+    )
+    white = _white(readings, momenta, is_used, replace(model, contact_noise=noise), chain)
+    # Levels: tails of each norm over the contact-free readings.
+    lengths = [reading.lengths for reading in white]
+    return replace(
+        noise,
+        sample=fit_exceedances([rows[:, SAMPLE_LENGTH] for rows in lengths], time_step),
+        mean=fit_exceedances([rows[:, MEAN_LENGTH] for rows in lengths], time_step),
+        power=fit_exceedances([rows[:, POWER_LENGTH] for rows in lengths], time_step),
+        misfit=fit_exceedances([reading.misfit for reading in white], time_step),
+        change=fit_exceedances([rows[:, CHANGE_LENGTH] ** 2 for rows in lengths], time_step),
+    )
 
 
 def _change_sd(features: Array, jumps: Array, usual: Array, change: Array) -> Array:
