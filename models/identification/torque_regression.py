@@ -50,8 +50,8 @@ class TorqueFactors:
     """One log's regression.
 
     Attributes:
-        R: n matrices (p + 1 columns for p parameters, at most as many rows), one a joint; the
-            torque is last.
+        R: n matrices, one a joint, of at most p + 1 rows and of p + 1 columns, as
+            `parameter_columns` names them: p parameters, and the torque last.
         num_rows: rows of the log behind each.
     """
 
@@ -107,16 +107,44 @@ def parameter_names(
     ]
 
 
+class ParameterColumns(NamedTuple):
+    """Where each parameter stands: its column of the regressor, and its place in x.
+
+    Attributes:
+        inertial: (n, 10) of each link, in the order of INERTIAL_NAMES.
+        rotor: (n,) of each joint (motor).
+        friction: of each joint (motor), in the order of its terms.
+        torque: column of the measured torque, behind all parameters.
+    """
+
+    inertial: NDArray[np.intp]
+    rotor: NDArray[np.intp]
+    friction: list[NDArray[np.intp]]
+    torque: int
+
+
+def parameter_columns(counts: Sequence[int]) -> ParameterColumns:
+    """The order of all parameters, for `counts` friction terms per joint.
+
+    The inertial ones come first, ten a link; then joint by joint its rotor inertia and friction.
+    """
+    n = len(counts)
+    ends = _INERTIAL * n + np.cumsum([1 + count for count in counts])
+    starts = ends - [1 + count for count in counts]
+    return ParameterColumns(
+        inertial=np.arange(_INERTIAL * n).reshape(n, _INERTIAL),
+        rotor=starts,
+        friction=[np.arange(start + 1, end) for start, end in zip(starts, ends, strict=True)],
+        torque=int(ends[-1]),
+    )
+
+
 def split_terms(x: Array, counts: Sequence[int]) -> tuple[Array, Array, list[Array]]:
     """Returns inertial parameters (n, 10), rotor inertia (n,) and each joint's friction
     coefficients of x, for `counts` friction terms per joint.
     """
-    n = len(counts)
-    ends = np.cumsum([1 + count for count in counts])
-    blocks = np.split(x[_INERTIAL * n :], ends[:-1])
-    inertial = x[: _INERTIAL * n].reshape(n, _INERTIAL)
-    rotor = np.array([block[0] for block in blocks])
-    return inertial.copy(), rotor, [block[1:].copy() for block in blocks]
+    columns = parameter_columns(counts)
+    return x[columns.inertial], x[columns.rotor], [x[terms] for terms in columns.friction]
 
 
 class JointMotion(NamedTuple):
@@ -191,9 +219,8 @@ class RegressionRows:
     ) -> "TorqueFactors":
         """Reduces the rows to their factors: of each joint R (rows, p + 1) of the least squares.
 
-        Columns are the p parameters of all joints (inertial ten a link, then rotor and friction
-        joint by joint), then the torque. A joint feels only the links from its first on: their
-        columns and its own are filled in.
+        Columns are those of `parameter_columns`. A joint feels only the links from its first on:
+        their columns and its own are filled in, all others are zero.
 
         Args:
             friction: (m, terms) of each joint, of `friction_rows`; its rotor's column is the last
@@ -201,9 +228,7 @@ class RegressionRows:
             part: which of the rows.
             weights: (m, n) of the squared residuals, None for one.
         """
-        n = self.tau.shape[1]
-        counts = [1 + columns_of_joint.shape[1] for columns_of_joint in friction]
-        starts = _INERTIAL * n + np.concatenate([[0], np.cumsum(counts)])
+        layout = parameter_columns([terms.shape[1] for terms in friction])
         takes_all_rows = part == slice(None) and weights is None
         factors = []
         for j, first_link in enumerate(self._first_links):
@@ -219,11 +244,9 @@ class RegressionRows:
                 if weights is not None:
                     W = W * np.sqrt(weights[part, j : j + 1])
                 R = triangular_factor(W)
-            # Of the links that the joint feels, of itself, and the torque behind all parameters.
-            columns = np.r_[
-                _INERTIAL * first_link : _INERTIAL * n, starts[j] : starts[j + 1], starts[-1]
-            ]
-            embedded = np.zeros((R.shape[0], starts[-1] + 1))
+            felt_links = layout.inertial[first_link:].ravel()
+            columns = np.r_[felt_links, layout.rotor[j], layout.friction[j], layout.torque]
+            embedded = np.zeros((R.shape[0], layout.torque + 1))
             embedded[:, columns] = R
             factors.append(embedded)
         return TorqueFactors(tuple(factors), len(self.tau[part]))

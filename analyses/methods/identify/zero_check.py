@@ -18,7 +18,7 @@ import numpy as np
 
 from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, LawSolution
 from wrenchsight.models.friction.friction_structure import FrictionStructure
-from wrenchsight.models.identification.torque_regression import INERTIAL_NAMES
+from wrenchsight.models.identification.torque_regression import parameter_columns
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
@@ -32,7 +32,8 @@ ALIKE_SHARE = 0.5  # of the best offset's drop in squares, from which another jo
 RANK_TOLERANCE = 1e-7  # as wrenchsight.models.identification.base_parameters
 MAX_SD = 1.0  # rad or m; beyond, masses and friction take up all of an offset's torque
 _DIFFERENCE_STEP = 1e-3  # rad or m, of the derivative
-_INERTIAL = len(INERTIAL_NAMES)
+_MIN_LENGTH = 1e-12  # of a column that is divided by its length: one of zeros stays so
+_MIN_RESIDUAL_SD = 1e-12  # N m, of a log without any noise
 
 
 class ZeroOffsets(NamedTuple):
@@ -68,14 +69,14 @@ def zero_offsets(problem: FrictionFit) -> ZeroOffsets:
     structure = FrictionStructure.of(LAW, n)
     problem = replace(problem, consistent=False).reweighed(structure)
     rows = _rows_with_offsets(problem, problem.fit(structure))
-    others, offsets, torque = rows[:, : -n - 1], rows[:, -n - 1 : -1], rows[:, -1]
     # What all other parameters explain is projected out of offsets and torque; then each offset is
     # fitted by itself.
-    lengths = np.maximum(np.linalg.norm(others, axis=0), 1e-12)
-    U, s, _ = np.linalg.svd(others / lengths, full_matrices=False)
+    lengths = np.maximum(np.linalg.norm(rows.parameters, axis=0), _MIN_LENGTH)
+    U, s, _ = np.linalg.svd(rows.parameters / lengths, full_matrices=False)
     U = U[:, s > RANK_TOLERANCE * s[0]]
-    left, residual = offsets - U @ (U.T @ offsets), torque - U @ (U.T @ torque)
-    size = np.maximum(np.linalg.norm(left, axis=0), 1e-12)
+    left = rows.offsets - U @ (U.T @ rows.offsets)
+    residual = rows.torque - U @ (U.T @ rows.torque)
+    size = np.maximum(np.linalg.norm(left, axis=0), _MIN_LENGTH)
     sd_of_offset = np.sqrt(problem.oversampling) / size
     shows = sd_of_offset < MAX_SD
     return ZeroOffsets(
@@ -84,35 +85,53 @@ def zero_offsets(problem: FrictionFit) -> ZeroOffsets:
     )
 
 
-def _rows_with_offsets(problem: FrictionFit, solution: LawSolution) -> Array:
-    """The reduced rows of all logs, over the sds of the joints' residuals, with offsets.
+class _OffsetRows(NamedTuple):
+    """R rows of a least squares, each over the sd of its joint's residual.
 
-    Returns:
-        (R, p + n + 1): p other parameters, n offsets of zeros, and the torque.
+    Attributes:
+        parameters: (R, p) of all parameters but the offsets.
+        offsets: (R, n) per rad (m) of each joint's offset.
+        torque: (R,) measured.
+    """
+
+    parameters: Array
+    offsets: Array
+    torque: Array
+
+
+def _rows_with_offsets(problem: FrictionFit, solution: LawSolution) -> _OffsetRows:
+    """The rows of all logs, reduced to factors, with a column for the offset of each joint.
+
+    An offset changes the torque of every joint. So each joint's rows get n columns of offsets,
+    which go through the reduction as if they were further terms of that joint's friction.
+
+    Args:
+        solution: fit whose inertias give the torque of an offset, and whose residuals the weights.
     """
     n = problem.robot.num_joints
     inertial, rotor, _ = solution.parts()
     chain = problem.robot.chain.with_inertial_parameters(inertial, rotor)
-    sd = np.maximum(solution.estimate.residual_sd, 1e-12)
+    sd = np.maximum(solution.estimate.residual_sd, _MIN_RESIDUAL_SD)
     friction_by_log = problem.columns(solution.structure, problem.loads(solution))
-    # Columns of a factor: the inertias; then of each joint its rotor and friction, and n offsets,
-    # which go as further columns of its friction.
-    counts = np.array([1 + len(terms) for terms in solution.structure.terms])
-    begins = _INERTIAL * n + np.cumsum(counts + n) - (counts + n)
-    joint_columns = [begin + np.arange(count) for begin, count in zip(begins, counts, strict=True)]
-    all_but_offsets = np.concatenate([np.arange(_INERTIAL * n), *joint_columns])
-    rows: list[Array] = []
+    layout = parameter_columns([len(terms) + n for terms in solution.structure.terms])
+    offset_columns = [terms[-n:] for terms in layout.friction]  # in the rows of each joint
+    other_columns = np.setdiff1d(np.arange(layout.torque), np.concatenate(offset_columns))
+    parameters: list[Array] = []
+    offsets: list[Array] = []
+    torque: list[Array] = []
     for k, (log, regression) in enumerate(zip(problem.runs, problem.regressions, strict=True)):
         slope = _slope(chain, log.q, log.v, log.vdot)
-        columns = log.match(slope.reshape(len(slope), n * n))[regression.rows].reshape(-1, n, n)
+        slopes_of_joints = regression.friction_rows([slope[:, j] for j in range(n)])
         friction_and_offsets = [
-            np.hstack([friction, columns[:, j]]) for j, friction in enumerate(friction_by_log[k])
+            np.hstack(columns) for columns in zip(friction_by_log[k], slopes_of_joints, strict=True)
         ]
         weights = None if problem.weights is None else problem.weights[k]
-        for j, R in enumerate(regression.factors(friction_and_offsets, weights=weights).R):
-            offsets = begins[j] + counts[j] + np.arange(n)
-            rows.append(R[:, [*all_but_offsets, *offsets, -1]] / sd[j])
-    return np.vstack(rows)
+        factors = regression.factors(friction_and_offsets, weights=weights)
+        for j, R in enumerate(factors.R):
+            parameters.append(R[:, other_columns] / sd[j])
+            offsets.append(R[:, offset_columns[j]] / sd[j])
+            torque.append(R[:, layout.torque] / sd[j])
+    return _OffsetRows(np.vstack(parameters), np.vstack(offsets), np.concatenate(torque))
 
 
 def zero_warnings(zeros: ZeroOffsets, names: Sequence[str], q_offset: Array) -> list[str]:
@@ -126,7 +145,7 @@ def zero_warnings(zeros: ZeroOffsets, names: Sequence[str], q_offset: Array) -> 
         q_offset: (n,) rad (m), that robot.yaml has, and the positions of the logs.
     """
     offset, sd = zeros
-    drop = (offset / sd) ** 2  # of the fit's squares
+    drop = (offset / sd) ** 2  # of the fit's squares; 0 where an offset does not show
     best = int(np.argmax(drop))
     if drop[best] < SURE_SDS**2:
         return []
@@ -146,7 +165,7 @@ def zero_warnings(zeros: ZeroOffsets, names: Sequence[str], q_offset: Array) -> 
 
 
 def _slope(chain: SerialChain, q: Array, v: Array, vdot: Array) -> Array:
-    """(T, n, n) torque of each joint per rad (m) of each joint's offset."""
+    """(T, n, n) N m of the joint of axis 1 per rad (m) of offset of the joint of axis 2."""
     steps = _DIFFERENCE_STEP * np.eye(q.shape[1])
     ahead_less_behind = [
         np.asarray(chain.inverse_dynamics(q + step, v, vdot))

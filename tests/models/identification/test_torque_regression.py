@@ -9,6 +9,7 @@ from wrenchsight.models.identification.base_parameters import find_base_paramete
 from wrenchsight.models.identification.torque_regression import (
     JointMotion,
     factorise,
+    parameter_columns,
     parameter_names,
     realisation,
     solve,
@@ -171,3 +172,13 @@ def test_names_and_parts_go_together(sts):
     assert names[int(friction.coulomb[1])] == "coulomb[joint_2]"
     assert names[int(friction.viscous[4])] == "viscous[joint_5]"
     assert names[int(friction.offset[5])] == "offset[joint_6]"
+
+
+def test_each_parameter_has_its_column():
+    # Joint 1 has two friction terms, joint 2 none, joint 3 one.
+    columns = parameter_columns([2, 0, 1])
+    assert columns.inertial.tolist() == np.arange(30).reshape(3, 10).tolist()
+    assert columns.rotor.tolist() == [30, 33, 34]
+    assert [terms.tolist() for terms in columns.friction] == [[31, 32], [], [35]]
+    assert columns.torque == 36
+    assert len(parameter_names(["a", "b", "c"], [["x", "y"], [], ["z"]])) == columns.torque
