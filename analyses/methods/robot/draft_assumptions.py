@@ -1,7 +1,7 @@
 """What no description of a robot holds, assumed as on common arms: to be filled in."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,13 @@ from wrenchsight.models.robot.unit_doubts import reach_of
 STANDARD_GRAVITY = 9.81  # m/s^2
 _NUM_CANDIDATES = 300  # postures that the home posture is chosen from
 _BEST_CONDITIONED = 60  # of them, tried first
-_CLEARANCE_SLACK = 0.01  # m beyond the clearance, with which a home posture is content
+# m beyond the clearance: with the first no better home posture is looked for among the best
+# conditioned, with the second none among the others; a worse conditioned one must gain the third.
+_AMPLE_SLACK = 0.05
+_CLEARANCE_SLACK = 0.01
+_BETTER_SLACK = 1e-3
+_HOME_SPAN = 0.7  # of each joint's range, about its middle: a home posture is far from the limits
+_HOME_DECIMALS = 2  # of a home posture in robot.yaml, rad or m
 _NAMED_DISTANCE = 0.005  # m, of shapes that are named
 _FULL_TURN = np.pi
 # Of the simulated arm, which no URDF describes; as on the UR10e, whose friction was identified: its
@@ -25,6 +31,7 @@ FRICTION_SHARE = 0.05  # of what a joint carries
 _LEAST_CARRIED = 0.1  # of the joint that carries most
 _PAYLOAD_SHARE = 0.3  # of the moving mass: UR5 .27, iiwa .31, UR10e .38
 _PAYLOAD_PER_REACH = 7.0  # kg/m^2 of an arm without masses: UR5e 6.9, UR10e 7.4, Panda 4.1
+_MIN_PAYLOAD = 0.01  # kg, of which robot.yaml takes no zero
 _EFFORT_MARGIN = 1.5  # of an effort limit that is not known over what the joint carries
 _PLACEHOLDER_SHARE = 0.6  # of what gravity asks at most; Talos' shoulder has .8
 _NUM_MASS_POSTURES = 40  # in which the inertia about each joint is looked at
@@ -61,7 +68,13 @@ class Assumed:
     def nothing(cls, arm: Sequence[DescribedJoint]) -> "Assumed":
         """What a file needs to be loaded."""
         zero = np.zeros(len(arm))
-        return cls(1.0, zero, zero, np.where(_stated(arm) > 0.0, 0.0, _UNKNOWN_EFFORT), zero)
+        return cls(
+            payload=1.0,
+            carried=zero,
+            needed=zero,
+            effort=np.where(_stated(arm) > 0.0, 0.0, _UNKNOWN_EFFORT),
+            rotor_inertia=zero,
+        )
 
 
 def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
@@ -69,14 +82,17 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
 
     What a joint carries is, in the worst of many postures, the weight of the links beyond it and
     what a brisk start of that joint alone takes, and at least a share of what the strongest joint
-    of its kind carries. Without inertias only the payload is assumed, from the arm's reach.
+    of its kind (rotary or sliding) carries: seals turn with any load. Without inertias only the
+    payload is assumed, from the arm's reach, and limits for joints that state none.
+
+    Args:
+        arm: the robot's joints, in its order.
     """
     n = robot.num_joints
     q = postures(robot)  # (N, n)
     if not robot.has_inertias:
         payload = _PAYLOAD_PER_REACH * reach_of(robot, q) ** 2
-        zero = np.zeros(n)
-        return Assumed(_rounded(max(payload, 0.01)), zero, zero, Assumed.nothing(arm).effort, zero)
+        return replace(Assumed.nothing(arm), payload=_rounded(max(payload, _MIN_PAYLOAD)))
     still = np.zeros_like(q)
     gravity = robot.chain.inverse_dynamics(q, still, still)
     needed = np.abs(gravity).max(axis=0)
@@ -89,10 +105,10 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
         carried[j] += brisk_start
         slow_start = _SLOW_ACCELERATION / _BRISK_ACCELERATION * brisk_start
         needed[j] = max(needed[j], slow_start)
-    for kind in (robot.chain.prismatic, ~robot.chain.prismatic):  # seals turn with any load
+    for kind in (robot.chain.prismatic, ~robot.chain.prismatic):
         carried[kind] = np.maximum(carried[kind], _LEAST_CARRIED * carried[kind].max(initial=0.0))
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
-    payload = _rounded(max(_PAYLOAD_SHARE * mass, 0.01))
+    payload = _rounded(max(_PAYLOAD_SHARE * mass, _MIN_PAYLOAD))
     weight = payload * robot.gravity
     J_linear = robot.chain.jacobian(q)[:, 3:]
     payload_torque = np.abs(np.einsum("kij,i->kj", J_linear, weight)).max(axis=0)
@@ -103,7 +119,13 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     likely = [_rounded(value) for value in _EFFORT_MARGIN * (carried + payload_torque)]
     effort = np.where(unknown, np.maximum(likely, stated), 0.0)
     limits = np.where(unknown, effort, stated)
-    return Assumed(payload, carried, needed, effort, _rotor_inertia(robot, q, limits))
+    return Assumed(
+        payload=payload,
+        carried=carried,
+        needed=needed,
+        effort=effort,
+        rotor_inertia=_rotor_inertia(robot, q, limits),
+    )
 
 
 def _rotor_inertia(robot: Robot, q: Array, effort: Array) -> Array:
@@ -159,41 +181,53 @@ def good_posture(
     """Chooses the home posture and the height of the floor.
 
     Random postures are looked at above the likelier floor, the best conditioned first. The first
-    with 5 cm beyond the clearance is taken; else the one with the most of those looked at: of the
-    _BEST_CONDITIONED, and of worse ones until one has _CLEARANCE_SLACK. The next floor is tried
-    only where none is free above this one.
+    with _AMPLE_SLACK beyond the clearance is taken; else the one with the most of those looked at:
+    of the _BEST_CONDITIONED, and of worse ones until one has _CLEARANCE_SLACK. The next floor is
+    tried only where none is free above this one.
 
     Args:
-        middle: (n,) rad or m, where nothing better is found.
+        middle: (n,) rad or m, taken where every random posture reaches every floor.
         floors: m in W, the likelier first; None: no floor.
 
     Returns:
-        (n,) rad or m, well conditioned, near the middle of the limits and free of overlaps; and the
-        first floor above which the arm can stay.
+        (n,) rad or m, with the digits that robot.yaml gets, and the floor above which it was found:
+        None where that is none, or `middle` was taken. Where no posture keeps the clearance, it is
+        the one that lacks least of it: `in_the_way` says what is near there.
     """
-    low, high = _range(robot)
-    rng = np.random.default_rng(0)
-    # Over the middle 70 % of each joint's range.
-    half_span = 0.35 * (high - low)
-    centre = 0.5 * (low + high)
-    candidates = centre + half_span * rng.uniform(-1.0, 1.0, (_NUM_CANDIDATES, robot.num_joints))
-    conditions = np.array([float(robot.chain.condition_number(q)) for q in candidates])
-    best, largest_slack, best_floor = middle, -np.inf, None
+    best, largest_slack, best_floor = _written(robot, middle), -np.inf, None
+    candidates = _home_candidates(robot)
     for floor in floors:
         clearance = Clearance(robot, floor=floor)
-        for rank, k in enumerate(np.argsort(conditions)):
+        for rank, candidate in enumerate(candidates):
             if rank >= _BEST_CONDITIONED and largest_slack > _CLEARANCE_SLACK:
                 break
-            if floor is not None and clearance.reaches_floor(candidates[k]):
+            if floor is not None and clearance.reaches_floor(candidate):
                 continue
-            slack = clearance.slack(candidates[k])
-            if slack > largest_slack + 1e-3:
-                best, largest_slack, best_floor = candidates[k], slack, floor
-            if slack > 0.05:
+            slack = clearance.slack(candidate)
+            if slack > largest_slack + _BETTER_SLACK:
+                best, largest_slack, best_floor = candidate, slack, floor
+            if slack > _AMPLE_SLACK:
                 break
         if largest_slack > 0.0:
             break
-    return np.asarray(np.round(np.clip(best, low, high), 2), np.float64), best_floor
+    return best, best_floor
+
+
+def _home_candidates(robot: Robot) -> Array:
+    """(_NUM_CANDIDATES, n) rad or m, the best conditioned first, the same for the same robot."""
+    low, high = _range(robot)
+    half_span = 0.5 * _HOME_SPAN * (high - low)
+    centre = 0.5 * (low + high)
+    rng = np.random.default_rng(0)
+    q = centre + half_span * rng.uniform(-1.0, 1.0, (_NUM_CANDIDATES, robot.num_joints))
+    conditions = np.array([float(robot.chain.condition_number(posture)) for posture in q])
+    return _written(robot, q[np.argsort(conditions)])
+
+
+def _written(robot: Robot, q: Array) -> Array:
+    """Postures (..., n) with the digits of a drafted robot.yaml, within the limits."""
+    low, high = _range(robot)
+    return np.asarray(np.clip(np.round(q, _HOME_DECIMALS), low, high))
 
 
 def in_the_way(robot: Robot, carried: Collection[str], at_rest: Collection[str]) -> str:

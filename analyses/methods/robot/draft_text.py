@@ -1,6 +1,5 @@
 """The text of a drafted robot.yaml, with marks where a description has no number."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,8 +16,15 @@ from wrenchsight.models.robot.arm_structure import DescribedJoint
 FILL_IN = "FILL IN"
 """Marks, in the comments of a draft, a number that the URDF does not hold."""
 
+# sd and step of the current, as torque, of what a joint carries
 _NOISE_SHARE = 0.003
 _STEP_SHARE = 0.0005
+# rad/s (m/s) where Stribeck's rise has fallen, and where viscous friction equals Coulomb's
+_STRIBECK_SPEED, _STRIBECK_SLIDE_SPEED = 0.1, 0.02
+_VISCOUS_SPEED, _VISCOUS_SLIDE_SPEED = 1.0, 0.2
+_STICTION_RATIO = 1.3  # of stiction to Coulomb's friction
+_ENCODER_STEP = 1e-5  # rad (m)
+_ENCODER_SPEED_SD = 1e-4  # rad/s (m/s)
 
 
 @dataclass(frozen=True)
@@ -57,9 +63,9 @@ class DraftText:
         Args:
             home: (n,) rad or m.
             floor: m, its height in W; None: there is none.
-            assumed: what no URDF holds.
+            assumed: what no URDF holds. A joint that carries nothing gets no noise; an effort of 0
+                leaves the URDF's limit.
         """
-        payload, carried = assumed.payload, assumed.carried
         path = self.urdf.resolve()
         if path.is_relative_to(self.out.resolve().parent):
             path = path.relative_to(self.out.resolve().parent)
@@ -78,7 +84,7 @@ class DraftText:
             f"floor: {floor:.4g}  # m, its height in W; null where there is none"
             if floor is not None
             else "floor: null  # none is known near the arm; else the floor's height in W, m",
-            f"payload: {payload:g}  # {FILL_IN}: kg, rated (data sheet)",
+            f"payload: {assumed.payload:g}  # {FILL_IN}: kg, rated (data sheet)",
             f"home: [{', '.join(f'{value:g}' for value in home)}]"
             "  # rad or m: free of contact, far from singular",
         ]
@@ -97,25 +103,9 @@ class DraftText:
             "# rotor_inertia, kg m^2 on the joint side: data sheet, times the gear ratio squared.",
             "drives:",
         ]
-        columns = (carried, assumed.effort, assumed.rotor_inertia, assumed.needed)
-        for joint, torque, effort, rotor, needed in zip(self.arm, *columns, strict=True):
-            fields = f"joint: {_quoted(joint.name)}, torque_per_ampere: 1.0, "
-            fields += f"rotor_inertia: {float(rotor):.2g}, rotor_inertia_side: joint"
-            if torque > 0.0:
-                noise, step = _NOISE_SHARE * torque, _STEP_SHARE * torque
-                fields += f", current_noise_sd: {noise:.2g}, current_resolution: {step:.2g}"
-            comment = f"{FILL_IN}"
-            if effort > 0.0:
-                fields += f", effort_limit: {effort:g}"
-                comment += (
-                    f", also effort_limit: weight and inertia need {needed:.3g}"
-                    if joint.effort > 0.0
-                    else ", also effort_limit, which the URDF lacks"
-                )
-            comment += f"; limits {_limits(joint)}"
-            lines.append(f"  - {{{fields}}}  # {comment}")
-        if carried.any():
-            lines += _truth_lines(self.arm, carried)
+        lines += [_drive_line(joint, assumed, j) for j, joint in enumerate(self.arm)]
+        if assumed.carried.any():
+            lines += _truth_lines(self.arm, assumed.carried)
         return "\n".join(lines) + "\n"
 
     def _gravity_line(self) -> str:
@@ -127,25 +117,45 @@ class DraftText:
         return f"gravity: [{vector}]  # in W, as the URDF mounts the base"
 
 
+def _drive_line(joint: DescribedJoint, assumed: Assumed, j: int) -> str:
+    """The line of the drive of joint j, its limits in the comment."""
+    carried, effort = float(assumed.carried[j]), float(assumed.effort[j])
+    fields = f"joint: {_quoted(joint.name)}, torque_per_ampere: 1.0, "
+    fields += f"rotor_inertia: {float(assumed.rotor_inertia[j]):.2g}, rotor_inertia_side: joint"
+    if carried > 0.0:
+        noise, step = _NOISE_SHARE * carried, _STEP_SHARE * carried
+        fields += f", current_noise_sd: {noise:.2g}, current_resolution: {step:.2g}"
+    comment = FILL_IN
+    if effort > 0.0:
+        fields += f", effort_limit: {effort:g}"
+        comment += (
+            f", also effort_limit: weight and inertia need {assumed.needed[j]:.3g}"
+            if joint.effort > 0.0
+            else ", also effort_limit, which the URDF lacks"
+        )
+    return f"  - {{{fields}}}  # {comment}; limits {_limits(joint)}"
+
+
 def _truth_lines(arm: list[DescribedJoint], carried: Array) -> list[str]:
     """Plain friction and resolution of the simulated arm, which only `simulate` reads.
 
     Args:
         carried: (n,) N m (N), of which the friction is a share.
     """
-    # rad/s (m/s): where Stribeck's rise has fallen, and where viscous friction equals Coulomb's.
-    slow = [0.02 if joint.kind == "prismatic" else 0.1 for joint in arm]
-    fast = [0.2 if joint.kind == "prismatic" else 1.0 for joint in arm]
+    slides = np.array([joint.kind == "prismatic" for joint in arm])
     coulomb = FRICTION_SHARE * carried
-    rows: dict[str, Sequence[float] | Array] = {
-        "stiction": 1.3 * coulomb,
+    rows = {
+        "stiction": _STICTION_RATIO * coulomb,
         "coulomb": coulomb,
-        "stribeck_velocity": slow,
-        "viscous": coulomb / fast,
+        "stribeck_velocity": np.where(slides, _STRIBECK_SLIDE_SPEED, _STRIBECK_SPEED),
+        "viscous": coulomb / np.where(slides, _VISCOUS_SLIDE_SPEED, _VISCOUS_SPEED),
     }
-    encoder = {"resolution": [1e-5] * len(arm), "velocity_noise_sd": [1e-4] * len(arm)}
+    encoder = {
+        "resolution": np.full(len(arm), _ENCODER_STEP),
+        "velocity_noise_sd": np.full(len(arm), _ENCODER_SPEED_SD),
+    }
 
-    def listed(values: Sequence[float] | Array) -> str:
+    def listed(values: Array) -> str:
         return "[" + ", ".join(f"{value:.2g}" for value in values) + "]"
 
     friction_lines = [f"    {name}: {listed(values)}" for name, values in rows.items()]

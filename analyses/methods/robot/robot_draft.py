@@ -113,10 +113,10 @@ def draft_robot(
     )
     try:
         draft = _draft(urdf, description.name, out, base, flange)
-        return draft._replace(notes=notes + draft.notes)
-    except BaseException:
+    except BaseException:  # a draft that fails, or is interrupted, leaves no file
         urdf.unlink()
         raise
+    return draft._replace(notes=notes + draft.notes)
 
 
 def _with_meshes(urdf: bytes, description: Path, renamed: Mapping[str, Path]) -> bytes:
@@ -151,6 +151,7 @@ def _draft(
     for link in (base, flange):
         if link is not None:
             structure.require_link(link)
+    # Each may be found from the other; the base depends on the arm that the flange chooses.
     flange = flange or structure.flange(base or structure.base(None))
     base = base or structure.base(flange)
     way = structure.joints_between(base, flange)
@@ -160,26 +161,38 @@ def _draft(
     locked = structure.at_rest(arm)
     gravity, floors, mounting_note = _mounting(structure, base)
     name = root.get("name") or urdf.stem
-    draft = DraftText(out, urdf, origin, name, base, flange, arm, locked, gravity)
-    home = np.array([joint.middle for joint in arm])
-    # Loaded to find a posture to start from, again where inertias are mended, and as written.
+    draft = DraftText(
+        out=out,
+        urdf=urdf,
+        origin=origin,
+        name=name,
+        base=base,
+        flange=flange,
+        arm=arm,
+        locked=locked,
+        gravity=gravity,
+    )
+    middle = np.array([joint.middle for joint in arm])
     with writing_to(out):
         out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial:
-        with writing_to(out):
-            partial.write_text(draft.text(home, 0.0, Assumed.nothing(arm)), encoding="utf-8")
+
+        def write(text: str) -> None:
+            with writing_to(out):
+                partial.write_text(text, encoding="utf-8")
+
+        # Loaded with numbers that mean nothing, to find those that the draft is to have.
+        write(draft.text(middle, 0.0, Assumed.nothing(arm)))
         robot = Robot.load(partial)
         if robot.inertias_may_be_mended:
             draft = replace(draft, mends_inertias=True)
-            with writing_to(out):
-                partial.write_text(draft.text(home, 0.0, Assumed.nothing(arm)), encoding="utf-8")
+            write(draft.text(middle, 0.0, Assumed.nothing(arm)))
             robot = Robot.load(partial)
         doubts = unit_doubts(robot, postures(robot))
-        home, floor = good_posture(robot, home, floors)
+        home, floor = good_posture(robot, middle, floors)
         assumed = assume(robot, arm)
         text = draft.text(home, floor, assumed)
-        with writing_to(out):
-            partial.write_text(text, encoding="utf-8")
+        write(text)
     robot = Robot.load(out)
     notes = [*doubts, *mounting_note, *_effort_note(arm, assumed), *_rotor_note(arm, assumed)]
     notes += [

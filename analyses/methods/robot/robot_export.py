@@ -73,11 +73,11 @@ def export_robot(
         text = identified_urdf(robot, model.inertial_parameters, rotors, friction)
     else:
         joints = JointProperties(
-            friction.coulomb,
-            friction.viscous,
-            robot.position_lower,
-            robot.position_upper,
-            robot.effort_limit,
+            coulomb=friction.coulomb,
+            viscous=friction.viscous,
+            lower=robot.position_lower,
+            upper=robot.position_upper,
+            effort=robot.effort_limit,
         )
         text = chain_mjcf(robot.name, chain, joints, links_behind(robot))
     out = out or Path(f"{robot.name}{_SUFFIXES[form]}")

@@ -125,6 +125,15 @@ def arm_with_gripper(path: Path) -> Path:
     return path
 
 
+def test_a_home_posture_keeps_limits_that_are_narrower_than_its_digits(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    urdf.write_text(
+        urdf.read_text().replace("lower='-1.9' upper='1.9'", "lower='.101' upper='.104'", 1)
+    )
+    robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert 0.101 <= robot.home[0] <= 0.104
+
+
 def test_a_joint_that_carries_the_gripper_is_the_arms(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")
     robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml")
