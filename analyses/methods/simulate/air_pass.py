@@ -78,8 +78,8 @@ def record_air_pass(
     """Simulates the pass and returns the log of the robot's controller; the feed starts at
     LEAD_TIME.
 
-    The scenario runs without contact and without a force loop: the compiled loop does where it can,
-    else the diagram.
+    The scenario runs without contact and without a force loop: in the compiled loop where that can
+    simulate it, else in the diagram, which gives the same signals slower.
 
     Args:
         scenario: of the work; its workpiece, contact and sensor are left out.
@@ -137,6 +137,8 @@ def learn_air_passes(
 ) -> LearntCorrection:
     """Simulates two air passes: learns a correction from the first and its error from the second.
 
+    The first pass is the scenario's height above the surface, the second twice as high.
+
     Args:
         scenario: with machining and an air_pass.
         model: of the estimator.
@@ -150,10 +152,9 @@ def learn_air_passes(
         motion = raised_motion(robot, plan.trajectory, (1 + k) * height)
         log = record_air_pass(scenario, robot, motion, seed + k * _SECOND_SEED, progress)
         passes.append(AirPass(motion, log))
-    correction = learn_correction(
-        passes[0].log, passes[0].motion, plan, robot, model, scenario.estimator
-    )
-    error = learn_error(passes[0], passes[1], robot, model, scenario.estimator)
+    first, second = passes
+    correction = learn_correction(first.log, first.motion, plan, robot, model, scenario.estimator)
+    error = learn_error(first, second, robot, model, scenario.estimator)
     return LearntCorrection(correction, replace(model, torque_error=error))
 
 
@@ -181,7 +182,7 @@ def learn_correction(
 
     Returns:
         tau_ext (T, n) by the time since the feed's start, s, with 1 at the samples that count and
-        0 at the others, between which the correction is interpolated.
+        0 at the others. The correction is interpolated between them.
     """
     reading = _read(AirPass(motion, recording), robot, model, config)
     feed_start = round(LEAD_TIME / recording.time_step)  # sample
@@ -191,7 +192,8 @@ def learn_correction(
     steady_samples = np.flatnonzero(is_steady)
     if not reading.estimator.friction.is_of_speed_alone and len(steady_samples):
         law_is_right[steady_samples[0] : steady_samples[-1]] = True
-    return AirPassCorrection(t, reading.batch.tau_ext[feed_start:], law_is_right.astype(np.float64))
+    tau_ext = reading.batch.tau_ext[feed_start:]
+    return AirPassCorrection(t, tau_ext, law_is_right.astype(np.float64))
 
 
 def learn_error(
@@ -216,7 +218,8 @@ def learn_error(
         The error; None for an observer whose lag is not that of a gain K_0.
     """
     correction = _read(reference, robot, model, config).batch
-    estimator, batch = _read(held_out, robot, model, config)
+    reading_of_held_out = _read(held_out, robot, model, config)
+    estimator, batch = reading_of_held_out.estimator, reading_of_held_out.batch
     K_0 = getattr(estimator.observer, "K_0", None)
     if K_0 is None:
         return None

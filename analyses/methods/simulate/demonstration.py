@@ -193,7 +193,7 @@ def _write_page(
         picture.show(q[k], float(t[row]))
         context.SetTime(t[row])
         # In the place of the RigidBodyTerms: p_WE is all that the arrows read of them.
-        terms = AbstractValue.Make(object())
+        terms = AbstractValue.Make(object())  # the type of the port's value
         terms.set_value(SimpleNamespace(p_WE=p_WE[k]))
         arrows.GetInputPort("terms").FixValue(context, terms)
         arrows.GetInputPort("force true").FixValue(context, signals["wrench_true"][row])

@@ -47,7 +47,7 @@ def run_free(
         scenario: for which `is_free` holds.
         robot: with its simulated truth.
         model: model of the controller.
-        trajectory: trajectory of the joints, instead of the scenario's motion.
+        trajectory: trajectory of the joints; None: the scenario's motion.
 
     Returns:
         Times (T,) in s and signals (T, size) by name: q, v, current, wrench_true and tau_f_true;
@@ -64,7 +64,7 @@ def run_free(
         duration=scenario.duration,
         whole=False,
     )
-    signals = {
+    signals = {  # as the log has them: (T, n) but for the wrench, (T, 6) with its moment first
         "q": log.q,
         "v": log.v,
         "current": log.current,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -33,33 +34,23 @@ def require_controllable(
         source: source of the model, for the error line.
 
     Raises:
-        InputError: it cannot: somewhere a joint's inertia is not above 0, or many times the arm's.
+        InputError: it cannot: somewhere on the way the model's inertia is not above 0 in some
+            direction of motion, or many times the arm's.
     """
-    rows = np.linspace(0, len(trajectory.q) - 1, _NUM_POSTURES).astype(int)
-    chain, still = model.chain(robot), np.zeros(robot.num_joints)
-    # Of the model's inertia to the arm's, in whichever direction of motion; and who moves there.
-    least_ratio, largest_ratio, joints = math.inf, 0.0, list[int]()
-    for q in trajectory.q[rows]:
-        M_arm, M_model = robot.chain.terms(q, still).M, chain.terms(q, still).M
-        ratios, directions = scipy.linalg.eigh(M_model, M_arm)  # ascending
-        least_ratio = min(least_ratio, float(ratios[0]))
-        if ratios[-1] > largest_ratio:
-            largest_ratio = float(ratios[-1])
-            # In units that make a joint of little inertia count as much as one of much.
-            joints = _moving_joints(directions[:, -1] * np.sqrt(np.diag(M_arm)))
-    if least_ratio > 0.0 and largest_ratio < _MAX_RATIO:
+    ratios = _inertia_ratios(robot, model, trajectory)
+    if ratios.least > 0.0 and ratios.largest < _MAX_RATIO:
         return
-    ratio = least_ratio if least_ratio <= 0.0 else largest_ratio
-    if least_ratio <= 0.0 or unphysical_links(model.inertial_parameters, robot.joint_names):
+    ratio = ratios.least if ratios.least <= 0.0 else ratios.largest
+    if ratios.least <= 0.0 or unphysical_links(model.inertial_parameters, robot.joint_names):
         problem, remedy = "the model's mass matrix is no body's", "identify again with --consistent"
     else:
-        names = " and ".join(robot.joint_names[j] for j in joints)
+        names = " and ".join(robot.joint_names[j] for j in ratios.joints)
         problem = f"the model's logs leave the inertia about {names} open"
         remedy = (
             "identify again from the logs of several motions of `excite` together (identify LOG "
             "LOG ...), found without --starts and --iterations"
         )
-        rotorless = [robot.joint_names[j] for j in joints if not robot.reflected_inertia[j]]
+        rotorless = [robot.joint_names[j] for j in ratios.joints if not robot.reflected_inertia[j]]
         if rotorless:
             remedy = (
                 f"state rotor_inertia of {' and '.join(rotorless)} in {robot.source.name} (data "
@@ -72,6 +63,42 @@ def require_controllable(
         "controller that uses it diverges",
         remedy,
     )
+
+
+class _InertiaRatios(NamedTuple):
+    """The model's inertia over the arm's, over directions of motion and postures.
+
+    Attributes:
+        least, largest: of all.
+        joints: that move in the direction of the largest, the most first.
+    """
+
+    least: float
+    largest: float
+    joints: list[int]
+
+
+def _inertia_ratios(
+    robot: Robot, model: IdentifiedModel, trajectory: JointTrajectory
+) -> _InertiaRatios:
+    """Compares the mass matrices in postures evenly spread over a trajectory.
+
+    The ratios in a posture are the generalized eigenvalues of the model's mass matrix and the
+    arm's.
+    """
+    rows = np.linspace(0, len(trajectory.q) - 1, _NUM_POSTURES).astype(int)
+    chain, still = model.chain(robot), np.zeros(robot.num_joints)
+    least, largest = math.inf, 0.0
+    joints: list[int] = []
+    for q in trajectory.q[rows]:
+        M_arm, M_model = robot.chain.terms(q, still).M, chain.terms(q, still).M
+        ratios, directions = scipy.linalg.eigh(M_model, M_arm)  # ascending
+        least = min(least, float(ratios[0]))
+        if ratios[-1] > largest:
+            largest = float(ratios[-1])
+            # In units that make a joint of little inertia count as much as one of much.
+            joints = _moving_joints(directions[:, -1] * np.sqrt(np.diag(M_arm)))
+    return _InertiaRatios(least, largest, joints)
 
 
 def _moving_joints(weights: Array) -> list[int]:
@@ -128,7 +155,8 @@ def saturation_notices(robot: Robot, signals: Mapping[str, Array], refuses: bool
         refuses: whether a joint that is there for long ends in an error.
 
     Raises:
-        InputError: a joint is at its limit in more than MAX_SATURATED of the samples.
+        InputError: with `refuses`, a joint is at its limit in more than MAX_SATURATED of the
+            samples.
     """
     at_limit = np.abs(signals["tau_command"]) >= _AT_LIMIT * robot.effort_limit
     shares = at_limit.mean(axis=0)

@@ -65,7 +65,7 @@ from wrenchsight.models.truth.true_robot import with_true_friction, with_truth_n
 _PROGRESS_PERIOD = 0.1  # s between two reports of progress
 _QUICK_DURATION = 1.0  # s
 _FIT_SAMPLES = 1000
-_FIT_RANGE = (0.02, 0.5)  # rad/s
+_FIT_RANGE = (0.02, 0.5)  # rad/s (m/s), speeds of the friction that is fitted
 _TOO_FAST = 10.0  # times its velocity limit no joint moves
 _NO_SPEED = 60.0  # rad/s (m/s), which no joint reaches, whatever its URDF states
 _FEW_VALID = 0.5  # share of the readings, below which a notice states the reason
@@ -97,7 +97,8 @@ def _simulate_into(
 ) -> SimulationResult:
     """Runs the scenario of the settings and writes its files into the folder.
 
-    The default scenario is fitted to a robot that is named; of any other, the robot must fit.
+    The default scenario is fitted to a robot that is named; of any other, the robot must fit. A
+    sensor under a tool that the named robot does not have is left out.
     """
     requested = _requested_scenario(settings)
     scenario = requested.scenario
@@ -125,7 +126,7 @@ def _simulate_into(
             progress=progress,
             model_source=settings.model or "model",
         )
-    except InputError:
+    except (InputError, np.linalg.LinAlgError):  # both are ValueErrors; no parameter is at fault
         raise
     except ValueError as error:  # of a block that refuses its parameters
         raise InputError(settings.scenario, "", str(error), "correct the scenario") from error
@@ -144,8 +145,8 @@ class _RequestedScenario(NamedTuple):
 def _requested_scenario(settings: SimulateSettings) -> _RequestedScenario:
     """Loads the scenario and puts robot, seed, duration and motion of the settings into it.
 
-    It is named by NAME (bundled), FILE or FILE:NAME. With a motion of its own the default scenario
-    loses its push and its sensor.
+    The scenario is named by NAME (bundled), FILE or FILE:NAME. With another motion the default
+    scenario loses its push and its sensor.
     """
     file_name, _, name_in_file = settings.scenario.rpartition(":")
     if file_name:
@@ -287,13 +288,14 @@ def simulate(
             effort limit for long.
     """
     robot.require_inertias("simulate")
-    work = _planned(scenario, robot)  # scenario, its path of machining (if any) and trajectory
+    work = _planned(scenario, robot)
     scenario, notices = work.scenario, work.notices
     if model is None:
         model = known_model(robot, scenario, work.trajectory)
         notices.append(_known_model_notice(scenario))
     else:
         require_controllable(robot, model, work.trajectory, model_source)
+    # The estimator's model is the controller's, unless air passes teach it their error.
     learnt = _learnt_correction(work, robot, model, progress)
     estimator = LoopEstimator()
     if learnt is not None:
@@ -315,11 +317,14 @@ def simulate(
     if meshcat is not None:
         start_animation(meshcat, scenario.recording.fps)
     recorder = KeptSignals(loop)
-    elapsed = _advance(simulator, work, (robot, model), loop, recorder, progress)
+    controlled = _ControlledArm(robot, model)
+    elapsed = _advance(simulator, work, controlled, loop, recorder, progress)
     if meshcat is not None and page is not None:
         write_page(meshcat, page, title)
         files.append(page)
     t, signals = recorder.logged()
+    # Of a machining pass neither a joint at its limit nor one that stands still is refused: it ends
+    # by its own faults, and departs from its plan by design.
     notices += _retreat_notices(t, signals)
     notices += saturation_notices(robot, signals, refuses=work.plan is None)
     if work.plan is None:
@@ -430,25 +435,29 @@ def known_model(
 ) -> IdentifiedModel:
     """The best Coulomb-viscous model of the arm: true inertias and a fit of the true friction.
 
-    The fit is over the velocities and loads of the scenario's motion, as an identification along it
-    would find on the same day; for a joint that stays at rest over 0.02 to 0.5 rad/s. The fit does
-    not hold stiction, ripple and the curvature of friction.
+    The fit is over the velocities and loads of the scenario's motion, from 0.02 rad/s (_FIT_RANGE)
+    on, as an identification along it would find on the same day. A joint that is never so fast is
+    fitted over the whole range, 0.02 to 0.5 rad/s one way. The fit does not hold stiction, ripple
+    and the curvature of friction.
+
+    Args:
+        trajectory: of the scenario; None: it is made.
     """
     model = IdentifiedModel.nominal(robot)
     if scenario.friction == "none":
         return model
     trajectory = trajectory or make_trajectory(scenario, robot)
     q, v, vdot = trajectory.sample(np.linspace(0.0, scenario.duration, _FIT_SAMPLES))
-    moving = np.abs(v) > _FIT_RANGE[0]
-    stays_at_rest = ~moving.any(axis=0)  # joints
+    is_fitted = np.abs(v) > _FIT_RANGE[0]  # (T, n) samples
+    stays_at_rest = ~is_fitted.any(axis=0)  # joints
     speeds_at_rest = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
     v[:, stays_at_rest] = speeds_at_rest[:, np.newaxis]
-    moving[:, stays_at_rest] = True
+    is_fitted[:, stays_at_rest] = True
     joints = TrueJoints.of(with_true_friction(robot, scenario.friction), scenario.time_step)
     torque = joints.sliding_torque(v, robot.chain.inverse_dynamics(q, v, vdot))
     coulomb, viscous = np.zeros((2, robot.num_joints))
     for i in range(robot.num_joints):
-        rows = moving[:, i]
+        rows = is_fitted[:, i]
         regressor = np.stack([np.sign(v[rows, i]), v[rows, i]], axis=1)
         # Neither can be negative, however steeply the true curve falls over the range.
         (coulomb[i], viscous[i]), _ = nnls(regressor, torque[rows, i])
@@ -456,10 +465,17 @@ def known_model(
     return replace(model, friction=SemiParametricFriction(coulomb_viscous))
 
 
+class _ControlledArm(NamedTuple):
+    """The robot, and the model of its controller."""
+
+    robot: Robot
+    model: IdentifiedModel
+
+
 def _advance(
     simulator: Simulator,
     work: _Work,
-    arm: tuple[Robot, IdentifiedModel],
+    arm: _ControlledArm,
     loop: ClosedLoop,
     recorder: KeptSignals,
     progress: ProgressCallback,
@@ -467,29 +483,31 @@ def _advance(
     """Runs to the end, and returns the elapsed seconds.
 
     Args:
-        arm: the robot, and the model of its controller.
-        recorder: takes the signals of each stretch of _PROGRESS_PERIOD.
+        simulator: of the loop, initialised.
+        recorder: takes the signals of each stretch of _PROGRESS_PERIOD; what it has not taken is
+            lost.
 
     Raises:
         InputError: the motion diverges: a joint is faster than it can be, or Drake gives up.
     """
-    duration, (robot, model) = work.scenario.duration, arm
-    plant = loop.cell.plant
-    max_speed = np.minimum(_TOO_FAST * robot.velocity_limit, _NO_SPEED)  # (n,)
+    duration, plant = work.scenario.duration, loop.cell.plant
+    max_speed = np.minimum(_TOO_FAST * arm.robot.velocity_limit, _NO_SPEED)  # (n,)
     joints = [joint.velocity_start() for joint in loop.cell.parts.joints]  # in the plant's v
     started = time.perf_counter()
     num_stretches = int(np.ceil(duration / _PROGRESS_PERIOD))
     ends = [min(k * _PROGRESS_PERIOD, duration) for k in range(1, num_stretches + 1)]  # s
-    passed: list[float] = []  # those that were reached
+    num_passed = 0  # ends that were reached
 
     def judge(share: float) -> None:
+        """Called at each end."""
+        nonlocal num_passed
         velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))[joints]
         # Not `>`: what is not a number is too fast as well.
         if not np.all(np.abs(velocity) < max_speed):
             raise RuntimeError("faster than any arm")
         recorder.take(simulator.get_mutable_context())
-        until = ends[len(passed)]
-        passed.append(until)
+        until = ends[num_passed]
+        num_passed += 1
         progress(until / duration, f"{until:.1f} s of {duration:g} s")
 
     try:
@@ -498,8 +516,8 @@ def _advance(
         raise InputError(
             "scenario",
             "",
-            f"the motion diverges before {ends[len(passed)]:.3g} s",
-            divergence_remedy(robot, model),
+            f"the motion diverges before {ends[num_passed]:.3g} s",
+            divergence_remedy(arm.robot, arm.model),
         ) from None
     return time.perf_counter() - started
 

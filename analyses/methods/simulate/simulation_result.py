@@ -129,15 +129,16 @@ class SimulationResult:
         if 0 < np.count_nonzero(self.valid) < len(self.valid):
             metrics["valid"] = _errors(self.wrench[self.valid], self.wrench_true[self.valid])
         inside = np.abs(self.wrench - self.wrench_true) <= SIGMA_95 * self.standard_deviation
-        metrics["coverage_share"] = float(inside[:, 3:].mean())
+        metrics["coverage_share"] = float(inside[:, 3:].mean())  # of the force's three axes
         metrics["tau_ext_rmse_nm"] = _rms(self.tau_ext - self.tau_ext_true)
         metrics["tracking_rmse_rad"] = _rms(self.q - self.reference[:, :n])
         if self.ft_wrench is not None:
             metrics["sensor"] = _errors(self.ft_wrench, self.wrench_true)
         if self.pose_error is not None:
             # Of the length of the error: three times the mean square of a component.
-            metrics["pose_rmse_m"] = float(np.sqrt(np.mean(self.pose_error[:, 3:] ** 2) * 3))
-            metrics["pose_rmse_rad"] = float(np.sqrt(np.mean(self.pose_error[:, :3] ** 2) * 3))
+            turn, offset = self.pose_error[:, :3], self.pose_error[:, 3:]  # rad, m
+            metrics["pose_rmse_m"] = float(np.sqrt(np.mean(offset**2) * 3))
+            metrics["pose_rmse_rad"] = float(np.sqrt(np.mean(turn**2) * 3))
         if self.force_setpoint is not None and self.phase is not None:
             works = self.phase == Phase.WORK
             error = (self.pressing_force() - self.force_setpoint)[works]
@@ -195,7 +196,7 @@ class SimulationResult:
             column = FORCE_FIRST[k]  # of the wrench, in which the moment is first
             estimate, band = self.wrench[:, column], SIGMA_95 * self.standard_deviation[:, column]
             # Of each stretch of a long run: its time, and the band's least and largest value.
-            times, low, _ = envelope(self.t, estimate - band)
+            times, low, _ = envelope(self.t, estimate - band)  # time, least, largest
             _, _, high = envelope(self.t, estimate + band)
             colour = COLOUR["estimate"]
             panel.fill_between(

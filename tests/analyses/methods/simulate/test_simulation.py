@@ -284,3 +284,14 @@ def test_the_motion_that_excite_found_is_run_and_nothing_touches_the_arm(sts, tm
     save_configuration(motion.coefficients("another"), path)
     with pytest.raises(InputError, match="made for 'another', not for 'sts_sre4_600'"):
         run(tmp_path / "b", robot=sts.name, motion=str(path))
+
+
+def test_a_failure_of_linear_algebra_is_not_blamed_on_the_scenario(tmp_path, monkeypatch):
+    """It is a ValueError for numpy, as that of a block which refuses its parameters is."""
+
+    def fails(*_, **__):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("wrenchsight.analyses.methods.simulate.simulation.simulate", fails)
+    with pytest.raises(np.linalg.LinAlgError, match="Singular matrix"):
+        run(tmp_path / "out")
