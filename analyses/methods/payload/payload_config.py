@@ -31,6 +31,6 @@ class PayloadSettings:
     log_format: str | None = None
     """columns of the logs: a bundled description's name or a YAML"""
     check: bool = True
-    """hold the log against the robot's limits, and try what may be wrong with it"""
+    """hold the logs against the robot's limits, and try what may be wrong with them"""
     payload: PayloadConfig = field(default_factory=PayloadConfig)
     """how"""

@@ -191,8 +191,10 @@ def identify_payload(
     Args:
         logs: motion with the load, without contact: one recording, or several with the samples
             that count.
+        robot: with the tool that it carries beside the load.
         model: model of the robot without the load.
-        empty: motion without the load, of the same day; likewise.
+        empty: motion without the load, of the same day; likewise. None: the model's error stays in
+            the load.
 
     Raises:
         InputError: a setting that makes no sense; as `ModelResidual.of`.
@@ -209,8 +211,8 @@ def identify_payload(
     parameters = np.zeros(10)  # of the load: mass, mass times centre of mass, inertia
     for k in range(NUM_PASSES):
         progress((k + 0.5) / NUM_PASSES, "finding the load")
-        rows = LoadRows.joined([residual.load_rows(parameters) for residual in residuals])
-        load = estimate_load(rows, law, prior, empty_rows)
+        load_rows = LoadRows.joined([residual.load_rows(parameters) for residual in residuals])
+        load = estimate_load(load_rows, law, prior, empty_rows)
         parameters = load.parameters
     written = load.with_com_at_flange(~com_determined(load))
     body = body_parameters(written.mass, written.com, written.realisable)
@@ -219,7 +221,7 @@ def identify_payload(
         load=load,
         model=_with_load(model, robot, body, log_names),
         tool=_tool(body, robot, config.name),
-        rows=rows.rows,
+        rows=load_rows.rows,
         torque=np.concatenate([residual.torque_of(parameters) for residual in residuals]),
         warnings=(),
         config=config,
@@ -266,15 +268,13 @@ def payload_log(
         model = IdentifiedModel.load(Path(settings.model), robot)
         form = settings.log_format
 
-        def read(path: Path, check: bool = True) -> Recording:
-            recording = read_recording(path, form, robot, check, joint_signals=True)
-            if check:
+        def read(path: Path) -> Recording:
+            recording = read_recording(path, form, robot, settings.check, joint_signals=True)
+            if settings.check:
                 refuse_faulty([recording], robot, model)
             return recording
 
-        loaded_logs = logs_of(
-            settings.logs, "payload", "LOG", lambda path: read(path, settings.check)
-        )
+        loaded_logs = logs_of(settings.logs, "payload", "LOG", read)
         empty_logs = logs_of(settings.empty, "payload", "LOG", read)
         result = identify_payload(
             loaded_logs, robot, model, settings.payload, empty_logs or None, progress

@@ -142,6 +142,19 @@ def test_without_a_load_nothing_is_written_for_the_robot(ur10e, model, tmp_path)
     assert (tmp_path / "out" / "metrics.json").is_file()
 
 
+def test_logs_without_the_load_are_checked_where_those_with_it_are(ur10e, model, tmp_path):
+    model.save(tmp_path / "model.yaml")
+    write_recording(recording(ur10e, 1), tmp_path / "laden.csv")
+    empty = recording(ur10e, 2, load=np.zeros(10))
+    empty.q[40, 2] = 9.0  # rad, beyond the limits
+    write_recording(empty, tmp_path / "empty.csv")
+    given = settings(tmp_path, str(tmp_path / "laden.csv"))
+    given = replace(given, empty=[str(tmp_path / "empty.csv")])
+    with pytest.raises(InputError, match=r"empty\.csv"):
+        payload_log(given, tmp_path / "checked")
+    payload_log(replace(given, check=False), tmp_path / "unchecked")
+
+
 @pytest.mark.parametrize(
     ("config", "message"),
     [(PayloadConfig(gain_sd=-1.0), "gain_sd"), (PayloadConfig(name="my tool"), "link's name")],
