@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from wrenchsight.analyses.methods.estimate.contact_places import stretches
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.link_odds import PlaceOdds
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -107,16 +108,16 @@ class _OpenContact:
         self,
         t: Array,
         detection: Detection,
-        size: Array,
+        force_size: Array,
         valid: Flags,
         odds: Array | None,
     ) -> None:
-        """Takes samples of the contact; `size` (N,) N, the rest as `ContactEpisodes.add`."""
+        """Takes samples of the contact; `force_size` (N,) N, the rest as `ContactEpisodes.add`."""
         contact = self.contact
         contact.end = float(t[-1])
         contact.statistic = max(contact.statistic, float(detection.statistic.max()))
         if valid.any():
-            contact.force = max(contact.force or 0.0, float(size[valid].max()))
+            contact.force = max(contact.force or 0.0, float(force_size[valid].max()))
         self._num_samples += len(t)
         self._num_misfits += int(detection.misfit.sum())
         if odds is not None:
@@ -154,6 +155,7 @@ class ContactEpisodes:
         self.contacts: list[Contact] = []
         self.num_contacts = 0
         self._num_samples = 0
+        # Samples in which a flag of `Detection` is set, by its name.
         self._counts = dict.fromkeys(("contact", "misfit", "rest", "out_of_range"), 0)
         self._log_begin: float | None = None
         self._open: _OpenContact | None = None
@@ -176,7 +178,7 @@ class ContactEpisodes:
             detection: of these samples.
             force: (N, 3) N.
             valid: (N,) whether the force may be used.
-            odds: (N, n + 1) of link 1 to n and of E; None: they were not judged.
+            odds: (N, n + 1) of link 1 to n and of E, 0 without contact; None: they were not judged.
         """
         if not len(t):
             return
@@ -185,18 +187,17 @@ class ContactEpisodes:
         self._num_samples += len(t)
         for flag in self._counts:
             self._counts[flag] += int(getattr(detection, flag).sum())
-        size = np.linalg.norm(force, axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], detection.contact, [False]])))
-        for begin, end in edges.reshape(-1, 2):
-            rows = slice(int(begin), int(end))
-            if self._open is not None and float(t[begin]) - self._open.contact.end > self._gap:
+        force_size = np.linalg.norm(force, axis=1)
+        for rows in stretches(detection.contact):
+            begin = float(t[rows.start])
+            if self._open is not None and begin - self._open.contact.end > self._gap:
                 self.finish()
             if self._open is None:
-                self._open = _OpenContact(float(t[begin]), self._num_joints)
+                self._open = _OpenContact(begin, self._num_joints)
             self._open.add(
                 t[rows],
                 detection.rows(rows),
-                size[rows],
+                force_size[rows],
                 valid[rows],
                 None if odds is None else odds[rows],
             )

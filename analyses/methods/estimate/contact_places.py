@@ -115,31 +115,41 @@ def judge_places(
 
     Args:
         detection: of N samples.
-        torque: of the contacts.
+        torque: of the contacts; samples that are not finite give no evidence.
         loaded: as `place_evidence`.
+
+    Returns:
+        Outside of contacts no misfit, link 0, odds of zero, and readings that may be valid.
     """
-    t, J, tau, sd, correlation = torque
-    N, n = tau.shape
+    N, n = torque.tau.shape
     odds = np.zeros((N, n + 1))
-    misfit, link, may_be_valid = np.zeros(N, bool), np.zeros(N, np.int8), np.ones(N, bool)
-    is_finite = np.asarray(np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
+    misfit = np.zeros(N, bool)
+    link = np.zeros(N, np.int8)
+    may_be_valid = np.ones(N, bool)
+    is_finite = np.asarray(
+        np.isfinite(torque.tau + torque.sd).all(axis=1) & np.isfinite(torque.J).all(axis=(1, 2))
+    )
     size: NDArray[np.float64] = np.zeros(N)  # of the torque, in sds of its error
-    size[is_finite] = np.linalg.norm(tau[is_finite] / sd[is_finite], axis=1)
+    size[is_finite] = np.linalg.norm(torque.tau[is_finite] / torque.sd[is_finite], axis=1)
     for stretch in stretches(detection.contact):
-        pieces = _pieces(stretch, t)
-        # Log likelihoods of each piece; of the one after the last, which is not there, zeros.
+        pieces = _pieces(stretch, torque.t)
+        # (pieces + 1, n + 1) log likelihoods of links and E. The last piece has no next one: a row
+        # of zeros stands for it.
         evidence = np.zeros((len(pieces) + 1, n + 1))
         for k, piece in enumerate(pieces):
             rows = _strong_rows(piece, is_finite, size)
             if len(rows):
-                evidence[k] = place_evidence(J[rows], tau[rows], sd[rows], correlation, loaded)
-        up_to_next = np.cumsum(evidence, axis=0)[1:]
+                evidence[k] = place_evidence(
+                    torque.J[rows], torque.tau[rows], torque.sd[rows], torque.correlation, loaded
+                )
+        up_to_next = np.cumsum(evidence, axis=0)[1:]  # of each piece, with the next one's
         for piece, piece_evidence in zip(pieces, up_to_next, strict=True):
-            stated, at_work = PlaceOdds.of(piece_evidence), PlaceOdds.of(piece_evidence, AT_WORK)
+            stated = PlaceOdds.of(piece_evidence)
+            at_work = PlaceOdds.of(piece_evidence, AT_WORK)
             odds[piece] = np.append(stated.links, stated.at_E)
             misfit[piece] = at_work.on_link
             link[piece] = at_work.named()[0] if at_work.on_link else 0
-            # The last link carries E.
+            # The last link carries E: a contact on it counts as one at E.
             may_be_valid[piece] = at_work.links[:-1].sum() <= MAX_LINK_ODDS
     return PlacedContacts(detection._replace(misfit=misfit, link=link), odds, may_be_valid)
 

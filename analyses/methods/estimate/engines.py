@@ -36,7 +36,7 @@ class LogPart(NamedTuple):
     Attributes:
         chunk: N samples of the log.
         batch: their wrenches.
-        detection: settings of contact detection.
+        detection: of contact, sample by sample.
         tau_ext: (N, n) N m, as a controller would read it.
     """
 
@@ -97,10 +97,11 @@ def estimates(
         config: configuration of the estimator, with the log's time step.
         chunks: of the log, on its grid.
         tracked: estimator that follows friction and takes the place of the models; None: they read.
+            It holds today's friction once all parts are taken.
     """
     if settings.contact.axis:
         parts = _causal_parts(settings, robot, models.distinct(), config, chunks, tracked)
-        return read_contact(parts, robot, settings, config, is_measured)
+        return read_contact(parts, robot, settings, config)
     if not settings.smooth:
         return _causal_parts(settings, robot, models.distinct(), config, chunks, tracked)
     smoothers = [WrenchSmoother(WrenchEstimator(robot, m, config)) for m in models.distinct()]
@@ -196,7 +197,6 @@ def read_contact(
     robot: Robot,
     settings: EstimateConfig,
     config: WrenchEstimatorConfig,
-    is_measured: Callable[[Recording, EstimateBatch], Flags],
 ) -> Iterator[LogPart]:
     """Reads the parts of a log again, with the known direction of the contact.
 
@@ -206,8 +206,8 @@ def read_contact(
         parts: as a controller would read them.
         settings: with the contact's axis.
         config: with the log's time step.
-        is_measured: returns (N,) which samples were measured.
     """
+    # The reader takes the observer's lag from its pole.
     observer = make_observer(config.observer, robot.num_joints)
     reader = ContactReader(
         robot,

@@ -33,6 +33,7 @@ LEAST_TORQUE_SD = 1e-6  # N m
 MIN_TIME_STEP, MAX_TIME_STEP = 1e-4, 10.0  # s; finer grids only repeat the log
 PRIORS = ("live", "log")
 FLOOR_SHARE = 1.0 / 3.0
+_ANY_TIME_STEP = 1e-3  # s, for checks before the log, which gives the step, is read
 _POSITIVE_KEYS = (
     "force_rate",
     "across_sd",
@@ -205,20 +206,19 @@ def _check_numbers(config: EstimateConfig) -> None:
         problem = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
         is_valid = number is None or LEAST_SD <= number <= LARGEST_SD
         _require(is_valid, name, problem, "give N or N m")
-    for name, number, least, largest in (
-        ("damping", reconstruction.damping, 0.0, np.inf),
-        ("truncation", reconstruction.truncation, 0.0, np.inf),
-        ("time_step", observer.time_step, MIN_TIME_STEP, MAX_TIME_STEP),
-        ("max_gap", config.max_gap, 0.0, MAX_TIME_STEP),
-    ):
+    times = {"time_step": observer.time_step, "max_gap": config.max_gap}  # s
+    shares = {"damping": reconstruction.damping, "truncation": reconstruction.truncation}
+    for name, number in {**shares, **times}.items():
         is_valid = bool(np.isfinite(number) and number >= 0)
         _require(is_valid, name, f"is {number}, expected zero or more", default)
-        problem = f"is {number:g} s, expected {least:g} to {largest:g}"
-        _require(not number or least <= number <= largest, name, problem, default)
+    for name, least in (("time_step", MIN_TIME_STEP), ("max_gap", 0.0)):
+        problem = f"is {times[name]:g} s, expected {least:g} to {MAX_TIME_STEP:g}"
+        is_valid = times[name] == 0 or least <= times[name] <= MAX_TIME_STEP
+        _require(is_valid, name, problem, default)
     if isinstance(observer, MomentumObserverConfig):
-        is_too_low = any(0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0)
-        problem = f"is {min(observer.K_0, default=0.0):g} 1/s, expected {LEAST_K_0:g} or more"
-        _require(not is_too_low, "K_0", problem, "20 is the default")
+        too_low = [K_0 for K_0 in observer.K_0 if 0.0 < K_0 < LEAST_K_0]
+        problem = f"is {min(too_low, default=0.0):g} 1/s, expected {LEAST_K_0:g} or more"
+        _require(not too_low, "K_0", problem, "20 is the default")
     problem = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
     are_valid = all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd)
     _require(are_valid, "torque_sd", problem, "give N m, one for all joints or one each")
@@ -246,7 +246,7 @@ def _require(condition: bool, option: str, problem: str, remedy: str) -> None:
 def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
     """Raises InputError where settings make no sense together, or for the robot's joints."""
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
-    step = observer.time_step or 1e-3  # any: the log's is not read yet
+    step = observer.time_step or _ANY_TIME_STEP
     try:
         made_observer = make_observer(replace(observer, time_step=step), robot.num_joints)
     except ValueError as error:

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.episodes_reader import EpisodesReader
 from wrenchsight.models.recordings.lerobot.data_set import (
     DataSet,
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 FOLDER = "data_set"
 WRENCH, SD, VALID = "observation.wrench", "observation.wrench_sd", "observation.wrench_valid"
 _MAX_FRAME_DELAY = 1.5  # steps of the table that a frame may be later than its reading
+_MAX_FRAME_LEAD = 0.25  # steps that it may be earlier: the stamps of frames are rounded
+# Columns of `_WrenchRows.numbers`.
+_WRENCH_COLUMNS, _SD_COLUMNS, _VALID_COLUMN = slice(0, 6), slice(6, 12), 12
 
 
 def data_set_of(log: Path) -> DataSet | None:
@@ -57,17 +61,8 @@ def write_data_set(
         begins: s, of each episode in that time.
         prior: sds of force and moment, as in metrics.json.
     """
-    names = ("t", *WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES), "valid")
-    if table.suffix == ".parquet":
-        rows = pq.read_table(table, columns=[*names])
-    else:
-        options = pa_csv.ConvertOptions(include_columns=[*names])
-        rows = pa_csv.read_csv(table, convert_options=options)
-    t = rows.column("t").to_numpy()
-    # (rows, 13): wrench, sd and `valid`.
-    wrench_columns, sd_columns, valid_column = slice(0, 6), slice(6, 12), 12
-    numbers = np.stack([rows.column(name).to_numpy().astype(float) for name in names[1:]], axis=1)
-    step = float(np.median(np.diff(t)))
+    rows = _WrenchRows.read(table)
+    step = float(np.median(np.diff(rows.t)))
     prior_sd = np.repeat([prior["force_sd_n"], prior["moment_sd_nm"]], 3)
     no_reading = np.concatenate([np.zeros(6), prior_sd, [0.0]])
     values_of_episode: dict[int, np.ndarray[Any, Any]] = {}
@@ -75,22 +70,46 @@ def write_data_set(
         frames = ParquetTable(episode.file, episode.rows)
         column = (frames.names or ()).index("timestamp")
         stamps = np.concatenate([values[:, 0] for values, _ in frames.blocks([column])]) + begin
-        # A frame takes the last row that is not later than it, but for a quarter of a step.
-        rows_before = np.searchsorted(t, stamps + 0.25 * step, side="right")
+        # Of each frame the last row that is not later than it, but for the lead.
+        rows_before = np.searchsorted(rows.t, stamps + _MAX_FRAME_LEAD * step, side="right")
         row = np.maximum(rows_before - 1, 0)
-        values = numbers[row]
-        is_read = np.isfinite(values).all(axis=1) & (
-            np.abs(stamps - t[row]) < _MAX_FRAME_DELAY * step
-        )
-        values[~is_read] = no_reading
+        values = rows.numbers[row]
+        is_near = np.abs(stamps - rows.t[row]) < _MAX_FRAME_DELAY * step
+        values[~(np.isfinite(values).all(axis=1) & is_near)] = no_reading
         values_of_episode[episode.index] = values
-    is_valid = {index: values[:, valid_column] > 0.5 for index, values in values_of_episode.items()}
+    is_valid = {
+        index: values[:, _VALID_COLUMN] > 0.5 for index, values in values_of_episode.items()
+    }
     features = [
-        _feature(WRENCH, WRENCH_AXES, values_of_episode, wrench_columns),
-        _feature(SD, WRENCH_AXES, values_of_episode, sd_columns),
+        _feature(WRENCH, WRENCH_AXES, values_of_episode, _WRENCH_COLUMNS),
+        _feature(SD, WRENCH_AXES, values_of_episode, _SD_COLUMNS),
         NewFeature(VALID, ("valid",), is_valid),
     ]
     write_copy(data_set, out / FOLDER, features)
+
+
+class _WrenchRows(NamedTuple):
+    """Rows of a table of wrenches.
+
+    Attributes:
+        t: (R,) s.
+        numbers: (R, 13) wrench and its sds in N and N m, force first, and `valid`.
+    """
+
+    t: Array
+    numbers: Array
+
+    @classmethod
+    def read(cls, table: Path) -> "_WrenchRows":
+        """Reads the columns of wrench.csv or wrench.parquet."""
+        names = ("t", *WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES), "valid")
+        if table.suffix == ".parquet":
+            columns = pq.read_table(table, columns=[*names])
+        else:
+            options = pa_csv.ConvertOptions(include_columns=[*names])
+            columns = pa_csv.read_csv(table, convert_options=options)
+        values = {name: columns.column(name).to_numpy().astype(float) for name in names}
+        return cls(values["t"], np.stack([values[name] for name in names[1:]], axis=1))
 
 
 def _feature(

@@ -1,7 +1,7 @@
 """Summary of a log's wrenches, gathered chunk by chunk: metrics, warnings and a figure."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
+_MARGIN_SHARE = 0.05  # of a panel's range, above and below it
+_DRAWN_PERCENTILES = (2, 98)  # of a log without a valid reading: its outliers are not drawn
 FAR_CLOCK = 1e6  # s; with a clock that shows more, time is drawn since the first sample
 _MAX_CONDITION_NUMBER = 1e12  # condition number: beyond, rounding alone decides its digits
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
@@ -72,6 +74,154 @@ class _WrenchSums:
         return result
 
 
+class _ConditionNumbers:
+    """Median and largest condition number of J, and the number of singular postures."""
+
+    def __init__(self) -> None:
+        self._sample = EvenSample(_MEDIAN_SAMPLES)
+        self._largest = 0.0
+        self._num_singular = 0
+
+    def add(self, condition_number: Array) -> None:
+        """Takes N samples; singular ones do not count in the largest."""
+        self._sample.add(condition_number)
+        regular = condition_number < _MAX_CONDITION_NUMBER
+        self._num_singular += int((~regular).sum())
+        largest = float(condition_number.max(initial=0.0, where=regular))
+        self._largest = max(self._largest, largest)
+
+    def metrics(self, percent: float) -> dict[str, float]:
+        """As metrics.json has them; `percent` of all samples is one sample."""
+        return {
+            "median": float(np.median(self._sample.values())),
+            "max": self._largest,  # where J is not singular
+            "singular_pct": percent * self._num_singular,
+        }
+
+
+class _OutsideModel:
+    """Samples outside the ranges in which a model holds; a range that it does not state has none.
+
+    Args:
+        num_joints: n.
+        validity: the ranges.
+
+    Attributes:
+        num_extrapolated: samples in which a joint is faster or more loaded than in the model's
+            logs. Friction is a law of speed and load; positions enter by exact kinematics.
+    """
+
+    def __init__(self, num_joints: int, validity: Validity) -> None:
+        self._validity = validity
+        # Samples outside, joint by joint, by signal; samples with a joint's q or v outside.
+        self._num_outside = {key: np.zeros(num_joints) for key in ("q", "v", "tau")}
+        self._num_outside_motion = 0
+        self.num_extrapolated = 0
+
+    def add(self, q: Array, v: Array, torque: Array) -> None:
+        """Takes N samples; q, v and torque are (N, n), rad, rad/s and N m."""
+        ranges = self._validity
+        outside: dict[str, Flags] = {key: np.zeros(q.shape, bool) for key in self._num_outside}
+        if ranges.q_min and ranges.q_max:
+            outside["q"] = (q < np.array(ranges.q_min)) | (q > np.array(ranges.q_max))
+        if ranges.v_max:
+            outside["v"] = np.abs(v) > np.array(ranges.v_max)
+        if ranges.tau_max:
+            outside["tau"] = np.abs(torque) > np.array(ranges.tau_max)
+        for key, samples in outside.items():
+            self._num_outside[key] += samples.sum(axis=0)
+        self._num_outside_motion += int((outside["q"] | outside["v"]).any(axis=1).sum())
+        self.num_extrapolated += int((outside["v"] | outside["tau"]).any(axis=1).sum())
+
+    def worst_joint(self, key: str) -> int | None:
+        """The joint that is outside most often with its "v" or "tau"; None: none ever is."""
+        counts = self._num_outside[key]
+        return int(np.argmax(counts)) if counts.any() else None
+
+    def metrics(self, percent: float) -> dict[str, Any]:
+        """As metrics.json has them; `percent` of all samples is one sample."""
+        return {
+            # q or v of any joint; then q, v and tau joint by joint.
+            "motion_pct": percent * self._num_outside_motion,
+            **{f"{name}_pct": percent * count for name, count in self._num_outside.items()},
+        }
+
+
+class _Stretches(NamedTuple):
+    """What the figure draws of each of B successive stretches of a log; force first.
+
+    Attributes:
+        t: (B,) s, middle.
+        lowest, highest: (B, 6) N and N m, of the wrench.
+        lower_band, upper_band: (B, 6) N and N m, ends of the band.
+        is_invalid: (B,) whether most readings are not valid.
+        has_contact: (B,) whether something touches the arm at any sample.
+    """
+
+    t: Array
+    lowest: Array
+    highest: Array
+    lower_band: Array
+    upper_band: Array
+    is_invalid: Flags
+    has_contact: Flags
+
+
+class _DrawnBand:
+    """Readings and their bands over time, in as many stretches as a figure can show.
+
+    Attributes:
+        origin: s, of the figure's time on the log's clock.
+    """
+
+    def __init__(self) -> None:
+        self.origin: float | None = None
+        # Minima of wrench and lower band, maxima of wrench and upper band, means of time, "not
+        # valid" and "in contact".
+        self._envelope = Envelope(_FIGURE_BINS)
+        # Ends of the valid readings' bands, by axis.
+        self._lowest_valid = np.full(6, np.inf)
+        self._highest_valid = np.full(6, -np.inf)
+
+    def add(self, t: Array, wrench: Array, sd: Array, valid: Flags, contact: Flags) -> None:
+        """Takes N samples, one or more; wrench and sd are (N, 6), force first."""
+        if self.origin is None:  # the clock of a log that counts from 1970 fits no axis
+            self.origin = float(t[0]) if abs(t[0]) >= FAR_CLOCK else 0.0
+        lower, upper = wrench - SIGMA_95 * sd, wrench + SIGMA_95 * sd
+        self._envelope.add(
+            low=np.concatenate([wrench, lower], axis=1),
+            high=np.concatenate([wrench, upper], axis=1),
+            mean=np.stack([t - self.origin, ~valid, contact], axis=1),
+        )
+        lowest = lower[valid].min(axis=0, initial=np.inf)
+        highest = upper[valid].max(axis=0, initial=-np.inf)
+        self._lowest_valid = np.minimum(self._lowest_valid, lowest)
+        self._highest_valid = np.maximum(self._highest_valid, highest)
+
+    def stretches(self) -> _Stretches:
+        """The stretches of all samples so far."""
+        low, high, mean = self._envelope.values()
+        t, invalid_share, contact_share = mean.T
+        return _Stretches(
+            t=t,
+            lowest=low[:, :6],
+            highest=high[:, :6],
+            lower_band=low[:, 6:],
+            upper_band=high[:, 6:],
+            is_invalid=invalid_share > 0.5,
+            has_contact=contact_share > 0.0,
+        )
+
+    def limits(self, k: int, stretches: _Stretches) -> tuple[float, float]:
+        """Range of the axis k that shows the valid samples; others may read anything."""
+        bottom, top = self._lowest_valid[k], self._highest_valid[k]
+        if not np.isfinite(bottom):
+            bottom = np.percentile(stretches.lowest[:, k], _DRAWN_PERCENTILES[0])
+            top = np.percentile(stretches.highest[:, k], _DRAWN_PERCENTILES[1])
+        margin = _MARGIN_SHARE * (top - bottom) or 1.0
+        return float(bottom - margin), float(top + margin)
+
+
 class EstimateSummary:
     """Gathers metrics and figure of a log's wrenches.
 
@@ -84,25 +234,16 @@ class EstimateSummary:
     """
 
     def __init__(self, joint_names: Sequence[str], validity: Validity) -> None:
-        self._joint_names, self._validity = joint_names, validity
+        self._joint_names = joint_names
         self.invalid = InvalidShares()
         self._num_faults = dict.fromkeys(_FAULTS, 0)
-        self._begin = 0.0  # s, on the log's clock
+        self._begin = 0.0  # s, on the log's clock, as the end
         self._end = 0.0
-        self._origin = 0.0
-        self._num_singular = 0
-        self._largest_condition = 0.0
-        self._condition = EvenSample(_MEDIAN_SAMPLES)
+        self._condition_numbers = _ConditionNumbers()
         self._wrench_sums = _WrenchSums()
         self._valid_wrench_sums = _WrenchSums()
-        n = len(joint_names)
-        self._num_outside = {"q": np.zeros(n), "v": np.zeros(n), "tau": np.zeros(n)}
-        self._num_outside_motion = 0
-        self._num_extrapolated = 0
-        # Minima of wrench and lower band (12), maxima of wrench and upper band (12), means of time,
-        # "not valid" and "in contact" (3), of each stretch; force first.
-        self._envelope = Envelope(_FIGURE_BINS)
-        self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
+        self._outside_model = _OutsideModel(len(joint_names), validity)
+        self._drawn_band = _DrawnBand()
 
     @property
     def count(self) -> int:
@@ -123,9 +264,6 @@ class EstimateSummary:
     ) -> None:
         """Takes the next chunk of N samples.
 
-        Singular postures do not count in the largest condition number. The range of the figure is
-        that of the valid readings' bands.
-
         Args:
             batch: their readings, with all reasons why one is not valid.
             torque: (N, n) N m, of the joints.
@@ -135,55 +273,18 @@ class EstimateSummary:
             return
         if not self.count:  # the first chunk
             self._begin = float(chunk.t[0])
-            # The clock of a log that counts from 1970 fits no axis.
-            self._origin = self._begin if abs(self._begin) >= FAR_CLOCK else 0.0
         self._end = float(chunk.t[-1])
         self.invalid.add(batch.invalid)
-        valid = batch.valid
-        condition = batch.condition_number
-        self._condition.add(condition)
-        regular = condition < _MAX_CONDITION_NUMBER
-        self._num_singular += int((~regular).sum())
-        largest = float(condition.max(initial=0.0, where=regular))
-        self._largest_condition = max(self._largest_condition, largest)
+        self._condition_numbers.add(batch.condition_number)
         wrench, sd = batch.wrench[:, FORCE_FIRST], batch.standard_deviation[:, FORCE_FIRST]
+        valid = batch.valid
         self._wrench_sums.add(wrench, sd)
         self._valid_wrench_sums.add(wrench[valid], sd[valid])
-        self._add_outside(chunk, torque)
-        lower, upper = wrench - SIGMA_95 * sd, wrench + SIGMA_95 * sd
-        self._envelope.add(
-            np.concatenate([wrench, lower], axis=1),
-            np.concatenate([wrench, upper], axis=1),
-            np.stack([chunk.t - self._origin, ~valid, contact], axis=1),
-        )
-        if valid.any():
-            self._valid_range[0] = np.minimum(self._valid_range[0], lower[valid].min(axis=0))
-            self._valid_range[1] = np.maximum(self._valid_range[1], upper[valid].max(axis=0))
-
-    def _add_outside(self, chunk: Recording, torque: Array) -> None:
-        """Counts the samples outside the ranges in which the model holds."""
-        ranges = self._validity
-        outside = np.zeros(chunk.num_samples, bool)
-        # Friction is a law of speed and load; positions enter by exact kinematics.
-        extrapolated = outside.copy()
-        if ranges.q_min and ranges.q_max:
-            q = (chunk.q < np.array(ranges.q_min)) | (chunk.q > np.array(ranges.q_max))
-            self._num_outside["q"] += q.sum(axis=0)
-            outside |= q.any(axis=1)
-        if ranges.v_max:
-            v = np.abs(chunk.v) > np.array(ranges.v_max)
-            self._num_outside["v"] += v.sum(axis=0)
-            outside |= v.any(axis=1)
-            extrapolated |= v.any(axis=1)
-        if ranges.tau_max:
-            tau = np.abs(torque) > np.array(ranges.tau_max)
-            self._num_outside["tau"] += tau.sum(axis=0)
-            extrapolated |= tau.any(axis=1)
-        self._num_outside_motion += int(outside.sum())
-        self._num_extrapolated += int(extrapolated.sum())
+        self._outside_model.add(chunk.q, chunk.v, torque)
+        self._drawn_band.add(chunk.t, wrench, sd, valid, contact)
 
     def metrics(self, config: WrenchEstimatorConfig, rule: str) -> dict[str, Any]:
-        """All figures, as written to metrics.json, percent of all samples.
+        """All figures of one sample or more, as written to metrics.json, percent of all samples.
 
         Args:
             config: as the log was read.
@@ -206,18 +307,10 @@ class EstimateSummary:
                 "moment_sd_nm": config.reconstruction.prior_moment_sd,
                 "rule": rule,
             },
-            "condition_number": {
-                "median": float(np.median(self._condition.values())),
-                "max": self._largest_condition,  # where J is not singular
-                "singular_pct": percent * self._num_singular,
-            },
+            "condition_number": self._condition_numbers.metrics(percent),
             "wrench": self._wrench_sums.metrics(),
             "valid": {"wrench": self._valid_wrench_sums.metrics()},
-            "outside_model": {
-                # q or v of any joint; then q, v and tau joint by joint.
-                "motion_pct": percent * self._num_outside_motion,
-                **{f"{name}_pct": percent * count for name, count in self._num_outside.items()},
-            },
+            "outside_model": self._outside_model.metrics(percent),
         }
 
     def add_faults(self, fault: NDArray[np.int64]) -> None:
@@ -237,14 +330,17 @@ class EstimateSummary:
             if self._num_faults[code]:
                 share = 100 * self._num_faults[code] / self.count
                 warnings.append(f"{share:.3g} % of the samples are not used: {fault}")
-        extrapolated = self._num_extrapolated / self.count
+        extrapolated = self._outside_model.num_extrapolated / self.count
         if judges_range and extrapolated > _OUTSIDE_WARNING:
-            worst = {
-                quantity: self._joint_names[int(np.argmax(self._num_outside[name]))]
-                for name, quantity in (("v", "speed"), ("tau", "torque"))
-                if self._num_outside[name].any()
-            }
-            quantities = " and ".join(f"{quantity} of {joint}" for quantity, joint in worst.items())
+            worst_joints = [
+                (quantity, self._outside_model.worst_joint(key))
+                for key, quantity in (("v", "speed"), ("tau", "torque"))
+            ]
+            quantities = " and ".join(
+                f"{quantity} of {self._joint_names[joint]}"
+                for quantity, joint in worst_joints
+                if joint is not None
+            )
             warnings.append(
                 f"{100 * extrapolated:.1f} % of the samples are faster or more loaded than the "
                 f"model's logs (mostly {quantities}): friction is extrapolated there; identify the "
@@ -264,19 +360,18 @@ class EstimateSummary:
             reads_moments: whether the method reads moments; without, only forces are drawn.
             smoothed: whether each sample was read with those after it.
         """
-        low, high, mean = self._envelope.values()
-        lowest, lower_band = low[:, :6], low[:, 6:]  # (B, 6) of each stretch
-        highest, upper_band = high[:, :6], high[:, 6:]
-        t, is_invalid, has_contact = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
+        stretches = self._drawn_band.stretches()
+        t, lowest, highest = stretches.t, stretches.lowest, stretches.highest
         figure, axes = new_figure(3, 2 if reads_moments else 1, share_x=True)
-        origin = f" since {self._origin:.0f} s" if self._origin else ""
+        origin = self._drawn_band.origin
+        since = f" since {origin:.0f} s" if origin else ""
         for k, axis in enumerate(WRENCH_AXES if reads_moments else WRENCH_AXES[:3]):
             panel: Any = axes[k % 3, k // 3]
             unit = "N" if axis.startswith("f") else "N m"
             panel.fill_between(
                 t,
-                lower_band[:, k],
-                upper_band[:, k],
+                stretches.lower_band[:, k],
+                stretches.upper_band[:, k],
                 color=COLOUR["estimate"],
                 alpha=BAND_ALPHA,
                 lw=0,
@@ -291,10 +386,10 @@ class EstimateSummary:
                 label="estimate",
             )
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{unit}]")
-            bottom, top = self._limits(k, lowest, highest)
+            bottom, top = self._drawn_band.limits(k, stretches)
             panel.set_ylim(bottom, top)
-            _shade(panel, t, is_invalid, COLOUR["invalid"])
-            _shade(panel, t, has_contact, COLOUR["contact"], "contact")
+            _shade(panel, t, stretches.is_invalid, COLOUR["invalid"])
+            _shade(panel, t, stretches.has_contact, COLOUR["contact"], "contact")
             extremes = (lowest[:, k].min(), highest[:, k].max())
             hidden = [value for value in extremes if not bottom <= value <= top]
             if hidden:
@@ -302,20 +397,12 @@ class EstimateSummary:
                 text = f"not valid, beyond the panel: to {reach} {unit}"
                 panel.text(0.01, 0.97, text, transform=panel.transAxes, va="top", fontsize=7)
             if k % 3 == 2:
-                panel.set_xlabel(f"time{origin} [s]")
+                panel.set_xlabel(f"time{since} [s]")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)
         title = "Wrench of the environment on the robot, at E in axes of W"
         figure.suptitle(title + (", smoothed" if smoothed else ""))
         return figure
-
-    def _limits(self, k: int, low: Array, high: Array) -> tuple[float, float]:
-        """Range of the axis k that shows the valid samples; others may read anything."""
-        bottom, top = self._valid_range[:, k]
-        if not np.isfinite(bottom):
-            bottom, top = np.percentile(low[:, k], 2), np.percentile(high[:, k], 98)
-        margin = 0.05 * (top - bottom) or 1.0
-        return float(bottom - margin), float(top + margin)
 
 
 def _shade(panel: Any, t: Array, flag: Flags, colour: str, label: str = "not valid") -> None:

@@ -116,7 +116,10 @@ def estimate_log(
         log: as `read_recording`.
         robot_name: a bundled robot or a robot.yaml.
         model_path: a model.yaml; None: the model of the robot's files, without friction.
-        log_format: description of the log's columns.
+        out: folder of the result.
+        log_format: description of the log's columns; None: found from their names.
+        config: None: the defaults.
+        progress: called with the share done, 0 to 1, and the current step.
         draws: whether figures are written.
 
     Raises:
@@ -177,7 +180,10 @@ def estimate(
 
     Args:
         read: opens the log for one pass.
+        out: folder, to be filled.
         settings: as config.yaml holds them; written with the values that the log filled in.
+        progress: called with the share done, 0 to 1, and the current step.
+        draws: whether figures are written.
 
     Raises:
         InputError: something is wrong in the log.
@@ -191,7 +197,7 @@ def estimate(
         warnings.insert(0, judgement.sentence())
     model = with_requested_drift(model, config)
     first_pass_result = first_pass(read, robot, model, config, progress)
-    second_pass = _write_wrenches(
+    second_pass = _read_and_write(
         read(), robot, model, first_pass_result, settings, _Destination(out, progress), judgement
     )
     outcome = _Outcome(
@@ -205,9 +211,8 @@ def estimate(
     )
     metrics = _metrics(outcome, robot, config)
     warnings += outcome.warnings(settings)
-    # Whether the hypotheses on what is wrong were held against the log, or are not to be.
-    is_tried = judgement is not None or not (config.check and robot.has_inertias)
-    if not (is_tried or second_pass.readings.summary.valid_share):
+    is_too_short = judgement is None and _tries_hypotheses(config, robot)
+    if is_too_short and not second_pass.readings.summary.valid_share:
         warnings.append(
             "no reading is valid, and the log is too short to try what may be wrong with it "
             f"(order, signs, units and others): that takes {SHORTEST_LOG:g} s and {MIN_SAMPLES} "
@@ -239,11 +244,16 @@ def estimate(
     )
 
 
+def _tries_hypotheses(config: EstimateConfig, robot: Robot) -> bool:
+    """Whether the hypotheses on what is wrong are held against a log that is long enough."""
+    return config.check and robot.has_inertias
+
+
 def _judgement(
     read: Callable[[], LogReader], robot: Robot, model: IdentifiedModel, config: EstimateConfig
 ) -> Judgement | None:
     """What the hypotheses say of the log; None where they are not tried, or it is too short."""
-    if not config.check or not robot.has_inertias:
+    if not _tries_hypotheses(config, robot):
         return None
     progress = PassProgress(lambda fraction, action: None, 0.0, 0.0, "")
     # Samples beyond the limits stay: a wrong unit puts all of them there.
@@ -279,7 +289,7 @@ class _SecondPass:
     table: Path
 
 
-def _write_wrenches(
+def _read_and_write(
     reader: LogReader,
     robot: Robot,
     model: IdentifiedModel,
@@ -288,7 +298,10 @@ def _write_wrenches(
     destination: _Destination,
     judgement: Judgement | None,
 ) -> _SecondPass:
-    """Second pass: reads every sample of the log and writes its wrench.
+    """Second pass: reads every sample of the log, writes its wrench and sums it up.
+
+    The log is streamed: nothing is read before the loop takes the parts, and what has been tracked
+    is complete after it.
 
     Args:
         reader: of the log, at its begin.
@@ -325,7 +338,7 @@ def _write_wrenches(
             bag = stack.enter_context(writer)
         for part in without_breaks(parts):
             readings.take(part, table, bag)
-    readings.episodes.finish()
+    readings.episodes.finish()  # the last contact may be open at the log's end
     return _SecondPass(reader, screen, estimator_config, tracked, readings, path)
 
 

@@ -7,6 +7,7 @@ some thousand samples of external torque and Jacobian, evenly spread
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -160,7 +161,8 @@ def first_pass(
         end = work_done + _PASS_WORK
         pass_progress = PassProgress(progress, work_done, end, "finding the prior")
         log_pass = _PassOverLog(read(), robot, model, config, resolution, pass_progress)
-        prior, prior_rule, warnings = _evidence_prior(log_pass)
+        evidence = _evidence_prior(log_pass)
+        prior, prior_rule, warnings = evidence.sds, evidence.rule, evidence.warnings
         work_done = end
     if ripple_shown is not None:
         warnings += (ripple_shown.sentence(model.joint_names),)
@@ -239,22 +241,25 @@ def _monitor_friction(
 ) -> FrictionMonitor | None:
     """Gathers friction and load from a log's contact-free stretches; None: it has no sample.
 
+    Contact is judged causally. Samples before the observer has settled do not count.
+
     Args:
         prior: force sd in N and moment sd in N m, if they are stated; None: the rule's.
     """
-    monitor: FrictionMonitor | None = None
     robot, model, config = log_pass.robot, log_pass.model, log_pass.config
-    for chunk in log_pass.chunks():
-        if monitor is None:  # the settings follow from the first samples
-            estimator_config = completed(
-                _with_torque_observer(config.estimator), chunk, log_pass.resolution, prior
-            )
-            estimator = WrenchEstimator(robot, model, estimator_config)
-            engine = ContactEstimator(estimator, config.detection)
-            observer = make_observer(estimator_config.observer, robot.num_joints)
-            settled_from = chunk.t[0] + observer.settling_time
-            step = estimator_config.observer.time_step
-            monitor = FrictionMonitor(model, model.chain(robot), observer.pole, step, robot)
+    chunks = log_pass.chunks()
+    first_chunk = next(chunks, None)  # gives the time step
+    if first_chunk is None:
+        return None
+    estimator_config = completed(
+        _with_torque_observer(config.estimator), first_chunk, log_pass.resolution, prior
+    )
+    engine = ContactEstimator(WrenchEstimator(robot, model, estimator_config), config.detection)
+    observer = make_observer(estimator_config.observer, robot.num_joints)
+    settled_from = first_chunk.t[0] + observer.settling_time
+    step = estimator_config.observer.time_step
+    monitor = FrictionMonitor(model, model.chain(robot), observer.pole, step, robot)
+    for chunk in chain([first_chunk], chunks):
         batch, detection = engine.run(chunk.q, chunk.v, chunk.current)
         fault = fault_of(chunk, batch)
         is_free = ~detection.without(chunk.dropout | (fault != 0)).contact
@@ -287,13 +292,17 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
     """The prior that explains best some thousand samples of a log (`evidence_prior`).
 
     It is raised to FLOOR_SHARE of the live prior at least. The moment's sd is that of a lever where
-    the log shows one (`find_lever`). Warnings are of what the configuration leaves open.
+    the log shows one (`find_lever`) and it exceeds the evidence's by _LEVER_RATIO. Warnings, and
+    the rule's words, are of what the configuration leaves open; of a log without a possible sample
+    the prior is the live one.
     """
-    samples, live = _prior_samples(log_pass), live_prior(log_pass.robot.payload)
+    samples = _prior_samples(log_pass)
+    live = live_prior(log_pass.robot.payload)
     if not len(samples.q):
         return EvidencePrior(live, "live: every sample is impossible", ())
     stated = log_pass.config.estimator.reconstruction
-    noise, warnings = samples.torque_covariance, []
+    noise = samples.torque_covariance
+    warnings: list[str] = []
     force_sd, moment_sd = evidence_prior(samples.J, samples.tau_ext, noise)
     least_force_sd, least_moment_sd = FLOOR_SHARE * live.force_sd, FLOOR_SHARE * live.moment_sd
     if force_sd < least_force_sd and stated.prior_force_sd is None:
@@ -323,17 +332,17 @@ def _prior_samples(log_pass: _PassOverLog) -> _PriorSamples:
     Torque, and the columns of J, are over the sds of the torque error; of a model without one they
     stay in N m, beside its residual covariance.
     """
-    q, J = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
-    J_seen, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
-    duration = 0.0
-    estimator: WrenchEstimator | None = None
     model, config = log_pass.model, _with_torque_observer(log_pass.config.estimator)
+    chunks = log_pass.chunks()
+    first_chunk = next(chunks)  # gives the time step
+    completed_config = completed(config, first_chunk, log_pass.resolution, None)
+    estimator = WrenchEstimator(log_pass.robot, model, completed_config)
+    state = estimator.initial_state()
+    # Each is given the same rows, and so keeps the same ones.
+    q, J, J_seen, tau_ext = (EvenSample(_PRIOR_SAMPLES) for _ in range(4))
+    duration = 0.0
     has_sds = model.torque_error is not None
-    for chunk in log_pass.chunks():
-        if estimator is None:
-            completed_config = completed(config, chunk, log_pass.resolution, None)
-            estimator = WrenchEstimator(log_pass.robot, model, completed_config)
-            state = estimator.initial_state()
+    for chunk in chain([first_chunk], chunks):
         batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
         duration += len(chunk.t) * estimator.observer.time_step
         is_measured = ~chunk.dropout & (batch.fault == 0)
@@ -346,7 +355,12 @@ def _prior_samples(log_pass: _PassOverLog) -> _PriorSamples:
     if model.torque_error is not None:
         covariance = model.torque_error.correlation
     return _PriorSamples(
-        q.values(), J.values(), J_seen.values(), tau_ext.values(), covariance, duration
+        q=q.values(),
+        J=J.values(),
+        J_seen=J_seen.values(),
+        tau_ext=tau_ext.values(),
+        torque_covariance=covariance,
+        duration=duration,
     )
 
 

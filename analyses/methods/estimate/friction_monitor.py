@@ -57,7 +57,7 @@ class _JudgedRows(NamedTuple):
     """The load that the gathered rows show, and the rows that friction is judged by.
 
     Attributes:
-        num_gathered: rows.
+        num_gathered: rows, of which these were judged.
         load: None where none is looked for, or rows are too few.
         rows: without the torque of the load; None where there is none.
         refresh: today's friction of a log in which something touches; None: that of `rows`.
@@ -93,7 +93,8 @@ class FrictionMonitor:
         self._rate = np.full(n, np.inf) if pole is None else np.asarray(pole)
         self._decay = np.exp(-self._rate * time_step)
         self._row_stride = max(1, round(ROW_TIME / time_step))
-        self._filter_state = np.zeros((n, 5))  # of the observer's pole
+        # Of the observer's pole, for the five columns of `ResidualRows.of_law`.
+        self._filter_state = np.zeros((n, 5))
         # Of the gathered rows, chunk by chunk: friction, load, errors of the model, J, q, free.
         self._rows: list[ResidualRows] = []
         self._robot = robot
@@ -106,7 +107,7 @@ class FrictionMonitor:
         self._q: list[Array] = []
         self._is_free: list[Flags] = []
         self._count = 0  # of the gathered rows
-        self._judged = _JudgedRows(num_gathered=-1, load=None, rows=None)  # -1: none so far
+        self._judged: _JudgedRows | None = None  # of the rows gathered when it was made
         # Contact-free stretches, s on the log's clock: the present one's begin, the longest.
         self._time_since_contact = np.inf  # s
         self._stretch_begin, self._longest_stretch = 0.0, (0.0, 0.0)
@@ -155,7 +156,10 @@ class FrictionMonitor:
         )
 
     def _observed(self, torque: Array) -> Array:
-        """Torque (N, n, 5) through the observer's pole; what is not finite counts as zero."""
+        """Torque (N, n, 5) through the observer's pole; what is not finite counts as zero.
+
+        The pole remembers the last sample: calls are to follow one another as the log does.
+        """
         torque = np.where(np.isfinite(torque), torque, 0.0)
         low_pass(self._decay, self._filter_state, torque)
         return torque
@@ -268,7 +272,7 @@ class FrictionMonitor:
 
     def _judge(self) -> _JudgedRows:
         """Judges the rows so far, once."""
-        if self._judged.num_gathered != self._count:
+        if self._judged is None or self._judged.num_gathered != self._count:
             self._judged = self._judge_rows()
         return self._judged
 
