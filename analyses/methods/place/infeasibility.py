@@ -24,7 +24,7 @@ from wrenchsight.models.planning.placement.placements import (
     pose_errors,
 )
 
-_CONSTRAINT_TOLERANCE = 1e-4  # m and rad, of a constraint at the end of a solve
+_CONSTRAINT_TOLERANCE = 1e-4  # m and rad, of a constraint at the end of a solve, as of the search's
 _TRIED_ENDS = 2  # of the search, from which the program without a constraint is solved
 _LOOSENING_HALVINGS = 4  # of the range in which the least loosening lies
 _WIDE_STEP = math.pi / 3.0  # rad, the task's default
@@ -84,7 +84,11 @@ def infeasible(
 
 
 def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
-    """What an end lacks of each constraint, in words, the largest first (rad or m alike)."""
+    """What an end lacks of each constraint, in words, the largest first (rad or m alike).
+
+    Args:
+        end: of the search's coarse program, whose steps from point to point are longer.
+    """
     placement = end.placement
     # Of each point of the path: rotation error, rad, then position error, m.
     errors = np.abs(pose_errors(program.robot.chain, placement, program.path_length))

@@ -32,8 +32,7 @@ from wrenchsight.models.planning.placement.placements import (
 from wrenchsight.models.robot.robot import Robot
 
 UNREACHED_COST = 1e4  # of a path that cannot be followed
-
-
+_MIN_AXIS_LENGTH = 1e-9  # of a rotation's axis that is divided by its length
 MAX_STEP_SHARE = 0.2  # of the range of each coordinate, of a particle in one iteration
 
 
@@ -105,11 +104,11 @@ def place_by_swarm(
     try:
         for iteration in range(config.num_iterations):
             costs = evaluate(x)
-            better = costs < best_cost
-            best_x[better], best_cost[better] = x[better], costs[better]
-            # GA: children of the best places take those of the worst.
+            is_better = costs < best_cost
+            best_x[is_better], best_cost[is_better] = x[is_better], costs[is_better]
+            # GA: children of the best places take those of the worst, in place.
             _breed(rng, config, evaluate, best_x, best_cost, cost)
-            # PSO: each is drawn to its own best place and to the swarm's.
+            # PSO: each is drawn to its best place, a child's perhaps, and to the swarm's.
             share = iteration / max(1, config.num_iterations - 1)
             inertia = config.inertia[0] + share * (config.inertia[1] - config.inertia[0])
             pull = config.attraction * rng.uniform(size=(2, *x.shape))
@@ -123,8 +122,15 @@ def place_by_swarm(
     if leader.placement is not None:
         values = program.measure.values(leader.placement.q)
         num_reached = int(np.sum(best_cost < UNREACHED_COST))
-        mean = float(np.mean(values))
-        result.optima = [Optimum(leader.placement, mean, values, num_reached, "")]
+        result.optima = [
+            Optimum(
+                placement=leader.placement,
+                cost=float(np.mean(values)),
+                values=values,
+                starts=num_reached,
+                status="",  # no solver
+            )
+        ]
     return result
 
 
@@ -150,8 +156,8 @@ def _breed(
     children = np.clip(children, lower, upper)
     costs = evaluate(children)
     worst = np.argsort(-best_cost, kind="stable")[:count]
-    better = costs < best_cost[worst]
-    best_x[worst[better]], best_cost[worst[better]] = children[better], costs[better]
+    is_better = costs < best_cost[worst]
+    best_x[worst[is_better]], best_cost[worst[is_better]] = children[is_better], costs[is_better]
 
 
 class ParticleCost:
@@ -177,7 +183,7 @@ class ParticleCost:
         """
         program, bounds = self._program, self._program.bounds
         direction, midpoint, angle, axis = np.split(x, [3, 6, 7], axis=1)
-        axis = axis / np.maximum(np.linalg.norm(axis, axis=1), 1e-9)[:, np.newaxis]
+        axis = axis / np.maximum(np.linalg.norm(axis, axis=1), _MIN_AXIS_LENGTH)[:, np.newaxis]
         R_WE = Rotation.from_rotvec(angle * axis).as_matrix()
         n_W = bounds.allowed_directions(direction, R_WE[:, :, 2])
         # Of each particle one path a branch of the inverse kinematics: whether it can be followed,

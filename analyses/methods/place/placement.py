@@ -56,7 +56,10 @@ from wrenchsight.models.robot.robot import Robot
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
-FINE_POINTS = 10  # points between two of the path's, for distances and largest values
+FINE_POINTS = 10  # parts of each segment of the path, for distances and largest values
+# rad or m between two points of the task's guess: a branch is followed however it turns, since a
+# guess need not keep the task's own limit
+_MAX_GUESS_STEP = math.pi / 2
 
 DEFAULT_EFFORT = SearchEffort()
 EFFORT_QUICK = SearchEffort(num_samples=3000, num_starts=24, num_rounds=1, num_solves=2)
@@ -313,6 +316,7 @@ def _profile(
     cell: PlacementCell,
     placement: Placement,
 ) -> Profile | None:
+    """A placement with its measures; None where its branch ends between two points."""
     fine = between_points(robot, placement, task.path_length, FINE_POINTS)
     if fine is None:
         return None
@@ -321,14 +325,14 @@ def _profile(
     if cell.clearance.has_shapes:
         distance, worst = cell.smallest_distance(fine.q, fine), cell.worst(fine.q, fine)
     return Profile(
-        placement,
-        fine,
-        jcn.values(placement.q),
-        measure.values(placement.q),
-        jcn.values(fine.q),
-        measure.values(fine.q),
-        distance,
-        worst,
+        placement=placement,
+        fine=fine,
+        jcn=jcn.values(placement.q),
+        measure=measure.values(placement.q),
+        fine_jcn=jcn.values(fine.q),
+        fine_measure=measure.values(fine.q),
+        smallest_distance=distance,
+        worst=worst,
     )
 
 
@@ -351,7 +355,7 @@ def _initial_profile(
         path.R_WE[np.newaxis],
         path.path_length,
         path.num_segments,
-        math.pi / 2,
+        _MAX_GUESS_STEP,
     )
     q = branches.q
     bounds = task.bounds(robot)
@@ -364,7 +368,7 @@ def _initial_profile(
         return None
     if task.initial.posture is not None:
         k = path.num_segments
-        middle = 0.5 * (q[:, k // 2] + q[:, (k + 1) // 2])
+        middle = 0.5 * (q[:, k // 2] + q[:, (k + 1) // 2])  # (B, n): k may be odd
         distance = np.max(np.abs(middle[followed] - task.initial.posture), axis=1)
         chosen = followed[int(first_of_least(distance))]
     else:

@@ -64,12 +64,15 @@ def draw_profiles(
     best: Profile,
     measure: PostureMeasure,
 ) -> Path:
-    """Draws the condition number (and the objective) and the joints along both paths (Fig. 8).
+    """Draws condition number and objective along both paths, joints along the best one (Fig. 8).
 
     Args:
         name: of the figure's file.
         initial: None: there is none.
-        measure: the objective, which has a panel of its own unless it is the condition number.
+        measure: the objective, which has a panel unless it is the condition number.
+
+    Returns:
+        The figure's file.
     """
     has_objective = measure.key != "jcn"
     rows = 3 if has_objective else 2

@@ -102,6 +102,9 @@ def standard_member(robot: Robot, program: PlacementProgram, placement: Placemen
 
     Args:
         placement: on its path to rounding, keeping all constraints.
+
+    Returns:
+        Postures on the path to rounding, too; between its points nothing was checked.
     """
     branches = _branches(robot, program, placement)
     equal_placements = [placement]

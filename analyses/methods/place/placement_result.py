@@ -20,6 +20,7 @@ from wrenchsight.models.robot.robot import Robot
 
 _CLEARANCE_ROUNDING = 1e-9  # m and rad; constraints are kept to 1e-7
 _HALF_TURN = 1e-9  # of a quaternion's w: a rotation by half a turn
+_MIN_AXIS_LENGTH = 1e-12  # of a quaternion's vector: a smaller one is no rotation
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Profile:
 
     Attributes:
         placement: the path, with its k + 1 points.
-        fine: the same with FINE times as many points.
+        fine: the same with `placement.FINE_POINTS` times as many segments.
         jcn, measure: (k + 1,) condition number and the objective at the points.
         fine_jcn, fine_measure: at the points of `fine`.
         smallest_distance: m, of the clearance's pairs over `fine`; None without shapes.
@@ -80,7 +81,9 @@ class Profile:
             "midpoint_m": _digits(self.placement.p_WM),
             "rotation": _digits(self.placement.R_WE),
             "angle_deg": float(_digits(math.degrees(theta))),
-            "axis": _digits(axis / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])),
+            "axis": _digits(
+                axis / length if length > _MIN_AXIS_LENGTH else np.array([0.0, 0.0, 1.0])
+            ),
             "midpoint_radius_m": float(np.hypot(*self.placement.p_WM[:2])),
             "joints_at_midpoint_rad": _digits(self.fine.q[len(self.fine.q) // 2]),
             "max_joint_step_rad": float(np.max(np.abs(np.diff(self.placement.q, axis=0)))),

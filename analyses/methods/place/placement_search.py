@@ -30,7 +30,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,19 +52,34 @@ from wrenchsight.models.planning.placement.placements import (
 )
 from wrenchsight.models.robot.robot import Robot
 
+T = TypeVar("T")
+
 # m and rad, of every constraint; postures are then corrected to rounding
 CONSTRAINT_TOLERANCE = 1e-7
 # rad and m, of joint limits between the points; clearance there is kept in full
 BETWEEN_TOLERANCE = 1e-3
-OPTIMUM_TOLERANCE = 0.01  # relative, of the measure at every point: one optimum
-_ROUGH_END_TOLERANCE = 0.02  # the same of two ends that have not come to their optimum
+# Gaps of two profiles, see `profile_gaps`: up to these they are one optimum, one rough end (which
+# has not come to its optimum), one end that is worth varying.
+OPTIMUM_TOLERANCE = 0.01
+_ROUGH_END_TOLERANCE = 0.02
+_VARIED_END_TOLERANCE = 0.06
+# Gap up to which an end belongs to the optimum that a fine solve from another end came to: an end
+# that was left out lies within one tolerance of the one that was solved.
+_LIKE_START_TOLERANCE = 2.0 * _ROUGH_END_TOLERANCE
 _MIN_STARTS = 30  # random placements; with fewer a part of the path's length will do
-_STAGE_SHARES = (0.6, 0.2, 0.02)  # of its length
+_LENGTH_SHARES = (0.6, 0.2, 0.02)  # of the path's length, tried in turn until there are enough
 _TRIED_PER_START = 4  # candidates whose distances are looked at
 _DEFICIT_WEIGHT = 10.0  # of the cost by m; a posture through the floor is worth little
-_FINISHED_WITH_CELL = 2  # optima; with distances the last steps take seconds
-_OTHER_KIND = 0.06  # the same of two that are worth varying
+_EXCESS_WEIGHT = 2.0  # of the cost by rad (m) beyond a limit: a little is left to the solver
+_FAR_EXCESS = 0.5  # rad (m) beyond a limit, from which a path is no start
+_NUM_FINISHED_WITH_CELL = 2  # optima; with distances the last steps take seconds
 _ROUGHLY_FEASIBLE = 1e-4  # m and rad, of a rough solve's end
+# Of a rough end's cost over the best so far, up to which it is put on its path: the mean over all
+# points may be lower than that over the coarse ones.
+_PROMISING_COST = 1.1
+# rad or m, by which exact inverse kinematics may move a solver's posture: farther away is another
+# branch, or the solver did not come to the path.
+_MAX_CORRECTION = 1e-3
 _ROUGH_OPTIONS = {
     "Major optimality tolerance": 1e-3,
     "Major feasibility tolerance": 1e-6,
@@ -136,7 +151,8 @@ class SearchResult:
         optima: distinct optima, best first; each keeps every constraint.
         num_candidates: paths of the global stage.
         num_reached: candidates that the arm can follow.
-        num_starts: rough solves, each from another start.
+        num_starts: rough solves, each from another start; where no start could keep all
+            constraints, the solves that found that out.
         num_unassigned: starts that ended at none of the optima.
         evaluations: evaluations of a path's measure, all stages.
         interrupted: whether it was ended early.
@@ -161,11 +177,32 @@ class SearchResult:
         return self.optima[0] if self.optima else None
 
 
-class _Source(NamedTuple):
-    """Values of the measure where a fine solve began (at the coarse points) and where it ended."""
+class _FineSolve(NamedTuple):
+    """A solve of the program of all points.
 
-    start: Array
-    end: Array
+    Attributes:
+        end: of the rough solve, from which it began.
+        solution: None where it breaks a constraint.
+    """
+
+    end: PlacementSolution
+    solution: PlacementSolution | None
+
+
+class _RandomPoses(NamedTuple):
+    """N random postures with a path each.
+
+    Attributes:
+        q: (N, n) rad (m).
+        n_W, p_WM, R_WE: (N, 3), (N, 3) m and (N, 3, 3), of the paths, see `Placement`.
+        is_moved: (N,) whether the bounds moved the path away from where E is at q.
+    """
+
+    q: Array
+    n_W: Array
+    p_WM: Array
+    R_WE: Array
+    is_moved: Flags
 
 
 class PlacementSearch:
@@ -190,7 +227,7 @@ class PlacementSearch:
     ) -> None:
         self._robot, self.program, self._initial = robot, program, initial
         self._others = others
-        self._posture = program.measure
+        self._measure = program.measure
         self._stride = coarse_stride(program.num_segments)
         self._coarse = self._coarse_program(has_cost=True)
 
@@ -222,57 +259,43 @@ class PlacementSearch:
     ) -> SearchResult:
         """Searches; an interrupt ends it with what is found so far.
 
-        Rough solves from many starts, in rounds, give ends; each later round starts from variations
-        of the best ends so far. Those ends that keep the constraints and differ are solved with
-        `solver`, and the best of these again to the last digits.
+        Rough solves from many starts give ends. Those that keep the constraints and differ are
+        solved with `solver`, and the best of these solutions again to the last digits.
         """
-        result = SearchResult()  # counts and history grow in it along the way
+        result = SearchResult()  # its counts and history grow along the way
         clock = _Clock(result)
-        # These grow solve by solve, so that an interrupt leaves what there is.
+        # Each stage yields solve by solve, so that an interrupt leaves what there is.
+        feasibility_ends: list[PlacementSolution] = []
         ends: list[PlacementSolution] = []  # of the rough solves, in the order of their starts
-        solutions: list[PlacementSolution] = []  # of the fine solves that keep all constraints
-        sources: list[_Source] = []  # of these
+        fine_solves: list[_FineSolve] = []
+        finished_solutions: list[PlacementSolution] = []
         try:
             progress(0.02, "looking at random placements")
             starts = [*self._others, *self.starts(seed, effort, result)]
             progress(0.04, "looking for a placement that keeps the constraints")
-            ends = self._feasibility(starts[: effort.num_feasibility])
-            result.num_starts = len(ends)
-            if not ends or not self._is_kept(ends[-1]):  # it ends with the first that keeps all
-                result.nearest = sorted(ends, key=self._violation_of)
+            _collect(self._feasibility(starts[: effort.num_feasibility]), feasibility_ends)
+            if not any(self._is_kept(end) for end in feasibility_ends):
+                result.num_starts = len(feasibility_ends)
+                result.nearest = sorted(feasibility_ends, key=self._violation_of)
                 return result
-            starts, ends = starts[: len(self._others) + effort.num_starts], []
-            self._rough_rounds(starts, ends, effort, result, clock, progress)
-            result.num_starts = len(ends)
-            kept = [end for end in ends if self._is_kept(end)]
-            result.nearest = [] if kept else sorted(ends, key=self._violation_of)
-            different_ends = self._different(kept, effort.num_solves)
-            for count, end in enumerate(different_ends):
-                share = count / len(different_ends)
-                progress(0.7 + 0.25 * share, f"{solver}, {count + 1}/{len(different_ends)}")
-                solution = self._solve(end, solver, result, clock)
-                if solution is None:  # it cannot be followed between the coarse points
-                    result.nearest.append(end)
-                else:
-                    solutions.append(solution)
-                    start_values = self._posture.values(end.placement.q)
-                    end_values = self._posture.values(solution.placement.q)
-                    sources.append(_Source(start_values, end_values))
+            first_starts = starts[: len(self._others) + effort.num_starts]
+            _collect(self._rough_ends(first_starts, effort, result, clock, progress), ends)
+            _collect(self._fine_solves(ends, solver, effort, result, clock, progress), fine_solves)
             progress(0.95, "the last steps")
-            kinds = self._kinds(solutions)
-            num_finished = len(kinds) if self.program.cell is None else _FINISHED_WITH_CELL
-            solutions = [
-                self._finished(solution, result, clock) for solution in kinds[:num_finished]
-            ] + kinds[num_finished:]
+            kinds = self._kinds(_solutions(fine_solves))
+            _collect(self._finished(kinds, result, clock), finished_solutions)
         except KeyboardInterrupt:
             result.interrupted = True
         result.num_starts = len(ends)
-        self._sort(solutions, ends, sources, result)
-        fallback = None if result.optima else self._best_corrected(ends, clock)
-        if fallback is not None:
+        result.nearest = self._nearest(ends, fine_solves)
+        # Of the kinds, best first, those that were taken to the last digits stand for themselves.
+        unfinished = self._kinds(_solutions(fine_solves))[len(finished_solutions) :]
+        result.optima = self._optima([*finished_solutions, *unfinished])
+        self._count_starts(ends, fine_solves, result)
+        if not result.optima:
             # Interrupted early, or no fine solve kept all constraints: the best rough end.
-            values = self._posture.values(fallback.q)
-            result.optima.append(Optimum(fallback, float(np.mean(values)), values, 0, "rough"))
+            rough = self._rough_optimum(ends, clock)
+            result.optima = [] if rough is None else [rough]
         progress(1.0, "done")
         return result
 
@@ -285,37 +308,42 @@ class PlacementSearch:
         size = (program.path_length, program.num_segments // self._stride)
         return PlacementProgram(self._robot, program.measure, bounds, *size, program.cell, has_cost)
 
-    def _feasibility(self, starts: list[Placement]) -> list[PlacementSolution]:
-        """Ends of the coarse program without a cost, up to the first that keeps all constraints."""
-        program, ends = self._coarse_program(has_cost=False), list[PlacementSolution]()
-        for start in starts:
-            coarse_start = replace(start, q=start.q[:: self._stride])
-            ends.append(program.solve(coarse_start, options=_FEASIBILITY_OPTIONS))
-            if self._is_kept(ends[-1]):
-                break
-        return ends
+    def _at_coarse_points(self, start: Placement) -> Placement:
+        return replace(start, q=start.q[:: self._stride])
 
-    def _rough_rounds(
+    def _feasibility(self, starts: list[Placement]) -> Iterator[PlacementSolution]:
+        """Ends of the coarse program without a cost, up to the first that keeps all constraints."""
+        program = self._coarse_program(has_cost=False)
+        for start in starts:
+            end = program.solve(self._at_coarse_points(start), options=_FEASIBILITY_OPTIONS)
+            yield end
+            if self._is_kept(end):
+                break
+
+    def _rough_ends(
         self,
         starts: list[Placement],
-        ends: list[PlacementSolution],
         effort: SearchEffort,
         result: SearchResult,
         clock: "_Clock",
         progress: Callable[[float, str], None],
-    ) -> None:
-        """Rounds of rough solves, each after the first from variations of the best ends so far.
+    ) -> Iterator[PlacementSolution]:
+        """Ends of rough solves, in rounds; each later one varies the best ends of all so far.
 
-        They end early where no end so far keeps the constraints.
+        The rounds end early where no end so far keeps the constraints.
 
         Args:
             starts: of the first round.
-            ends: grows by the end of each solve.
             result: its counts grow.
             clock: records the better ones.
         """
+        ends: list[PlacementSolution] = []
         for number in range(1 + effort.num_rounds):
-            for count, end in enumerate(self._rough(starts, ends, result)):
+            for count, start in enumerate(starts):
+                end = self._coarse.solve(self._at_coarse_points(start), options=_ROUGH_OPTIONS)
+                result.evaluations += end.evaluations
+                ends.append(end)
+                yield end
                 fraction = (number + count / len(starts)) / (1 + effort.num_rounds)
                 message = f"round {number + 1}, start {count + 1}/{len(starts)}"
                 progress(0.05 + 0.65 * fraction, message)
@@ -325,19 +353,36 @@ class PlacementSearch:
             if number < effort.num_rounds:
                 starts = self._varied(ends, effort, result)
 
-    def _rough(
+    def _fine_solves(
         self,
-        starts: list[Placement],
         ends: list[PlacementSolution],
+        solver: str,
+        effort: SearchEffort,
         result: SearchResult,
-    ) -> Iterator[PlacementSolution]:
-        """Solves the coarse program from each start; adds each end to `ends` and yields it."""
-        for start in starts:
-            coarse_start = replace(start, q=start.q[:: self._stride])
-            end = self._coarse.solve(coarse_start, options=_ROUGH_OPTIONS)
-            result.evaluations += end.evaluations
-            ends.append(end)
-            yield end
+        clock: "_Clock",
+        progress: Callable[[float, str], None],
+    ) -> Iterator[_FineSolve]:
+        """Solves the program of all points from the best ends that keep the constraints and differ.
+
+        Args:
+            ends: of all rough solves.
+            result: its counts grow.
+            clock: records the better ones.
+        """
+        kept = [end for end in ends if self._is_kept(end)]
+        different_ends = self._different(kept, effort.num_solves)
+        for count, end in enumerate(different_ends):
+            share = count / len(different_ends)
+            progress(0.7 + 0.25 * share, f"{solver}, {count + 1}/{len(different_ends)}")
+            yield _FineSolve(end, self._solve(end, solver, result, clock))
+
+    def _nearest(
+        self, ends: list[PlacementSolution], fine_solves: list[_FineSolve]
+    ) -> list[PlacementSolution]:
+        """Ends that came nearest to a placement: see `SearchResult.nearest`."""
+        if any(self._is_kept(end) for end in ends):
+            return [end for end, solution in fine_solves if solution is None]
+        return sorted(ends, key=self._violation_of)
 
     def _violation_of(self, end: PlacementSolution) -> float:
         return self._coarse.violation(end.placement)
@@ -351,11 +396,28 @@ class PlacementSearch:
 
     def _record(self, end: PlacementSolution, clock: "_Clock") -> None:
         """Records an end that keeps all constraints, put on its path to rounding."""
-        if self._is_kept(end) and end.cost < 1.1 * clock.cost:
+        if self._is_kept(end) and end.cost < _PROMISING_COST * clock.cost:
             placement = self._with_all_points(end)
             placement = None if placement is None else self.corrected(placement)
             if placement is not None:
                 clock.better(self.program.cost(placement.q), placement)
+
+    def _rough_optimum(self, ends: list[PlacementSolution], clock: "_Clock") -> Optimum | None:
+        """The best end of the rough solves, put on its path; no fine solve ended at it.
+
+        None where none keeps all constraints, also between the points.
+        """
+        placement = self._best_corrected(ends, clock)
+        if placement is None:
+            return None
+        values = self._measure.values(placement.q)
+        return Optimum(
+            placement=placement,
+            cost=float(np.mean(values)),
+            values=values,
+            starts=0,
+            status="rough",
+        )
 
     def _best_corrected(self, ends: list[PlacementSolution], clock: "_Clock") -> Placement | None:
         """The best end of the rough solves that keeps all constraints, also between points."""
@@ -371,37 +433,33 @@ class PlacementSearch:
     def starts(self, seed: int, effort: SearchEffort, result: SearchResult) -> list[Placement]:
         """The starts: the task's guess, then random paths on various branches, the best first.
 
-        Random paths are drawn, shorter ones as well where the arm follows too few: with all points
-        of the path on a part of its length, they are a guess for the solver, which stretches them.
-        The best poses among them are tried on all branches. Of each bin (`_cells`) the best path
-        comes first, then each one's second. Where something must not be hit (`program.cell`), the
-        most promising are ranked again by what their distances lack. Most paths can be followed;
-        where none can and the task has no guess, postures are returned that need not reach the
-        path. What the search was given to start from (`others`) is put before these by `run`.
+        The best poses among random paths are tried on all branches. Of each bin (`_bins`) the best
+        path comes first, then each one's second. Where something must not be hit (`program.cell`),
+        the most promising are ranked again by what their distances lack. Most paths can be
+        followed; where none can and the task has no guess, postures are returned that need not
+        reach the path. What the search was given to start from (`others`) is put before these by
+        `run`.
 
         Args:
             result: its counts grow.
+
+        Returns:
+            The guess on each of its branches, and as many more as the larger of the two stages
+            takes that begin from them.
         """
         rng = np.random.default_rng(seed)
         guesses = self.initial_guess()
-        length = self.program.path_length
-        # Costs are positive, and infinite where a limit is passed by far: such paths count as none.
-        # `in_order` puts them last, `best_of_each` leaves them out.
-        random_paths = self.draw(rng, effort.num_samples, length, result)
-        for share in _STAGE_SHARES:
-            if np.sum(np.isfinite(self._costs(random_paths))) >= _MIN_STARTS:
-                break
-            shorter = self.draw(rng, effort.num_samples, share * length, result)
-            random_paths = PlacementBatch.joined([random_paths, shorter])
-        costs = self._costs(random_paths)
-        order = in_order(costs)
+        random_paths = self._random_paths(rng, effort, result)
+        # Costs are infinite where a limit is passed by far: `in_order` puts such paths last,
+        # `best_of_each` leaves them out.
+        order = in_order(self._costs(random_paths))
         poses = random_paths[order[: effort.num_poses]]
         branches = self._on_all_branches(poses.n_W, poses.p_WM, poses.R_WE, result)
         candidates = PlacementBatch.joined([random_paths[order], branches])
         costs = self._costs(candidates)
         result.evaluations += len(random_paths) + len(candidates)
-        bins = self._cells(candidates)
-        count = max(effort.num_starts, effort.num_feasibility)  # as many as either stage takes
+        bins = self._bins(candidates)
+        count = max(effort.num_starts, effort.num_feasibility)
         if self.program.cell is not None:
             tried = best_of_each(bins, costs, _TRIED_PER_START * count)  # distances take time
             candidates, bins, costs = candidates[tried], bins[tried], costs[tried]
@@ -411,6 +469,23 @@ class PlacementSearch:
         if len(starts) == 0:  # the solver may come to the path, and says what it misses
             starts = self._unreached(rng, effort.num_starts)
         return [starts.one(index) for index in range(len(starts))]
+
+    def _random_paths(
+        self, rng: np.random.Generator, effort: SearchEffort, result: SearchResult
+    ) -> PlacementBatch:
+        """Random paths that the arm can follow, also shorter ones where it follows too few.
+
+        A shorter one has all points of the path, on a part of its length: a guess that the solver
+        stretches.
+        """
+        paths = self.draw(rng, effort.num_samples, self.program.path_length, result)
+        for share in _LENGTH_SHARES:
+            if np.sum(np.isfinite(self._costs(paths))) >= _MIN_STARTS:
+                break
+            length = share * self.program.path_length
+            shorter = self.draw(rng, effort.num_samples, length, result)
+            paths = PlacementBatch.joined([paths, shorter])
+        return paths
 
     def _deficits(self, batch: PlacementBatch) -> Array:
         """(N,) m, what the worst pair of shapes lacks at both ends and in the middle of a path."""
@@ -423,8 +498,8 @@ class PlacementSearch:
             ]
         )
 
-    def _cells(self, batch: PlacementBatch) -> NDArray[np.intp]:
-        """(N,) one number a placement for the half of its range that each joint is in.
+    def _bins(self, batch: PlacementBatch) -> NDArray[np.intp]:
+        """(N,) the bin of each placement: bit j says in which half of its range joint j is.
 
         It is that at the midpoint. Branches of one pose lie in different halves, and so do the
         ends of their descents.
@@ -475,7 +550,13 @@ class PlacementSearch:
         result: SearchResult,
         path_length: float,
     ) -> PlacementBatch:
-        """The paths that can be followed from their postures `q_mid` at the midpoint."""
+        """The paths that can be followed from their postures at the midpoint, counted.
+
+        Those of a part of the path's length are not counted: they are no candidates.
+
+        Args:
+            q_mid: (N, n) rad (m).
+        """
         program = self.program
         q, is_reached = track_paths(
             self._robot.chain,
@@ -492,6 +573,7 @@ class PlacementSearch:
 
     @staticmethod
     def _counted(paths: PlacementBatch, is_reached: Flags, result: SearchResult) -> PlacementBatch:
+        """The paths that can be followed; all are counted in the result."""
         result.num_candidates += len(is_reached)
         result.num_reached += int(np.sum(is_reached))
         return paths[is_reached]
@@ -499,9 +581,15 @@ class PlacementSearch:
     def draw(
         self, rng: np.random.Generator, count: int, path_length: float, result: SearchResult
     ) -> PlacementBatch:
-        """Random placements that the arm can follow, their midpoints in the box."""
+        """Random placements that the arm can follow, their midpoints in the box.
+
+        Args:
+            count: postures that are drawn; fewer paths come back.
+            path_length: m, the path's or a part of it.
+            result: its counts grow.
+        """
         bounds, chain = self.program.bounds, self._robot.chain
-        (q, n_W, p_WM, R_WE), is_moved = self._random_poses(rng, count)
+        q, n_W, p_WM, R_WE, is_moved = self._random_poses(rng, count)
         if np.any(is_moved):
             q[is_moved], is_reached = solve_poses(
                 chain, R_WE[is_moved], p_WM[is_moved], q[is_moved]
@@ -514,15 +602,15 @@ class PlacementSearch:
 
     def _unreached(self, rng: np.random.Generator, count: int) -> PlacementBatch:
         """Random placements with one posture each, which need not reach any point of the path."""
-        (q, n_W, p_WM, R_WE), _ = self._random_poses(rng, count)
-        q = np.repeat(q[:, np.newaxis], self.program.num_segments + 1, axis=1)
-        return PlacementBatch(q, n_W, p_WM, R_WE)
+        poses = self._random_poses(rng, count)
+        q = np.repeat(poses.q[:, np.newaxis], self.program.num_segments + 1, axis=1)
+        return PlacementBatch(q, poses.n_W, poses.p_WM, poses.R_WE)
 
-    def _random_poses(self, rng: np.random.Generator, count: int) -> tuple[PlacementBatch, Flags]:
-        """Random postures q (N, n) with a path each, and (N,) whether E is not where that is.
+    def _random_poses(self, rng: np.random.Generator, count: int) -> _RandomPoses:
+        """Random postures over the joint limits, each with a path through where E is.
 
         The path's midpoint and the tool's rotation are E's where the bounds allow it, and are moved
-        within the bounds elsewhere.
+        within the bounds elsewhere. A joint without limits is drawn over one turn.
         """
         bounds, chain = self.program.bounds, self._robot.chain
         lower = np.where(np.isfinite(bounds.q_lower), bounds.q_lower, -math.pi)
@@ -541,10 +629,10 @@ class PlacementSearch:
         factor = allowed_angles / np.maximum(angle, 1e-12)
         turn[is_angle_off] *= factor[is_angle_off, np.newaxis]
         R_WE[is_angle_off] = Rotation.from_rotvec(turn[is_angle_off]).as_matrix()
-        is_turned = self._lean(rng, R_WE)  # into the tool's cone
+        is_turned = self._lean(rng, R_WE)  # into the tool's cone, in place
         is_moved = is_outside | is_angle_off | is_turned
         n_W = bounds.allowed_directions(n_W, R_WE[:, :, 2])
-        return PlacementBatch(q, n_W, p_WM, R_WE), is_moved
+        return _RandomPoses(q, n_W, p_WM, R_WE, is_moved)
 
     def _lean(self, rng: np.random.Generator, R_WE: Array) -> Flags:
         """Turns tools that point out of their cone into it, in place; returns which ones (N,)."""
@@ -563,32 +651,37 @@ class PlacementSearch:
         return np.asarray(is_turned)
 
     def _costs(self, batch: PlacementBatch) -> Array:
-        """(N,) the mean measure, raised where a limit is passed, infinite where it is by far."""
+        """(N,) the mean measure, raised where a limit is passed, infinite where it is by far.
+
+        Limits are those of the joints and the tool's cone; other bounds are left to the solver.
+        """
         if len(batch) == 0:
             return np.empty(0)
         bounds = self.program.bounds
-        mean = np.mean(self._posture.values(batch.q), axis=1)
+        mean = np.mean(self._measure.values(batch.q), axis=1)
         excess = np.maximum(bounds.q_lower - batch.q, batch.q - bounds.q_upper)
         excess = np.maximum(np.max(excess, axis=(1, 2)), 0.0)
         if bounds.tool_direction is not None:
             cosine = np.clip(batch.R_WE[:, :, 2] @ bounds.tool_direction, -1.0, 1.0)
             excess = np.maximum(excess, np.arccos(cosine) - bounds.tool_tilt)
-        return np.asarray(np.where(excess < 0.5, mean * (1.0 + 2.0 * excess), np.inf))
+        raised = mean * (1.0 + _EXCESS_WEIGHT * excess)
+        return np.asarray(np.where(excess < _FAR_EXCESS, raised, np.inf))
 
     def _varied(
         self, ends: list[PlacementSolution], effort: SearchEffort, result: SearchResult
     ) -> list[Placement]:
-        """The next round's starts, the best first.
+        """The next round's starts, the best first, at most `num_starts`.
 
         They are the best ends that differ, with the tool turned about the path, on all branches;
         without those that are, to the measure, like an end or an earlier start.
 
         Args:
-            ends: of all rough solves so far.
+            ends: of all rough solves so far, of which one or more keep the constraints.
             result: its counts grow.
         """
         kept = [end for end in ends if self._is_kept(end)]
-        kinds = [end.placement for end in self._different(kept, effort.num_kinds, _OTHER_KIND)]
+        different_ends = self._different(kept, effort.num_kinds, _VARIED_END_TOLERANCE)
+        kinds = [end.placement for end in different_ends]
         angles = np.linspace(0.0, 2.0 * math.pi, effort.num_turns, endpoint=False)
         n_W = np.repeat([kind.n_W for kind in kinds], len(angles), axis=0)
         turns = Rotation.from_rotvec(np.tile(angles, len(kinds))[:, np.newaxis] * n_W)
@@ -599,16 +692,13 @@ class PlacementSearch:
         costs = self._costs(varied)
         varied, costs = varied[np.isfinite(costs)], costs[np.isfinite(costs)]
         # Compared at the coarse points, at which the ends are solved.
-        profiles = self._posture.values(varied.q)[:, :: self._stride]
-        known = [self._posture.values(end.placement.q) for end in kept]
+        profiles = self._measure.values(varied.q)[:, :: self._stride]
+        known = [self._measure.values(end.placement.q) for end in kept]
         starts: list[Placement] = []
         for index in in_order(costs):
             if len(starts) == effort.num_starts:
                 break
-            if (
-                not known
-                or profile_gaps(profiles[index], np.array(known)).min() > OPTIMUM_TOLERANCE
-            ):
+            if profile_gaps(profiles[index], np.array(known)).min() > OPTIMUM_TOLERANCE:
                 known.append(profiles[index])
                 starts.append(varied.one(int(index)))
         return starts
@@ -616,8 +706,11 @@ class PlacementSearch:
     def _different(
         self, ends: list[PlacementSolution], count: int, gap: float = _ROUGH_END_TOLERANCE
     ) -> list[PlacementSolution]:
-        """The best ends, one of each kind; kinds differ in their profiles by `gap`."""
-        profiles = [self._posture.values(end.placement.q) for end in ends]
+        """The best ends, one of each kind, up to `count`.
+
+        Kinds differ in their profiles by more than `gap`, see `profile_gaps`.
+        """
+        profiles = [self._measure.values(end.placement.q) for end in ends]
         chosen: list[int] = []
         for index in in_order([end.cost for end in ends]):
             if len(chosen) == count:
@@ -648,12 +741,21 @@ class PlacementSearch:
         return replace(solution, placement=placement, cost=cost)
 
     def _finished(
-        self, solution: PlacementSolution, result: SearchResult, clock: "_Clock"
-    ) -> PlacementSolution:
-        refined_solution = finished(self._robot, self.program, solution, self.corrected)
-        result.evaluations += refined_solution.evaluations - solution.evaluations
-        clock.better(refined_solution.cost, refined_solution.placement)
-        return refined_solution
+        self, kinds: list[PlacementSolution], result: SearchResult, clock: "_Clock"
+    ) -> Iterator[PlacementSolution]:
+        """The exact optima, as the standard members of their families; with a cell of the best few.
+
+        Args:
+            kinds: solutions that differ, best first.
+            result: its counts grow.
+            clock: records the better ones.
+        """
+        count = len(kinds) if self.program.cell is None else _NUM_FINISHED_WITH_CELL
+        for solution in kinds[:count]:
+            exact = finished(self._robot, self.program, solution, self.corrected)
+            result.evaluations += exact.evaluations - solution.evaluations
+            clock.better(exact.cost, exact.placement)
+            yield exact
 
     def corrected(self, placement: Placement) -> Placement | None:
         """The placement with its postures exactly on the path; None if it breaks a constraint.
@@ -662,7 +764,7 @@ class PlacementSearch:
         """
         program = self.program
         exact = placement_on_path(self._robot, placement, program.path_length)
-        if exact is None or np.max(np.abs(exact.q - placement.q)) > 1e-3:
+        if exact is None or np.max(np.abs(exact.q - placement.q)) > _MAX_CORRECTION:
             return None
         if program.violation(exact) > CONSTRAINT_TOLERANCE:
             return None
@@ -676,7 +778,7 @@ class PlacementSearch:
         kinds: list[PlacementSolution] = []
         profiles: list[Array] = []
         for index in in_order([solution.cost for solution in solutions]):
-            values = self._posture.values(solutions[index].placement.q)
+            values = self._measure.values(solutions[index].placement.q)
             if all(
                 float(profile_gaps(values, profile)) > OPTIMUM_TOLERANCE for profile in profiles
             ):
@@ -684,54 +786,67 @@ class PlacementSearch:
                 profiles.append(values)
         return kinds
 
-    def _sort(
-        self,
-        solutions: list[PlacementSolution],
-        ends: list[PlacementSolution],
-        sources: list[_Source],
-        result: SearchResult,
-    ) -> None:
-        """Writes the distinct optima, best first, with the number of starts that ended at each.
-
-        Args:
-            solutions: of the fine solves.
-            ends: of the rough ones, each of one start; where only some ends were solved further, an
-                end counts with the optimum that a fine solve from a like end came to.
-            sources: where the fine solves began and ended.
-            result: gets the optima and the number of ends that belong to none.
-        """
-        kinds = self._kinds(solutions)
-        profiles = [self._posture.values(solution.placement.q) for solution in kinds]
-        num_starts = np.zeros(len(kinds), dtype=int)
-        for end in ends:
-            kind = self._kind_of(end, sources, profiles)
-            if kind is None:
-                result.num_unassigned += 1
-            else:
-                num_starts[kind] += 1
-        result.optima = [
+    def _optima(self, solutions: list[PlacementSolution]) -> list[Optimum]:
+        """The distinct optima among solutions, best first; no start is counted yet."""
+        return [
             Optimum(
                 placement=solution.placement,
                 cost=solution.cost,
-                values=profiles[index],
-                starts=int(num_starts[index]),
+                values=self._measure.values(solution.placement.q),
+                starts=0,
                 status=solution.status,
             )
-            for index, solution in enumerate(kinds)
+            for solution in self._kinds(solutions)
         ]
 
-    def _kind_of(
-        self, end: PlacementSolution, sources: list[_Source], profiles: list[Array]
-    ) -> int | None:
-        """The optimum that a fine solve came to from an end like this one; None for none."""
+    def _count_starts(
+        self, ends: list[PlacementSolution], fine_solves: list[_FineSolve], result: SearchResult
+    ) -> None:
+        """Counts the starts of each optimum of the result, and those that belong to none.
+
+        Only some ends were solved further: an end counts with the optimum that a fine solve from a
+        like end came to.
+
+        Args:
+            ends: of the rough solves, each of one start.
+            fine_solves: of the ends that differ.
+        """
+        profiles = [optimum.values for optimum in result.optima]
+        # Values where a fine solve began (at the coarse points), and the optimum it came to.
+        came_to: list[tuple[Array, int]] = []
+        for end, solution in fine_solves:
+            if solution is not None:
+                values = self._measure.values(solution.placement.q)
+                gaps = [float(profile_gaps(values, profile)) for profile in profiles]
+                if min(gaps) < OPTIMUM_TOLERANCE:
+                    begin_values = self._measure.values(end.placement.q)
+                    came_to.append((begin_values, int(np.argmin(gaps))))
+        num_starts = np.zeros(len(profiles), dtype=int)
+        for end in ends:
+            optimum = self._optimum_of(end, came_to)
+            if optimum is None:
+                result.num_unassigned += 1
+            else:
+                num_starts[optimum] += 1
+        result.optima = [
+            replace(optimum, starts=int(count))
+            for optimum, count in zip(result.optima, num_starts, strict=True)
+        ]
+
+    def _optimum_of(self, end: PlacementSolution, came_to: list[tuple[Array, int]]) -> int | None:
+        """Index of the optimum that a fine solve came to from an end like this one.
+
+        None where there was no such solve, or the end breaks a constraint.
+
+        Args:
+            came_to: of each fine solve the values where it began, and the index of its optimum.
+        """
         if not self._is_kept(end):
             return None
-        values = self._posture.values(end.placement.q)
-        for source in sources:
-            if profile_gaps(values, source.start) < 2.0 * _ROUGH_END_TOLERANCE:
-                gaps = [float(profile_gaps(source.end, profile)) for profile in profiles]
-                if gaps and min(gaps) < OPTIMUM_TOLERANCE:
-                    return int(np.argmin(gaps))
+        values = self._measure.values(end.placement.q)
+        for begin_values, optimum in came_to:
+            if profile_gaps(values, begin_values) < _LIKE_START_TOLERANCE:
+                return optimum
         return None
 
 
@@ -751,21 +866,33 @@ class _Clock:
             self._result.history.append((time.perf_counter() - self._began, cost))
 
 
+def _collect(items: Iterator[T], held: list[T]) -> None:
+    """Adds each item to a list as soon as it comes: an interrupt leaves those before it."""
+    for item in items:
+        held.append(item)  # noqa: PERF402 - `extend` promises nothing of an interrupt
+
+
+def _solutions(fine_solves: list[_FineSolve]) -> list[PlacementSolution]:
+    """The solutions that keep all constraints."""
+    return [solution for _, solution in fine_solves if solution is not None]
+
+
 def coarse_stride(num_segments: int) -> int:
     """The largest stride of at most 4 that divides the number of segments."""
     return next(stride for stride in (4, 3, 2, 1) if num_segments % stride == 0)
 
 
-def best_of_each(cells: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.intp]:
-    """Indices of up to `count` finite costs: the best of each cell, then each one's second..."""
+def best_of_each(bins: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.intp]:
+    """Indices of up to `count` finite costs: the best of each bin, then each one's second..."""
     order = in_order(costs)
     order = order[np.isfinite(costs[order])]
+    # Of each cost its rank within its bin.
     rank = np.empty(len(order), dtype=int)
     counts: dict[int, int] = {}
     for position, index in enumerate(order):
-        cell = int(cells[index])
-        rank[position] = counts.get(cell, 0)
-        counts[cell] = rank[position] + 1
+        bin_ = int(bins[index])
+        rank[position] = counts.get(bin_, 0)
+        counts[bin_] = rank[position] + 1
     return np.asarray(order[np.argsort(rank, kind="stable")][:count])
 
 
