@@ -73,6 +73,9 @@ MIN_FOLDS = 3  # folds whose spread is a standard error: of two folds it is thei
 SHAPE_STRETCHES = 9  # of logs of fewer motions, to choose a shape
 REST_WEIGHT = 0.01  # of the squared residuals of a joint that rests in a whole log
 HUBER_SCALES = 3.0  # scales of the residual from which it counts linearly, no longer squared
+_GAUSSIAN_SD = 1.4826  # sd of a Gaussian over its median absolute value
+_MIN_SCALE = 1e-9  # N m, of residuals: a log without noise has none
+_MIN_RESIDUAL_SD = 1e-12  # N m, that rows are divided by
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +238,9 @@ class FrictionFit:
         structure = solution.structure
         factors = self.factors(solution)
         selected = factors if chosen is None else [factors[k] for k in chosen]
-        sd = np.maximum(solution.estimate.residual_sd, 1e-12) * np.sqrt(self.oversampling)
+        sd = np.maximum(solution.estimate.residual_sd, _MIN_RESIDUAL_SD) * np.sqrt(
+            self.oversampling
+        )
         rows = np.vstack([R / sd[j] for factor in selected for j, R in enumerate(factor.R)])
         prior, spread = parameter_prior(self.robot, [len(terms) for terms in structure.terms])
         v_max = np.max([np.abs(self.of_motors(log.v)).max(axis=0) for log in self.runs], axis=0)
@@ -325,13 +330,16 @@ class FrictionFit:
         loads = self.loads(self.fit(structure))  # rigid-body torque, which the load term takes
         is_elastic = bool(structure.displacement.any())
         has_stribeck = structure.has("stribeck")
-        velocities = (*(() if is_elastic else CREEP_VELOCITIES), *STRIBECK_VELOCITIES)
+        velocities = (
+            STRIBECK_VELOCITIES if is_elastic else (*CREEP_VELOCITIES, *STRIBECK_VELOCITIES)
+        )
+        # Two shapes are chosen in turn, twice: each with the other as it was chosen last.
         for _ in range(2 if is_elastic and has_stribeck else 1):
             if is_elastic:
                 structure = self._sweep(structure, "displacement", DISPLACEMENT_CHOICES, loads)
             if has_stribeck:
                 structure = self._sweep(structure, "stribeck_velocity", velocities, loads)
-        if is_elastic:
+        if is_elastic:  # the fit leaves out what is no property of a gear
             structure = self.fit(structure).structure
         else:
             structure = self._opposing(structure, velocities)
@@ -440,6 +448,7 @@ class FrictionFit:
         """Returns the same fit with the weights that iteration with this structure finds.
 
         They are Huber's, min(1, HUBER_SCALES s / |r|), and begin at the weights that this fit has.
+        The loss "squares" leaves them as they are.
 
         s is 1.4826 times the joint's median absolute residual. Huber's and not Tukey's loss: the
         torque at reversals that no friction law explains lies far outside the bulk, too. Tukey's
@@ -450,14 +459,14 @@ class FrictionFit:
             return self
         result = self
         for _ in range(HUBER_PASSES):
-            solution = result.fit(structure)
+            solution = result.fit(structure)  # may have left out load terms of the structure
             columns = result.columns(solution.structure, result.loads(solution))
             residuals = [  # (rows, n) N m of each log
                 regression.residual(log_columns, solution.x)
                 for regression, log_columns in zip(self.regressions, columns, strict=True)
             ]
-            scale = 1.4826 * np.median(np.abs(np.vstack(residuals)), axis=0)
-            limit = HUBER_SCALES * np.maximum(scale, 1e-9)
+            scale = _GAUSSIAN_SD * np.median(np.abs(np.vstack(residuals)), axis=0)
+            limit = HUBER_SCALES * np.maximum(scale, _MIN_SCALE)
             weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
             result = replace(result, weights=self._with_rests(weights))
         return result

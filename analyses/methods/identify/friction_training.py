@@ -36,6 +36,10 @@ HELD_OUT = 0.2
 NUM_NEURONS = 10
 LEAST_RATE = 1e-4  # of Adam, at the last step
 _SAME_SPEED = 1e-9  # relative
+_MIN_SD = 1e-12  # N m, added to the torque's sd: a joint without any is learnt as zero
+_SLACKEST, _STEEPEST = 2.0, 60.0  # 1 over the band's edge: kinks as wide as the band, as the jump
+_FIRST_OUTPUT_SD = 0.3  # of W2 at the start
+_LEAST_GAIN = 1e-5  # relative, of the held-out error, from which on a step is better
 
 
 @dataclass
@@ -176,7 +180,7 @@ def train_networks(
     x, y, fitted, held_out = _band_samples(v, torque, edge, band_rows, group, rng)
     # The networks are trained on torques of mean zero and unit sd, and scaled back below.
     mean = (fitted * y).sum(axis=1)
-    sd = np.sqrt((fitted * (y - mean[:, None]) ** 2).sum(axis=1)) + 1e-12
+    sd = np.sqrt((fitted * (y - mean[:, None]) ** 2).sum(axis=1)) + _MIN_SD
     z = (y - mean[:, None]) / sd[:, None]
     with one_thread():  # the same sums in the same order on every machine; faster, too
         (W1, b1, W2, b2), mean_squares, steps = _descend(x, z, fitted, held_out, config)
@@ -246,16 +250,17 @@ def _band_samples(
         group: (N,) which run a row is of.
     """
     size = min(MOST_SAMPLES, max(len(rows) for rows in band_rows))
-    samples = _BandSamples(*np.zeros((4, len(edge), size)))
-    for j, rows in enumerate(band_rows):
+    x, y, fitted, held_out = np.zeros((4, len(edge), size))
+    for j, all_rows in enumerate(band_rows):
         # Evenly through the log, so that the same stretch of it stays together in the split.
-        rows = rows[np.linspace(0, len(rows) - 1, min(size, len(rows))).astype(int)]
-        away = _held_out(group[rows], rng)
-        samples.x[j, : len(rows)] = v[rows, j] / edge[j]
-        samples.y[j, : len(rows)] = torque[rows, j]
-        samples.fitted[j, : len(rows)] = ~away / max(1, int((~away).sum()))
-        samples.held_out[j, : len(rows)] = away / max(1, int(away.sum()))
-    return samples
+        count = min(size, len(all_rows))
+        rows = all_rows[np.linspace(0, len(all_rows) - 1, count).astype(int)]
+        is_held_out = _held_out(group[rows], rng)
+        x[j, :count] = v[rows, j] / edge[j]
+        y[j, :count] = torque[rows, j]
+        fitted[j, :count] = ~is_held_out / max(1, int((~is_held_out).sum()))
+        held_out[j, :count] = is_held_out / max(1, int(is_held_out.sum()))
+    return _BandSamples(x=x, y=y, fitted=fitted, held_out=held_out)
 
 
 def _held_out(group: NDArray[Any], rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -283,6 +288,23 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(previous_threads)
 
 
+def _first_weights(n: int, config: TrainingConfig) -> list[Array]:
+    """W1 (n, H), b1 (n, H), W2 (n, H), b2 (n,) from which the training starts.
+
+    Kinks are spread over the band, from as wide as it to as steep as the jump at zero velocity. The
+    first neuron is that jump.
+    """
+    draw = np.random.default_rng(config.seed + 1)
+    steepness = np.exp(draw.uniform(np.log(_SLACKEST), np.log(_STEEPEST), (n, NUM_NEURONS)))
+    steepness[:, 0] = config.steepest
+    W1 = steepness * draw.choice([-1.0, 1.0], (n, NUM_NEURONS))
+    W2 = _FIRST_OUTPUT_SD * draw.normal(size=(n, NUM_NEURONS))
+    kink = draw.uniform(-1.0, 1.0, (n, NUM_NEURONS))  # over the band's edge
+    b1 = np.zeros_like(W1) if config.odd else W1 * kink
+    b1[:, 0] = 0.0
+    return [W1, b1, W2, np.zeros(n)]
+
+
 def _descend(
     x: Array,
     z: Array,
@@ -306,18 +328,7 @@ def _descend(
     import torch
 
     n = len(x)
-    draw = np.random.default_rng(config.seed + 1)
-    # Kinks spread over the band, from as wide as it to as steep as the jump at zero velocity.
-    steepness = np.exp(draw.uniform(np.log(2.0), np.log(60.0), (n, NUM_NEURONS)))
-    steepness[:, 0] = config.steepest
-    start = [  # W1, b1, W2, b2
-        steepness * draw.choice([-1.0, 1.0], (n, NUM_NEURONS)),
-        np.zeros((n, NUM_NEURONS)),
-        0.3 * draw.normal(size=(n, NUM_NEURONS)),
-        np.zeros(n),
-    ]
-    start[1] = start[0] * draw.uniform(-1.0, 1.0, (n, NUM_NEURONS)) * (0.0 if config.odd else 1.0)
-    start[1][:, 0] = 0.0  # one jump is at zero
+    start = _first_weights(n, config)
     parameters = [torch.tensor(a, dtype=torch.float64, requires_grad=True) for a in start]
     X, Z, fit_weight, held_out_weight = (
         torch.tensor(a, dtype=torch.float64) for a in (x, z, fitted, held_out)
@@ -335,7 +346,7 @@ def _descend(
         fit_error = (fit_weight * square).sum(dim=1)
         held_out_error = (held_out_weight * square).sum(dim=1)
         with torch.no_grad():
-            better = held_out_error < lowest * (1.0 - 1e-5)
+            better = held_out_error < lowest * (1.0 - _LEAST_GAIN)
             lowest = torch.where(better, held_out_error, lowest)
             best_step = torch.where(better, step, best_step)
             for best_values, values in zip(best, parameters, strict=True):
@@ -345,7 +356,7 @@ def _descend(
         optimiser.zero_grad()
         fit_error.sum().backward()  # joints share no parameter
         if config.odd:
-            parameters[1].grad.zero_()  # tanh(W v) is odd
+            b1.grad.zero_()  # it stays zero: tanh(W1 x) is odd
         optimiser.step()
         schedule.step()
     return [p.numpy() for p in best], lowest.numpy(), best_step.numpy()

@@ -296,6 +296,9 @@ def _identify(
 
     What depends on the logs and filters alone is shared with other fits of them in a study. The
     observer's error is learnt on folds that a model was not fitted on, where there are any.
+
+    Args:
+        config: checked; a time step of 0 is filled in here.
     """
     _check_recordings(recordings, validation, robot)
     config = _with_time_step(config, recordings)

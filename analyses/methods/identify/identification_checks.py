@@ -22,6 +22,8 @@ from wrenchsight.models.robot.robot import Robot
 _INERTIAL = len(INERTIAL_NAMES)
 RANK_TOLERANCE = 1e-7  # as wrenchsight.models.identification.base_parameters
 GAUSS_NEWTON_STEPS = 6
+_MIN_LENGTH = 1e-12  # of a column that is divided by its length: one of zeros stays so
+_DETERMINED_SHARE = 0.999  # length of a unit vector that must lie in what the rows determine
 
 
 def gain_ratios(
@@ -72,7 +74,7 @@ def _gain_ratio(
     Returns:
         NaN and infinity where the factor is not determined; the sd is that of white residuals.
     """
-    column_norms = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-12)
+    column_norms = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), _MIN_LENGTH)
     result = (np.nan, np.inf)
     ratio, parameters = 1.0, x
     for _ in range(GAUSS_NEWTON_STEPS):
@@ -88,7 +90,7 @@ def _gain_ratio(
         is_determined = s > RANK_TOLERANCE * s[0]  # of the directions of parameters
         U, s, Vt = U[:, is_determined], s[is_determined], Vt[is_determined]
         factor_share = Vt[:, -1]  # the factor's part in each direction
-        if np.linalg.norm(factor_share) < 0.999:  # partly in the null space
+        if np.linalg.norm(factor_share) < _DETERMINED_SHARE:  # partly in the null space
             break
         solution = Vt.T @ ((U.T @ rows[:, -1]) / s) / scale
         ratio, parameters = ratio + float(solution[-1]), solution[:-1]
@@ -180,31 +182,35 @@ def contradictions(
     Different payloads make the drives look wrong: where payloads differ, that alone is said.
 
     Args:
-        runs: the logs, in the problem's order; each is a fold of its own.
+        problem: without groups of logs, so that of several logs each is a fold.
+        solution: fit of all logs.
+        runs: the logs, in the problem's order.
         of_torque: whether the logs carry torque, so that no current is spoken of.
     """
     factors = problem.factors(solution)
     sd = solution.estimate.residual_sd
     if len(runs) > 1:
-        masses, sds = payload_differences(factors, solution.x, sd, problem.oversampling)
-        spread, uncertainty = np.ptp(masses), np.sqrt(2.0) * sds.max()
+        masses, mass_sds = payload_differences(factors, solution.x, sd, problem.oversampling)
+        spread, uncertainty = np.ptp(masses), np.sqrt(2.0) * mass_sds.max()
         if spread > max(PAYLOAD_DIFFERENCE, SURE_SDS * uncertainty):
             by_log = ", ".join(
                 f"{run.name} {mass:+.2f} kg" for run, mass in zip(runs, masses, strict=True)
             )
             return [
                 "the payload differs between the logs: beside their common load, at the last link "
-                f"{by_log} (+- {sds.max():.2g} kg); identify from logs with the same payload"
+                f"{by_log} (+- {mass_sds.max():.2g} kg); identify from logs with the same payload"
             ]
-    ratios, sds = gain_ratios(factors, solution.x, sd, problem.oversampling)
+    ratios, ratio_sds = gain_ratios(factors, solution.x, sd, problem.oversampling)
     difference = np.abs(ratios - 1.0)  # NaN where it is not determined
     # What friction's law misses may be as large as all that masses do at a wrist.
     is_significant = rigid_torque(factors, solution.x) > sd
-    is_sure = (difference > GAIN_DIFFERENCE) & (difference > SURE_SDS * sds)
+    is_sure = (difference > GAIN_DIFFERENCE) & (difference > SURE_SDS * ratio_sds)
     wrong = np.flatnonzero(is_sure & is_significant)
     if not wrong.size:
         return []
-    by_joint = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} +- {sds[j]:.2g}" for j in wrong)
+    by_joint = ", ".join(
+        f"{robot.joint_names[j]} {ratios[j]:.2f} +- {ratio_sds[j]:.2g}" for j in wrong
+    )
     cause = "the unit of the torques" if of_torque else "torque_per_ampere and the gear ratios"
     return [
         "inconsistent gravity: measured torque over the torque of the masses that the other joints "

@@ -24,7 +24,7 @@ def law_lines(
     error_source: str,
     extrapolated: Extrapolated | None = None,
 ) -> list[str]:
-    """One line for each law that was tried: its error by joint, the chosen one first.
+    """A line for each law that was tried: its error by joint; the chosen one first, then by score.
 
     Args:
         errors: RMSE (n,) N m by law.

@@ -313,20 +313,23 @@ def _with_networks(
         friction: the law that they make, without networks.
         chain: with the fitted inertias.
     """
-    v, torque, group = [], [], []  # of the used samples of each log
+    # Of the used samples of each log; a group is a log.
+    v: list[Array] = []
+    torque: list[Array] = []
+    groups: list[NDArray[np.intp]] = []
     for k, log in enumerate(logs):
         rigid = np.asarray(chain.inverse_dynamics(log.q, log.v, log.vdot))
-        whole = friction.torque_along(log.q, log.v, rigid)
+        all_friction = friction.torque_along(log.q, log.v, rigid)
         # The network replaces a function of velocity; the slip part stays as it is.
-        slip = whole - friction.velocity_law.torque(log.v)
+        slip = all_friction - friction.velocity_law.torque(log.v)
         v.append(log.v[log.used])
         torque.append((log.tau - log.match(rigid + slip))[log.used])
-        group.append(np.full(int(log.used.sum()), k))
+        groups.append(np.full(int(log.used.sum()), k))
     trained = train_networks(
         np.vstack(v),
         np.vstack(torque),
         friction.velocity_law.coulomb_viscous,
-        groups=np.concatenate(group),
+        groups=np.concatenate(groups),
         config=TrainingConfig(config.seed),
     )
     return structure.law(coefficients, trained.networks, trained.v_crit)

@@ -40,6 +40,7 @@ GRID_POINTS = 20.0  # grid points on which the regressor is built; its harmonics
 TRIM_PERIODS = 2.5  # filter transients at both ends of a log
 DROPOUT_WINDOW = 1.0  # stretch whose share of bridged samples is judged
 SHORTEST_LOG = 25.0
+_UNIT_ROUNDING = 1e-6  # of a time's last decimal that is printed
 DROPOUT_SHARE = 0.1  # of such a stretch; shorter bridges are what the low-pass would draw itself
 
 
@@ -143,11 +144,12 @@ def _refuse_short(recording: Recording, cutoff: float, periods: float) -> None:
     missing = missing_time(recording, needed)
     if missing == 0.0:
         return
-    # Two digits of the missing time: with so many decimals length and needed length differ.
+    # Two digits of the missing time: with so many decimals length and needed length differ. The
+    # length is rounded down and the needed one up, but for the last bits of their products.
     decimals = max(2, 1 - math.floor(math.log10(missing)))
-    units_per_second, rounding = 10.0**decimals, 1e-6
-    actual_units = math.floor(recording.duration * units_per_second + rounding)
-    needed_units = math.ceil(needed * units_per_second - rounding)
+    units_per_second = 10.0**decimals
+    actual_units = math.floor(recording.duration * units_per_second + _UNIT_ROUNDING)
+    needed_units = math.ceil(needed * units_per_second - _UNIT_ROUNDING)
 
     def seconds(units: int) -> str:
         return f"{units / units_per_second:.{decimals}f}".rstrip("0").rstrip(".")
@@ -251,13 +253,14 @@ def low_pass_log(
     window = max(1, round(DROPOUT_WINDOW / cutoff / step))
     missing_share = np.convolve(uniform.dropout, np.full(window, 1.0 / window), "same")
     used = missing_share <= DROPOUT_SHARE
-    used[:trim] = used[len(used) - trim :] = False
+    used[:trim] = False
+    used[len(used) - trim :] = False
     if not used.any():
         raise InputError(recording.source, "", "no stretch of the log is free of drop-outs")
     # The signals hold nothing above the cutoff any more: a coarser grid loses nothing.
     decimated = slice(None, None, max(1, int(1.0 / (step * GRID_POINTS * cutoff))))
     path = file_of(Path(recording.source))
-    rows = recording.row
+    rows = recording.row  # of the log's file, from 1; None: they are not known
     return LowPassedLog(
         name=name,
         log=LogSource(
@@ -337,6 +340,10 @@ def low_pass_logs(
     Args:
         recordings: to be fitted.
         validation: to be predicted alone.
+        config: with the time step of the grid.
+
+    Returns:
+        Logs of which the arm's rests are not used, where anything else is.
 
     Raises:
         InputError: as `low_pass_log`; joints that hardly move.

@@ -17,6 +17,7 @@ POSITION_TOLERANCE = 0.01  # of a joint's travel over all logs
 SPEED_TOLERANCE = 0.03  # of its largest speed
 REPEATED_SHARE = 0.5  # of a log's moving samples: from this on it repeats the other
 _MOVING_SHARE = 0.02  # of a joint's largest speed, reached by one of them
+_MIN_TOLERANCE = 1e-12  # rad, rad/s (m, m/s), of a joint that stands still in all logs
 _MAX_SAMPLES = 1000  # of a log that are looked for in the other
 
 
@@ -32,18 +33,17 @@ def motion_groups(runs: Sequence[LowPassedLog]) -> tuple[int, ...]:
     travel = np.ptp(np.vstack([run.q[run.used] for run in runs]), axis=0)
     speed = np.abs(np.vstack([run.v[run.used] for run in runs])).max(axis=0)
     scale = np.concatenate([POSITION_TOLERANCE * travel, SPEED_TOLERANCE * speed])
-    scale = np.maximum(scale, 1e-12)
+    scale = np.maximum(scale, _MIN_TOLERANCE)
     points = []  # of each log: position and speed (moving samples, 2 n), in units of the tolerance
     for run in runs:
         moving = run.used & (np.abs(run.v) > _MOVING_SHARE * speed).any(axis=1)
         points.append(np.hstack([run.q, run.v])[moving] / scale)
-    groups = list(range(len(runs)))
+    groups = list(range(len(runs)))  # each log alone; those that repeat each other are joined
     for b in range(1, len(runs)):
         for a in range(b):
             if groups[a] != groups[b] and _repeats(points[a], points[b]):
-                old = max(groups[a], groups[b])
-                new = min(groups[a], groups[b])
-                groups = [new if group == old else group for group in groups]
+                joined, left = sorted((groups[a], groups[b]))
+                groups = [joined if group == left else group for group in groups]
     order = {group: k for k, group in enumerate(dict.fromkeys(groups))}
     return tuple(order[group] for group in groups)
 

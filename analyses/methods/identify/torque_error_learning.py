@@ -52,7 +52,8 @@ def held_out_readings(
         runs, regressions: of the same logs; the rows of a fold's part are rows of its regression.
         held_out: a model for each fold.
         robot: whose logs they are.
-        model: fitted on all; its residual covariance is not used.
+        model: fitted on all. Its inertias and friction are replaced by those of each fold's, its
+            residual covariance is not used.
 
     Returns:
         One reading for each part of each fold. It is of the whole log, so that friction and
@@ -67,22 +68,24 @@ def held_out_readings(
             inertial_parameters=held_out_model.chain.inertial_parameters,
             reflected_inertia=held_out_model.chain.reflected_inertia,
             friction=held_out_model.friction,
-            torque_error=unit_torque_error(n, gain),
+            torque_error=unit_torque_error(n, gain),  # the torque is read, not its sd
         )
         for part in held_out_model.fold:
-            step = position_resolution(recordings[part.log].q)
+            position_step = position_resolution(recordings[part.log].q)
             log = resampled(recordings[part.log], time_step)
             current = log.current
             if log.tau_J is not None:  # what the identification takes, too
                 current = robot.motor_current(log.tau_J)
             config = WrenchEstimatorConfig(
                 observer=MomentumObserverConfig(time_step=time_step),
-                position_resolution=step.tolist(),
+                position_resolution=position_step.tolist(),
             )
             observed = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
             t_of_rows = runs[part.log].t[regressions[part.log].rows[part.rows]]
             is_in_part = (log.t >= t_of_rows[0]) & (log.t <= t_of_rows[-1])
-            if part.rows == slice(None):  # the ends are the low-pass's business, not the observer's
+            if part.rows == slice(
+                None
+            ):  # a whole log: the rows leave out the low-pass's ends alone
                 is_in_part[:] = True
             is_settled = log.t - log.t[0] > SETTLING_TIME_CONSTANTS / gain[0]
             readings.append(
@@ -95,7 +98,7 @@ def held_out_readings(
                     friction=held_out_model.friction,
                     time_step=time_step,
                     K_0=gain,
-                    resolution=step,
+                    resolution=position_step,
                 )
             )
     return readings

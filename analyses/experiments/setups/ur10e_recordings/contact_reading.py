@@ -125,7 +125,7 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
     published = replace(identified, inertial_parameters=robot.chain.inertial_parameters)
     terms = joint_torques(run.log, robot, published)
     # M vdot + C v + G = tau_J + tau_ext - tau_f
-    unexplained_torque = np.where(terms.known[:, None], terms.rigid - terms.tau_J, np.nan)
+    unexplained_torque = np.where(terms.is_known[:, None], terms.rigid - terms.tau_J, np.nan)
     is_slide = np.zeros(len(run.t), np.bool_)
     if "slide" in run.intervals:
         begin, end = run.intervals["slide"]

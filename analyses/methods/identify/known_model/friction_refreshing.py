@@ -127,6 +127,7 @@ def refresh_model(
     Args:
         logs: free motion, without contact: one recording, or several with the samples that count.
             Where the configuration states a part of a log, that part of each counts.
+        model: of the robot; the old friction is the prior of the new one.
 
     Raises:
         InputError: a setting that makes no sense; as `ModelResidual.of`; no joint moves.
@@ -158,7 +159,14 @@ def refresh_model(
     rows_after = ResidualRows.joined(
         [ModelResidual(residual.log, robot, renewed).rows() for residual in old_residuals]
     )
-    result = RefreshResult(renewed, refresh, rows_before, rows_after, (), config)
+    result = RefreshResult(
+        model=renewed,
+        refresh=refresh,
+        residual_before=rows_before,
+        residual_after=rows_after,
+        warnings=(),
+        config=config,
+    )
     return replace(result, warnings=tuple(_warnings(result, robot)))
 
 
@@ -269,7 +277,8 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     """What the log does not determine, or friction does not explain, in sentences."""
     refresh, names = result.refresh, robot.joint_names
     warnings = []
-    shares_of_sliding = refresh.determined_share[:, :2]  # Coulomb and viscous; the third: offset
+    # Coulomb and viscous; the offset, which is third, may be known of a joint that hardly moves.
+    shares_of_sliding = refresh.determined_share[:, :2]
     is_open = (shares_of_sliding < MIN_VARIANCE_SHARE).all(axis=1)
     hardly_moved = [names[j] for j in np.flatnonzero(is_open)]
     if hardly_moved:
@@ -288,11 +297,12 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
             f"friction does not explain the RMSE of {', '.join(unexplained)}: a load, contact or "
             "other changes; read a load with `wrenchsight payload`, or identify the model anew"
         )
-    law = refresh.after
-    warnings += [
-        f"{names[j]}: negative {term} friction, {value[j]:.2g} {unit}; log more motion of that "
-        "joint"
-        for term, unit, value in zip(TERMS, UNITS, (law.coulomb, law.viscous), strict=False)
-        for j in np.flatnonzero((value < 0.0) & (getattr(refresh.model_law, term) >= 0.0))
-    ]
+    # The offset, the last of TERMS, may be negative; so may a term that the old model has so.
+    for term, unit in list(zip(TERMS, UNITS, strict=True))[:2]:
+        value = getattr(refresh.after, term)
+        warnings += [
+            f"{names[j]}: negative {term} friction, {value[j]:.2g} {unit}; log more motion of that "
+            "joint"
+            for j in np.flatnonzero((value < 0.0) & (getattr(refresh.model_law, term) >= 0.0))
+        ]
     return warnings

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 
 LARGEST_GAIN_SD = 0.1  # relative; a less certain torque constant stays as in the robot's file
 LARGEST_COM_SD = 0.02  # m, beyond which the motion has not determined the centre of mass
+MAX_COM_DISTANCE = 1.0  # m off the flange; a load's centre of mass beyond it says its mass is wrong
 SURE_STANDARD_ERRORS = 2.0  # standard errors, beyond which a load dependence differs from none
 
 
@@ -144,7 +145,9 @@ def calibrate(
     Args:
         recordings: one log or more without a load.
         loaded: one log or more with a weighed load on the flange.
+        robot: with the constants as stated.
         validation: logs without a load to predict, not fitted.
+        config: of both identifications; of the second, the law is the first one's.
 
     Raises:
         InputError: as `identify`; a loaded log without motor current.
@@ -207,10 +210,10 @@ def _calibrated_gains(
 ) -> GainCalibration:
     """Fits torque constants, masses and friction to all logs; those with a load come last."""
     structure, start = _with_load_terms(stated_model.solution)
-    num_unloaded = len(runs) - len(loads)
+    load_of_run = [*[None] * (len(runs) - len(loads)), *range(len(loads))]  # index of its load
     problem = GainProblem(
         robot,
-        [_log(run, k - num_unloaded) for k, run in enumerate(runs)],
+        [_log(run, load) for run, load in zip(runs, load_of_run, strict=True)],
         loads,
         structure,
         start,
@@ -290,12 +293,13 @@ def calibration_figure(result: CalibrationResult) -> "Figure":
     bottom.set_xticks(places, names)
     figure.suptitle(
         "Torque per ampere from weights of "
-        + ", ".join(f"{x.mass:g} kg" for x in result.loads.values())
+        + ", ".join(f"{load.mass:g} kg" for load in result.loads.values())
     )
     return figure
 
 
-def _log(run: LowPassedLog, load: int) -> CalibrationLog:
+def _log(run: LowPassedLog, load: int | None) -> CalibrationLog:
+    """The log with the index of its load; None: it has none."""
     return CalibrationLog(
         t=run.t,
         q=run.q,
@@ -304,7 +308,7 @@ def _log(run: LowPassedLog, load: int) -> CalibrationLog:
         tau=run.tau,
         low_pass=run.match,
         rows=np.flatnonzero(run.used)[:: decimation(run.low_pass)],
-        load=load if load >= 0 else None,
+        load=load,
     )
 
 
@@ -383,7 +387,7 @@ def _warnings(result: CalibrationResult) -> list[str]:
     for (name, load), parameters, sd in zip(
         result.loads.items(), calibration.loads, calibration.load_sd, strict=True
     ):
-        # Of the ten parameters, 1 to 3 are mass times centre of mass.
+        # Of the ten parameters, 1 to 3 are mass times centre of mass; the mass is known.
         com_sd = sd[1:4] / load.mass
         axes = [
             f"{axis} (+- {axis_sd:.2g} m)"
@@ -396,7 +400,7 @@ def _warnings(result: CalibrationResult) -> list[str]:
                 f"{', '.join(axes)} of the flange; turn the load in other directions"
             )
         distance = float(np.linalg.norm(parameters[1:4])) / load.mass
-        if distance > 1.0:
+        if distance > MAX_COM_DISTANCE:
             warnings.append(
                 f"{name}: centre of mass {distance:.2g} m off the flange; check the stated mass, "
                 f"{load.mass:g} kg"

@@ -67,7 +67,7 @@ class ModelResidual:
         model: IdentifiedModel,
         where: Flags | None = None,
     ) -> "ModelResidual":
-        """Low-passes a recording as the model's own logs were.
+        """Low-passes a recording as the model's own logs were; of a model without logs, as usual.
 
         Near a sample that does not count (EDGE_PERIODS of the cutoff), none counts: the filter
         carries it there.
@@ -92,10 +92,12 @@ class ModelResidual:
         (name,) = log_names([recording])
         log = low_pass_log(name, recording, robot, config, MIN_PERIODS)
         if where is not None and not where.all():
-            counts = np.interp(log.t, recording.t, where.astype(float)) == 1.0  # on the log's grid
-            reach = round(EDGE_PERIODS / config.cutoff / log.low_pass.time_step)
-            is_near = np.convolve(~counts, np.ones(2 * reach + 1), "same") > 0.5
-            log = replace(log, used=log.used & ~is_near)
+            # On the log's grid: both neighbours count.
+            counts = np.interp(log.t, recording.t, where.astype(float)) == 1.0
+            reach = round(EDGE_PERIODS / config.cutoff / log.low_pass.time_step)  # samples
+            # How many samples within the reach do not count: none, or one and more.
+            num_near = np.convolve(~counts, np.ones(2 * reach + 1), "same")
+            log = replace(log, used=log.used & ~(num_near > 0.5))
         return cls(log, robot, model)
 
     @property

@@ -71,7 +71,8 @@ def find_scale(
     """The command `identify --scale`: writes robot.yaml and metrics.json into `out`.
 
     The scale is found from gravity, or from the weight where one is given. Of logs of torques it is
-    a factor of these, and robot.yaml is a copy.
+    a factor of these, and robot.yaml is a copy. The logs are read unchecked: what their numbers
+    mean is the question.
 
     Args:
         settings: the logs, and with `load` one of a known weight.
@@ -88,7 +89,7 @@ def find_scale(
         recordings = _read([Path(log) for log in settings.logs], settings, robot)
         notices: list[str] = []
         laden: list[Recording] = []
-        weight_parameters = np.zeros(10)  # ten inertial parameters in the flange's frame
+        weight_parameters = np.zeros(10)  # inertial ones in the flange's frame; 0: no weight
         if settings.load:
             path, weight = known_load(settings.load[0])
             if weight.com is None:
@@ -110,7 +111,13 @@ def find_scale(
             scale_in_robot_yaml = robot.torque_per_ampere * robot.current_sign
         notices += dict.fromkeys(notice for log in all_logs for notice in log.notices)
         stated = np.asarray(scale_in_robot_yaml)
-        result = ScaleResult(scale, scaled_robot, stated, are_torques, tuple(notices))
+        result = ScaleResult(
+            scale=scale,
+            robot=scaled_robot,
+            stated=stated,
+            of_torque=are_torques,
+            notices=tuple(notices),
+        )
         result.robot.save(folder / "robot.yaml")
         folder.write_settings("config.yaml", settings)
         folder.write_json("metrics.json", result.metrics())
@@ -131,7 +138,11 @@ def _are_torques(recordings: Sequence[Recording]) -> bool:
 
 
 def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
-    """Notes on the result for the user, one sentence each."""
+    """Notes on the result for the user, one sentence each.
+
+    Args:
+        by_weight: whether the scale was found from a weight, not from the links' gravity.
+    """
     names = np.array(result.robot.joint_names)
     hidden = ", ".join(names[~result.scale.is_determined])
     notes = []

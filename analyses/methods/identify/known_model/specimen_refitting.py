@@ -70,7 +70,7 @@ class JointTorques:
         q: (N, n) rad, as v in rad/s; zero where they are not known.
         tau_J: (N, n) N m, motor torque on the joint side.
         rigid: (N, n) N m, torque of the rigid body: mean over the period before each sample.
-        known: (N,) whether the motion is known; elsewhere the torques are zero.
+        is_known: (N,) whether the motion is known; elsewhere q, v and tau_J are zero.
         time_step: s.
     """
 
@@ -78,7 +78,7 @@ class JointTorques:
     v: Array
     tau_J: Array
     rigid: Array
-    known: Flags
+    is_known: Flags
     time_step: float
 
 
@@ -97,10 +97,18 @@ def joint_torques(recording: Recording, robot: Robot, model: IdentifiedModel) ->
     reading = estimator.observe(recording.q, recording.v, recording.current)
     finite = np.asarray(np.isfinite(recording.q + recording.v + reading.tau_J).all(axis=1))
     pole = np.full(robot.num_joints, np.exp(-K_0 * step))
+    # Without a friction law the observer reads the rigid body's torque less the motor's, late.
     excess, is_known = undone_low_pass(reading.tau_ext, pole, finite)
     rows = is_known[:, None]
-    q, v, tau_J = (np.where(rows, x, 0.0) for x in (recording.q, recording.v, reading.tau_J))
-    return JointTorques(q, v, tau_J, excess + tau_J, is_known, step)
+    tau_J = np.where(rows, reading.tau_J, 0.0)
+    return JointTorques(
+        q=np.where(rows, recording.q, 0.0),
+        v=np.where(rows, recording.v, 0.0),
+        tau_J=tau_J,
+        rigid=excess + tau_J,
+        is_known=is_known,
+        time_step=step,
+    )
 
 
 class Rows(NamedTuple):
@@ -145,18 +153,21 @@ def rows_of(
     terms: JointTorques,
     where: Flags,
     external: Array | None,
-    known: PreslidingFriction,
+    law: PreslidingFriction,
     period: float = ROW_TIME,
 ) -> Rows:
     """Means over successive periods of the stretches `where` (N,) in which the motion is known.
 
     Args:
-        terms: terms of the log.
+        terms: torques of the log.
         where: nothing touches the arm, or `external` is known.
         external: (N, n) N m, torque from outside, positive along the motion it causes; None:
             nothing touches the arm.
-        known: law whose elements say when a joint in contact slides.
+        law: whose elements say when a joint in contact slides.
         period: s.
+
+    Returns:
+        Of each stretch its whole periods; what is left of it at its end is not used.
     """
     # The side of the friction, -1 to 1, and whether a joint slides (N, n): in contact joints creep,
     # and the law's elements say it; in the air the velocity does.
@@ -164,10 +175,11 @@ def rows_of(
         external = np.zeros_like(terms.v)
         side, sliding = np.sign(terms.v), np.abs(terms.v) >= SLIDING_SPEED
     else:
-        side = slip_sides(known, terms.v, terms.time_step)
+        side = slip_sides(law, terms.v, terms.time_step)
         sliding = np.abs(side) >= SLIDING_SIDE
     size = max(round(period / terms.time_step), 1)  # samples of a row
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (where & terms.known).astype(int), [0]])))
+    is_used = (where & terms.is_known).astype(int)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_used, [0]])))  # begins and ends in turn
     starts = [
         start for begin, end in edges.reshape(-1, 2) for start in range(begin, end - size + 1, size)
     ]
@@ -376,9 +388,10 @@ def refit_specimen(
 def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) -> SpecimenRefit:
     """As `refit_specimen`, from the rows of the logs.
 
-    Where a force sensor is in the logs, the drives' gain is fitted with the friction: the model's
-    torques, and the robot's torque constants, are all scaled by it. What then remains along the
-    paths of these logs becomes part of the friction, by place.
+    Without a force sensor only the friction changes; the tool stays the model's. Where a force
+    sensor is in the logs, the drives' gain is fitted with the friction: the model's torques, and
+    the robot's torque constants, are all scaled by it. What then remains along the paths of these
+    logs becomes part of the friction, by place.
     """
     prior_law = carried_over(presliding_of(model))
     places = [log.places for log in rows if log.places is not None]
@@ -388,7 +401,9 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
         problem = f"no joint moves faster than {SLIDING_SPEED:g} rad/s for {ROW_TIME:g} s"
         raise InputError("--other-specimen", "", problem, "give stretches of free motion")
     if not places:
-        return SpecimenRefit(replace(model, friction=fit.law), prior_law, fit)
+        return SpecimenRefit(
+            model=replace(model, friction=fit.law), carried_law=prior_law, fit=fit, robot=None
+        )
     scale = 1.0 + fit.gain  # of all torques
     residual = np.concatenate([log.residual(fit.law, fit.gain) for log in places])
     q = np.concatenate([log.q for log in places])
@@ -407,7 +422,7 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
         friction=friction,
         fitted_robot=replace(tooled.fitted_robot, torque_per_ampere=torque_per_ampere),
     )
-    return SpecimenRefit(calibrated, prior_law, fit, renewed)
+    return SpecimenRefit(model=calibrated, carried_law=prior_law, fit=fit, robot=renewed)
 
 
 def _scaled(law: PreslidingFriction, scale: float) -> PreslidingFriction:
