@@ -55,11 +55,13 @@ SOLVE_RESERVES = (
 # Where all of the solver's ends break a limit: parts of the way to the last one, from the random
 # motion that it came from. Where a solver ends depends on rounding; whether it finds one must not.
 RETREAT_SHARES = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
+_SPEED_MARGIN = 1.01  # of the speeds at samples of 10 ms: they may be higher between these
 _EVALUATIONS_PER_ITERATION = 1.6  # as the solver usually needs; for the progress shown alone
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
 LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
 MIN_PIVOT_RATIO = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
 RAMP_TIMES = (0.5, 1.0, 1.5, 2.0)  # s, tried for a stop in this order
+_VALIDATION_SEED = 1_000_003  # apart from the seed: any will do that is no user's second run
 _MAX_NAMED_SHAPES = 3  # lost shapes that a note names, or pairs that are in the way
 _HELD_POSTURES, _MIN_HELD = 1000, 0.01  # random ones, and the share that must be held at rest
 _ROOM_POSTURES = 100  # random ones, in which shapes that are too near are counted
@@ -169,7 +171,7 @@ def _checked(
     if clearance.has_shapes:
         is_clear, closest = clearance.certify(
             lambda t: trajectory.sample(t)[0],
-            np.abs(_period(trajectory)[1]).max(axis=0) * 1.01,
+            np.abs(_period(trajectory)[1]).max(axis=0) * _SPEED_MARGIN,
             trajectory.period,
         )
     motion = _period(trajectory, time_step)
@@ -186,7 +188,8 @@ def excite(
 
     Random motions within the limits are the starts. The best is optimised at some instants of its
     period; an optimum that breaks a limit between them is tried again with more reserve, from
-    other starts, or nearer to its start (`_candidates`). Stops are put in last.
+    other starts, or nearer to its start (`_candidates`). Stops are put in last; figures are of the
+    period without them.
 
     Raises:
         InputError: a setting out of range, or limits that admit no trajectory.
@@ -223,7 +226,8 @@ def excite(
     exact = replace(information, friction_velocity=0.0)
     condition_of_starts = np.array([exact.condition_number(*_period(start)) for start in starts])
     ranked = [starts[i] for i in np.argsort(condition_of_starts, kind="stable")]
-    # Optimised from these, until one keeps all limits between the program's points, too.
+    # Optimised from these, until one keeps all limits between the program's points, too. A program
+    # is built when it is needed.
     programs = (
         first_program if k == 0 else program(reserve) for k, reserve in enumerate(SOLVE_RESERVES)
     )
@@ -337,7 +341,7 @@ def _candidates(
 
     origin = start = ranked[0]  # origin: the random motion that the present solves began with
     for attempt, program in enumerate(programs):
-        if attempt > 1:
+        if attempt > 1:  # the second solve goes on; of few motions the last is taken again
             origin = start = ranked[min(attempt - 1, len(ranked) - 1)]
         solution = program.solve(start, config.iterations, report)
         yield _Candidate(solution, solution.trajectory)
@@ -400,8 +404,7 @@ def excite_robot(
     config = ExcitationConfig() if config is None else config
     with result_folder(out, "excite") as folder:
         robot = Robot.load(robot_name)
-        # Any other seed will do; this one is unlikely to be a user's second run.
-        seeds = {"trajectory": config.seed, "validation": config.seed + 1_000_003}
+        seeds = {"trajectory": config.seed, "validation": config.seed + _VALIDATION_SEED}
         names = list(seeds) if validation else ["trajectory"]
         results = []
         for k, name in enumerate(names):
@@ -606,8 +609,7 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
         )
         warnings.append(
             f"no usable collision shape for {', '.join(unusable[:_MAX_NAMED_SHAPES])}{others}: "
-            "clearance from "
-            "these is not checked"
+            "clearance from these is not checked"
         )
     warnings += [
         f"{pair} are near each other in the home posture: they keep {1e3 * distance:.3g} mm, "

@@ -76,7 +76,7 @@ class MethodReading:
         """RMSE, and rank correlations of the errors with stated sd and condition number.
 
         Lists have an entry a log. Correlated are logs ("poses": each is one), axes of logs, and
-        single loaded rows.
+        single loaded rows. Every log has a loaded row.
         """
         rmse = np.array([log.rmse for log in self.logs])
         sd = np.array([rms(log.stated_sd[log.loaded]) for log in self.logs])

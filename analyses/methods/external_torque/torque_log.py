@@ -82,7 +82,7 @@ class TorqueLog:
         reader = self.reader()
         torque = reader.layout.signal(TAU_EXT)
         self.is_sensed = torque is None
-        if torque is None:
+        if torque is None:  # the torque of the arm's sensors will do, with a robot and positions
             torque = reader.layout.signal("tau_J")
             if torque is None or robot is None or reader.layout.signal("q") is None:
                 remedy = f"name its columns tau_ext_1.., or in a description: extra: {TAU_EXT}; or "
@@ -93,7 +93,7 @@ class TorqueLog:
             self.is_sensed = reader.effort_holds_gravity
         self.num_joints = len(torque.columns)
         self.exerted_on = torque.exerted_on if sign == "found" else sign
-        # The reader has turned the torque as the log's description states it.
+        # The reader has turned the torque as the log's description states it; -1 undoes that.
         self._factor = 1.0 if self.exerted_on == torque.exerted_on else -1.0
         self.has_jacobian = reader.layout.signal(JACOBIAN) is not None
         self.has_positions = robot is not None and reader.layout.signal("q") is not None

@@ -41,7 +41,7 @@ from wrenchsight.analyses.methods.reference_sensor.comparison import (
     SensorComparison,
     compare_with_sensor,
 )
-from wrenchsight.analyses.methods.reference_sensor.mounting import find_mounting, tare_of
+from wrenchsight.analyses.methods.reference_sensor.mounting import Mounting, find_mounting, tare_of
 from wrenchsight.analyses.methods.reference_sensor.reference_config import (
     REFERENCE,
     ReferenceConfig,
@@ -151,7 +151,10 @@ def estimate_torque_logs(
             mounting are found from all logs together.
         robot_name: whose Jacobian is taken where a log holds none, and whose payload the prior
             rests on; None: the logs hold the Jacobian.
-        log_format: description of the logs' columns.
+        out: folder of the result.
+        log_format: description of the logs' columns; None: found from their names.
+        config: None: the defaults.
+        progress: called with the share done, 0 to 1, and the current step.
 
     Raises:
         InputError: as `Robot.load`, `RecordingReader` and `result_folder`; a setting that makes no
@@ -233,6 +236,7 @@ def _estimate(
         run = _Run(log, name, suffix, config)
         _read(log, run, reading, robot, out)
         runs.append(run)
+    # The rows beside the sensors are held against these where logs are compared.
     results, mounting_notices = _compared(runs, config.reference, reading.limits, out)
     against_sensor = _against_sensor(runs, results, config.reference)
     metrics = _metrics(prior, results, against_sensor, config.reference)
@@ -254,7 +258,8 @@ def _against_sensor(
 ) -> MethodReading | None:
     """All logs row by row beside their sensors, also into the metrics of each log's result.
 
-    None where the sensor of some log is absent, or never reads a contact.
+    After `_compared`, which holds the rows against the sensors. None where the sensor of some log
+    is absent, or never reads a contact.
     """
     readings = [run.loaded_rows() for run in runs]
     loaded = [reading for reading in readings if reading is not None]
@@ -384,6 +389,7 @@ def _prior_and_noise(
         raise InputError("estimate", "--torque-sd", problem, "give one for all joints or one each")
     reconstruction, rule = config.estimator.reconstruction, "given"
     stated = stated_prior(config, robot)
+    # Sds in the estimator's own configuration go before the rule of `prior`.
     if stated is not None and not _states_prior(reconstruction):
         reconstruction = reconstruction.with_prior(*stated)
         rule = config.prior if config.prior in PRIORS else "given"
@@ -497,8 +503,8 @@ def _read(
     """Reads every row of a log, and writes its table, its figure and, if wanted, a bag.
 
     Args:
-        run: of the log; gets its notices and warnings, and its summary, contacts and rows beside
-            the sensor grow.
+        run: of the log; gets its time step, notices and warnings, and its summary, contacts and
+            rows beside the sensor grow.
         robot: None: the log's own Jacobian is all there is, and no bag is written.
     """
     touches, reader, config = run.touches, log.reader(), run.config
@@ -577,14 +583,15 @@ def _compared(
     """
     sensor_logs: list[SensorLog] = []  # of each run, in their order; none without a sensor
     for run in runs:
-        if run.sensor_log is None:
+        if run.sensor_log is None:  # then no run has one
             continue
         sensor_log = run.sensor_log.log()
         if sensor_log is None:
             problem = f"{run.name} is shorter than {BLOCK_TIME:g} s: too short to compare with"
             raise InputError("estimate", "--reference", problem, "record a longer log")
         sensor_logs.append(sensor_log)
-    mounting, notices = None, tuple[str, ...]()
+    mounting: Mounting | None = None
+    notices: tuple[str, ...] = ()
     if sensor_logs:
         mounting, notices = find_mounting(joined_logs(sensor_logs), reference)
     results = []

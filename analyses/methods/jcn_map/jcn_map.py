@@ -38,6 +38,7 @@ _NUM_CHECKED = 1000  # configurations that are checked for collisions: their sha
 _CHUNK_SAMPLES = 250_000  # samples between two reports of progress
 _COLOUR_RANGE = (9.0, 100.0)  # of the colours
 _CLOUD_POINTS, _SCATTER_POINTS = 40_000, 20_000  # points that a picture shows
+_CELLS_ACROSS, _MIN_CELL_SAMPLES = 70, 5  # of the picture of medians: fewer samples show no median
 _PLANES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -117,8 +118,10 @@ def sample(
     """Draws configurations evenly over full turns of all joints, or over the joint limits.
 
     Args:
+        seed: of the random numbers.
         within_limits: whether over the limits; a joint without one turns fully there, too. A
             prismatic joint always keeps to its limits.
+        progress: called with the share done and a message.
 
     Raises:
         InputError: the arm has fewer than six joints, or num_samples is out of range.
@@ -127,12 +130,11 @@ def sample(
         raise InputError("--samples", "", f"{num_samples}, expected 1 to {MOST_SAMPLES}")
     chain = robot.chain
     check_joints(chain, robot.name)
-    limited = chain.prismatic | within_limits
-    lower = np.where(limited, robot.position_lower, -math.pi)
-    upper = np.where(limited, robot.position_upper, math.pi)
-    if not np.all(np.isfinite(lower) & np.isfinite(upper)):
-        lower = np.where(np.isfinite(lower), lower, -math.pi)
-        upper = np.where(np.isfinite(upper), upper, math.pi)
+    is_limited = chain.prismatic | within_limits
+    has_lower = is_limited & np.isfinite(robot.position_lower)
+    has_upper = is_limited & np.isfinite(robot.position_upper)
+    lower = np.where(has_lower, robot.position_lower, -math.pi)
+    upper = np.where(has_upper, robot.position_upper, math.pi)
     rng = np.random.default_rng(seed)
     q = rng.uniform(lower, upper, (num_samples, robot.num_joints))
     jcn, p_WE = np.empty(num_samples), np.empty((num_samples, 3))
@@ -166,7 +168,8 @@ def slice_plane(
     extent = config.extent
     if extent is None:
         extent = math.ceil(10.0 * max(reach[i], reach[j])) / 10.0  # m, up to whole decimetres
-    u = np.linspace(-extent, extent, config.num_points)
+    u = np.linspace(-extent, extent, config.num_points)  # along both axes: a square
+    # (G, G, 3): v changes from row to row, u along a row, as in `Slice.jcn`.
     points = np.empty((config.num_points, config.num_points, 3))
     points[..., _PLANES[config.axis]] = config.value
     points[..., i], points[..., j] = np.meshgrid(u, u)
@@ -178,7 +181,7 @@ def slice_plane(
         progress=lambda fraction: progress(fraction, "slice"),
         is_free=is_free,
     )
-    return Slice(config, ("xyz"[i], "xyz"[j]), u, u, postures)
+    return Slice(config=config, axes=("xyz"[i], "xyz"[j]), u=u, v=u, postures=postures)
 
 
 def _check_slice(config: SliceConfig) -> None:
@@ -296,6 +299,7 @@ def _write_slice(folder: OutputFolder, plane: Slice) -> None:
 
 
 def _clearance(robot: Robot, notices: list[str]) -> Clearance | None:
+    """Distances of the arm; None where they cannot be checked. Notices on that are added."""
     if robot.unusable_collisions:
         links = ", ".join(robot.unusable_collisions)
         notices.append(f"no usable collision shape for {links}: collisions are not checked")
@@ -365,10 +369,10 @@ def draw_cloud(samples: Samples, path: Path) -> None:
         samples.p_WE[:, 2],
         C=samples.jcn,
         reduce_C_function=np.median,
-        gridsize=70,
+        gridsize=_CELLS_ACROSS,
         norm=norm,
         cmap="viridis",
-        mincnt=5,
+        mincnt=_MIN_CELL_SAMPLES,
         linewidths=0.1,
     )
     ax.set_aspect("equal")

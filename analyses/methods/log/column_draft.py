@@ -8,7 +8,7 @@ there is none.
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ from wrenchsight.models.recordings.plausibility.raw_words import RawWords
 from wrenchsight.models.recordings.rated_table import RatedTable
 from wrenchsight.models.recordings.recording_format import (
     ENVIRONMENT,
+    ROBOT,
     UNITS,
     Signal,
     column_items,
@@ -93,7 +94,7 @@ def draft_of_log(
     lines += _text_keys(table)
     further_lines = []  # of signals without a key of their own
     for signal in reader.layout.signals:
-        if signal.name == "dropout":
+        if signal.name == "dropout":  # the reader makes it: no column holds it
             continue
         key = _KEYS.get(signal.name, "")
         if key == "time" and isinstance(table, RatedTable):
@@ -102,12 +103,15 @@ def draft_of_log(
         entry = _entry(signal, key, table, words.get(signal.name))
         if key == "current" and fault is not None and isinstance(rated_torque, list):
             unit = RATED_UNITS[float(fault.values["parts_of_rated"])]  # type: ignore[arg-type]
-            values = {"columns": entry.values["columns"], "unit": unit}
-            values["gain"] = numbers_text(rated_torque)
+            values = {
+                "columns": entry.values["columns"],
+                "unit": unit,
+                "gain": numbers_text(rated_torque),
+            }
             question = "? gain: rated torque of each drive at its joint, N m, by its data sheet"
             entry = _Entry("motor_torque", values, question)
         elif key in ("current", "motor_torque") and not knows_robot:
-            entry = _Entry(entry.key, entry.values, entry.question or _UNIT_QUESTIONS[key])
+            entry = replace(entry, question=entry.question or _UNIT_QUESTIONS[key])
         if key:
             lines.append(entry.line())
         else:
@@ -174,7 +178,7 @@ def _entry(signal: Signal, key: str, table: LogTable, words: RawWords | None) ->
     values = {"columns": _columns_text(signal.columns, table)}
     # SI units per number of the log, without the sign that `exerted_on` states.
     scale = -signal.scale if signal.exerted_on == ENVIRONMENT else signal.scale
-    if not (signal.name == "t" and len(signal.columns) > 1):
+    if not (signal.name == "t" and len(signal.columns) > 1):  # s and ns, which have no one unit
         # The unit of this size; with none, the first of the signal's units and a gain.
         units = UNITS.get(key, {"1": 1.0})
         size = float(np.abs(scale[0]))
@@ -198,7 +202,7 @@ def _entry(signal: Signal, key: str, table: LogTable, words: RawWords | None) ->
             question = "? gain: the unit of one count"
     for name in ("wrap", "exerted_on"):
         value = getattr(signal, name)
-        if value and value != "robot":
+        if value and value != ROBOT:
             values[name] = value
     if signal.may_be_empty:
         values["may_be_empty"] = "true"

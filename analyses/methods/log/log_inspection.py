@@ -132,15 +132,15 @@ def _inspected(
         if len(episodes) > 1:
             notices.append(f"a data set of {len(episodes)} episodes, of which the first is shown")
         path = episodes[0]
-    name = path.name.partition(".")[0]
-    draft_name = f"columns_{name}.yaml" if is_one_of_several else "columns.yaml"
+    stem = path.name.partition(".")[0]
+    draft_name = f"columns_{stem}.yaml" if is_one_of_several else "columns.yaml"
     try:
         reader = RecordingReader(path, settings.log_format, robot, check=False)
         summary = summarised(reader.chunks())
     except InputError as error:
-        return _unread(path, str(error), settings, robot, draft_name, tuple(notices))
+        return _unread(path, str(error), robot, draft_name, tuple(notices))
     words = _encodings(reader)
-    used = {column for signal in reader.layout.signals for column in signal.columns}
+    read_columns = {column for signal in reader.layout.signals for column in signal.columns}
     names = reader.layout.column_names
     n = summary.drawn.num_joints
     joints = robot.joint_names if robot is not None else tuple(f"joint {j + 1}" for j in range(n))
@@ -149,6 +149,7 @@ def _inspected(
             f"{signal} looks like words of {encoding.bits} bits without a sign: encoding: "
             f"{encoding.encoding} in the draft"
         )
+    # Hypotheses only of a log that the reader's checks let pass: one problem is named.
     problem = _contradiction(path, settings, robot)
     judgement = None if problem or robot is None else _judgement(reader, robot)
     if judgement is not None and judgement.fault is not None:
@@ -159,7 +160,7 @@ def _inspected(
         path=path,
         container=_container_word(reader.table),
         columns=names,
-        unread=tuple(name for k, name in enumerate(names) if k not in used),
+        unread=tuple(name for k, name in enumerate(names) if k not in read_columns),
         summary=summary,
         joint_names=joints,
         problem=problem,
@@ -172,12 +173,16 @@ def _inspected(
 def _unread(
     path: Path,
     problem: str,
-    settings: LogSettings,
     robot: Robot | None,
     draft_name: str,
     notices: tuple[str, ...],
 ) -> InspectedLog:
     """A log whose columns are not recognised, or whose content is damaged.
+
+    Args:
+        problem: why it is not read.
+        robot: whose joint names help to find columns for the draft; None: none is named.
+        notices: on what led to this file.
 
     Raises:
         InputError: the file is no table at all.

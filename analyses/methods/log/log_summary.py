@@ -78,6 +78,35 @@ def effort(part: Recording) -> Array:
     return part.current if part.tau_J is None else part.tau_J
 
 
+class _JointSums:
+    """Extremes and sums over samples, joint by joint.
+
+    Attributes:
+        num_samples: so far.
+        lowest, highest: (n,) rad (m), infinite before the first sample.
+        fastest: (n,) rad/s (m/s).
+        effort_squares: (n,) sums of squared efforts.
+        num_resting: (n,) samples in which the joint rests.
+    """
+
+    def __init__(self, num_joints: int) -> None:
+        self.num_samples = 0
+        self.lowest = np.full(num_joints, np.inf)
+        self.highest = np.full(num_joints, -np.inf)
+        self.fastest = np.zeros(num_joints)
+        self.effort_squares = np.zeros(num_joints)
+        self.num_resting = np.zeros(num_joints)
+
+    def add(self, part: Recording) -> None:
+        """Takes samples; there may be none."""
+        self.num_samples += part.num_samples
+        self.lowest = np.minimum(self.lowest, part.q.min(axis=0, initial=np.inf))
+        self.highest = np.maximum(self.highest, part.q.max(axis=0, initial=-np.inf))
+        self.fastest = np.maximum(self.fastest, np.abs(part.v).max(axis=0, initial=0.0))
+        self.effort_squares += (effort(part) ** 2).sum(axis=0)
+        self.num_resting += (np.abs(part.v) < REST_SPEED).sum(axis=0)
+
+
 def summarised(chunks: Iterable[Recording]) -> LogSummary:
     """The figures of a log's successive parts.
 
@@ -89,27 +118,21 @@ def summarised(chunks: Iterable[Recording]) -> LogSummary:
         ValueError: there is no part.
     """
     kept: list[Recording] = []
-    stride, num_samples, num_complete = 1, 0, 0
+    stride, num_samples = 1, 0
     times: list[Array] = []
-    lowest = highest = fastest = squares = resting = np.zeros(0)
+    joints: _JointSums | None = None
     for chunk in chunks:
-        n = chunk.num_joints
-        if not num_samples:
-            lowest, highest = np.full(n, np.inf), np.full(n, -np.inf)
-            fastest, squares, resting = np.zeros((3, n))
+        if joints is None:
+            joints = _JointSums(chunk.num_joints)
         times.append(chunk.t)
-        complete = chunk[~chunk.dropout]
-        lowest = np.minimum(lowest, complete.q.min(axis=0, initial=np.inf))
-        highest = np.maximum(highest, complete.q.max(axis=0, initial=-np.inf))
-        fastest = np.maximum(fastest, np.abs(complete.v).max(axis=0, initial=0.0))
-        squares = squares + (effort(complete) ** 2).sum(axis=0)
-        resting = resting + (np.abs(complete.v) < REST_SPEED).sum(axis=0)
-        num_complete += complete.num_samples
-        first = -num_samples % stride  # of this chunk that is kept
+        joints.add(chunk[~chunk.dropout])
+        first = -num_samples % stride  # index in this chunk of the first that is kept
         kept.append(chunk[first::stride])
         num_samples += chunk.num_samples
         if sum(part.num_samples for part in kept) > 2 * _MAX_DRAWN_SAMPLES:
             kept, stride = [concatenated(kept)[::2]], 2 * stride
+    if joints is None:
+        raise ValueError("a log without a part")
     t = np.concatenate(times)
     steps = np.diff(t)
     step = float(np.median(steps)) if len(steps) else 0.0
@@ -122,10 +145,10 @@ def summarised(chunks: Iterable[Recording]) -> LogSummary:
         steps=(float(least), float(most)),
         num_gaps=len(gaps),
         longest_gap=float(gaps.max(initial=0.0)),
-        q_min=lowest,
-        q_max=highest,
-        v_max=fastest,
-        effort_rms=np.sqrt(squares / max(num_complete, 1)),
-        rest=resting / max(num_complete, 1),
+        q_min=joints.lowest,
+        q_max=joints.highest,
+        v_max=joints.fastest,
+        effort_rms=np.sqrt(joints.effort_squares / max(joints.num_samples, 1)),
+        rest=joints.num_resting / max(joints.num_samples, 1),
         drawn=concatenated(kept),
     )

@@ -34,6 +34,8 @@ from wrenchsight.models.planning.motion.redundancy import (
 from wrenchsight.models.robot.robot import Robot
 
 _SAMPLES_APART, _ANGLES_APART = 4, 2  # of the coarse part
+_NEAR_POSTURE = 0.3  # rad (m) of each joint, within which postures around a collision are left out
+_SAME_DISTANCE = 1e-12  # rad (m), of postures as near to the way: rounding must not choose
 _MOST_ROUNDS = 60
 _REPORTED_DISTANCE = 0.02  # m beyond the distance to keep, within which a pair is reported
 _PLATE_THICKNESS = 0.02  # m
@@ -122,7 +124,7 @@ def best_free(
     """The best way that is free from end to end; None where the search finds none.
 
     Postures that collide are left out of the grid, first those at every few samples and angles,
-    then what the best way through the rest meets, round after round.
+    then what the best way through the rest meets, up to _MOST_ROUNDS rounds.
 
     Args:
         cell: of what must not be hit; states how far E comes and goes along the normal.
@@ -148,7 +150,8 @@ def best_free(
         # Of a sample that collides the posture nearest to the way is left out, with its equals.
         for i in colliding:
             distance = np.abs(q[i] - way.q[i]).max(axis=-1)  # (K, B) from the way's posture
-            q[i][distance <= np.nanmin(distance, initial=np.inf) + 1e-12] = np.nan
+            nearest = np.nanmin(distance, initial=np.inf)
+            q[i][distance <= nearest + _SAME_DISTANCE] = np.nan
         progress(0.6 + 0.4 * (number + 1) / _MOST_ROUNDS)
     return None
 
@@ -205,5 +208,5 @@ def _leave_out(q: Array, whole: Array, i: int, angles: Array, branch: int) -> No
     posture = whole[i, angles[0], branch]
     for sample in range(max(0, i - 1), min(len(q), i + _SAMPLES_APART)):
         for angle in angles:
-            near = np.abs(whole[sample, angle] - posture).max(axis=-1) < 0.3
+            near = np.abs(whole[sample, angle] - posture).max(axis=-1) < _NEAR_POSTURE
             q[sample, angle][near] = np.nan

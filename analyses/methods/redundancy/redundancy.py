@@ -51,6 +51,9 @@ from wrenchsight.models.planning.motion.workpieces import Surface, mesh
 from wrenchsight.models.robot.robot import Robot
 
 POSE_ROUNDING = 1e-9  # m and rad, of position and normal
+_CONSTRAINT_TOLERANCE = 1e-7  # rad and m; the local method's way counts where it keeps them to that
+_SAME_MEASURE = 1e-6  # range of the measure over postures, below which it is the same at all
+_SAME_ANGLE_DEG = 1e-6  # deg, of the angle that is kept from the one that the task states
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +194,7 @@ def find_redundancy(
         optimised = on_grid
         notices.append("interrupted: this is the optimum on the grid of angles, not refined")
     first_postures = grid.q[0][np.isfinite(grid.q[0, :, :, 0])]  # at the first sample of the path
-    if np.ptp(problem.measure.values(first_postures)) < 1e-6:
+    if np.ptp(problem.measure.values(first_postures)) < _SAME_MEASURE:
         notices.append(f"{problem.measure.label} is the same at all angles and branches")
     ways = {"initial": initial, "optimised": optimised}
     clearance, free = _check_clearance(problem, config, grid, ways, notices, progress)
@@ -244,7 +247,7 @@ def _baselines(
         notices.append(f"no initial trajectory to compare with: {error}")
         return _Baselines(None, None)
     offset = math.degrees(abs(initial.psi[0] - problem.first_angle))
-    if offset > 1e-6:
+    if offset > _SAME_ANGLE_DEG:
         notices.append(
             f"the initial angle of {config.initial_angle_deg:g} deg cannot be kept from end to "
             f"end; compared is {math.degrees(initial.psi[0]):g} deg"
@@ -309,10 +312,9 @@ def _check_clearance(
         name: clear_of_all(cell, problem, way) for name, way in ways.items() if way is not None
     }
     closest_pairs = {name: check.worst for name, check in checks.items()}
-    is_free, pair = checks["optimised"]
-    if is_free:
+    if checks["optimised"].is_free:
         return _ClearanceCheck(closest_pairs, None)
-    shapes = ""
+    pair, shapes = checks["optimised"].worst, ""
     if pair is not None:
         shapes = f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
     ends = ", approach and retreat included" if clearance.approach > 0.0 else ""
@@ -336,21 +338,26 @@ def _refined(
     local: Trajectory | None,
     progress: Callable[[float, str], None],
 ) -> Trajectory:
-    """The best of both starts; in its mean measure never worse than the local method."""
+    """The best of both starts; in its mean measure never worse than the local method.
+
+    Args:
+        local: counts only where it keeps all constraints.
+    """
 
     def mean(trajectory: Trajectory) -> float:
         return float(np.mean(problem.measure.values(trajectory.q)))
 
     refined = [refine(problem, on_grid.q, progress=lambda f: progress(0.8 + 0.1 * f, "refinement"))]
-    if local is not None and problem.violation(local.q) <= 1e-7:
+    if local is not None and problem.violation(local.q) > _CONSTRAINT_TOLERANCE:
+        local = None
+    if local is not None:
         refined.append(
             refine(problem, local.q, progress=lambda f: progress(0.9 + 0.05 * f, "refinement"))
         )
     best = refined[int(first_of_least([problem.cost(way.q) for way in refined]))]
-    if local is None or problem.violation(local.q) > 1e-7:
-        return best
-    if better(mean(local), mean(best)):
-        # Smoother than the local one, and so a little worse: here the measure comes first.
+    if local is not None and better(mean(local), mean(best)):
+        # The cost holds smoothness, too: the best way may be smoother than the local one and its
+        # measure a little worse. Here the measure comes first.
         refined.append(local)
         best = refined[int(first_of_least([mean(way) for way in refined]))]
     return best
@@ -374,7 +381,7 @@ def _constant_angles(problem: RedundancyProblem, grid: Candidates) -> Array:
 def make_problem(
     robot: Robot, config: RedundancyTask, source: Path | None = None
 ) -> tuple[RedundancyProblem, TriangleMesh | None]:
-    """The problem that a task states, and its workpiece to draw (None for a CSV's).
+    """The problem that a task states, and its workpiece to draw in W (None for a CSV's).
 
     P is the workpiece's frame, in which its surface or the points of its CSV are given.
 
@@ -404,8 +411,8 @@ def make_problem(
         )
         vertices, triangles = mesh(surface)
         workpiece = TriangleMesh(vertices @ R_WP.T + p_WP, triangles)
+    # rad; a joint that slides may move by the same number of m, but has no margin: that is an angle
     step = math.radians(config.max_joint_step_deg)
-    # An angle is no margin for a joint that slides.
     margins = np.where(robot.chain.prismatic, 0.0, math.radians(config.limit_margin_deg))
     lower, upper = robot.position_lower + margins, robot.position_upper - margins
     lower, upper = narrowed_limits(robot, config.joint_ranges_deg, lower, upper, name)

@@ -28,6 +28,9 @@ from wrenchsight.models.planning.motion.redundancy import (
 )
 from wrenchsight.models.robot.robot import Robot
 
+_NUM_DRAWN_POSES = 13  # at both ends and every twelfth of the path
+_DRAWN_AXIS_SHARE = 0.14  # of the path's largest extent
+
 
 def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[FigureFile]]:
     """Writes figures and the recording below `out`; returns both lists, relative to `out`."""
@@ -102,8 +105,8 @@ def _draw_poses(result: RedundancyResult, path: Path) -> tuple[Path, str]:
     ways = _ways(result, with_local=False)
     figure, axes = new_figure(len(ways), 2, height=3.0 * len(ways))
     p = result.problem.path.p_WS
-    shown = np.linspace(0, len(p) - 1, 13).round().astype(int)
-    length = 0.14 * float(np.max(np.ptp(p, axis=0)))
+    shown = np.linspace(0, len(p) - 1, _NUM_DRAWN_POSES).round().astype(int)
+    length = _DRAWN_AXIS_SHARE * float(np.max(np.ptp(p, axis=0)))  # m
     for row, (name, way, _) in enumerate(ways):
         R_WE, p_WE = result.problem.robot.chain.pose(way.q[shown])
         for column, (i, j) in enumerate(((0, 1), (1, 2))):  # axes of W to the right and up
@@ -124,7 +127,7 @@ def _draw_poses(result: RedundancyResult, path: Path) -> tuple[Path, str]:
             ax.set_ylabel(f"{'xyz'[j]} [m]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     save_figure(figure, path)
-    return path, "The tool's axes at every tenth of the path, before and after (Fig. 12)."
+    return path, "The tool's axes at every twelfth of the path, before and after (Fig. 12)."
 
 
 def _draw_joints(result: RedundancyResult, path: Path) -> tuple[Path, str]:

@@ -16,15 +16,15 @@ from wrenchsight.analyses.methods.reference_sensor.reference_config import Refer
 from wrenchsight.analyses.methods.reference_sensor.sensor_log import WINDOW_BLOCKS, SensorLog
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.signals.bands import SIGMA_95
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 PHASES: Final = ("all", "free_rest", "free_moving", "contact_rest", "contact_moving")
-AXES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
+AXES: Final[tuple[str, ...]] = ("fx", "fy", "fz", "mx", "my", "mz")
 ALONG: Final = "along"  # the name of a single force
-_BAND_SDS = 1.959963984540054  # sds of the 95 % band
 _FIGURE_POINTS = 2000  # of a figure
 
 
@@ -97,7 +97,7 @@ class SensorComparison:
         t = self.t[drawn]
         for k, axis in enumerate(self.axes):
             panel: Any = panels[k % len(panels), k // len(panels)]
-            mean, half_width = self.reading[drawn, k], _BAND_SDS * self.sd[drawn, k]
+            mean, half_width = self.reading[drawn, k], SIGMA_95 * self.sd[drawn, k]
             panel.fill_between(
                 t,
                 mean - half_width,
@@ -140,12 +140,11 @@ def compare_with_sensor(
     mounting, notices = find_mounting(log, config) if mounted is None else (mounted, ())
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
     reading = mounting.compared(log.reading, log.R_WE, k)
+    sd, axes = log.sd[:, :k], AXES[:k]
     if k == 1:
         # The largest sd along an axis: the components' errors may not be independent.
         sd = np.sum(np.abs(mounting.direction(log.R_WE)) * log.sd[:, :3], axis=1)[:, None]
-        axes: tuple[str, ...] = (ALONG,)
-    else:
-        sd, axes = log.sd[:, :k], AXES[:k]
+        axes = (ALONG,)
     force = _averages(sensor[:, : min(k, 3)])
     valid = _averages(log.valid.astype(float)) == 1.0
     contact = np.linalg.norm(force, axis=1) > config.contact_force

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_MIN_REFERENCE_RANGE = 1e-9  # N, from which on a reference varies: below is rounding
+_GOOD_SHARES = (0.90, 0.98)  # of samples in the 95 % band, shaded: what a right band comes to
 FIGURE_COLUMNS = 1500  # of a figure: a longer signal is drawn as its extremes, column by column
 
 
@@ -86,7 +88,7 @@ def force_metrics(force: Array, sd: Array, reference: Array) -> dict[str, Any]:
         out[f"max_error_{axis}_n"] = float(np.abs(error[:, k]).max())
         out[f"bias_{axis}_n"] = float(error[:, k].mean())
         out[f"mean_sd_{axis}_n"] = float(sd[:, k].mean())
-        if np.ptp(reference[:, k]) > 1e-9 and np.ptp(force[:, k]) > 0.0:
+        if np.ptp(reference[:, k]) > _MIN_REFERENCE_RANGE and np.ptp(force[:, k]) > 0.0:
             out[f"correlation_{axis}"] = float(np.corrcoef(force[:, k], reference[:, k])[0, 1])
         for percent, mask in inside.items():
             out[f"share_in_{percent}_band_{axis}"] = float(mask[:, k].mean())
@@ -163,7 +165,7 @@ def variants_figure(metrics: Mapping[str, Any], labels: Mapping[str, str], title
             values = [variant[key.format(axis)] for variant in metrics_of_variants]
             panel.barh(rows + 0.27 * (k - 1), values, 0.25, color=SERIES[k], label=f"f{axis}")
         panel.set_xlabel(label)
-    axes[0, 2].axvspan(0.90, 0.98, color=COLOUR["reference"], alpha=0.25, lw=0)
+    axes[0, 2].axvspan(*_GOOD_SHARES, color=COLOUR["reference"], alpha=0.25, lw=0)
     axes[0, 2].set_xlim(0.0, 1.0)
     axes[0, 0].set_yticks(rows, list(labels.values()))
     axes[0, 0].invert_yaxis()

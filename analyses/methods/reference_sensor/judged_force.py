@@ -1,4 +1,4 @@
-"""ForceJudgement of a force reading by a sensor: bias, scatter, and coverage of the stated band.
+"""Judgement of a force reading by a sensor: bias, scatter, and coverage of the stated band.
 
 All numbers are over averages of some time, so that two readings of one log are judged alike
 whatever their rates.
@@ -82,18 +82,20 @@ class ForceJudgement:
         if not is_judged.any():
             return None
         error = (reading.force - truth)[is_judged]
-        # None of what the method does not state.
+        # What the method does not state stays None; of its validity, no average counts as valid.
         inside = valid_share = stated_sd = rmse_valid = inside_valid = None
         is_valid = np.zeros(len(error), np.bool_)
         if reading.valid is not None:
             is_valid = reading.valid[is_judged]
             valid_share = float(np.mean(is_valid))
-            rmse_valid = float(np.sqrt(np.mean(error[is_valid] ** 2))) if is_valid.any() else None
+        if is_valid.any():
+            rmse_valid = float(np.sqrt(np.mean(error[is_valid] ** 2)))
         if reading.sd is not None:
             sd = reading.sd[is_judged]
             is_inside = np.abs(error) <= SIGMA_95 * sd
             inside, stated_sd = float(np.mean(is_inside)), float(np.mean(sd))
-            inside_valid = float(np.mean(is_inside[is_valid])) if is_valid.any() else None
+            if is_valid.any():
+                inside_valid = float(np.mean(is_inside[is_valid]))
         return cls(
             bias=float(np.mean(error)),
             sd=float(np.std(error)),

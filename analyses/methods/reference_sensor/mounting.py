@@ -96,8 +96,9 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
     """Finds what the configuration leaves open of the mounting; returns it with notices.
 
     Each mounting that is left open turns the sensor's numbers into forces; the one whose forces are
-    nearest to the reading is taken, of several as near the simplest. A delay is found with that
-    one, and all are compared again at this delay. The tare is fitted last.
+    nearest to the reading, over some thousand rows of the log (_SEARCH_ROWS), is taken, of several
+    as near the simplest. A delay is found with that one, and all are compared again at this delay.
+    The tare is fitted last.
 
     Args:
         log: N samples of the reading and of the sensor's k columns.
@@ -124,7 +125,7 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
     candidates = _candidates(unturned, config, k)
     finds_delay = config.delay == FOUND
     if not finds_delay:
-        candidates = [replace(m, delay=float(config.delay)) for m in candidates]
+        candidates = [replace(mounting, delay=float(config.delay)) for mounting in candidates]
     best, is_frame_open = _best(coarse, candidates, config)
     notices = []
     if finds_delay:
@@ -135,7 +136,7 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
                 "--reference-delay"
             )
         elif delay != 0.0:
-            candidates = [replace(m, delay=delay) for m in candidates]
+            candidates = [replace(mounting, delay=delay) for mounting in candidates]
             best, is_frame_open = _best(coarse, candidates, config)
     if is_frame_open:
         notices.append(
@@ -143,7 +144,8 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
             "taken; state them with --reference-frame and --reference-sign"
         )
     if config.tare == "fit":
-        mean_error = _error(coarse, best, k).mean(axis=0)  # (k,) in the sensor's axes
+        # (k,) reading less sensor, in the sensor's axes: its reading times the sign, less the tare
+        mean_error = _error(coarse, best, k).mean(axis=0)
         best = replace(best, tare=best.tare - best.sign * mean_error)
     if len(candidates) > 1:
         error, size = error_of(coarse, best, with_offset=True), _size(coarse, best)
@@ -181,11 +183,10 @@ def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -
     )
     R_WE, _ = robot.chain.pose(q)
     sensed = mounting.on_robot(recording.t, sensor, R_WE)  # (N, 1), (N, 3) or (N, 6), force first
-    if sensed.shape[1] == 1:
-        sensed = sensed * mounting.direction(R_WE)
     wrench = np.zeros((len(sensed), 6))  # moment first
-    wrench[:, 3:] = sensed[:, :3]
-    wrench[:, :3] = sensed[:, 3:] if sensed.shape[1] == 6 else 0.0
+    wrench[:, 3:] = sensed * mounting.direction(R_WE) if sensed.shape[1] == 1 else sensed[:, :3]
+    if sensed.shape[1] == 6:
+        wrench[:, :3] = sensed[:, 3:]
     tau_ext = np.einsum("kaj,ka->kj", robot.chain.jacobian(q), wrench)
     is_finite &= np.asarray(np.isfinite(tau_ext).all(axis=1))
     return np.where(is_finite[:, None], tau_ext, 0.0)

@@ -47,6 +47,8 @@ def tare_numbers(config: ReferenceConfig) -> list[float] | None:
 def checked_reference(config: ReferenceConfig, command: str = "estimate") -> ReferenceConfig:
     """Returns `config`; `command` is the one that a problem names.
 
+    The number of columns, and of the tare's numbers for them, is checked by `reference_columns`.
+
     Raises:
         InputError: a setting that makes no sense.
     """
@@ -74,14 +76,14 @@ def checked_reference(config: ReferenceConfig, command: str = "estimate") -> Ref
         try:
             delay = float(config.delay)
         except ValueError:
-            delay = float("nan")
+            delay = float("nan")  # refused below
         if not abs(delay) <= _LONGEST_DELAY:
             problem = f'is "{config.delay}", expected seconds, at most {_LONGEST_DELAY:g}, or found'
             raise refuse("--reference-delay", problem, "give 0.08, say")
     try:
         tare = tare_numbers(config)
     except ValueError:
-        tare = [float("nan")]
+        tare = [float("nan")]  # refused below
     if tare is not None and not np.isfinite(tare).all():
         problem = f'is "{config.tare}", expected {", ".join(TARES)}, or numbers'
         raise refuse(

@@ -119,7 +119,7 @@ class LcmSource:
         Raises:
             ValueError: signals of different lengths.
         """
-        running, state = True, ""
+        running, state = True, ""  # an iiwa's status has no mode
         if self._kind == "iiwa":
             message = lcmt_iiwa_status.decode(data)
             signals = (
@@ -129,7 +129,7 @@ class LcmSource:
             )
         else:
             message = lcmt_panda_status.decode(data)
-            signals = message.joint_position, message.joint_velocity, message.joint_torque
+            signals = (message.joint_position, message.joint_velocity, message.joint_torque)
             running = message.robot_mode in _PANDA_RUNS
             mode = f"mode {message.robot_mode}"
             state = "" if running else _PANDA_MODES.get(message.robot_mode, mode)

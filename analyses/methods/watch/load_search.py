@@ -106,6 +106,7 @@ class LoadSearch:
             pole, step = observer.pole, observer.time_step
             self._monitor = FrictionMonitor(self._model, estimator.chain, pole, step, self._robot)
         settled_from = self._begin + max(SETTLING_TIME, observer.settling_time)  # s
+        # Until the look is over, the monitor is its thread's alone: no other look begins.
         arguments = self._monitor, speeds, readings, settled_from
         if self._in_background:
             self._pool = self._pool or ThreadPoolExecutor(1)

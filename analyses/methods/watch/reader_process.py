@@ -59,7 +59,7 @@ def read_stream(
 
     Args:
         live: that reads it.
-        emit: given each reading and event, of the source, the checks or the estimator.
+        emit: given each reading and event, of the source, the checks or the estimator, at once.
         checks: of the first seconds; None: the stream is not checked.
         q_offset: (n,) rad (m), added to the positions; None: they are at the robot's zeros already.
     """
@@ -67,10 +67,11 @@ def read_stream(
         items = source.read(_MAX_WAIT)
         for item in items:
             if isinstance(item, Sample):
-                if q_offset is not None and item.q.shape == q_offset.shape:
-                    item = replace(item, q=item.q + q_offset)
-                results = live.take(item)
-                if checks is not None and (event := checks.take(item, live)) is not None:
+                sample = item
+                if q_offset is not None and sample.q.shape == q_offset.shape:
+                    sample = replace(sample, q=sample.q + q_offset)
+                results = live.take(sample)  # before the checks, which ask it what is possible
+                if checks is not None and (event := checks.take(sample, live)) is not None:
                     emit(event)
             else:
                 emit(item)

@@ -88,26 +88,30 @@ class Recorder:
             if self._form == "mcap" and not 0.0 <= t < LAST_STAMP:
                 if not self.lost:
                     message = (
-                        "readings before t = 0 are left out: a ROS time stamp holds no such time"
+                        f"readings before t = 0 or from {LAST_STAMP:.0f} s on are left out: a ROS "
+                        "time stamp holds no such time"
                     )
                 self.lost += 1
                 continue
-            # Full, or its clock has gone back.
+            # Full, or the readings' clock has gone back.
             is_full = self._rows and not 0.0 <= t - self._rows[0][0] < SEGMENT_TIME
             if is_full and not self._failed:
                 message = self._save() or message
                 if not self._failed:
-                    self._segment += 1
-                    self._rows.clear()
+                    self._begin_segment()
             self._rows.append(row)
         if time.monotonic() - self._saved < SAVE_TIME:
             return message
         was_failed = self._failed
         message = self._save() or message
         if was_failed and not self._failed:  # a segment that has become long ends here
-            self._segment += 1
-            self._rows.clear()
+            self._begin_segment()
         return message
+
+    def _begin_segment(self) -> None:
+        """The rows so far are in their file, or given up: the next ones make another file."""
+        self._segment += 1
+        self._rows.clear()
 
     def close(self) -> str:
         """Writes the remaining readings; returns a message, or an empty text."""
@@ -116,6 +120,7 @@ class Recorder:
         return f"{self.lost} readings are not in the recording" if self.lost else message
 
     def _save(self) -> str:
+        """Writes the segment's file anew; returns a message where that fails or works again."""
         self._saved = time.monotonic()
         if not self._rows:
             return ""
@@ -127,8 +132,7 @@ class Recorder:
             is_first_failure, self._failed = not self._failed, True
             if len(self._rows) > MOST_ROWS:
                 self.lost += self._not_saved()
-                self._segment += 1
-                self._rows.clear()
+                self._begin_segment()
             return f"{error}; it is tried again" if is_first_failure else ""
         had_failed, self._failed = self._failed, False
         return "the recording goes on" if had_failed else ""

@@ -17,6 +17,9 @@ from wrenchsight.models.recordings.rosbag.messages import (
 )
 from wrenchsight.models.robot.robot import Robot
 
+_POLL_PERIOD = 0.05  # s between two looks for a subscriber
+_LAST_WAIT = 0.5  # s after the last message, in which what is on its way arrives
+
 
 def play_joint_states(
     recording: Recording, robot: Robot, address: SourceAddress, tell: Callable[[str], None]
@@ -52,10 +55,10 @@ def play_joint_states(
     layout = Layout(JOINT_STATE, message)
     tell(f"plays {recording.duration:.1f} s once a client reads {topic}; Ctrl-C ends it")
     while not writer.is_read:
-        time.sleep(0.05)
+        time.sleep(_POLL_PERIOD)
     begin, elapsed = time.time(), recording.t - recording.t[0]  # s
     stamps = nanoseconds(begin + elapsed)
     for k, due in enumerate(elapsed.tolist()):
         time.sleep(max(0.0, begin + due - time.time()))
         writer.write(layout.encode(stamps[k : k + 1], values[k : k + 1]).tobytes())
-    time.sleep(0.5)  # what is on its way arrives
+    time.sleep(_LAST_WAIT)

@@ -29,6 +29,7 @@ from wrenchsight.models.robot.robot import Robot
 
 CHECK_TIME = 5.0  # s of the stream that are checked
 CHECK_PERIOD = 1.0  # s between two checks
+LONGEST_PAUSE = 50.0  # s between two checks, from which on the clock has jumped
 LEAST_PAYLOAD = 0.5  # kg by which payloads may differ
 GAIN_OFF = 0.03  # share by which torques per ampere may differ
 GAIN_SURE = 3.0  # standard errors beyond which they differ
@@ -148,7 +149,7 @@ class StartChecks:
 
     def _jumped(self, t: float) -> bool:
         """Whether the clock jumped; samples a little out of order are the estimator's matter."""
-        return not -CHECK_PERIOD < t - self._last_check < 10.0 * CHECK_TIME
+        return not -CHECK_PERIOD < t - self._last_check < LONGEST_PAUSE
 
     def _say(self, text: str, kind: EventKind = EventKind.CHECK) -> None:
         self._events.append(StreamEvent(kind, text, time.monotonic()))
