@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrenchsight.analyses.methods.estimate.contact_places import stretches
 from wrenchsight.analyses.methods.estimate.estimate_config import LARGEST_DRIFT
 from wrenchsight.models.calibration.friction_beside_contact import refresh_beside_contact
 from wrenchsight.models.calibration.friction_drift_criterion import (
@@ -108,9 +109,11 @@ class FrictionMonitor:
         self._is_free: list[Flags] = []
         self._count = 0  # of the gathered rows
         self._judged: _JudgedRows | None = None  # of the rows gathered when it was made
-        # Contact-free stretches, s on the log's clock: the present one's begin, the longest.
-        self._time_since_contact = np.inf  # s
-        self._stretch_begin, self._longest_stretch = 0.0, (0.0, 0.0)
+        self._time_since_contact = np.inf  # s, at the last sample
+        # Contact-free stretches, s on the log's clock: begin of the present one, None: there is
+        # none; begin and end of the longest.
+        self._stretch_begin: float | None = None
+        self._longest_stretch = (0.0, 0.0)
         self._log_begin: float | None = None
 
     def add(
@@ -178,14 +181,15 @@ class FrictionMonitor:
             self._time_since_contact = (len(t) - 1 - touched[-1]) * self._time_step
         else:
             self._time_since_contact += len(t) * self._time_step
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], is_clear, [False]])))
-        for begin, end in edges.reshape(-1, 2):
-            if begin > 0 or self._stretch_begin == 0.0:
-                self._stretch_begin = float(t[begin])
-            stretch_end = float(t[end - 1])
+        for rows in stretches(np.asarray(is_clear)):
+            if self._stretch_begin is None or rows.start > 0:  # else it goes on from before
+                self._stretch_begin = float(t[rows.start])
+            stretch_end = float(t[rows.stop - 1])
             longest_begin, longest_end = self._longest_stretch
             if stretch_end - self._stretch_begin > longest_end - longest_begin:
                 self._longest_stretch = (self._stretch_begin, stretch_end)
+        if not is_clear[-1]:
+            self._stretch_begin = None
         return np.asarray(is_clear)
 
     def disagreements(self) -> list[FrictionDisagreement]:

@@ -166,6 +166,27 @@ def test_a_contact_is_left_out_and_the_part_without_it_is_offered(sts, model):
         assert "--part 10.5,39.9 " in command or "--part 10.6,39.9 " in command
 
 
+def test_a_stretch_goes_on_from_chunk_to_chunk_also_from_the_time_0_on(sts, model):
+    t, q, v, noise = signals(sts)
+    tau_ext = drifted(v, noise, 2, 6.0)
+    free = t < 30.0
+    for cuts in ((ROWS,), (1500, ROWS), (700, 1400, 2900, ROWS)):
+        monitor = monitored(model, sts, t, q, v, tau_ext, free, cuts)
+        command = monitor.sentences("log.csv", "r", "model.yaml")[-1]
+        assert "--part 0,29.4 " in command
+
+
+def test_no_stretch_goes_on_over_a_contact_before_a_chunk(sts, model):
+    """The contact ends so long before the chunk that its margin ends there, too."""
+    t, q, v, noise = signals(sts)
+    tau_ext = drifted(v, noise, 2, 6.0)
+    free = np.ones(ROWS, bool)
+    free[1449] = False  # half a second before 1500
+    monitor = monitored(model, sts, t + 100.0, q, v, tau_ext, free, (1500, ROWS))
+    command = monitor.sentences("log.csv", "r", "model.yaml")[-1]
+    assert "--part 15,39.9 " in command
+
+
 def test_drift_is_found_where_the_flags_of_contact_are_wrong(sts, model):
     """A third of the log is flagged, and it is not the third in which a force acts."""
     t, q, v, noise = signals(sts)
