@@ -99,11 +99,11 @@ def estimates(
         tracked: estimator that follows friction and takes the place of the models; None: they read.
             It holds today's friction once all parts are taken.
     """
+    parts = _causal_parts(settings, robot, models.distinct(), config, chunks, tracked)
     if settings.contact.axis:
-        parts = _causal_parts(settings, robot, models.distinct(), config, chunks, tracked)
         return read_contact(parts, robot, settings, config)
     if not settings.smooth:
-        return _causal_parts(settings, robot, models.distinct(), config, chunks, tracked)
+        return parts
     smoothers = [WrenchSmoother(WrenchEstimator(robot, m, config)) for m in models.distinct()]
 
     def take(part: LogPart) -> EstimateBatch:
@@ -113,7 +113,6 @@ def estimates(
     def finish() -> EstimateBatch:
         return _with_last_band([smoother.finish() for smoother in smoothers])
 
-    parts = _causal_parts(settings, robot, [models.model], config, chunks, tracked)
     return read_later(parts, take, finish)
 
 

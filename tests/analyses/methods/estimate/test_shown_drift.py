@@ -69,6 +69,18 @@ def test_the_band_holds_what_the_log_shows_of_friction(sts, model_file, tmp_path
     assert (table[:, 7:13].mean(axis=0) > usual[:, 7:13].mean(axis=0)).all()
 
 
+def test_contact_is_judged_with_the_drift_that_the_log_shows_also_beside_smoothed_readings(
+    sts, model_file, tmp_path
+):
+    log = tmp_path / "log.csv"
+    write_recording(free_motion(sts, MORE), log)
+    _, table = read(log, model_file, tmp_path / "causal")
+    _, smoothed = read(log, model_file, tmp_path / "smoothed", smooth=True)
+    for name in ("contact_statistic", "contact"):
+        k = columns_of(6).index(name)
+        np.testing.assert_allclose(smoothed[:, k], table[:, k], rtol=1e-9)
+
+
 def test_where_friction_is_the_models_the_band_is_too(sts, model_file, tmp_path):
     log = tmp_path / "log.csv"
     write_recording(free_motion(sts, 0.0 * MORE), log)
