@@ -293,8 +293,9 @@ class PlacementSearch:
         result.optima = self._optima([*finished_solutions, *unfinished])
         self._count_starts(ends, fine_solves, result)
         if not result.optima:
-            # Interrupted early, or no fine solve kept all constraints: the best rough end.
-            rough = self._rough_optimum(ends, clock)
+            # Interrupted early, or no fine solve kept all constraints: the best rough end. The
+            # search for any placement ended with the first that keeps them.
+            rough = self._rough_optimum([*ends, *feasibility_ends[-1:]], clock)
             result.optima = [] if rough is None else [rough]
         progress(1.0, "done")
         return result
@@ -403,7 +404,7 @@ class PlacementSearch:
                 clock.better(self.program.cost(placement.q), placement)
 
     def _rough_optimum(self, ends: list[PlacementSolution], clock: "_Clock") -> Optimum | None:
-        """The best end of the rough solves, put on its path; no fine solve ended at it.
+        """The best end of coarse solves, put on its path; no fine solve ended at it.
 
         None where none keeps all constraints, also between the points.
         """
@@ -420,7 +421,7 @@ class PlacementSearch:
         )
 
     def _best_corrected(self, ends: list[PlacementSolution], clock: "_Clock") -> Placement | None:
-        """The best end of the rough solves that keeps all constraints, also between points."""
+        """The best end of coarse solves that keeps all constraints, also between points."""
         if clock.best is not None and self.corrected(clock.best) is not None:
             return clock.best
         for index in in_order([end.cost for end in ends]):
