@@ -37,7 +37,8 @@ NUM_NEURONS = 10
 LEAST_RATE = 1e-4  # of Adam, at the last step
 _SAME_SPEED = 1e-9  # relative
 _MIN_SD = 1e-12  # N m, added to the torque's sd: a joint without any is learnt as zero
-_SLACKEST, _STEEPEST = 2.0, 60.0  # 1 over the band's edge: kinks as wide as the band, as the jump
+# 1 over the band's edge, of kinks at the start: as wide as the band, as steep as the jump
+_MIN_STEEPNESS, _MAX_STEEPNESS = 2.0, 60.0
 _FIRST_OUTPUT_SD = 0.3  # of W2 at the start
 _LEAST_GAIN = 1e-5  # relative, of the held-out error, from which on a step is better
 
@@ -295,11 +296,12 @@ def _first_weights(n: int, config: TrainingConfig) -> list[Array]:
     first neuron is that jump.
     """
     draw = np.random.default_rng(config.seed + 1)
-    steepness = np.exp(draw.uniform(np.log(_SLACKEST), np.log(_STEEPEST), (n, NUM_NEURONS)))
+    shape = (n, NUM_NEURONS)
+    steepness = np.exp(draw.uniform(np.log(_MIN_STEEPNESS), np.log(_MAX_STEEPNESS), shape))
     steepness[:, 0] = config.steepest
-    W1 = steepness * draw.choice([-1.0, 1.0], (n, NUM_NEURONS))
-    W2 = _FIRST_OUTPUT_SD * draw.normal(size=(n, NUM_NEURONS))
-    kink = draw.uniform(-1.0, 1.0, (n, NUM_NEURONS))  # over the band's edge
+    W1 = steepness * draw.choice([-1.0, 1.0], shape)
+    W2 = _FIRST_OUTPUT_SD * draw.normal(size=shape)
+    kink = draw.uniform(-1.0, 1.0, shape)  # over the band's edge
     b1 = np.zeros_like(W1) if config.odd else W1 * kink
     b1[:, 0] = 0.0
     return [W1, b1, W2, np.zeros(n)]
