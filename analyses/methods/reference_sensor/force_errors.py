@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 _MIN_REFERENCE_RANGE = 1e-9  # N, from which on a reference varies: below is rounding
-_GOOD_SHARES = (0.90, 0.98)  # of samples in the 95 % band, shaded: what a right band comes to
+_GOOD_SHARES = (0.90, 0.98)  # of samples in the 95 % band, shaded: near 95 %
 FIGURE_COLUMNS = 1500  # of a figure: a longer signal is drawn as its extremes, column by column
 
 

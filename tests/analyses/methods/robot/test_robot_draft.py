@@ -214,6 +214,7 @@ def test_gravity_and_floor_follow_the_mounting(
     robot, _, notes = draft_robot(urdf, tmp_path / "robot.yaml")
     np.testing.assert_allclose(robot.gravity, gravity, atol=1e-4)
     assert robot.floor == floor
+    assert "floor: -0 " not in (tmp_path / "robot.yaml").read_text()
     turned = [note for note in notes if "turned by" in note]
     assert len(turned) == (floor is None)
     assert not any("gravity" in notice for notice in robot.notices)
