@@ -52,7 +52,11 @@ def log_scale(axes: Any, which: Literal["x", "y"]) -> None:
 def limit_y(axes: Any, low: float, high: float, unit: str = "") -> None:
     """Sets the range of y and writes on the panel what is drawn beyond it, and how far it goes.
 
-    Called when all is drawn. Only what has a label of its own is named.
+    Called when all is drawn. Only what has a label of its own is named, and how far it goes is
+    given to a hundredth of the range or finer.
+
+    Args:
+        low, high: the range, in the unit of the axis.
     """
     axes.set_ylim(low, high)
     decimals = max(0, 1 - math.floor(math.log10(high - low)))
@@ -63,8 +67,10 @@ def limit_y(axes: Any, low: float, high: float, unit: str = "") -> None:
         if label.startswith("_") or not _is_in_data_of_y(axes, artist):
             continue
         y = _heights(artist)
-        extremes = (np.min(y, initial=0.0), np.max(y, initial=0.0))
-        outside = [value for value in extremes if not low <= value <= high]
+        if y.size == 0:
+            continue
+        outside = [float(y.min())] if y.min() < low else []
+        outside += [float(y.max())] if y.max() > high else []
         if outside:
             values = " and ".join(f"{value:.{decimals}f}" for value in outside)
             beyond.append(f"{label} to {values} {unit}".rstrip())

@@ -19,22 +19,27 @@ def filled(notes: Iterable[str], metrics: Mapping[str, Any]) -> list[str]:
     Args:
         notes: sentences. One that names a metric that the run lacks is left out.
         metrics: nested, of the run.
+
+    Raises:
+        ValueError, TypeError: a metric is there, but cannot be written in its format.
     """
     plain = plain_metrics(dict(metrics))
 
     def figure(match: "re.Match[str]") -> str:
         key, scale, spec = match.groups()
-        value = look_up(plain, key)
-        values = value if isinstance(value, list) else [value]
+        found = look_up(plain, key)
+        values = found if isinstance(found, list) else [found]
         return " ".join(
             "–" if value is None else format(value if scale is None else float(scale) * value, spec)
             for value in values
         )
 
-    sentences = []
-    for note in notes:
+    def is_measured(note: str) -> bool:
         try:
-            sentences.append(_FIGURE.sub(figure, note))
-        except ValueError:
-            continue
-    return sentences
+            for match in _FIGURE.finditer(note):
+                look_up(plain, match[1])
+        except ValueError:  # of `look_up`: the run lacks it
+            return False
+        return True
+
+    return [_FIGURE.sub(figure, note) for note in notes if is_measured(note)]

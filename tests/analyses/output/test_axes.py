@@ -71,6 +71,16 @@ def test_values_within_the_axis_are_not_reported():
     assert not axes[0, 0].texts
 
 
+def test_a_range_without_zero_reports_what_is_drawn_alone():
+    _, axes = new_figure()
+    axes[0, 0].plot([0.0, 1.0], [31.0, 44.0], label="within")
+    axes[0, 0].plot([0.0, 1.0], [71.0, 71.0], label="above")
+    axes[0, 0].plot([0.0, 1.0], [np.nan, np.nan], label="not finite")
+    limit_y(axes[0, 0], 25.0, 50.0, "N")
+    (text,) = axes[0, 0].texts
+    assert text.get_text() == "beyond the panel: above to 71 N"
+
+
 def test_a_panels_legend_lies_above_it():
     figure, axes = new_figure()
     axes[0, 0].plot([0.0, 1.0], label="read")

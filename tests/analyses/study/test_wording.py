@@ -30,5 +30,13 @@ def test_a_figure_is_the_metric_that_is_named(note, sentence):
     assert filled([note], METRICS) == [sentence]
 
 
+@pytest.mark.parametrize(
+    "note", ["<rmse_n:.1q> N", "<rmse_n:d> N", "<law:.1f>", "<law:1e3 .0f>", "<a.b:.1f>"]
+)
+def test_a_metric_that_does_not_fit_its_format_is_an_error(note):
+    with pytest.raises((ValueError, TypeError)):
+        filled([note], METRICS)
+
+
 def test_a_note_without_its_metric_is_left_out():
     assert filled(["<rmse_n:.1f>", "<nothing:.1f> and <rmse_n:.1f>"], METRICS) == ["1.2"]
