@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from wrenchsight.analyses.commands.discovery import find_commands, load_command
-from wrenchsight.analyses.output.interruption import ends_are_interrupts
+from wrenchsight.analyses.output.interruption import signals_are_interrupts
 from wrenchsight.models.files.files_read import remembering_files_read
 from wrenchsight.models.files.input_error import InputError, one_line
 
@@ -74,25 +74,26 @@ class _Commands(TyperGroup):
         """
         signals: list[int] = []  # numbers of those received
         try:
-            with ends_are_interrupts() as signals, remembering_files_read():
+            with signals_are_interrupts() as signals, remembering_files_read():
                 return super().invoke(ctx)
         except InputError as error:
             line, code = str(error), 2
         except MemoryError:
             line, code = "not enough memory; free some and run again", 2
         except OSError as error:
-            if error.errno == errno.EPIPE:  # the reader of our output left: not an error
+            if error.errno == errno.EPIPE:  # the reader of our output left: typer ends, silently
                 raise
             reason = error.strerror or str(error)
             if error.errno in _NO_SPACE and not error.filename:
                 reason = f"a file cannot be written ({reason}); free some space and run again"
             line, code = f"{error.filename}: {reason}" if error.filename else reason, 2
         except KeyboardInterrupt as error:
-            # A command may have caught it to end in good order, and raised another one.
+            # A command may have caught the signal's own exception, a TerminatedError with its
+            # number, to end in good order, and raised another one.
             first_signal = signals[0] if signals else getattr(error, "signum", signal.SIGINT)
             line, code = _INTERRUPTED, 128 + first_signal
         except Exception:
-            if not signals:
+            if not signals:  # an error of the program
                 raise
             line, code = _INTERRUPTED, 128 + signals[0]
         self._has_reported = True

@@ -28,7 +28,7 @@ from wrenchsight.analyses.campaign.distributions import (
 from wrenchsight.analyses.campaign.workers import on_cluster, on_this_machine, refuse_silent
 from wrenchsight.analyses.campaign.world_run import CampaignSettings, WorldOutcome, WorldTask
 from wrenchsight.analyses.data_sets.places import given_folder
-from wrenchsight.analyses.output.interruption import ends_are_interrupts, uninterrupted
+from wrenchsight.analyses.output.interruption import signals_are_interrupts, uninterrupted
 from wrenchsight.analyses.output.outputs import OutputFolder, json_text, plain
 from wrenchsight.analyses.output.progress import Progress, State
 from wrenchsight.analyses.output.result_folder import ResultFolder, open_results
@@ -89,18 +89,19 @@ def run_campaign(
             campaign, no scheduler.
         KeyboardInterrupt: passed on after the results so far were written.
     """
-    names, cluster = check_names(settings.experiments), settings.cluster
+    names = check_names(settings.experiments)
+    cluster = settings.cluster
     _check_settings(settings)
     settings = replace(settings, data=given_folder(settings.data))
     modules = {name: REGISTRY.entries()[name].module for name in names}
     software = {name: software_hash(module) for name, module in modules.items()}
-    with ends_are_interrupts(), open_results(out, COMMAND) as folder:
+    with signals_are_interrupts(), open_results(out, COMMAND) as folder:
         campaign = _Campaign(settings, folder, software)
         num_reused = campaign.count_complete(names)
         # Folder of what all worlds share; another machine need not see this one.
         shared_folder = folder.work("everywhere").resolve() if cluster is None else None
         tasks = campaign.tasks(names, modules, shared_folder)
-        if cluster is not None and tasks:
+        if cluster is not None and tasks:  # a complete campaign needs no scheduler
             refuse_silent(cluster)
             jobs = 1  # how many workers the scheduler has is not known
             outcomes = on_cluster(tasks, cluster)
@@ -115,7 +116,8 @@ def run_campaign(
             report(Progress(COMMAND, state, action="finished worlds are kept"))
             # The user is to hear of the cause, not of an error that follows from it.
             with suppress(InputError, OSError):
-                if campaign.record.worlds or not folder.files:  # else the earlier ones stay
+                # Without a world of this run (`fresh`), the folder's earlier results stay.
+                if campaign.record.worlds or not folder.files:
                     campaign.write()
             raise
         figures_over_worlds = campaign.write()
@@ -237,18 +239,20 @@ class _Campaign:
         """Stores the outcomes as they come, and reports the progress.
 
         What a world measured goes into the record and, against a kill, into a file of its own. A
-        world in which an experiment failed is kept in `failures`, beside what it measured.
+        world in which an experiment failed is kept in `failures`, beside what it measured. The
+        seconds go into those of `mean_seconds`. Between two worlds a signal may end it.
 
         Args:
             outcomes: outcomes of the worlds, as they end.
-            total: number of worlds.
+            total: number of worlds that `outcomes` will give.
             jobs: number of worlds that run side by side.
             report: called with the progress.
         """
-        started, done = time.monotonic(), 0
+        started = time.monotonic()
+        done = 0
         report(Progress(COMMAND, "running", 0.0, f"0 of {total} worlds"))
         for outcome in outcomes:
-            with uninterrupted():
+            with uninterrupted():  # a world counts with all that it brought
                 if outcome.values:
                     self.parts.add(outcome, self.record)
                     self.record.add(outcome)
@@ -256,7 +260,7 @@ class _Campaign:
                     self.failures[outcome.number] = outcome
                 for name, seconds in outcome.seconds.items():
                     self._seconds.setdefault(name, []).append(seconds)
-            done += 1
+            done += 1  # also where all experiments failed
             remaining = remaining_seconds(time.monotonic() - started, done, total, jobs)
             failed = f", {len(self.failures)} failed" if self.failures else ""
             action = f"{done} of {total} worlds{failed}, {_duration_text(remaining)} left"

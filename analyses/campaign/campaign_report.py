@@ -6,7 +6,11 @@ from typing import Final
 import numpy as np
 
 from wrenchsight.analyses.campaign.campaign_store import CampaignRecord
-from wrenchsight.analyses.campaign.distributions import Distribution
+from wrenchsight.analyses.campaign.distributions import (
+    HIGH_QUANTILE,
+    LOW_QUANTILE,
+    Distribution,
+)
 from wrenchsight.analyses.campaign.influences import influences_text
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
@@ -16,6 +20,8 @@ from wrenchsight.analyses.study.report import decimals_of_three_digits, number, 
 REPORT_NAME: Final = "campaign.html"
 _MIN_DENSITY_WORLDS: Final = 8  # worlds; with fewer a density shows nothing, and each is a dot
 _MAX_DRAWN_RATIO: Final = 12.0  # times the article's number; what lies beyond is drawn at the edge
+_MIN_DENSITY_RANGE: Final = 1e-9  # of the median; a density of worlds that are equal fails
+_PICTURE_WIDTH: Final = 960  # CSS pixels at which the page shows a figure, as the study's report
 
 
 def write_campaign_report(
@@ -31,7 +37,8 @@ def write_campaign_report(
     Args:
         record: its `described` states title, section and rows of each experiment.
         spread: the figures of the article over worlds.
-        failures: outcomes of worlds in which experiments failed, by world.
+        failures: outcomes of worlds in which experiments failed, by world; a failure is one line,
+            which is shown, then where it happened.
         seconds: seconds of a processor, by experiment, in a world.
         version: version of the software.
 
@@ -42,11 +49,11 @@ def write_campaign_report(
     sections = []
     for name in dict.fromkeys(distribution.experiment for distribution in spread):
         of_experiment = [row for row in spread if row.experiment == name]
-        picture, size = "", None
+        picture, size = "", None  # none without a figure of the article
         if any(_comparable(row) for row in of_experiment):
             figure = violin_figure(of_experiment)
             width, height = figure.get_size_inches()
-            size = (960, round(960 * height / width))
+            size = (_PICTURE_WIDTH, round(_PICTURE_WIDTH * height / width))
             picture = folder.write_figure(name, figure).relative_to(folder.path).as_posix()
         described = record.described[name]
         num_worlds = sum(experiment == name for _, experiment in record.measured)
@@ -106,16 +113,18 @@ def table_row(distribution: Distribution) -> dict[str, str]:
 def violin_figure(spread: Sequence[Distribution]) -> Figure:
     """A violin for each figure that the article prints: the worlds' over the printed number.
 
-    The first figure stands on top. Few worlds, or equal ones, are dots instead.
+    The first figure stands on top; one without a printed number, or with 0, is left out. The bar
+    goes from 5 to 95 %, the circle is the median. Few worlds, or equal ones, are dots instead.
+    Ratios beyond _MAX_DRAWN_RATIO are drawn, and counted in bar and median, as that.
     """
     shown = [row for row in spread if _comparable(row)]
-    figure, ((axes,),) = new_figure(1, 1, height=0.9 + 0.34 * len(shown))
+    figure, ((axes,),) = new_figure(1, 1, height=0.9 + 0.34 * len(shown))  # inches
+    colour = COLOUR["estimate"]
     for place, row in enumerate(reversed(shown)):  # place: the height on the panel
         assert row.article is not None
         ratio = np.clip(row.values.to_numpy() / row.article, -_MAX_DRAWN_RATIO, _MAX_DRAWN_RATIO)
-        low, median, high = np.percentile(ratio, [5.0, 50.0, 95.0])
-        colour = COLOUR["estimate"]
-        if len(ratio) >= _MIN_DENSITY_WORLDS and np.ptp(ratio) > 1e-9 * abs(median):
+        low, median, high = np.quantile(ratio, [LOW_QUANTILE, 0.5, HIGH_QUANTILE])
+        if len(ratio) >= _MIN_DENSITY_WORLDS and np.ptp(ratio) > _MIN_DENSITY_RANGE * abs(median):
             (body,) = axes.violinplot(
                 ratio, [place], orientation="horizontal", widths=0.85, showextrema=False
             )["bodies"]

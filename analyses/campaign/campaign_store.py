@@ -125,13 +125,14 @@ class CampaignRecord:
 def write_table(record: CampaignRecord, path: Path, order: Collection[str]) -> None:
     """Writes the Parquet file: the same bytes for the same figures, however they came.
 
-    A row is a figure of an experiment in a world. Between the columns of _LEADING_COLUMNS and
+    A row is a figure of an experiment in a world, in the order of world, experiment, and the
+    metrics' keys as the experiment has them. Between the columns of _LEADING_COLUMNS and
     _TRAILING_COLUMNS stand the parameters that were drawn for the world.
 
     Args:
         order: order of the experiments within a world; others come last, by their names.
     """
-    places = {name: f"{place:06d}" for place, name in enumerate(order)}  # digits before letters
+    places = {name: f"{place:06d}" for place, name in enumerate(order)}  # digits sort before names
     table = record.table.assign(place=lambda t: t["experiment"].map(lambda n: places.get(n, n)))
     table = table.sort_values(["world", "place"], kind="stable").drop(columns="place")
     drawn = [name for name in table.columns if name not in (*_LEADING_COLUMNS, *_TRAILING_COLUMNS)]

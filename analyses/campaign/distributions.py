@@ -84,18 +84,21 @@ def _row_distributions(
     figures: pd.DataFrame,
     record: CampaignRecord,
 ) -> list[Distribution]:
-    """The distributions of a row: one, or one for each entry of a list.
+    """The distributions of a row: one, or one for each entry of a list; none of what is not finite.
 
     Args:
         row: a `ComparisonRow` as a plain mapping. `key` names the article's method's figure, `ours`
-            the one that is compared with it; `article` is the printed number or a list of them.
-        figures: of `CampaignRecord.figures`: a row a world, a column a key.
+            the one that is compared with it, if any (else it is empty); `article` is the printed
+            number, None, or a list of one for each entry.
+        figures: of `CampaignRecord.figures`: a row a world, a column a key; the entries of a list
+            at `key` are `key.0`, `key.1` ...
+        record: has the worlds' draws, among which those that move a number are searched.
     """
     article = row["article"]
-    our_keys = dict(_keys(figures, row["ours"]))  # by place in the list
     label = row["label"][:1].upper() + row["label"][1:]
-    result = []
     keys = _keys(figures, row["key"])  # place in the list, and the key there
+    our_keys = dict(_keys(figures, row["ours"]))  # by place in the list
+    result = []
     for place, key in keys:
         values = figures[key].dropna()
         if values.empty:

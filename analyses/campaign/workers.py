@@ -18,6 +18,7 @@ from wrenchsight.analyses.output.side_by_side import Died, run_side_by_side
 from wrenchsight.models.files.input_error import InputError, install_of
 
 _CONNECT_TIMEOUT: Final = 10  # s in which a scheduler answers
+_MAX_REASON: Final = 200  # characters of the library's own reason in our one line
 _ADDRESS: Final = re.compile(
     r"((tcp|tls)://)?(?P<host>\[[0-9a-fA-F:.]+\]|[\w.-]+):(?P<port>\d{1,5})"
 )
@@ -62,7 +63,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
         client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except Exception as error:  # of the transport's kind: no certificates, another protocol
         reason = f"{type(error).__name__}: {error}"
-        problem = f"no scheduler answers at {address} ({reason[:200]})"
+        problem = f"no scheduler answers at {address} ({reason[:_MAX_REASON]})"
         raise InputError("--cluster", "", problem, _START_ONE) from None
     with client:
         if not client.scheduler_info()["workers"]:
@@ -80,6 +81,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
                     problem = f"the scheduler at {address} has ended"
                     remedy = "run the command again: finished worlds are kept"
                     raise InputError("--cluster", "", problem, remedy) from None
+                # No longer among those that the end cancels.
                 del futures[future]
                 future.release()
                 yield outcome

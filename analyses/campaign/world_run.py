@@ -88,8 +88,9 @@ class UnfitWorkerError(InputError):
 def run_world(task: WorldTask) -> WorldOutcome:
     """Runs the experiments of a task in its world; one that fails does not stop the others.
 
-    Each experiment writes into a folder of its own, below `task.out` or one that is removed again.
-    What experiments of this world share lies there, too; what all worlds share in another folder.
+    Each experiment writes into a folder of its own, below `task.out`, or else below one of this
+    world that is removed again. What the world's experiments share lies in the latter in either
+    case; what all worlds share in the folder around it, `task.everywhere` or the worker's own.
 
     Raises:
         UnfitWorkerError: the worker has other software, or would compute in several threads.
@@ -136,6 +137,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
                     outcome.values[name] = numbers_in(metrics)
                     outcome.described[name] = _description(experiment, result)
             except Exception as error:  # whatever it is, the others are to run
+                # The first line is the reason, as `WorldOutcome.failures` states.
                 lines = str(error).strip().splitlines() or [""]
                 line = f"{type(error).__name__}: {lines[0]}".rstrip(": ")
                 outcome.failures[name] = f"{line}\n\n{traceback.format_exc()}"

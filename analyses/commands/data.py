@@ -101,7 +101,7 @@ def _fetch(names: list[str], mirror: str | None) -> None:
     sets = tuple(data_set(name).name for name in names) or fetchable()
     with ProgressDisplay(new_console(stderr=True), sets) as display:
 
-        def progress(name: str, share: float, step: str) -> None:
+        def progress(name: str, share: float, step: str) -> None:  # no step: it has ended
             display(Progress(name, "running" if step else "done", share, step))
 
         result = fetch_data_sets(sets, mirror, progress)

@@ -144,7 +144,7 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
     )
     for log in result.logs:
         if log.comparison is not None and len(result.logs) == 1:
-            _print_comparison(log.comparison, out, "log's Jacobian or the world")
+            _print_comparison(log.comparison, out, W="log's Jacobian or the world")
     if result.against_sensor is not None and len(result.logs) > 1:
         mean = result.metrics()["reference"]["mean_rmse_n"]
         show(f"against the sensor: mean of the logs' RMSE {mean:.3f} N")
@@ -188,6 +188,11 @@ def _unit(axis: str) -> str:
 
 
 def _print_comparison(comparison: "SensorComparison", out: Path, W: str = "world") -> None:
+    """Prints the errors by phase, and the sensor's mounting that they are computed with.
+
+    Args:
+        W: words for W, in whose axes the wrench is.
+    """
     metrics = comparison.metrics()
     table = new_table("against the sensor", "share", "RMSE: " + " ".join(comparison.axes), "bias")
     for phase in comparison.phases:

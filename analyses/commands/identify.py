@@ -213,7 +213,8 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
             friction_per_torque,
         )
     show(table)
-    # Ten parameters of each load: mass, mass times centre of mass, inertia.
+    # Ten parameters of each load: mass, mass times centre of mass, inertia. Its mass is the stated
+    # one, which scales the torques; the first moment is fitted.
     for index, (name, load) in enumerate(result.loads.items()):
         com = 1e3 * calibration.loads[index][1:4] / load.mass
         com_sd = 1e3 * calibration.load_sd[index][1:4] / load.mass
@@ -237,13 +238,15 @@ def _print(result: "IdentificationResult", out: Path) -> None:
     from wrenchsight.analyses.methods.identify.torque_fit import joined_fits
 
     model, law, metrics = result.model, result.model.friction.coulomb_viscous, result.metrics()
-    fits = result.cross_validation or result.fit
-    kind = "held out" if result.cross_validation else "fitted"
+    if result.cross_validation:
+        fits, kind, errors_kind = result.cross_validation, "held out", "held out"
+    else:
+        fits, kind, errors_kind = result.fit, "fitted", "fit"
     joined = joined_fits(fits, kind)
     columns = {  # (n,) each, by heading
         "Coulomb\n[N m]": law.coulomb,
         "viscous\n[N m s/rad]": law.viscous,
-        f"{kind.replace('fitted', 'fit')}\nRMSE [N m]": joined.rmse,
+        f"{errors_kind}\nRMSE [N m]": joined.rmse,
         "of torque's\nRMS [%]": 100.0 * joined.relative,
     }
     columns |= {f"{fit.name}\nRMSE [N m]": fit.rmse for fit in result.validation}

@@ -65,7 +65,7 @@ def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
             f"{free['in_collision_pct']:.0f} % of {free['looked_at']} configurations hit the arm "
             f"itself or the floor; {best}"
         )
-    config = settings.slice or SliceConfig()
+    config = settings.slice or SliceConfig()  # without a slice, nothing of it is printed
     plane = f"{config.axis}={config.value:g}"
     cut = metrics.get("slice")
     if cut and "min" in cut:

@@ -105,8 +105,8 @@ def with_settings(
     """
 
     def decorate(run: Callable[..., None]) -> Callable[..., None]:
-        (_, *further) = inspect.signature(run).parameters.values()
-        further = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in further]
+        _settings, *others = inspect.signature(run).parameters.values()
+        further = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in others]
 
         def command(ctx: typer.Context, **values: Any) -> None:
             settings = _settings_of_run(ctx, schema, options)
@@ -123,9 +123,10 @@ def with_settings(
             help_all = typer.Option("--help-all", is_eager=True, callback=_help_all, help=_HELP_ALL)
             parameters.append(_parameter("help_all", Annotated[bool, help_all], False))
         parameters += [p for p in further if p.name == "out"]
-        typed_command: Any = command
-        typed_command.__signature__ = inspect.Signature(parameters)
-        typed_command.__annotations__, typed_command.__doc__ = {}, run.__doc__
+        made: Any = command
+        made.__signature__ = inspect.Signature(parameters)  # read by typer, instead of **values
+        made.__annotations__ = {}  # which typer would read first
+        made.__doc__ = run.__doc__
         return command
 
     return decorate

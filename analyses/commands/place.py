@@ -55,7 +55,7 @@ def _print(result: "PlacementResult", out: Path) -> None:
             cells = [f"{metrics[solution][name]:.4f}" for name in names]
             table.add_row(solution, *cells)
     optimised = metrics["optimised"]
-    # An optimum that no start ended at comes of the refinement of another.
+    # The first is the best. Another one that no start ended at comes of the refinement of another.
     optima = ", ".join(
         f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)"
         for k, o in enumerate(metrics["optima"])

@@ -72,18 +72,18 @@ def command(
     from wrenchsight.analyses.methods.robot.robot_draft import XacroTrust, draft_robot
 
     path = out or Path("robot.yaml")
-    xacro = XacroTrust(trust_xacro, _arguments(xacro_arg or []))
-    draft = draft_robot(Path(source), path, base, flange, xacro)
+    xacro = XacroTrust(is_trusted=trust_xacro, arguments=_arguments(xacro_arg or []))
+    draft = draft_robot(Path(source), path, base=base, flange=flange, xacro=xacro)
     _print(draft.robot)
     show(*notes(draft.notes))
+    has_friction = draft.robot.config.simulated_truth.friction.coulomb.size > 0
     note = (
-        "the URDF has no inertias: the simulated arm has no friction; state it in simulated_truth"
+        "friction, noise and resolution of the simulated arm are assumed: see simulated_truth "
+        "and drives in the file"
+        if has_friction
+        else "the URDF has no inertias: the simulated arm has no friction; state it in "
+        "simulated_truth"
     )
-    if draft.robot.config.simulated_truth.friction.coulomb.size:
-        note = (
-            "friction, noise and resolution of the simulated arm are assumed: see simulated_truth "
-            "and drives in the file"
-        )
     show(f"note: {note}", f"robot: {path}; look for {FILL_IN}: {', '.join(draft.places)}")
 
 

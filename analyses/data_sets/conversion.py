@@ -59,7 +59,8 @@ def _csv(header: list[str], rows: Array) -> str:
     return "\n".join(lines) + "\n"
 
 
-_DROPPED_JOINTS: Final = ("measurement_tool_joint", "measurement_tool", "tcp_joint", "tcp")
+# Names of joints and links: robot.yaml states the tool that the arm carries.
+_DROPPED_NAMES: Final = ("measurement_tool_joint", "measurement_tool", "tcp_joint", "tcp")
 _BASE_INERTIA: Final = {"ixx": "0.01", "iyy": "0.01", "izz": "0.01"}  # kg m^2, of no effect
 _LARA8_ROBOT: Final = Path(__file__).with_name("lara8_robot.yaml")
 
@@ -72,7 +73,7 @@ def convert_lara8(folder: Path) -> dict[str, str]:
     """
     root = ET.parse(folder / "lara8.urdf").getroot()
     for element in list(root):
-        if element.tag == "material" or element.get("name") in _DROPPED_JOINTS:
+        if element.tag == "material" or element.get("name") in _DROPPED_NAMES:
             root.remove(element)
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
@@ -82,9 +83,9 @@ def convert_lara8(folder: Path) -> dict[str, str]:
                 inertia.attrib.update(_BASE_INERTIA)
     for element in root.iter():
         for key, value in element.attrib.items():
-            if key in ("rpy", "xyz", "value"):
+            if key in ("rpy", "xyz", "value"):  # numbers, with a machine's last digits
                 element.set(key, " ".join(_tidy(float(word)) for word in value.split()))
-            elif value == "lara8_flange":
+            elif value == "lara8_flange":  # in its link's name and its joint's child
                 element.set(key, "flange")
     ET.indent(root)
     robot = _LARA8_ROBOT.read_text(encoding="utf-8")

@@ -37,7 +37,7 @@ class Fetched:
 
     name: str
     folder: Path
-    num_files: int  # received now; 0 if all were present
+    num_files: int  # received now and whole; 0 if all were present
     problem: str = ""  # why the set is not whole
 
 
@@ -92,16 +92,19 @@ def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str]
 
     Args:
         url: of the host.
-        progress: takes name, share and step; the step is empty when it is done.
+        progress: takes name, share of the bytes and step; the step is empty when it is done.
 
     Returns:
-        What was fetched; with a problem in words where a file cannot be. Files fetched before are
-        kept.
+        What was fetched; with a problem in words where a file cannot be: then it ends, and what was
+        fetched before is kept.
+
+    Raises:
+        InputError: the cache cannot be written.
     """
     folder = cache_folder() / data_set.name
     if all(is_whole(folder / file.name, file) for file in data_set.files):
         progress(data_set.name, 1.0, "")
-        return Fetched(data_set.name, folder, 0)
+        return Fetched(data_set.name, folder, num_files=0)
     with _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     with _one_process(
@@ -110,9 +113,9 @@ def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str]
         for stray in folder.glob("tmp*"):  # of a process that was killed while pooch checked
             stray.unlink()
         missing = [file for file in data_set.published if not is_whole(folder / file.name, file)]
-        done = sum(file.num_bytes for file in data_set.published if file not in missing)
+        done = sum(file.num_bytes for file in data_set.published if file not in missing)  # bytes
         total = sum(file.num_bytes for file in data_set.published)
-        for file in missing:
+        for num_fetched, file in enumerate(missing):
             progress(data_set.name, done / total, file.name)
 
             # Bytes of this file; file and done as they are in this turn of the loop.
@@ -121,11 +124,11 @@ def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str]
 
             problem = _fetch_file(file, folder, url, report)
             if problem:
-                return Fetched(data_set.name, folder, 0, problem)
+                return Fetched(data_set.name, folder, num_fetched, problem)
             done += file.num_bytes
         _convert(data_set, folder)
     progress(data_set.name, 1.0, "")
-    return Fetched(data_set.name, folder, len(missing))
+    return Fetched(data_set.name, folder, num_files=len(missing))
 
 
 def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[int], None]) -> str:
@@ -193,7 +196,7 @@ class _Resuming:
             with self._part.open("ab") as part, suppress(requests.exceptions.ChunkedEncodingError):
                 for count in _pieces(url, part, received):
                     self._report(count)
-                    if count > size:
+                    if count > size:  # not the published file: pooch is to find that
                         break
             received = self._part.stat().st_size
         if received < size:

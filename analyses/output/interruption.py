@@ -13,8 +13,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_REPEAT_DELAY = 0.01  # s after which an end that was lost is raised once more
+_END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_REPEAT_DELAY = 0.01
+"""s until a dropped exception is raised once more. Python should then have left the destructor that
+dropped it; where it has not, it drops the exception again, which is raised again as late."""
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -25,9 +27,59 @@ class TerminatedError(KeyboardInterrupt):
         self.signum = signum
 
 
+class _Interrupter:
+    """Raises exceptions for signals in the main thread, where it is made.
+
+    Attributes:
+        received: numbers of the signals, in the order in which they came; one that is raised once
+            more counts again.
+    """
+
+    def __init__(self) -> None:
+        self.received: list[int] = []
+        self._main_thread = threading.get_ident()
+        self._is_active = False
+        self._earlier_hook = sys.unraisablehook
+
+    def interrupt(self, signum: int, frame: FrameType | None) -> None:
+        """Handler of a signal: raises its exception in what the main thread does."""
+        self.received.append(signum)
+        if signum == signal.SIGINT:
+            raise KeyboardInterrupt
+        raise TerminatedError(signum)
+
+    @contextmanager
+    def raising_dropped(self) -> Iterator[None]:
+        """Raises an exception of `interrupt` once more where Python drops it, within the block."""
+        sys.unraisablehook = self._take_dropped
+        self._is_active = True
+        try:
+            yield
+        finally:
+            self._is_active = False
+            sys.unraisablehook = self._earlier_hook
+
+    def _take_dropped(self, unraisable: Any) -> None:
+        """Takes what Python drops in a destructor or a callback (`sys.unraisablehook`)."""
+        if self.received and isinstance(unraisable.exc_value, KeyboardInterrupt):
+            # Not by `threading`, in whose locks the interrupted code may be.
+            _thread.start_new_thread(self._send_again, (self.received[-1],))
+        else:
+            self._earlier_hook(unraisable)
+
+    def _send_again(self, signum: int) -> None:
+        time.sleep(_REPEAT_DELAY)
+        if self._is_active:
+            signal.pthread_kill(self._main_thread, signum)
+
+
 @contextmanager
-def ends_are_interrupts() -> Iterator[list[int]]:
+def signals_are_interrupts() -> Iterator[list[int]]:
     """Raises `TerminatedError` in the block where SIGTERM or SIGHUP would end the process.
+
+    SIGINT raises KeyboardInterrupt. A signal that has another handler keeps it: one that is ignored
+    (SIGHUP below nohup, SIGINT in the background of a shell) is ignored, and within another such
+    block the outer one acts. Outside the main thread, which alone gets signals, nothing changes.
 
     Python drops what is raised inside a destructor or a weak reference's callback, and prints a
     traceback: such an exception is raised again some milliseconds later.
@@ -36,49 +88,33 @@ def ends_are_interrupts() -> Iterator[list[int]]:
         The numbers of the signals received, SIGINT included: a library whose work was cut off, or
         whose import, may turn the exception into one of its own.
     """
-    received: list[int] = []
-
-    def end(signum: int, frame: FrameType | None) -> None:
-        received.append(signum)
-        if signum == signal.SIGINT:
-            signal.default_int_handler(signum, frame)
-        raise TerminatedError(signum)
-
-    def resume_dropped(unraisable: Any) -> None:
-        if received and isinstance(unraisable.exc_value, KeyboardInterrupt):
-            # Not by `threading`, in whose locks the interrupted code may be.
-            _thread.start_new_thread(end_again, (received[-1],))
-        else:
-            earlier_hook(unraisable)
-
-    def end_again(signum: int) -> None:
-        time.sleep(_REPEAT_DELAY)
-        if sys.unraisablehook is resume_dropped:  # the block goes on
-            signal.pthread_kill(main_thread, signum)
-
-    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
-        yield received
+    if threading.current_thread() is not threading.main_thread():
+        yield []
         return
-    handlers = {number: signal.getsignal(number) for number in _ENDS}
-    for number, handler in handlers.items():
-        # Not what is ignored: SIGHUP below nohup, SIGINT in the background of a shell.
-        if handler in (signal.SIG_DFL, signal.default_int_handler):
-            signal.signal(number, end)
-    main_thread, earlier_hook = threading.get_ident(), sys.unraisablehook
-    if end in map(signal.getsignal, _ENDS):  # not within another such block
-        sys.unraisablehook = resume_dropped
+    interrupter = _Interrupter()
+    handlers = {number: signal.getsignal(number) for number in _END_SIGNALS}
+    taken_over = [
+        number
+        for number, handler in handlers.items()
+        if handler in (signal.SIG_DFL, signal.default_int_handler)
+    ]
+    for number in taken_over:
+        signal.signal(number, interrupter.interrupt)
     try:
-        yield received
+        with interrupter.raising_dropped() if taken_over else nullcontext():
+            yield interrupter.received
     finally:
-        sys.unraisablehook = earlier_hook
         for number, handler in handlers.items():
-            if handler is not None:
+            if handler is not None:  # None: it was not set by Python, which cannot set it again
                 signal.signal(number, handler)
 
 
 @contextmanager
 def uninterrupted() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     """Holds SIGINT, SIGTERM and SIGHUP back until the block has ended.
+
+    The first that came then acts by the handler that it had before the block, which may raise; what
+    came after it is dropped. Outside the main thread, which alone gets signals, nothing is held.
 
     Not by the thread's signal mask: a signal to the process would then reach another thread, of a
     numerical library, and Python's handler would still run here.
@@ -94,13 +130,13 @@ def uninterrupted() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     if threading.current_thread() is not threading.main_thread():
         yield nullcontext
         return
-    handlers = {number: signal.getsignal(number) for number in _ENDS}
-    restorable = [
-        number for number, h in handlers.items() if h is not None
-    ]  # None: it is not Python's
+    handlers = {number: signal.getsignal(number) for number in _END_SIGNALS}
+    # None: a handler was not set by Python, which cannot set it again.
+    restorable = [number for number, handler in handlers.items() if handler is not None]
     held = [number for number in restorable if handlers[number] != signal.SIG_IGN]
 
-    def act() -> None:
+    def let_act() -> None:
+        """Restores the handlers, then passes the first signal that waits to its own."""
         for number in restorable:
             signal.signal(number, handlers[number])
         if waiting:
@@ -109,7 +145,7 @@ def uninterrupted() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     @contextmanager
     def interruptible() -> Iterator[None]:
         try:
-            act()
+            let_act()
             yield
         finally:
             for number in held:
@@ -120,7 +156,7 @@ def uninterrupted() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     try:
         yield interruptible
     finally:
-        act()
+        let_act()
 
 
 @contextmanager
@@ -130,7 +166,7 @@ def for_this_process_alone() -> Iterator[None]:
     Those that it starts besides, such as multiprocessing's resource tracker, would else die of a
     signal to the whole group.
     """
-    earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
+    earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
     try:
         yield
     finally:
@@ -145,7 +181,7 @@ def begin_worker(parent: int, log: str | Path) -> None:
         log: file that takes what Drake or numba print, which would tear progress lines apart.
     """
     # The terminal and `kill` tell the whole group; it is the parent that ends this process.
-    for number in _ENDS:
+    for number in _END_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     with suppress(AttributeError, OSError):  # not Linux
         ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # 1: PR_SET_PDEATHSIG

@@ -22,12 +22,14 @@ NOT_FINITE = "not_finite"  # key under which a file lists its values that are no
 def plain(value: Any, path: str = "", not_finite: list[str] | None = None) -> Any:
     """Returns `value` as dict, list, str, int, float, bool and None only.
 
-    Numpy scalars and arrays, dataclasses, enumerations, paths and tuples are converted. Neither
-    JSON nor a reader of metrics has a use for NaN or infinity: they become None, and their places
-    (`initial.errors.3`) are appended to `not_finite`.
+    Numpy scalars and arrays, dataclasses, configurations of Drake's, enumerations, paths and tuples
+    are converted; keys become text. Neither JSON nor a reader of metrics has a use for NaN or
+    infinity: they become None, and their places (`initial.errors.3`) are appended to `not_finite`.
 
     Args:
-        path: of the value in the whole, before the places.
+        path: place of the value in a whole that holds it (`initial.errors`), with which the places
+            begin; empty for the whole itself.
+        not_finite: takes the places; None: nobody asks for them.
 
     Raises:
         TypeError: the value, or one inside it, has no plain form.
@@ -47,7 +49,7 @@ def plain(value: Any, path: str = "", not_finite: list[str] | None = None) -> An
     if isinstance(value, Path):
         return value.as_posix()
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if hasattr(type(value), "__fields__"):  # a configuration of Drake's
         value = {field.name: getattr(value, field.name) for field in type(value).__fields__}
     if isinstance(value, Mapping):
@@ -146,7 +148,8 @@ class OutputFolder:
         """Writes YAML with sorted keys and returns the file's path.
 
         Of a dataclass it is YAML that `load_configuration` reads back: where a field may hold one
-        of several dataclasses, one that is not the first has its tag.
+        of several dataclasses, one that is not the first has its tag. Values become plain as in
+        `plain`: NaN and infinities are null.
 
         Raises:
             TypeError: a value has no plain form.
@@ -154,7 +157,7 @@ class OutputFolder:
         """
         import yaml
 
-        class Dumper(yaml.SafeDumper):
+        class Dumper(yaml.SafeDumper):  # of its own: representers are kept in the class
             """Knows mappings with a tag."""
 
         Dumper.add_representer(
@@ -165,7 +168,7 @@ class OutputFolder:
             Dumper=Dumper,
             sort_keys=True,
             allow_unicode=True,
-            default_flow_style=None,
+            default_flow_style=None,  # innermost lists and mappings on one line
             width=100,
         )
         return self.write_text(name, text)

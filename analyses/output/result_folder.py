@@ -66,9 +66,10 @@ def open_results(out: Path, command: str) -> Iterator["ResultFolder"]:
             command did not write.
     """
     created = [path for path in (out, *out.parents) if not os.path.lexists(path)]
+    # Signals act in the block alone: locking and cleaning up, around it, are done whole.
     with uninterrupted() as interruptible:
         try:
-            OutputFolder(out)
+            OutputFolder(out)  # makes it
             with _locked(out):
                 try:
                     with interruptible():
@@ -76,7 +77,7 @@ def open_results(out: Path, command: str) -> Iterator["ResultFolder"]:
                 finally:
                     shutil.rmtree(out / STAGING, ignore_errors=True)
         finally:
-            for path in created:
+            for path in created:  # the innermost first
                 with suppress(OSError):  # it holds something
                     path.rmdir()
 

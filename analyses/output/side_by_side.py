@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 from wrenchsight.analyses.output.interruption import begin_worker, for_this_process_alone
 
@@ -27,7 +27,7 @@ _MEMORY_ENVIRONMENT: Final = {
 }
 """Environment in which glibc keeps what is freed: pages that come anew from the system each time
 take a twelfth of a world's processor time."""
-_LOOK_PERIOD: Final = 0.1  # s between two looks at what is under way
+_LOOK_PERIOD: Final = 0.1  # s between two looks at what is under way, and two calls of `tick`
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,14 @@ class Died:
 
     def __str__(self) -> str:
         return f"its process died ({self.exit_codes})"
+
+
+class _Call(NamedTuple, Generic[Task]):
+    """A call under way."""
+
+    task: Task
+    attempt: int  # from 1
+    executor: Any  # of one process, which does nothing else meanwhile
 
 
 def run_side_by_side(
@@ -61,12 +69,12 @@ def run_side_by_side(
         run: can be pickled, as its tasks and results can.
         tasks: in the order in which they begin.
         jobs: processes side by side, at least 1.
-        tries: how often a task is begun whose process dies.
+        tries: how often a task is begun, at the most, whose process dies.
         each_in_its_own: whether each task gets a new process; else a process takes several.
         environment: environment of the processes, beside the limits of threads.
         log: file that takes what the processes print.
-        started: called with a task when it has begun.
-        tick: called ten times a second.
+        started: called with a task when it has begun, in each of its tries.
+        tick: called about ten times a second, while this generator is asked for its next task.
 
     Yields:
         Each task with its result; `Died` where its process died in its last try. An exception that
@@ -74,46 +82,51 @@ def run_side_by_side(
     """
     from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
+    def new_executor() -> Any:
+        return ProcessPoolExecutor(
+            max_workers=1,
+            initializer=begin_worker,
+            initargs=(os.getpid(), log),
+            env=worker_environment,
+        )
+
     # A process whose memory has grown is replaced between two tasks: nothing is lost by it.
     warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
     waiting = deque((task, 1) for task in tasks)  # with the number of the try
     idle = list[Any]()  # executors, of one process each
-    under_way = dict[Future[Result], tuple[Task, int, Any]]()  # task, number of the try, executor
-    environment = {**dict.fromkeys(ONE_THREAD, "1"), **_MEMORY_ENVIRONMENT, **(environment or {})}
+    under_way = dict[Future[Result], _Call[Task]]()
+    worker_environment = {
+        **dict.fromkeys(ONE_THREAD, "1"),
+        **_MEMORY_ENVIRONMENT,
+        **(environment or {}),
+    }
     try:
         while waiting or under_way:
             while waiting and len(under_way) < jobs:
                 task, attempt = waiting.popleft()
+                # The process begins with the submission. No signal comes between that and its entry
+                # here, by which the end finds it.
                 with for_this_process_alone():
-                    executor = (
-                        idle.pop()
-                        if idle
-                        else ProcessPoolExecutor(
-                            1,
-                            initializer=begin_worker,
-                            initargs=(os.getpid(), log),
-                            env=environment,
-                        )
-                    )
-                    under_way[executor.submit(run, task)] = task, attempt, executor
+                    executor = idle.pop() if idle else new_executor()
+                    under_way[executor.submit(run, task)] = _Call(task, attempt, executor)
                 started(task)
-            ended = wait(under_way, _LOOK_PERIOD, FIRST_COMPLETED).done
+            ended = wait(under_way, timeout=_LOOK_PERIOD, return_when=FIRST_COMPLETED).done
             tick()
             for future in ended:
-                task, attempt, executor = under_way.pop(future)
+                call = under_way.pop(future)
                 died = isinstance(future.exception(), BrokenExecutor)
                 if died or each_in_its_own:
-                    executor.shutdown(wait=True, kill_workers=True)
+                    call.executor.shutdown(wait=True, kill_workers=True)
                 else:
-                    idle.append(executor)
+                    idle.append(call.executor)
                 if not died:
-                    yield task, future.result()
-                elif attempt < tries:
-                    waiting.append((task, attempt + 1))
+                    yield call.task, future.result()
+                elif call.attempt < tries:
+                    waiting.append((call.task, call.attempt + 1))
                 else:
                     # joblib's message ends with the exit codes in braces.
                     codes = re.search(r"\{(.+)\}", str(future.exception()))
-                    yield task, Died(codes.group(1) if codes else "exit code unknown")
+                    yield call.task, Died(codes.group(1) if codes else "exit code unknown")
     finally:
-        for executor in (*idle, *(executor for _, _, executor in under_way.values())):
+        for executor in (*idle, *(call.executor for call in under_way.values())):
             executor.shutdown(wait=True, kill_workers=True)

@@ -98,6 +98,7 @@ class MethodEntry:
             module = importlib.import_module(self.module)
         except (Exception, SystemExit) as error:
             missing = error.name if isinstance(error, ModuleNotFoundError) else None
+            # It, or a package around it, rather than something that it imports itself.
             if missing and f"{self.module}.".startswith(f"{missing}."):
                 problem = f"there is no module {self.module}"
                 remedy = "start in the folder that holds it, or install it"
@@ -128,11 +129,14 @@ def reason_of(error: BaseException) -> str:
 
 
 def named_methods(texts: Iterable[str], imported: bool = True) -> tuple[MethodEntry, ...]:
-    """The methods of entry points and those named by texts.
+    """The methods of entry points and those named by texts, in this order.
+
+    With texts the working directory is appended to `sys.path`, since their modules may be there.
 
     Args:
         texts: texts of `--method`.
-        imported: whether each is imported, to see that it is there.
+        imported: whether each is imported now, so that one that is not there is refused before
+            anything runs; not needed where no experiment takes methods.
 
     Raises:
         InputError: a text is no method's; two have one name; a module or function is not there.

@@ -63,10 +63,13 @@ def collect(study: Path) -> dict[str, Any]:
     Raises:
         InputError: the folder has no whole results.
     """
-    metrics, shown = _read(study / "metrics.json"), shown_rows()
-    experiments, quick, seeds = [], False, set[int]()
-    # metrics.json itself is sorted by name.
-    for name in sorted(metrics, key=_place):
+    metrics = _read(study / "metrics.json")
+    shown = shown_rows()
+    experiments = []
+    # A study's metrics.json has results of the same seed and length alone; see `run_study`.
+    quick = False
+    seed: int | None = None
+    for name in sorted(metrics, key=_place):  # metrics.json itself is sorted by name
         stored = _read(study / name / "result.json")
         rows = []
         for row in stored["comparison"]:
@@ -76,12 +79,11 @@ def collect(study: Path) -> dict[str, Any]:
                 rows.append(row | {"here": figure, "readme": in_readme})
         if rows:
             experiments.append({"name": name, "title": stored["title"], "rows": rows})
-            quick |= stored["quick"]
-            seeds.add(stored["seed"])
+            quick, seed = stored["quick"], stored["seed"]
     if not experiments:
         problem = "no experiment in it has a figure to show"
         raise InputError(study / "metrics.json", "", problem, "run `wrenchsight study` first")
-    return {"quick": quick, "seed": seeds.pop(), "experiments": experiments}
+    return {"quick": quick, "seed": seed, "experiments": experiments}
 
 
 def committed(readme: Path, name: Path) -> dict[str, Any]:
@@ -126,25 +128,26 @@ def together(folders: Sequence[Path]) -> dict[str, Any]:
 def results_table(
     results: Mapping[str, Any], worlds: Mapping[str, Any] | None = None, whole: bool = False
 ) -> str:
-    """Returns the figures of `collect` as Markdown; a line reports shortened runs.
+    """Returns the figures of `collect` as Markdown; a line before it reports shortened runs.
 
-    Of a figure over worlds the README shows the median and the range in the place of the one run's;
-    the whole table shows both, in two columns. What is further known of the worlds (whose method is
-    ahead, what moves the figure) stands before the remark.
+    Of a figure over worlds the README shows the median and the range in the place of the one run's.
+    The whole table shows both, in two columns; in the second a dash stands for a number of a list
+    that no world has. What is further known of the worlds stands before the remark: what moves the
+    figure, and in the README whether our method is ahead, which the whole table has beside the
+    median.
 
     Args:
         results: results of `collect`.
         worlds: worlds of `together`: by experiment and key the figures over worlds, and the
-            campaign's settings; count if they are of the same length as the study.
+            campaign's settings. They count if they are of the same length (`quick`) as the study.
         whole: whether with the rows that the README leaves out, and with the one run's figure
             beside that of worlds.
     """
-    worlds = worlds or {}
-    settings = worlds.get(_CAMPAIGN, {})
-    if settings.get("quick") != results["quick"]:
-        worlds = {}
+    campaign = worlds or {}
+    if campaign.get(_CAMPAIGN, {}).get("quick") != results["quick"]:
+        campaign = {}
     fewest_worlds = 1 if whole else FEWEST_WORLDS  # of which a figure counts
-    world_count = _counted(worlds, fewest_worlds)  # as text
+    world_count = _counted(campaign, fewest_worlds)  # as text
     worlds_head = f" Median of {world_count} (5 to 95 %) |" if world_count and whole else ""
     lines = [
         f"| Experiment | Measure | Article | Here |{worlds_head} Why, where they differ |",
@@ -153,30 +156,34 @@ def results_table(
     has_ranges = False
     for experiment in results["experiments"]:
         shown = [row for row in experiment["rows"] if whole or row["readme"]]
-        figures_over_worlds = worlds.get(experiment["name"], {})  # by key
+        figures_over_worlds = campaign.get(experiment["name"], {})  # by key
         for index, row in enumerate(shown):
-            (text,) = comparisons({row["key"]: row["here"]}, [row])
-            stated = " ".join(text.stated)
-            if text.source != "article":
-                stated = f"{stated} ({text.source})"
-            label = f"{text.label} [{text.unit}]" if text.unit else text.label
+            (row_text,) = comparisons({row["key"]: row["here"]}, [row])
+            stated = " ".join(row_text.stated)
+            if row_text.source != "article":
+                stated = f"{stated} ({row_text.source})"
+            label = f"{row_text.label} [{row_text.unit}]" if row_text.unit else row_text.label
             title = experiment["title"] if index == 0 else ""
-            one_run = ["–"] * len(text.measured) if whole else text.measured
             median, ours_ahead = _over_worlds(
-                figures_over_worlds, row["key"], row["here"], one_run, fewest_worlds
+                figures_over_worlds,
+                row["key"],
+                row["here"],
+                one_run=["–"] * len(row_text.measured) if whole else row_text.measured,
+                fewest=fewest_worlds,
             )
-            figures = [" ".join(text.measured)]
-            remark = text.remark
             moved_by = _moved_by(figures_over_worlds, row["key"])
+            figures = [" ".join(row_text.measured)]
+            remarks = [row_text.remark]
             if worlds_head:
                 figures.append(", ".join(part for part in (median, ours_ahead) if part))
-                remark = "; ".join(part for part in (moved_by, remark) if part)
+                remarks = [moved_by, row_text.remark]
             elif median:
                 has_ranges = True
                 figures = [median]
-                remark = "; ".join(part for part in (ours_ahead, moved_by, remark) if part)
+                remarks = [ours_ahead, moved_by, row_text.remark]
+            remark = "; ".join(part for part in remarks if part)
             cells = (title, label, stated, *figures, remark)
-            lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
+            lines.append("| " + " | ".join(_cell(cell) for cell in cells) + " |")
     note = (
         f"\nWith a range: median of {world_count} and, in brackets, 5 to 95 % of them, by "
         "`wrenchsight campaign EXPERIMENT --worlds NUMBER`. A world is a random draw of the "
@@ -361,36 +368,34 @@ def _read(path: Path, command: str = "study") -> Any:
 def main(arguments: list[str]) -> int:
     """Runs the command; returns its exit code.
 
+    Nothing is written unless README and pages have places for all tables.
+
     Args:
         arguments: [STUDY [README [CAMPAIGN_FOLDER...]]], by default out/study and README.md with
             the campaign beside that study; or --campaign README CAMPAIGN_FOLDER..., which takes
             the study's figures from those that are committed beside the README.
     """
-    campaign_alone = arguments[:1] == ["--campaign"]
-    if campaign_alone and len(arguments) < 3:
-        sys.stderr.write("expected --campaign README CAMPAIGN_FOLDER...\n")
-        return 2
     study: Path | None = None
-    if campaign_alone:
-        paths = arguments[1:]
+    if arguments[:1] == ["--campaign"]:
+        if len(arguments) < 3:
+            sys.stderr.write("expected --campaign README CAMPAIGN_FOLDER...\n")
+            return 2
+        readme, *campaigns = map(Path, arguments[1:])
     else:
-        defaults = ("out/study", "README.md")
-        folder, *paths = [*arguments, *defaults[len(arguments) :]]
-        study = Path(folder)
-    readme, *campaigns = [Path(path) for path in paths]
-    if (
-        study is not None
-        and not campaigns
-        and (study.parent / _CAMPAIGN / "metrics.json").is_file()
-    ):
-        campaigns = [study.parent / _CAMPAIGN]
+        study = Path(arguments[0] if arguments else "out/study")
+        readme = Path(arguments[1] if len(arguments) > 1 else "README.md")
+        campaigns = [Path(argument) for argument in arguments[2:]]
+        beside = study.parent / _CAMPAIGN
+        if not campaigns and (beside / "metrics.json").is_file():
+            campaigns = [beside]
     try:
         results = committed(readme, RESULTS) if study is None else collect(study)
         worlds = together(campaigns) if campaigns else committed(readme, WORLDS)
         docs = OutputFolder(readme.parent / RESULTS.parent)
         shown = {} if study is None else pages(study, docs.path)
+        # All pages are filled in memory, and the README written first: if it, or one of them, has
+        # no place for a table, all files stay as they are.
         texts = {name: filled_page(docs.path / f"{name}.md", page) for name, page in shown.items()}
-        # The README first: if it, or a page, has no place for a table, all files stay as they are.
         changed = fill(readme, results_table(results, worlds))
         for name, text in texts.items():
             changed |= replaced(docs.path / f"{name}.md", text)

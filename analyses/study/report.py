@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 REPORT_NAME: Final = "report.html"
 _LONGEST_LIST: Final = 12  # values of a metric that are shown; metrics.json has all
+_MAX_WRITTEN_OUT: Final = 1e7  # from it on a number that is no integer has a power of ten
+_MAX_UNGROUPED: Final = 9999  # whole numbers above it have a thin space before each three digits
 
 
 @dataclass(frozen=True)
@@ -78,11 +80,14 @@ def write_report(
 
 
 def comparisons(metrics: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> list[Comparison]:
-    """Returns rows of "article / here" as text.
+    """Returns rows of "article / here" as text, their labels with a capital.
+
+    All numbers of a row have the same decimals, by `_decimals`.
 
     Args:
         metrics: metrics of the experiment.
-        rows: `ComparisonRow`s as plain mappings; `article` is a number, a list or None.
+        rows: `ComparisonRow`s as plain mappings; `article` is a number, a list or None, and what
+            was measured a value or a list of them, of any length.
 
     Raises:
         ValueError: a row's key is not in `metrics`.
@@ -111,8 +116,9 @@ def number(value: Any, decimals: int | None = None) -> str:
 
     Args:
         value: a number, bool, text or None.
-        decimals: decimals of a number; by default, and where they would leave nothing of it, as
-            many as four significant digits need.
+        decimals: decimals of a number; by default, and where they would leave nothing of it or it
+            is _MAX_WRITTEN_OUT or more, those of four significant digits, none where it is whole or
+            has more than four digits before the point.
     """
     if value is None:  # as NaN and infinity are stored
         return "not finite"
@@ -120,13 +126,16 @@ def number(value: Any, decimals: int | None = None) -> str:
         return "yes" if value else "no"
     if not isinstance(value, int | float):
         return str(value)
-    if decimals is not None and (value == 0 or 0.5 * 10.0**-decimals < abs(value) < 1e7):
+    smallest = 0.0 if decimals is None else 0.5 * 10.0**-decimals  # of which a digit is left
+    has_no_decimals = isinstance(value, int) or (
+        abs(value) < _MAX_WRITTEN_OUT
+        and (value == round(value) or abs(value) >= _MAX_UNGROUPED + 0.5)
+    )
+    if decimals is not None and (value == 0 or smallest < abs(value) < _MAX_WRITTEN_OUT):
         text = f"{value:.{decimals}f}"
-    elif isinstance(value, int) or (
-        abs(value) < 1e7 and (value == round(value) or abs(value) >= 9999.5)
-    ):
+    elif has_no_decimals:
         whole = round(value)
-        text = f"{whole:,}".replace(",", "\u202f") if abs(whole) > 9999 else str(whole)
+        text = f"{whole:,}".replace(",", "\u202f") if abs(whole) > _MAX_UNGROUPED else str(whole)
     else:
         text = f"{value:#.4g}".rstrip(".")
         if "e" in text:
@@ -191,7 +200,9 @@ def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
 
     Args:
         study: folder with one of each experiment.
-        outcomes: `stored` of those with a result is result.json, as `write_result` has it.
+        outcomes: `stored` of those with a result is result.json, as `write_result` has it: title,
+            section, notes, comparison, and figures and pages with path and caption. Tables and
+            failures are missing in those of earlier software.
     """
     sections: list[dict[str, Any]] = []
     figure_number = 0
@@ -214,10 +225,13 @@ def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
             figure_number += 1
             picture["number"] = figure_number
         sections.append(
-            files
-            | {key: stored[key] for key in ("title", "section", "notes")}
-            | {key: stored.get(key, []) for key in ("tables", "failures")}
-            | {
+            {
+                **files,
+                "title": stored["title"],
+                "section": stored["section"],
+                "notes": stored["notes"],
+                "tables": stored.get("tables", []),
+                "failures": stored.get("failures", []),
                 "name": outcome.name,
                 "number": len(sections) + 1,
                 "state": outcome.state,

@@ -24,6 +24,8 @@ from wrenchsight.models.files.whole_file import whole_file
 
 Result = TypeVar("Result")
 
+_KEY_DIGITS: int = 24  # hexadecimal, of a digest in a file's name: two that agree are not met
+
 _folders: ContextVar[tuple[Path, Path] | None] = ContextVar("shared results", default=None)
 
 
@@ -52,7 +54,7 @@ def shared(
 
     Args:
         name: name of what is computed.
-        arguments: all that it depends on.
+        arguments: all that it depends on; what is left out is not seen to differ.
         compute: returns something that can be pickled, and has no other effect.
         everywhere: whether all worlds share it, since the simulated truth has no part in it.
 
@@ -63,7 +65,7 @@ def shared(
     if folders is None:
         return compute()
     folder = folders[1] if everywhere else folders[0]
-    key = f"{name}-{digest(arguments)[:24]}"
+    key = f"{name}-{digest(arguments)[:_KEY_DIGITS]}"
     path = folder / f"{key}.pickle"
     with FileLock(folder / f"{key}.lock"):  # released by the system if this process dies
         if not path.exists():
@@ -88,8 +90,9 @@ def digest(value: Any) -> str:
 def _parts(value: Any) -> Iterator[bytes]:
     """What a digest of a value is made of: the types with their names, and the contents.
 
-    The order of a mapping's keys, of a set and of an object's attributes does not count. A change
-    here makes all digests others, and so all shared results anew.
+    The order of a mapping's keys, of a set and of an object's attributes does not count. What is
+    neither a container nor has attributes counts by its pickle. A change here makes all digests
+    others, and so all shared results anew.
     """
     kind = type(value)
     yield f"{kind.__module__}.{kind.__qualname__}(".encode()

@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from wrenchsight.analyses.data_sets.advice import how_to_get_all
 from wrenchsight.analyses.output.compilation import on_first_compilation
-from wrenchsight.analyses.output.interruption import begin_worker, ends_are_interrupts
+from wrenchsight.analyses.output.interruption import begin_worker, signals_are_interrupts
 from wrenchsight.analyses.output.outputs import json_text
 from wrenchsight.analyses.output.progress import Progress, State
 from wrenchsight.analyses.output.result_folder import ResultFolder, open_results
@@ -45,6 +45,7 @@ COMMAND: Final = "study"
 _TIMINGS: Final = "timings.json"
 _SHARED_FOLDER: Final = ".shared"  # folder of results that experiments share
 _SHORT_RUN: Final = 10.0  # s of processor time, up to which an experiment begins before long ones
+_PROGRESS_PERIOD: Final = 0.1  # s at least between two writes of an experiment's progress
 
 
 def run_study(
@@ -115,7 +116,7 @@ def run_study(
         raise InputError("--jobs", "", f"is {jobs}, expected 1 or more")
     if truth not in TRUTHS:
         raise InputError("--truth", "", f"is {truth!r}, expected {', '.join(TRUTHS)}")
-    with ends_are_interrupts(), open_results(out, COMMAND) as folder:
+    with signals_are_interrupts(), open_results(out, COMMAND) as folder:
         runs = _Runs(folder, settings, _due(folder, settings, fresh, watch), watch)
         try:
             with writing_to(out):
@@ -217,7 +218,7 @@ class _Runs:
         self._folder, self._settings, self._watch = folder, settings, watch
         self._started: dict[str, float] = {}
         self._under_way: dict[str, _Task] = {}
-        self._told: dict[str, str] = {}
+        self._reported: dict[str, str] = {}  # text of each one's progress
 
     def run(self, jobs: int) -> None:
         """Runs them, `jobs` at a time, in the order of `_in_order`.
@@ -233,12 +234,12 @@ class _Runs:
             each_in_its_own=True,
             environment={"NUMBA_NUM_THREADS": str(threads)},
             started=self._begin,
-            tick=self._tell_progress,
+            tick=self._report_progress,
         )
         try:
             with closing(ends):
                 for task, end in ends:
-                    self._tell_progress()
+                    self._report_progress()
                     del self._under_way[task.name]
                     self._finish(task, _End("failed", str(end)) if isinstance(end, Died) else end)
         finally:
@@ -258,13 +259,13 @@ class _Runs:
         self._under_way[task.name] = task
         self._watch(Progress(task.name, "running"))
 
-    def _tell_progress(self) -> None:
-        """Says what the experiments under way have written of their progress since."""
+    def _report_progress(self) -> None:
+        """Passes on what the experiments under way have written of their progress since."""
         for name, task in self._under_way.items():
             with suppress(OSError):
                 text = task.progress.read_text(encoding="utf-8")
-                if self._told.get(name) != text:
-                    self._told[name] = text
+                if self._reported.get(name) != text:
+                    self._reported[name] = text
                     fraction, _, action = text.partition(" ")
                     self._watch(Progress(name, "running", float(fraction), action))
 
@@ -355,7 +356,8 @@ def _lack_of_storage(error: BaseException | None) -> str:
 def _run_experiment(task: _Task) -> _End:
     """Runs an experiment in this process and writes its result, or says why it is skipped.
 
-    Its progress goes into a file, which the study reads.
+    The result goes into `task.result`, which the study moves to its place; the progress into
+    `task.progress`, "SHARE ACTION", which the study reads meanwhile.
 
     Raises:
         Exception: whatever the experiment raises.
@@ -378,12 +380,12 @@ def _run_experiment(task: _Task) -> _End:
 
     if "numba" in sys.modules:
         on_first_compilation(lambda action: write_progress(0.0, action))
-    next_write = 0.0  # s of the clock: ten times a second at most
+    next_write = 0.0  # s of the monotonic clock
 
     def progress(fraction: float, action: str) -> None:
         nonlocal next_write
         if time.monotonic() >= next_write:
-            next_write = time.monotonic() + 0.1
+            next_write = time.monotonic() + _PROGRESS_PERIOD
             write_progress(float(fraction), str(action))
 
     context = ExperimentContext(
@@ -440,7 +442,8 @@ def _summarise(
 
     Args:
         runs: outcomes of what ran now, by experiment. The others, and those that were interrupted,
-            count by their earlier result, if it is still that of these settings.
+            count by their earlier result, if it is still that of these settings; its seconds are
+            those of timings.json, which it is given here.
     """
     outcomes = []
     for name in REGISTRY.entries():

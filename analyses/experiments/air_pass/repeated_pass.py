@@ -170,14 +170,16 @@ def loaded_pass(
     The correction is the empty pass's tau_ext at the same place of the motion.
 
     Args:
-        Sigma_tau: (n, n) (N m)^2, of the model.
+        Sigma_tau: (n, n) (N m)^2, the model's residual covariance, by which the torques are weighed
+            and the force's sd is stated.
         empty: the pass without load.
         loaded: the one with it, N samples.
         p_EP: (3,) m from E in axes of E, to the point P where the load acts.
         mass: kg.
     """
     recording = loaded.recording
-    rows = slice(round(LEARNING_TIME / TIME_STEP), -round(END_MARGIN / TIME_STEP))  # judged
+    # Those after the part in which P was found; at the end the reference's filter has no future.
+    judged_rows = slice(round(LEARNING_TIME / TIME_STEP), -round(END_MARGIN / TIME_STEP))
 
     # The empty pass, at the places where the loaded one is at its N samples.
     shift = alignment(empty.recording, recording)
@@ -198,23 +200,26 @@ def loaded_pass(
 
     def errors(tau_ext: Array) -> PassErrors:
         """Those of the judged rows, where tau_ext (N, n) is read as a force at P."""
-        result = reading.reconstruct(J_P[rows], tau_ext[rows])
+        result = reading.reconstruct(J_P[judged_rows], tau_ext[judged_rows])
         judged = []
         for force, sd, true in zip(
-            result.wrench[:, 3:].T, result.standard_deviation[:, 3:].T, force_W[rows].T, strict=True
+            result.wrench[:, 3:].T,
+            result.standard_deviation[:, 3:].T,
+            force_W[judged_rows].T,
+            strict=True,
         ):
             judgement = ForceJudgement.of(ForceReading(force, sd, result.valid), true)
-            assert judgement is not None
+            assert judgement is not None  # None: nothing finite to judge
             judged.append(judgement)
-        return PassErrors(tuple(judged), (tau_ext - load_torque)[rows])
+        return PassErrors(tuple(judged), (tau_ext - load_torque)[judged_rows])
 
     return LoadedPass(
         plain=errors(loaded.tau_ext),
         corrected=errors(loaded.tau_ext - correction),
-        empty_tau_ext=correction[rows],
+        empty_tau_ext=correction[judged_rows],
         alignment=shift,
-        load_growth=(np.abs(drive_torque) - np.abs(empty_drive_torque))[rows],
-        v=recording.v[rows],
+        load_growth=(np.abs(drive_torque) - np.abs(empty_drive_torque))[judged_rows],
+        v=recording.v[judged_rows],
     )
 
 

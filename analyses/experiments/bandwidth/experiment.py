@@ -64,6 +64,7 @@ LOWEST_FREQUENCY, LOWEST_FREQUENCY_QUICK = 0.1, 0.5  # Hz
 INTEGRATION_ACCURACY = 1e-4  # of Drake's error control
 HIGHEST_RATIO = 5.0  # highest frequency over K_0 / (2 pi)
 SETTLING_TIME_CONSTANTS = 18.0  # time constants before the fit: exp(-18) is 2e-8
+_MULTIPLE_ROUNDING = 1e-9  # of multiples of the lowest frequency, which lie 1 apart
 
 # Amplitudes of each tone, chosen so that every joint feels some tenths of a newton metre.
 TONE_FORCE = [3.0, 4.0, 5.0]  # N
@@ -152,7 +153,9 @@ def sweep_frequencies(gains: Sequence[float], lowest: float) -> Array:
     over the period of `lowest` the tones are orthogonal, and none leaks into another's fit.
     """
     corners = np.asarray(gains) / (2.0 * np.pi) / lowest
-    special = np.concatenate([np.round(corners), np.ceil(HIGHEST_RATIO * corners - 1e-9)])
+    special = np.concatenate(
+        [np.round(corners), np.ceil(HIGHEST_RATIO * corners - _MULTIPLE_ROUNDING)]
+    )
     octaves = 2.0 ** np.arange(np.floor(np.log2(special.max())) + 1)
     special = special[special >= 1.0]
     # An octave beside one of the others would tell nothing new.
@@ -170,6 +173,9 @@ def measure_response(
     progress: Progress = lambda fraction, action: None,
 ) -> list[GainResponse]:
     """Measures every gain's frequency response on the simulated arm, without noise.
+
+    All tones act at once, and every observer sees them all; of each observer those up to five times
+    its corner are returned. In the fit all have a part, so that none is taken for another.
 
     Args:
         robot: held at its home posture.
@@ -200,8 +206,8 @@ def measure_response(
     responses = []
     for K_0 in gains:
         tau_ext_read = _log(arm.tau_ext[_name(K_0)], context)[settled]
-        highest = sweep_frequencies([K_0], lowest_frequency)[-1]
-        used = frequency <= highest * (1.0 + 1e-9)
+        highest = sweep_frequencies([K_0], lowest_frequency)[-1]  # Hz, one of `frequency`
+        used = frequency <= highest * (1.0 + _MULTIPLE_ROUNDING)
         read = _phasors(t, tau_ext_read, frequency)[used]
         # `response` is the least-squares factor from true to read, over all joints together.
         weight = np.conj(true[used])
@@ -226,7 +232,8 @@ def measure_signals(
 ) -> tuple[Array, Array, dict[float, Array], dict[float, dict[str, Any]]]:
     """Lets a step, a ramp and a sine act, each along an axis of its own, without and with noise.
 
-    The controller does not see the current, so that the arm moves alike in both runs.
+    The controller does not see the current, so that the arm moves, and the true force is, alike in
+    both runs.
 
     Args:
         robot: held at its home posture.
@@ -243,7 +250,7 @@ def measure_signals(
         WrenchSine(start=SIGNAL_START, frequency=SINE_FREQUENCY, force=[0.0, 0.0, SINE_FORCE]),
     ]
     forces: list[dict[float, Array]] = []  # by K_0: without noise, then with it
-    for noise in (False, True):
+    for share_done, noise in ((0.0, False), (0.5, True)):
         arm = make_held_arm(
             robot,
             _estimators(OBSERVER_GAINS, TIME_STEP),
@@ -252,7 +259,6 @@ def measure_signals(
             current_noise=noise,
             seed=seed,
         )
-        share_done = 0.5 * noise
         context = _simulate(
             arm,
             SIGNAL_START + duration,
@@ -282,7 +288,8 @@ def _signal_metrics(
 
     Returns:
         By kind of force; keys with `formula_` are of the lag's formula, those beside them measured.
-        `noise_sd_n` and its formula are (3,).
+        The lag of the ramp is its mean once the observer has settled, of a slow one over the last
+        fifth of the rise. `noise_sd_n` and its formula are (3,).
     """
     since = t - SIGNAL_START
     acting = since > 0.0
@@ -291,9 +298,9 @@ def _signal_metrics(
         model = STEP_FORCE * -np.expm1(-since[acting] / time_constant)
         return float(((clean[acting, 0] - model) ** 2).mean())
 
-    bounds = (0.1 / K_0, 10.0 / K_0)
+    bounds = (0.1 / K_0, 10.0 / K_0)  # s, wide about the formula's time constant
     fit = minimize_scalar(step_misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9})
-    settling = 1.0 / K_0 * SETTLING_TIME_CONSTANTS  # s
+    settling = 1.0 / K_0 * SETTLING_TIME_CONSTANTS  # s, from the start of the forces
     on_the_ramp = (since > min(settling, 0.8 * RAMP_RISE)) & (since <= RAMP_RISE)
     late = since > settling
     tone = np.array([SINE_FREQUENCY])
@@ -322,7 +329,8 @@ def _signal_metrics(
             "formula_amplitude": float(abs(formula)),
             "formula_phase_deg": float(np.angle(formula, deg=True)),
         },
-        # The noise starts from nothing, as the observer does.
+        # The noise starts from nothing, as the observer does: after one time constant its variance
+        # is 86 % of the final one, and all but that soon after.
         "noise_sd_n": (noisy - clean)[t > 1.0 / K_0].std(axis=0),
         "formula_noise_sd_n": np.sqrt((inverse**2 @ torque_variance)[3:]),
     }
@@ -471,7 +479,7 @@ def _bode_figure(responses: Sequence[GainResponse]) -> Figure:
     error.plot([], [], "-o", color=COLOUR["reference"], label="phase [deg]")
     error.plot([], [], ":s", color=COLOUR["reference"], markersize=3, label="amplitude [%]")
     error.set_yscale("log")
-    error.set_ylim(1e-6, 30.0)
+    error.set_ylim(1e-6, 30.0)  # from the integration's errors to the largest of any tick
     log_scale(error, "y")
     log_scale(error, "x")
     error.set_ylabel("error, worst joint")

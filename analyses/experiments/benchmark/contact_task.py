@@ -76,7 +76,9 @@ class ContactTask:
     def built_in(self, progress: Callable[[float, str], None]) -> dict[str, dict[str, Any]]:
         """Scores of the library's own methods, by method (the module's docstring names them).
 
-        Each reader takes a prepared run and returns its force along the tool, block by block.
+        Each reader takes a prepared run and returns its force along the tool, block by block. Plain
+        tools and the article have one friction law for all runs, as the data set's own check; the
+        others a model for each controller, whose tools differ.
         """
         law, torque_sd = plain_law(self._runs)  # Coulomb-viscous, and (6,) N m of its residual
         refits_with_tool = {
@@ -127,6 +129,7 @@ class ContactTask:
                 if prepared.run.name.controller == controller
             ]
             air = tuple(stretch for run in runs for stretch in _air(run.log, run.is_free))
+            # s, of all runs of a controller; three digits: a clock's are .0020001, say.
             step = float(f"{runs[0].log.time_step:.3g}")
             made = entrant.made("contact", robot, model, air, step)
             if made is None:
@@ -136,7 +139,7 @@ class ContactTask:
         def read(prepared: PreparedRun) -> ForceReading:
             run, log = prepared.run, prepared.run.log
             reader, step = readers[run.name.controller]
-            without_gaps = CurrentLog(
+            without_gaps = CurrentLog(  # of which a reader may take every sample
                 name=run.name.stem,
                 t=log.t,
                 q=_bridged(log.q),
@@ -151,7 +154,7 @@ class ContactTask:
             reading = reader(without_gaps)
             # What was read over filled gaps does not count.
             is_known = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
-            return _along(prepared, reading, is_known, is_known)
+            return _along(prepared, reading, is_known=is_known, fresh=is_known)
 
         return self._scored(read)
 

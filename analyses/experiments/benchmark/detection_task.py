@@ -150,6 +150,8 @@ class DetectionTask:
     def _counted(self, statistic: Statistic, names: list[str]) -> dict[str, Any]:
         """Counts a method's alarms in free motion, and what it finds of pushes and collisions.
 
+        A statistic above 1 is an alarm, as 1 is the method's own level.
+
         Args:
             statistic: see `Statistic`.
             names: of the logs that the method reads; all are free of contact but collision_wrist.
@@ -158,8 +160,10 @@ class DetectionTask:
             Keys of pushes begin with `pushes_` at the method's own level, with `quiet_` at one so
             high that no contact-free log alarms; those of hand collisions with `collisions_`.
         """
-        num_alarms, hours, hours_in_alarm = 0, 0.0, 0.0
-        quiet_level = 1.0  # from which on the method gives no false alarm
+        num_alarms = 0
+        hours = 0.0  # without contact
+        hours_in_alarm = 0.0  # of these
+        quiet_level = 1.0  # above which no contact-free log goes; at least the method's own
         for name in names:
             if name != "collision_wrist":
                 values = statistic(name, None)
@@ -168,7 +172,8 @@ class DetectionTask:
                 num_alarms += len(onsets(_joined(alarm)))
                 hours += len(alarm) * TIME_STEP / 3600.0
                 hours_in_alarm += float(alarm.sum()) * TIME_STEP / 3600.0
-        pushes, quiet_pushes, collisions = Tally(), Tally(), Tally()
+        pushes = Tally()
+        quiet_pushes = Tally()
         for number, name in enumerate(FREE_MOTION_LOGS):
             if name not in names:
                 continue
@@ -182,9 +187,9 @@ class DetectionTask:
                 _tallied(quiet_pushes, np.asarray(values > quiet_level), spans)
         scores = {"pushes": _shares(pushes), "quiet": _shares(quiet_pushes)}
         if "collision_wrist" in names:
-            log = self._logs["collision_wrist"]
-            spans = samples_of(COLLISION_TIMES, log.t)
+            spans = samples_of(COLLISION_TIMES, self._logs["collision_wrist"].t)
             alarm = np.asarray(statistic("collision_wrist", None) > 1.0)
+            collisions = Tally()
             _tallied(collisions, alarm, spans)
             scores["collisions"] = _shares(collisions) | {"alarms_between": _between(alarm, spans)}
         return {

@@ -74,7 +74,7 @@ def _measured(
         metrics: filled here, by task and method.
 
     Returns:
-        By task, the function with which a method of others enters it.
+        By task, the function with which a method of others enters it, "link" for "touches" too.
     """
     entered: dict[str, Enter] = {}
     if "wrench" in tasks:

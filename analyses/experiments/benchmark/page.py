@@ -138,6 +138,8 @@ def tables(
 ) -> list[ResultTable]:
     """All tables: a row a measure, a column a method; a table without a figure has no row.
 
+    What methods of others failed in, and which recordings are absent, stands below a table.
+
     Args:
         metrics: by task and method.
         entrants: names of the methods of others, whose columns are the last.

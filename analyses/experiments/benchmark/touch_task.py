@@ -136,10 +136,16 @@ class TouchTasks:
         Returns:
             By task: "touches" and "link".
         """
-        num_found, num_false, num_touches, delays = 0, 0, 0, list[float]()
-        found_pct_of_logs, delay_of_logs = list[float](), list[float]()  # %; s, median
-        named_pct_of_logs, ruled_out_pct_of_logs = list[float](), list[float]()
+        num_touches = 0  # that are labelled
+        num_found = 0  # of these
+        num_false = 0  # contacts apart from every label
+        delays = list[float]()  # s, of those found
+        found_pct_of_logs = list[float]()
+        # Of logs in which a touch is found:
+        delay_of_logs = list[float]()  # s, median
+        named_pct_of_logs = list[float]()  # touches whose labelled link is among those named
         num_links_of_logs = list[float]()  # how many links are named for a touch, mean
+        ruled_out_pct_of_logs = list[float]()  # touches with a named link that cannot be
         for log, reported, last_loaded in zip(self._logs, episodes, self._last, strict=True):
             spans = [(log.t[rows.start], log.t[rows.stop - 1]) for rows in log.touches]  # s
             hits = [_hit(reported, *span) for span in spans]

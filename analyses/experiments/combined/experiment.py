@@ -78,31 +78,44 @@ DIAGRAM_NOTE = (
 def _comparison() -> list[ComparisonRow]:
     """The rows of the report: the article's numbers for each axis, and ours beside them."""
     slow = "Coulomb-viscous friction misses the true arm's Stribeck rise at this speed"
-    rmse, largest = "RMSE in {}, {}", "Largest error in {}, {}"
-    stated = (  # label, key, X Y Z, remark, key of ours
-        (rmse, "initial.rmse_{}_n", (12.6891, 14.3286, 4.6852), slow, ""),
-        (rmse, "optimised.rmse_{}_n", (6.5627, 7.6607, 4.3901), "", "ours.rmse_{}_n"),
-        ("Reduction of the RMSE in {}", "reduction_rmse_{}_pct", (48.28, 46.53, 6.30), "", ""),
-        (largest, "initial.max_error_{}_n", (75.2268, 52.4015, 38.7453), slow, ""),
-        (
-            largest,
-            "optimised.max_error_{}_n",
-            (51.0333, 32.3707, 18.6869),
-            "",
-            "ours.max_error_{}_n",
-        ),
-    )
-    rows = [
-        ComparisonRow(
-            label.format(axis.upper(), "without" if key.startswith("initial") else "with"),
-            key.format(axis),
-            article=values[k],
-            remark=remark,
-            ours=ours.format(axis),
-        )
-        for k, axis in enumerate(AXES)
-        for label, key, values, remark, ours in stated
-    ]
+    # The article's numbers for X Y Z, N and %; "without" and "with" its method.
+    rmse_without, rmse_with = (12.6891, 14.3286, 4.6852), (6.5627, 7.6607, 4.3901)
+    reduction_pct = (48.28, 46.53, 6.30)
+    largest_without, largest_with = (75.2268, 52.4015, 38.7453), (51.0333, 32.3707, 18.6869)
+    rows = []
+    for k, axis in enumerate(AXES):
+        name = axis.upper()
+        rows += [
+            ComparisonRow(
+                f"RMSE in {name}, without",
+                f"{BEFORE}.rmse_{axis}_n",
+                article=rmse_without[k],
+                remark=slow,
+            ),
+            ComparisonRow(
+                f"RMSE in {name}, with",
+                f"{AFTER}.rmse_{axis}_n",
+                article=rmse_with[k],
+                ours=f"{OURS}.rmse_{axis}_n",
+            ),
+            ComparisonRow(
+                f"Reduction of the RMSE in {name}",
+                f"reduction_rmse_{axis}_pct",
+                article=reduction_pct[k],
+            ),
+            ComparisonRow(
+                f"Largest error in {name}, without",
+                f"{BEFORE}.max_error_{axis}_n",
+                article=largest_without[k],
+                remark=slow,
+            ),
+            ComparisonRow(
+                f"Largest error in {name}, with",
+                f"{AFTER}.max_error_{axis}_n",
+                article=largest_with[k],
+                ours=f"{OURS}.max_error_{axis}_n",
+            ),
+        ]
     rows += [
         ComparisonRow(
             f"RMSE in {axis.upper()}, ours against the article's method",
@@ -144,16 +157,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
     Scenarios and simulated runs are kept by path (PATHS, and "placed": the path of least force sd
     for our model); readings and metrics by variant (VARIANTS), beside comparisons of two of them.
     """
-    models, scenario = pushed_arm(context, SCENARIO, 0.35)
+    models, scenario = pushed_arm(context, SCENARIO, share=0.35)
     robot = models.robot
     scenarios = {path: scenario_on_path(scenario, robot, *task_path(robot, path)) for path in PATHS}
     # rad/s, for which the error of friction is stated
     speed = highest_speed(list(scenarios.values()), robot)
     context.progress(0.35, "placing the path")
     bayesian = models.estimator(SP, speed, FAST_GAIN, WrenchReconstructionConfig("bayesian"))
-    path, posture = found_path(robot, 0, bayesian.model)  # the same for every seed of the study
+    # Seed 0 whatever the study's: all its runs have the same path.
+    path, posture = found_path(robot, seed=0, model=bayesian.model)
     scenarios["placed"] = scenario_on_path(scenario, robot, path, posture)
-    runs = pushed_runs(context, models, scenarios, 0.45)
+    runs = pushed_runs(context, models, scenarios, start=0.45)
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
     initial, optimised = metrics[BEFORE], metrics[AFTER]
@@ -177,10 +191,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return path_result(
         context,
         runs,
-        {**reductions(initial, optimised), **metrics},
-        _figures(readings),
-        {"scenarios": scenarios, "speed_rad_per_s": speed},
-        PathPage(
+        metrics={**reductions(initial, optimised), **metrics},
+        figures=_figures(readings),
+        configuration={"scenarios": scenarios, "speed_rad_per_s": speed},
+        page=PathPage(
             title="Pushed by hand along the path",
             passes=1,
             variants=VARIANTS,
@@ -198,7 +212,8 @@ def _figures(readings: dict[str, VariantReading]) -> Iterator[Drawing]:
     Args:
         readings: by key of VARIANTS.
     """
-    limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
+    largest = [float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)]  # N
+    limits = np.array([1.15 * force for force in largest])  # with some room above
     for name, key, colour, title, caption in (
         (
             "without",

@@ -83,7 +83,12 @@ def read_along(
     """Reads the constant wrench back on one path, on the branch of a posture at its midpoint.
 
     The arm goes along the path and back, T samples in all. In each draw every joint's torque has an
-    error of its own at every sample, uniform within ERROR_WIDTH / 2 of that torque.
+    error of its own at every sample, uniform within ERROR_WIDTH / 2 of that torque. The wrench that
+    is returned is that of the first draw, the errors are of all.
+
+    Args:
+        posture: (n,) rad, at the path's midpoint, near the branch.
+        num_draws: at least 1.
     """
     q_start = branch_start(robot, path, posture)
     chain = robot.chain
@@ -95,8 +100,9 @@ def read_along(
     def jcn(s: Array) -> Array:
         return np.asarray(condition_number(chain.jacobian(configurations(s))))
 
-    even_shares = np.linspace(0.0, 1.0, 10 * path.num_segments + 1)
-    jcn_along, distance = jcn(even_shares), even_shares * path.path_length
+    even_shares = np.linspace(0.0, 1.0, 10 * path.num_segments + 1)  # for integrals along the path
+    jcn_along = jcn(even_shares)
+    distance = even_shares * path.path_length  # m
     waypoints = np.linspace(0.0, 1.0, path.num_segments + 1)  # those that the placement is given
     one_way = np.linspace(0.0, 1.0, SAMPLES_ONE_WAY + 1)  # shares of the time of one way
 
@@ -118,7 +124,8 @@ def read_along(
     # Eq. 22 is linear: the readings of 1 N m at one joint each, (T, 6, n), give every draw's error
     # by a product.
     gain = np.stack([read(np.tile(unit, (len(J), 1))) for unit in np.eye(robot.num_joints)], axis=2)
-    max_error, rmse = np.empty((num_draws, 6)), np.empty((num_draws, 6))
+    max_error = np.empty((num_draws, 6))
+    rmse = np.empty((num_draws, 6))
     wrench = np.empty((len(J), 6))
     for draw in range(num_draws):
         rng = np.random.default_rng([seed, draw])

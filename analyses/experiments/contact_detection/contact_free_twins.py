@@ -56,9 +56,12 @@ def alarms_of_twins(
         robot: with its simulated truth.
         model: that reads the twins.
         rates: false alarms an hour.
-        days: how many twins of each log.
+        days: how many twins of each log, from FIRST_DAY on: the joints differ from those of the
+            twins that `model_of_twins` was fitted on.
     """
-    by_rate, by_log, hours = dict.fromkeys(rates, 0), dict.fromkeys(recordings, 0), 0.0
+    by_rate = dict.fromkeys(rates, 0)
+    by_log = dict.fromkeys(recordings, 0)  # at the least rate
+    hours = 0.0
     for day in range(days):
         for name, recording in recordings.items():
             twin = twin_log(recording, robot, day=FIRST_DAY + day, seed=1000 + day)

@@ -94,11 +94,14 @@ def link_metrics(data: Path | None) -> dict[str, Any]:
         data: the folder of recordings that is given.
     """
     touches: list[Touch] = []  # those that were found
-    num_missed, num_false, by_recording = 0, 0, {}
+    num_missed = 0  # touches in which no contact was found
+    num_false = 0  # contacts apart from all touches
+    by_recording = {}
     for log in read_touch_logs(data):
         log_touches, missed_in_log, false_in_log = touches_of(log)
         touches += log_touches
-        num_missed, num_false = num_missed + missed_in_log, num_false + false_in_log
+        num_missed += missed_in_log
+        num_false += false_in_log
         by_recording[log.path.stem.removeprefix("panda_")] = {
             "touches": len(log_touches),
             "named_pct": 100.0 * _share([touch.link in touch.named for touch in log_touches]),
@@ -158,10 +161,11 @@ def _share(values: Sequence[float]) -> float:
 def odds_figure(metrics: dict[str, Any]) -> Figure:
     """How often the likeliest link is the labelled one, against its odds.
 
-    The number below a bar is that of its touches.
+    The number below a bar is that of its touches; a bin without touches is left out.
 
     Args:
-        metrics: of `link_metrics`; `odds` holds the figures of touches by ODDS_BINS.
+        metrics: of `link_metrics`; `odds` holds the figures of touches by ODDS_BINS: `touches`, and
+            in % the stated odds, `right_pct` and its 95 % interval.
     """
     figure, ((panel,),) = new_figure(1, 1, height=3.4)
     panel.plot([0.0, 100.0], [0.0, 100.0], color=SERIES[6], lw=0.8, label="as stated")

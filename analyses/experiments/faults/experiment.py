@@ -93,6 +93,7 @@ def _kind_metrics(
     recognised_after: list[float] = []  # s, of each log that is recognised
     results: list[_Wrongness] = []  # of each log
     for log in logs:
+        # The first seconds of the log, then all of it.
         lengths = [length for length in LOG_TIMES if length < log.duration]
         parts = [log[log.t - log.t[0] <= length] for length in lengths]
         are_recognised = [_is_named(part, robot, model) for part in (*parts, log)]

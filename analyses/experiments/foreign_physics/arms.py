@@ -102,7 +102,7 @@ def draw_arm(file: str, seed: int) -> MujocoArm:
     """
     robot = Robot.load(file)
     n = robot.num_joints
-    rng = np.random.default_rng([seed, 0])
+    rng = np.random.default_rng([seed, 0])  # 0: the arm; its motions draw from other streams
     inertial = robot.chain.inertial_parameters.copy()  # (n, 10)
     for i in range(n):
         mass_factor = rng.uniform(1.0 - MASS_SPREAD, 1.0 + MASS_SPREAD)
@@ -110,11 +110,12 @@ def draw_arm(file: str, seed: int) -> MujocoArm:
         shift = LARGEST_CENTRE_SHIFT * rng.uniform() * direction / np.linalg.norm(direction)
         inertial[i] = _moved(mass_factor * inertial[i], shift)
     usual_rotors = robot.reflected_inertia
-    if not usual_rotors.any():
+    if not usual_rotors.any():  # a file that states none
         usual_rotors = np.full(n, ROTOR_SHARE * _largest_inertia(robot))
     rotors = usual_rotors * rng.uniform(1.0 - ROTOR_SPREAD, 1.0 + ROTOR_SPREAD, n)
 
     def varied(friction: Array) -> Array:
+        """Another friction of each joint; every call draws."""
         factor = rng.uniform(1.0 - FRICTION_SPREAD, 1.0 + FRICTION_SPREAD, n)
         return np.asarray(friction * factor)
 

@@ -108,7 +108,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
     with closing(ends):
         for draw, figures_or_reason in ends:
-            if isinstance(figures_or_reason, Died | str):
+            if isinstance(figures_or_reason, Died | str):  # a reason
                 failures.append(f"{draw.arm}, draw {draw.seed}: {figures_or_reason}")
             else:
                 figures_of_draw[draws.index(draw)] = figures_or_reason
@@ -217,6 +217,9 @@ def summed_up(draws: list[dict[str, Any]]) -> dict[str, Any]:
     Draws whose log was refused, or has no valid sample, have no share inside: they do not count
     there, and count as not valid.
 
+    Args:
+        draws: at least one, all read with plain tools, too.
+
     Returns:
         Counts and sums over the draws (`all_...`), `invalid` (mean percent by reason), and of each
         key of _WORST, and below `ours` and `plain` of `rmse_n`, `median` and `worst`.
@@ -236,7 +239,7 @@ def summed_up(draws: list[dict[str, Any]]) -> dict[str, Any]:
     }
     for key, is_least in _WORST.items():
         if key == "false_contacts_per_hour":
-            values = [3600.0 * f["false_contacts"] / f["seconds"] for f in draws]
+            values = [3600.0 * figures["false_contacts"] / figures["seconds"] for figures in draws]
         else:
             values = [figures[key] for figures in draws]
         result |= _median_and_worst(key, values, is_least)

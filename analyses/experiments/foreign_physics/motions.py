@@ -46,11 +46,13 @@ def wave(robot: Robot, duration: float, seed: int, reach: float = MAX_DEPARTURE)
         duration: s.
         reach: rad (m), the largest departure of a joint from home.
     """
-    rng = np.random.default_rng([seed, 2])
-    n, t = robot.num_joints, grid(duration)
+    rng = np.random.default_rng([seed, 2])  # 2: the stream of this motion
+    n = robot.num_joints
+    t = grid(duration)
     low, high = _room(robot, reach)
     amplitude = np.minimum(robot.home - low, high - robot.home)
-    slow, fast = rng.uniform(0.09, 0.14, n), rng.uniform(0.2, 0.3, n)  # Hz
+    slow = rng.uniform(0.09, 0.14, n)  # Hz
+    fast = rng.uniform(0.2, 0.3, n)  # Hz
     phase = rng.uniform(0.0, 2.0 * np.pi, (2, n))
 
     def sine(share: float, frequency: Array, phase: Array) -> Motion:
@@ -65,10 +67,11 @@ def wave(robot: Robot, duration: float, seed: int, reach: float = MAX_DEPARTURE)
     # The shares add up to 1: the sum stays within each joint's amplitude.
     slow_sine, fast_sine = sine(0.65, slow, phase[0]), sine(0.35, fast, phase[1])
     x, x_dot, x_ddot = (a + b for a, b in zip(slow_sine, fast_sine, strict=True))
-    rise, rise_dot, rise_ddot = smooth_step(t / _RISE_TIME)
-    rise_dot, rise_ddot = rise_dot / _RISE_TIME, rise_ddot / _RISE_TIME**2
-    fall, fall_dot, fall_ddot = smooth_step((t[-1] - t) / _FALL_TIME)
-    fall_dot, fall_ddot = -fall_dot / _FALL_TIME, fall_ddot / _FALL_TIME**2
+    # Derivatives of `smooth_step` are by its argument; time enters by the chain rule.
+    rise, rise_slope, rise_curvature = smooth_step(t / _RISE_TIME)
+    rise_dot, rise_ddot = rise_slope / _RISE_TIME, rise_curvature / _RISE_TIME**2
+    fall, fall_slope, fall_curvature = smooth_step((t[-1] - t) / _FALL_TIME)
+    fall_dot, fall_ddot = -fall_slope / _FALL_TIME, fall_curvature / _FALL_TIME**2
     w = (rise * fall)[:, None]
     w_dot = (rise_dot * fall + rise * fall_dot)[:, None]
     w_ddot = (rise_ddot * fall + 2.0 * rise_dot * fall_dot + rise * fall_ddot)[:, None]

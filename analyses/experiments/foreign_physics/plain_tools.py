@@ -21,6 +21,9 @@ CUTOFF_FREQUENCY = 7.5  # Hz
 ROW_STRIDE = 4
 K_0 = 20.0  # 1/s, the default of `estimate`
 MIN_COLUMN_RATIO = 1e-9  # of the largest column of the regressor
+FILTER_ORDER = 4  # of the low-pass, each way
+END_ROWS = 20  # left out at both ends of a log: the filter's and the gradient's
+RANK_TOLERANCE = 1e-8  # of the largest singular value; below it a combination counts as not seen
 MIN_SIGN_SPEED = 0.02  # rad/s, below which the sign of the velocity is not used for the fit
 
 
@@ -49,23 +52,26 @@ class PlainModel:
         n = robot.num_joints
         rows, torques = [], []
         for log in logs:
-            b, a = butter(4, CUTOFF_FREQUENCY, fs=1.0 / log.time_step)
-            q, v, tau = (filtfilt(b, a, x, axis=0) for x in (log.q, log.v, _torque(robot, log)))
+            b, a = butter(FILTER_ORDER, CUTOFF_FREQUENCY, fs=1.0 / log.time_step)
+            signals = (log.q, log.v, _torque(robot, log))
+            q, v, tau = (filtfilt(b, a, signal, axis=0) for signal in signals)
             vdot = np.gradient(v, log.time_step, axis=0)
-            inner = slice(20, -20, ROW_STRIDE)  # without the filter's and the gradient's ends
+            inner = slice(END_ROWS, -END_ROWS, ROW_STRIDE)
             rigid = robot.chain.regressor(q[inner], v[inner], vdot[inner]).reshape(-1, n, 10 * n)
             # The torque of a joint depends on its own rotor and friction alone.
             joint = np.eye(n)
-            signals = (vdot[inner], np.sign(v[inner]), v[inner])  # rotor, Coulomb, viscous
-            drives = [signal[:, :, None] * joint for signal in signals]
+            factors = (vdot[inner], np.sign(v[inner]), v[inner])  # of rotor, Coulomb, viscous
+            drives = [factor[:, :, None] * joint for factor in factors]
             moves = (np.abs(v[inner]) > MIN_SIGN_SPEED).reshape(-1)
             all_columns = np.concatenate([rigid, *drives], axis=2).reshape(-1, 13 * n)
             rows.append(all_columns[moves])
             torques.append(tau[inner].reshape(-1)[moves])
         A, y = np.concatenate(rows), np.concatenate(torques)
         size = np.linalg.norm(A, axis=0)
-        size[size < MIN_COLUMN_RATIO * size.max()] = np.inf  # no torque depends on these
-        x = np.linalg.lstsq(A / size, y, rcond=1e-8)[0] / size
+        size[size < MIN_COLUMN_RATIO * size.max()] = (
+            np.inf
+        )  # no torque depends on these: they get 0
+        x = np.linalg.lstsq(A / size, y, rcond=RANK_TOLERANCE)[0] / size  # of least norm
         inertial = x[: 10 * n].reshape(n, 10)
         rotor_inertia, coulomb, viscous = x[10 * n :].reshape(3, n)
         chain = robot.chain.with_inertial_parameters(inertial, rotor_inertia)

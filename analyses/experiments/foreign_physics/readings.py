@@ -70,6 +70,8 @@ def read_log(
 ) -> EstimatedLog:
     """Reads a log as the command does, and leaves its files in the folder.
 
+    A log that the command refuses has NaN readings, none valid, and the reason.
+
     Args:
         arm: whose robot.yaml is used.
         model: model of the arm.
@@ -85,7 +87,14 @@ def read_log(
         result = estimate_log(path, arm.robot_file, model_path, folder / "estimate", draws=draws)
     except InputError as error:
         nothing = np.full((N, 6), np.nan)
-        return EstimatedLog(str(error), nothing, nothing, np.full(N, REFUSED_CODE), (), ())
+        return EstimatedLog(
+            refusal=str(error),
+            wrench=nothing,
+            sd=nothing,
+            invalid=np.full(N, REFUSED_CODE),
+            contacts=(),
+            sentences=(),
+        )
     table = pyarrow.csv.read_csv(result.table)
     columns = {name: table[name].to_numpy() for name in table.column_names}
     if len(columns["t"]) != N:
@@ -114,11 +123,11 @@ def figures(
     Args:
         log: with its truth.
         reading: reading of it.
-        plain: whose figures stand beside.
+        plain: whose figures stand beside; None: they are left out (`plain`).
         steps: whether the force may step; else no sample is left out.
     """
     t = log.recording.t
-    truth = np.roll(log.wrench, 3, axis=1)  # force first
+    truth = np.roll(log.wrench, 3, axis=1)  # force first, as in the reading
     judged = t - t[0] >= SETTLED_SECONDS
     counted = judged & reading.valid  # for the band
     if steps:

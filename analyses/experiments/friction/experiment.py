@@ -91,6 +91,7 @@ def reversal_figure(run: TaskRun, readings: dict[str, VariantReading]) -> Figure
     for joint in range(run.recording.num_joints):
         t, low, high = envelope(run.recording.t, run.recording.v[:, joint])
         velocity.plot(t, 0.5 * (low + high), color=SERIES[joint], label=f"joint {joint + 1}")
+    # Some room above all but the few samples of the hand's fastest pushes.
     limit = 1.3 * float(np.percentile(np.abs(run.recording.v), 99.5))
     limit_y(velocity, -limit, limit, "rad/s")
     velocity.set_ylabel("velocity [rad/s]")
@@ -180,10 +181,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
     Readings and metrics are kept by key of VARIANTS, beside comparisons of two of them.
     """
-    models, scenario = pushed_arm(context, SCENARIO, 0.6)
+    models, scenario = pushed_arm(context, SCENARIO, share=0.6)
+    motion = line_of(scenario)
+    # rad/s, for which the error of friction is stated
     speed = highest_speed([scenario], models.robot)
-    runs = pushed_runs(context, models, {"initial": scenario}, 0.6)
-    run, motion = runs["initial"], line_of(scenario)
+    runs = pushed_runs(context, models, {"initial": scenario}, start=0.6)
+    run = runs["initial"]
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
     middle = 0.5 * motion.one_way  # s, where joints turn round
@@ -209,15 +212,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["ours_against_article"] = reductions(semi_parametric, metrics["ours"])
     notes: tuple[str, ...] = NOTES
     if context.draws:  # a campaign repeats the compiled loop alone
-        metrics["in_diagram"] = diagram_metrics(context, models, scenario, VARIANTS[1], speed)
+        [variant] = [variant for variant in VARIANTS if variant.key == "semi_parametric"]
+        metrics["in_diagram"] = diagram_metrics(context, models, scenario, variant, speed)
         notes += (DIAGRAM_NOTE,)
     return path_result(
         context,
         runs,
-        {**reductions(coulomb_viscous, semi_parametric), **metrics},
-        _figures(run, readings),
-        {"scenario": scenario, "speed_rad_per_s": speed},
-        PathPage(
+        metrics={**reductions(coulomb_viscous, semi_parametric), **metrics},
+        figures=_figures(run, readings),
+        configuration={"scenario": scenario, "speed_rad_per_s": speed},
+        page=PathPage(
             title="Reversal of joints, pushed by hand",
             passes=1,
             variants=VARIANTS,

@@ -76,6 +76,8 @@ WITH_OFFSET = "coulomb-viscous-offset"
 ARTICLE = "semi-parametric"
 COMPARED = tuple(law for law in LAWS if law != ARTICLE)  # fitted by `identify`
 NEAR_ZERO = 0.05  # rad/s
+_TIME_ROUNDING = 1e-9  # s, by which two computed grids of the same times may differ
+_REAL_ARM_END = 0.9  # share of the progress at which the UR10e is done; figures follow
 SINGLE_JOINTS = tuple(f"ur-20_01_22-joint_{j + 1}.csv" for j in range(6))
 
 
@@ -153,7 +155,8 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     networks from planned reversals; all are judged near zero on the last of these, which none saw.
 
     Args:
-        share: of the experiment's progress that this takes.
+        share: of the experiment's progress that this takes; simulating and fitting one law takes 40
+            % of it, the further laws 3 % each, the reversals the last 40 %.
     """
     robot = context.robot(ROBOT)
     plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
@@ -182,15 +185,15 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     separated = separate(training_logs)
     article, trained = semi_parametric_model(robot, plain_result, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
-    v, torque = separate([judged_log]).table()  # (N, n) each
+    v, torque = separate([judged_log]).table()  # (N, n) each, rad/s and N m, a row a pair of passes
     predicted = {}
     for law, model in models.items():
         _, predicted[law] = separate([_predicted(robot, judged_log, model)]).table()
     near_zero = tuple(
         NearZero(
-            v[:, j],
-            torque[:, j],
-            {law: predicted_torque[:, j] for law, predicted_torque in predicted.items()},
+            v=v[:, j],
+            measured=torque[:, j],
+            predicted={law: torques[:, j] for law, torques in predicted.items()},
         )
         for j in range(robot.num_joints)
     )
@@ -215,12 +218,13 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
     article's law; its second half judges all laws near zero.
 
     Args:
-        start: share of the experiment's progress at which this begins; it ends at 0.9.
+        start: share of the experiment's progress at which this begins; it ends at _REAL_ARM_END.
     """
     robot = Robot.load("ur10e")
     results = {}
     for k, law in enumerate(COMPARED):
-        context.progress(start + (0.9 - start) * k / len(COMPARED), f"UR10e, {law}")
+        done = start + (_REAL_ARM_END - start) * k / len(COMPARED)
+        context.progress(done, f"UR10e, {law}")
         config = IdentificationConfig(friction=law, cross_validate=False, seed=context.seed)
         results[law] = identify_ur10e(context.data, robot, config)
     ur10e = data_set_folder(FOLDER, context.data)
@@ -236,7 +240,7 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
     article, trained = semi_parametric_model(robot, plain, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
     near_zero = tuple(
-        _one_joint(robot, log[middle:], j, models, plain.model)
+        _one_joint(robot, log[middle:], joint=j, models=models, judge=plain.model)
         for j, (log, middle) in enumerate(zip(logs, middles, strict=True))
     )
     validation = {law: result.validation for law, result in results.items()}
@@ -284,6 +288,7 @@ def _one_joint(
         judge, friction=SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     )
     (rigid,) = predict_torque([recording], robot, frictionless, config)
+    # The grid on which `predict_torque` works: the clock's step to three digits.
     uniform = resampled(recording, float(f"{recording.time_step:.3g}"))
     v = ZeroPhaseLowPass(config.cutoff, uniform.time_step, config.filter_order)(uniform.v)
     predicted = {
@@ -292,9 +297,9 @@ def _one_joint(
         for law, model in models.items()
     }
     # A fit holds only the samples that count: their rows of the uniform grid.
-    rows = np.searchsorted(uniform.t, judged.t - 1e-9)
+    rows = np.searchsorted(uniform.t, judged.t - _TIME_ROUNDING)
     friction = judged.measured[:, joint] - rigid.predicted[:, joint]
-    return NearZero(v[rows, joint], friction, predicted)
+    return NearZero(v=v[rows, joint], measured=friction, predicted=predicted)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

@@ -85,11 +85,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
         readings |= {(log.name, variant): reading for variant, reading in log_readings.items()}
         compared = {variant: reading.against_sensor() for variant, reading in log_readings.items()}
         metrics[log.name] = {
-            state: {v: _judged(reading, compared[v], state) for v, reading in log_readings.items()}
+            state: {
+                variant: _judged(reading, compared[variant], state)
+                for variant, reading in log_readings.items()
+            }
             | {"target_less_motor": {"rmse_nm": _by_hand(log, state)}}
             for state in ("moving", "rest")
         }
-        metrics[log.name]["invalid"] = {v: _invalid(r) for v, r in log_readings.items()}
+        metrics[log.name]["invalid"] = {
+            variant: _invalid(reading) for variant, reading in log_readings.items()
+        }
     context.progress(0.6, "parts of the errors")
     variants = logs[0].variants  # the same of all logs
     if "urdf" in variants:
@@ -178,7 +183,9 @@ def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) ->
         readings: by recording and variant.
 
     Returns:
-        RMSE by method: "current" is the controller's target torque less the motor's.
+        RMSE by method, over all rows and over those in which the joint moves: "current" is the
+        controller's target torque less the motor's, the others are our variants, interpolated at
+        the source's rows.
     """
     raw = read_recording(recording_file(data_set_folder(FOLDER, data), SWEEP), FORMAT)
     log = readings[SWEEP, VARIANTS[0]].log
@@ -220,10 +227,14 @@ def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]
         return by_joint(rms, log.moving, one_reading.batch.tau_ext - truth)
 
     def with_friction(**change: Any) -> list[float | None]:
+        """With one argument of `controller_friction` changed."""
         return moving_rmse(read_log(log, "urdf", controller_friction(log.name, **change)))
 
     def rms_beside_any_law(error: Array, v: Array, load: Array) -> Any:
-        """RMS of a joint's error less what an offset, dry, loaded and viscous friction fit."""
+        """RMS of a joint's error less what an offset, dry, loaded and viscous friction fit.
+
+        `by_joint` gives it the joint's rows in motion, (M,) each.
+        """
         A = np.stack([np.ones_like(v), np.sign(v), np.sign(v) * load, v], axis=1)
         return rms(error - A @ np.linalg.lstsq(A, error, rcond=None)[0])
 

@@ -71,7 +71,11 @@ class LinearPath:
 
 
 def linear_path(context: ExperimentContext) -> LinearPath:
-    """Runs all cases."""
+    """Runs all cases: from the article's guess, from random seeds, by PSO-GA, and with a table.
+
+    Seeds are those of the study and the next ones, the same for both solvers, so that they are
+    compared start by start.
+    """
     robot = Robot.load("sts_sre4_600")
     task, source = load_task("linear_path")
     seeds = range(context.seed, context.seed + (NUM_SEEDS_QUICK if context.quick else NUM_SEEDS))
@@ -87,22 +91,24 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     kinematic = PlacementRequest(seed=context.seed, may_overlap=True)
     optimised = place(task, source, robot, kinematic)
     unguided = replace(task, initial=None)
-    from_seeds, swarms = [], []
+    from_seeds = []
+    swarms = []
     for index, seed in enumerate(seeds):
         context.progress(0.1 + 0.3 * index / len(seeds), f"seed {seed}, without a guess")
         from_seeds.append(place(unguided, source, robot, replace(kinematic, seed=seed)))
     for index, seed in enumerate(seeds):
         context.progress(0.4 + 0.4 * index / len(seeds), f"PSO-GA, seed {seed}")
         swarm = SWARM_CONFIG_QUICK if context.quick else SWARM_CONFIG
-        request = replace(kinematic, solver="pso-ga", seed=seed, swarm=swarm)
-        swarms.append(place(unguided, source, robot, request))
+        swarm_request = replace(kinematic, solver="pso-ga", seed=seed, swarm=swarm)
+        swarms.append(place(unguided, source, robot, swarm_request))
     context.progress(0.8, "with table and clearance")
     table_task, table_source = load_task("linear_path_table")
     effort = EFFORT_WITH_CLEARANCE
     if context.quick:
         effort = replace(effort, num_rounds=2, num_solves=4)
-    request = PlacementRequest(seed=context.seed, effort=effort)
-    table = place(table_task, table_source, robot, request)
+    apart = PlacementRequest(seed=context.seed, effort=effort)  # nothing may overlap
+    table = place(table_task, table_source, robot, apart)
+    # The article's optimum on both branches, at the points that the mean is taken over.
     s = np.linspace(0.0, 1.0, OPTIMISED_PATH.num_segments + 1)
     elbows = {"one_elbow": OPTIMISED_POSTURE, "other_elbow": OTHER_ELBOW_POSTURE}
     postures = {
@@ -113,8 +119,9 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     links = Clearance(robot, margin=0.0, floor=None)
 
     def link_distance(q: Array) -> float:
+        """m, the smallest between two links of the arm; negative where they overlap."""
         closest = links.worst(q, influence=1.0)
-        assert closest is not None
+        assert closest is not None  # some links of one arm are within the influence of 1 m
         return closest.distance
 
     distances = {name: link_distance(q) for name, q in postures.items()}

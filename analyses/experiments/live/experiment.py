@@ -66,7 +66,8 @@ START_TIME = 5.0  # s
 END_MARGIN = 1.0  # s at the end, in which the reference's filter has an edge
 QUICK_TIME = 12.0  # s of a log, in a shortened run
 PLAYED_LOG = "ur-20_02_19_14harm50sec"
-PLAYED_TIME = 15.0, 6.0  # s; in a shortened run
+PLAYED_TIME, PLAYED_TIME_QUICK = 15.0, 6.0  # s of it
+_FIT_SHARE, _LOGS_SHARE = 0.3, 0.9  # of the progress, at which the fit and the logs are done
 CONTROLLER_PERIOD = 0.002  # s, of the controller
 SETTLING_TIME = 2.0  # s, after which latency counts
 LOGS = ("ur-20_02_19_15harm50sec", "ur-19_12_23_free", "ur-19_12_23_load")
@@ -75,34 +76,36 @@ LOGS = ("ur-20_02_19_15harm50sec", "ur-19_12_23_free", "ur-19_12_23_load")
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log with and without tracking, and two sources at real time.
 
-    A log's metrics are those of the tracked reading; below `untracked` are the other's.
+    A log's metrics are those of the tracked reading; below `untracked` are the other's. Both are
+    held against the truth that is found from the untracked one. `replay` and `rtde` are the sources
+    (`sources`).
     """
-    robot, model = presliding_arm(context, 0.3)
+    robot, model = presliding_arm(context, _FIT_SHARE)
     masses = {name: LOAD_MASSES[name] for name in LOGS}
     metrics: dict[str, Any] = {}
-    with tempfile.TemporaryDirectory() as name:
-        path = Path(name) / "model.yaml"
-        model.save(path)
+    seconds = QUICK_TIME if context.quick else np.inf  # of each log
+    with tempfile.TemporaryDirectory() as folder:
+        model_path = Path(folder) / "model.yaml"  # `watch` reads a file
+        model.save(model_path)
         for k, (log, mass) in enumerate(masses.items()):
-            context.progress(0.3 + 0.6 * k / len(masses), log)
-            seconds = QUICK_TIME if context.quick else np.inf
+            context.progress(_FIT_SHARE + (_LOGS_SHARE - _FIT_SHARE) * k / len(masses), log)
             plain, tracked = (
-                read_log(log_file(context.data, log), path, track, seconds)
+                read_log(log_file(context.data, log), model_path, track, seconds)
                 for track in (False, True)
             )
             truth = truth_of(plain, robot, model, mass)
             metrics[log] = {**judged(tracked, truth), "untracked": judged(plain, truth)}
-        context.progress(0.9, "at real time")
-        whole_run, quick_run = PLAYED_TIME
-        seconds = quick_run if context.quick else whole_run
-        metrics |= sources(log_file(context.data, PLAYED_LOG), path, robot, seconds)
-    metrics_of_logs = {
-        "inside [%]": [metrics[log] for log in masses],
-        "inside, without --track [%]": [metrics[log]["untracked"] for log in masses],
-    }
+        context.progress(_LOGS_SHARE, "at real time")
+        played_seconds = PLAYED_TIME_QUICK if context.quick else PLAYED_TIME
+        # Adds the keys `replay` and `rtde`.
+        metrics |= sources(
+            log_file(context.data, PLAYED_LOG), model_path, robot, seconds=played_seconds
+        )
     shares = {
-        label: axes_of([log_metrics["inside_95_pct"] for log_metrics in by_log])
-        for label, by_log in metrics_of_logs.items()
+        "inside [%]": axes_of([metrics[log]["inside_95_pct"] for log in masses]),
+        "inside, without --track [%]": axes_of(
+            [metrics[log]["untracked"]["inside_95_pct"] for log in masses]
+        ),
     }
     conditions = f"by log, as `watch --track` reads them after {START_TIME:g} s, and without."
     return ExperimentResult(
@@ -118,6 +121,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> list[Reading]:
     """Reads a log's first seconds as `watch` does, without its processes and views.
+
+    What the stream brings besides readings, such as contacts and notices, is left out.
 
     Args:
         track: whether friction is followed (`--track`).

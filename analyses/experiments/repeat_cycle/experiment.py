@@ -61,15 +61,16 @@ def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
         torque_sd: (n,) N m, of the torque errors.
 
     Returns:
-        By time law, `reduction_max_sd_y_pct` and `one_joint_alone`.
+        Metrics by time law, and beside these `reduction_max_sd_y_pct` and `one_joint_alone`.
     """
-    laws = {
+    laws = {  # by the share of the time that each of the two ramps takes
         "ramps_of_half_a_percent": steady_speed(0.005),
         "ramps_of_a_tenth": constant_speed,
         "thirds": thirds,
         "uniform_acceleration": uniform_acceleration,
     }
-    u, even = np.linspace(0.0, 1.0, 4001), np.linspace(0.0, 1.0, 501)
+    u = np.linspace(0.0, 1.0, 4001)  # shares of the time, fine enough for the shortest ramp
+    even = np.linspace(0.0, 1.0, 501)  # shares of the path
     # By path, at the points `even` of it: squares (K, n) of the error of fy per 1 N m of a joint's.
     power_of_joint = {}
     for name in (BEFORE, AFTER):

@@ -108,12 +108,13 @@ def read_runs(
 ) -> tuple[list[ReadRun], dict[str, SpecimenRefit]]:
     """Fits the friction and reads every run by every method (METHODS).
 
-    Three models differ in where this arm's friction comes from: "command" and "no_sensor" from the
-    motion in the air of all runs of the run's controller, "calibrated" from the other ones of these
-    runs with their sensor, "carried_over" from the other specimen as it is.
+    Three models differ in where this arm's friction comes from: "command" and "no_sensor", one
+    reading under two names, from the motion in the air of all runs of the run's controller,
+    "calibrated" from the other ones of these runs with their sensor, "carried_over" from the other
+    specimen as it is.
 
     Args:
-        files: of the runs.
+        files: of the runs, in the order of `prepared`.
         identified: model of another specimen.
         progress: called with the share done.
 
@@ -135,10 +136,11 @@ def read_runs(
             write_rounded(run.run, file, log)
             others = [other for other in of_controller(prepared, controller) if other is not run]
             sensor_fit = air_fits[controller]
-            if others:
+            if others:  # else there is nothing to calibrate on
                 other_rows = [other.sensor_rows for other in others]
                 sensor_fit = refit_rows(other_rows, run.robot, identified)
             calibrated_model = folder / f"{file.stem}_once"
+            # The fit's robot has the torque constants that the sensor showed, where it did.
             save_model(calibrated_model, sensor_fit.robot or run.robot, sensor_fit.model)
             command = command_reading(run, file, air_fits[controller].model)
             readings = {

@@ -188,8 +188,9 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
                 valid = "" if share is None else f"; {share:.0f} % of the readings are valid"
                 remark = f"the check reads K (i - i_target){valid}"
                 rows.append(ComparisonRow(text, key, article=rmse, remark=remark, source=_CHECK))
+    # Two decimals, as the figures of others have.
+    rmse_of_subtraction = round(metrics["summary"]["gravity"]["rest"]["rmse_n"], 2)
     for method, label in _SHOWN.items():
-        rmse_of_subtraction = round(metrics["summary"]["gravity"]["rest"]["rmse_n"], 2)
         text = f"RMSE of the force at rest, {label}"
         key = f"summary.{method}.rest.rmse_n"
         rows.append(
@@ -225,8 +226,10 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     for speed in ("v10", "v25"):
         key = f"ramp_ur.{speed}.slide.command.share_valid_pct"
         if look_up(metrics, key) is not None:
-            text = f"share of its readings that are valid, at 0.{speed[1:]} m/s"
-            text = f"ramp slide in force mode, {text}"
+            text = (
+                "ramp slide in force mode, share of its readings that are valid, at "
+                f"0.{speed[1:]} m/s"
+            )
             remark = "elsewhere the force changes faster than the filters assume"
             rows.append(ComparisonRow(text, key, remark=remark, more_is_better=True))
     return rows

@@ -241,7 +241,8 @@ def _comparison() -> list[ComparisonRow]:
     richer = "the plain tools' friction had memory, Stribeck and load terms"
     by_hand = "prior of maximum evidence; plain tools: set by hand (30 N, 2 N m)"
     close = "it depends on how close the samples come to singular"
-    # Path of the reading in the metrics, label, RMSE in N of the plain tools by axis, remarks.
+    # Path of the reading in the metrics, label of an axis, RMSE in N of the plain tools for x y z,
+    # remark of each of these three rows.
     stated = (
         ("bayesian", "force RMSE {}, Bayesian", (7.3, 7.4, 10.0), (by_hand, "", "")),
         ("inverse", "force RMSE {}, eq. 22", (139.0, 5797.0, 901.0), (close, "", "")),

@@ -102,6 +102,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     robot, model = presliding_arm(context, 0.6)
     metrics: dict[str, Any] = {}
     renewed_models: dict[str, IdentifiedModel] = {}  # by the log that renewed it
+    # Logs without a load stand before those that they renew a model for.
     for k, (log, mass) in enumerate(LOAD_MASSES.items()):
         context.progress(0.6 + 0.35 * k / len(LOAD_MASSES), log)
         recording = read_recording(log_file(context.data, log), robot=robot)
@@ -279,19 +280,26 @@ def _log_metrics(
 ) -> dict[str, Any]:
     """The error and the stated band of a log, by method and regime of motion.
 
-    The log is read at the point at which the load acts, so that the truth is a force alone.
+    The log is read at the point at which the load acts, so that the truth is a force alone; without
+    a load at E.
 
     Args:
+        recording: the log, at its own rate.
         mass: kg, that hangs on the arm; 0 for a log without contact, whose true force is zero.
+        reader: its model must have a learnt torque error.
         begin: first sample, on the uniform grid, that is judged.
 
     Returns:
         Figures by regime (`regimes`) of force_only; below `bayesian` those of that method. A regime
         of fewer than MIN_REGIME_SAMPLES is left out.
+
+    Raises:
+        ValueError: the model has no torque error.
     """
     uniform = resampled(recording, TIME_STEP)
     is_judged = ~uniform.dropout
-    is_judged[:begin] = is_judged[-END_MARGIN_SAMPLES:] = False
+    is_judged[:begin] = False
+    is_judged[-END_MARGIN_SAMPLES:] = False
     metrics: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
         config = _config(recording, method)
@@ -299,8 +307,10 @@ def _log_metrics(
         if not estimator.learnt:
             raise ValueError("the model has no torque error")
         observation = estimator.observe(uniform.q, uniform.v, uniform.current)
-        J_at_point, true_force = observation.J, np.zeros((len(observation.J), 3))
-        if mass > 0.0:
+        if mass == 0.0:  # read at E
+            J_at_point = observation.J
+            true_force = np.zeros((len(observation.J), 3))
+        else:
             point, true_force = force_of_load(
                 robot,
                 uniform,

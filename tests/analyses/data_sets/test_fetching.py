@@ -113,6 +113,16 @@ def test_a_host_that_has_it_not_is_one_problem(host, cache, path, words):
     assert not list((cache / "toy").glob("[!.]*"))
 
 
+def test_a_set_that_fails_counts_the_files_received_before(host, cache):
+    content = host.files.pop(B)
+    first = fetched(host.url)
+    assert first.num_files == 1
+    assert "404" in first.problem
+    host.files[B] = content
+    second = fetched(host.url)
+    assert (second.num_files, second.problem) == (1, "")
+
+
 def test_a_set_that_fails_does_not_stop_the_others(host, cache, monkeypatch):
     other = DataSet("other", "some arm", "nothing", "MIT", "somewhere", "", 1.0)
     monkeypatch.setitem(registry.DATA_SETS, "other", other)

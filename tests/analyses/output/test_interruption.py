@@ -10,14 +10,14 @@ import pytest
 
 from wrenchsight.analyses.output.interruption import (
     TerminatedError,
-    ends_are_interrupts,
+    signals_are_interrupts,
     uninterrupted,
 )
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_an_end_is_an_exception_that_names_its_signal(number):
-    with pytest.raises(TerminatedError, match=number.name) as caught, ends_are_interrupts():
+    with pytest.raises(TerminatedError, match=number.name) as caught, signals_are_interrupts():
         os.kill(os.getpid(), number)
     assert caught.value.signum == number
     assert signal.getsignal(number) == signal.SIG_DFL
@@ -26,7 +26,7 @@ def test_an_end_is_an_exception_that_names_its_signal(number):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_end_that_a_library_makes_its_own_error_is_still_known(number):
     before = signal.getsignal(number)
-    with pytest.raises(ImportError), ends_are_interrupts() as came:
+    with pytest.raises(ImportError), signals_are_interrupts() as came:
         try:
             os.kill(os.getpid(), number)
         except KeyboardInterrupt as error:
@@ -44,7 +44,7 @@ def test_an_end_inside_a_callback_that_drops_exceptions_is_raised_again(number, 
     reference = weakref.ref(node, lambda _: os.kill(os.getpid(), number))
     assert reference() is node
     before = sys.unraisablehook
-    with pytest.raises(KeyboardInterrupt) as caught, ends_are_interrupts() as came:
+    with pytest.raises(KeyboardInterrupt) as caught, signals_are_interrupts() as came:
         del node  # the handler runs inside the callback
         for _ in range(500):
             time.sleep(0.01)
@@ -63,7 +63,7 @@ def test_other_exceptions_that_python_drops_are_told_as_before(monkeypatch):
     monkeypatch.setattr(
         sys, "unraisablehook", lambda unraisable: messages.append(str(unraisable.exc_value))
     )
-    with ends_are_interrupts():
+    with signals_are_interrupts():
         Careless()
     assert messages == ["lost"]
 
@@ -71,7 +71,7 @@ def test_other_exceptions_that_python_drops_are_told_as_before(monkeypatch):
 def test_an_ignored_end_stays_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
     try:
-        with ends_are_interrupts(), uninterrupted():
+        with signals_are_interrupts(), uninterrupted():
             os.kill(os.getpid(), signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)
@@ -82,7 +82,7 @@ def test_an_ignored_end_stays_ignored():
 )
 def test_an_interrupt_waits_for_the_end_of_the_block(number, error):
     steps = []
-    with pytest.raises(error), ends_are_interrupts():
+    with pytest.raises(error), signals_are_interrupts():
         with uninterrupted():
             os.kill(os.getpid(), number)
             os.kill(os.getpid(), number)
@@ -96,7 +96,7 @@ def test_an_interrupt_acts_where_it_may_and_leaves_what_is_around_whole(when):
     steps = []
     with (
         pytest.raises(TerminatedError),
-        ends_are_interrupts(),
+        signals_are_interrupts(),
         uninterrupted() as interruptible,
     ):
         try:

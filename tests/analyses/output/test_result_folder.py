@@ -347,11 +347,11 @@ def test_a_file_changed_after_a_kill_is_not_overwritten(out, monkeypatch):
 _LOOP = """
 import itertools, sys
 from pathlib import Path
-from wrenchsight.analyses.output.interruption import ends_are_interrupts
+from wrenchsight.analyses.output.interruption import signals_are_interrupts
 from wrenchsight.analyses.output.result_folder import result_folder
 out = Path(sys.argv[1])
 print("ready", flush=True)
-with ends_are_interrupts():
+with signals_are_interrupts():
     for k in itertools.count(int(sys.argv[2])):
         with result_folder(out, "estimate") as folder:
             for name in ("a.txt", "b.txt", "figures/c.png", f"figures/{k % 3}.png"):

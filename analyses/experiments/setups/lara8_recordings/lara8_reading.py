@@ -270,7 +270,7 @@ def controller_friction(
         coulomb = coulomb + _MORE_COULOMB.get(name, zero)
         viscous = viscous + _MORE_VISCOUS.get(name, zero)
     return PreslidingFriction(
-        SemiParametricFriction(CoulombViscous(zero, viscous, zero)),
+        SemiParametricFriction(CoulombViscous(coulomb=zero, viscous=viscous, offset=zero)),
         coulomb=coulomb,
         stribeck=-_SPEED_TORQUE,  # tanh(w |v|) rises over 1 / w, as 1 - exp(-(w v)^2) does
         stribeck_velocity=1.0 / _INVERSE_TURN_SPEED,
@@ -331,7 +331,7 @@ def read_log(
     """
     recording, robot = log.recording, log.robot
     law = friction if friction is not None else controller_friction(log.name)
-    observer = MomentumObserverConfig([K_0], recording.time_step, "trapezoidal")
+    observer = MomentumObserverConfig([K_0], recording.time_step, torque_samples="trapezoidal")
     model = stated_model(robot, law)
     if without_rotors:
         model = replace(model, reflected_inertia=np.zeros(NUM_JOINTS))
@@ -343,4 +343,4 @@ def read_log(
         current = current - (extra["tau_model"] - rigid)
     batch = estimator.run(estimator.initial_state(), recording.q, recording.v, current)
     observation = estimator.observe(recording.q, recording.v, current)
-    return Lara8Reading(log, batch, observation.tau_J - observation.tau_f)
+    return Lara8Reading(log, batch, transmitted=observation.tau_J - observation.tau_f)

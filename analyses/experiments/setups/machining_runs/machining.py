@@ -198,7 +198,7 @@ def run_machining(
     """
     machining, robot = scenario.machining, models.robot
     assert machining is not None
-    scenario = replace(
+    timed = replace(  # long enough for a pass with every retreat
         scenario,
         duration=longest_duration(plan, machining.phases),
         recording=replace(
@@ -210,7 +210,7 @@ def run_machining(
         middle = plan.path.num_samples // 2
         meshcat = make_meshcat(robot, plan.path.p_WS[middle], view_of(plan.path))
     loop = make_closed_loop(
-        scenario,
+        timed,
         robot,
         models.models[LAW],
         motion=plan,
@@ -226,7 +226,7 @@ def run_machining(
         start_animation(meshcat, _FRAME_RATE)
     advance(
         simulator,
-        even_stretches(scenario.duration, _PROGRESS_PERIOD),
+        even_stretches(timed.duration, _PROGRESS_PERIOD),
         lambda share: progress(share, "machining"),
     )
     if meshcat is not None and page is not None:

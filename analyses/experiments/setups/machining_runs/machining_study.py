@@ -43,23 +43,28 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.diagrams.machining import make_machining_path
-from wrenchsight.diagrams.scenario import load_scenario
+from wrenchsight.diagrams.scenario import Scenario, load_scenario
 from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES
 from wrenchsight.models.numerics.arrays import Array
 
-QUICK_SHARE = 1.0 / 15.0  # of these
+QUICK_SHARE = 1.0 / 15.0  # of each of FEED_TIMES, in a shortened run
 _AIR_SEED = 1000  # apart from the runs' own
+_MODELS_SHARE, _RUNS_SHARE = 0.1, 0.85  # of the progress, for the models and for the runs
 
 
 def study_machining(context: ExperimentContext, task: MachiningTask) -> ExperimentResult:
     """The experiments `polishing` and `grinding` of `study`.
 
-    At each feed the work is done twice: with the estimate and with a sensor in the force loop. All
-    methods read the run with the sensor; both runs show how well the force is held.
+    At each feed the work is done twice: with the estimate and with a sensor in the force loop. Plan
+    and air passes, which know of no force loop, are the same for both. All methods read the run
+    with the sensor; both runs show how well the force is held.
+
+    Raises:
+        RuntimeError: a pass ended before its feed was steady.
     """
     robot = context.robot(ROBOT)
-    report = context.part(0.0, 0.1)
+    report = context.part(0.0, _MODELS_SHARE)
     models = identify_arm(robot, context.seed, context.quick, report, context.draws)
     scenarios = {
         feedback: load_scenario(name)
@@ -67,7 +72,8 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     }
     feeds = FEED_TIMES[:1] if context.fastest_feed else FEED_TIMES
     # A run takes about as long as its feed: progress goes by s of one way, planned and done.
-    planned_time, done_time = 2.0 * sum(feeds), 0.0
+    planned_time = 2.0 * sum(feeds)
+    done_time = 0.0
     metrics: dict[str, Any] = {}
     # By feed: the run with a sensor and its readings by method and component; the run without.
     shown: dict[float, tuple[MachiningRun, dict[str, dict[str, Array]]]] = {}
@@ -76,21 +82,15 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     for feed in feeds:
         one_way = feed * (QUICK_SHARE if context.quick else 1.0)
         runs: dict[str, MachiningRun] = {}  # by feedback
-        plan, air_passes = None, None
+        plan, air_passes = None, None  # of this feed
         for feedback, scenario in scenarios.items():
-            # The scenario at this feed, with the draws of this seed.
-            assert scenario.machining is not None
-            process = scenario.machining.process
-            varies = replace(process.variations, seed=process.variations.seed + context.seed)
-            process = replace(process, variations=varies)
-            machining = replace(scenario.machining, one_way=one_way, process=process)
-            at_feed = replace(scenario, seed=scenario.seed + context.seed, machining=machining)
-
+            at_feed = _at_feed(scenario, one_way, context.seed)
             start, end = (
-                0.1 + 0.85 * time / planned_time for time in (done_time, done_time + feed)
+                _MODELS_SHARE + _RUNS_SHARE * time / planned_time
+                for time in (done_time, done_time + feed)
             )
             report = context.part(start, end, f"{feed:g} s one way: ")
-            if plan is None or air_passes is None:  # the same for both
+            if plan is None or air_passes is None:
                 plan = make_machining_path(at_feed, robot)
                 air_passes = learn_air_passes(
                     at_feed, robot, models.models[OURS], plan, _AIR_SEED + context.seed
@@ -113,8 +113,9 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
                 )
         readings = read_all(runs["sensor"], models)
         metrics[feed_key(feed)] = feed_metrics(task, runs, readings)
-        shown[feed], without_sensor[feed] = (runs["sensor"], readings), runs["estimate"]
-    metrics |= over_feeds(metrics)
+        shown[feed] = (runs["sensor"], readings)
+        without_sensor[feed] = runs["estimate"]
+    metrics |= over_feeds(metrics)  # its keys are no feeds'
     metrics["sources"] = sources(models, {feed: run for feed, (run, _) in shown.items()})
     context.progress(0.96, "figures")
     page = FigureFile(
@@ -134,6 +135,17 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     )
 
 
+def _at_feed(scenario: Scenario, one_way: float, seed: int) -> Scenario:
+    """The scenario at a feed of `one_way` s, with the noise and the process that a seed draws."""
+    assert scenario.machining is not None
+    process = scenario.machining.process
+    variations = replace(process.variations, seed=process.variations.seed + seed)
+    machining = replace(
+        scenario.machining, one_way=one_way, process=replace(process, variations=variations)
+    )
+    return replace(scenario, seed=scenario.seed + seed, machining=machining)
+
+
 def feed_metrics(
     task: MachiningTask,
     runs: Mapping[str, MachiningRun],
@@ -142,13 +154,16 @@ def feed_metrics(
     """All figures of one feed: first the article's method on the article's component.
 
     Args:
-        runs: by feedback, "sensor" and "estimate".
+        runs: by feedback, "sensor" and "estimate"; with a correction, so that they have the tool's
+            vibration.
         readings: (T,) N of the run with the sensor, by method (READINGS) and component.
 
     Returns:
         By method, while the tool works: the errors of the article's component, with `steady` and
-        `within_ways`, and those of each component. Then, by feedback: bands, shares of valid
-        readings and reasons in percent by part of the work, regulation, vibration and fault.
+        `within_ways`, and those of each component; the article's `correlation` and `rmse_n` stand
+        on top as well. Then, by feedback: bands, shares of valid readings and reasons in percent by
+        part of the work, regulation, vibration and fault. A part that a run did not have is left
+        out.
     """
     out = _errors_by_method(task, runs["sensor"], readings)
     for key in ("correlation", "rmse_n"):

@@ -50,12 +50,12 @@ def read_in_diagram(
         progress: called with the share that is done, 0 to 1.
 
     Returns:
-        every LOG_PERIOD of the even motion along the path, without the start (3 / K_0).
+        The reading every LOG_PERIOD of the even motion along the path, without the observer's start
+        (`settling_time`, 3 / K_0), beside the sensor's force, or the true one where there is none.
     """
-    scenario = replace(scenario, estimator=estimator.config)
     reference = "wrench_true" if scenario.force_torque_sensor is None else "ft_wrench"
     loop = make_closed_loop(
-        scenario,
+        replace(scenario, estimator=estimator.config),
         robot,
         IdentifiedModel.nominal(robot),
         motion=planned_motion(scenario, robot, everywhere=False),
@@ -63,9 +63,9 @@ def read_in_diagram(
         log=LogRequest(only=["wrench", "covariance", reference], period=LOG_PERIOD),
     )
     simulator = Simulator(loop.diagram)
-    for end in np.arange(_PROGRESS_PERIOD, scenario.duration + _PROGRESS_PERIOD, _PROGRESS_PERIOD):
-        simulator.AdvanceTo(min(float(end), scenario.duration))
-        progress(min(float(end) / scenario.duration, 1.0))
+    for time in np.arange(_PROGRESS_PERIOD, scenario.duration + _PROGRESS_PERIOD, _PROGRESS_PERIOD):
+        simulator.AdvanceTo(min(float(time), scenario.duration))
+        progress(min(float(time) / scenario.duration, 1.0))
     t, logged = loop.logged(simulator.get_context())
     start, end = uniform_motion(line_of(scenario))
     rows = (t >= start + estimator.observer.settling_time) & (t <= end)

@@ -45,13 +45,14 @@ def repetition_errors(
     Returns:
         One entry for each of `gains`, in their order.
     """
-    postures = np.asarray(robot.home) + np.asarray(
-        HOME_DEPARTURES[1:2] if quick else HOME_DEPARTURES[1:3]
-    )
+    departures = HOME_DEPARTURES[1:2] if quick else HOME_DEPARTURES[1:3]  # the first is none
+    postures = np.asarray(robot.home) + np.asarray(departures)
     # Two simulations of the same slow motions, at each posture, with noise of their own; the first
     # as in `wrenchsight.analyses.experiments.setups.simulated_arm.arm_models`.
     first_cycles, second_cycles = (
-        reversal_recordings(robot, postures, PASS_SPEEDS, seed + 100 * (1 + k), PASS_PERIOD)
+        reversal_recordings(
+            robot, postures, PASS_SPEEDS, seed=seed + 100 * (1 + k), period=PASS_PERIOD
+        )
         for k in range(2)
     )
     result, _ = identify_simulated_arm(robot, seed, quick)

@@ -157,8 +157,9 @@ def task_scenario(name: str, seed: int, one_way: float | None = None) -> Scenari
     Args:
         name: name of the scenario; its motion is a line.
         seed: added to the scenario's.
-        one_way: s, shortens the run: all times of motion and pushes shrink alike, but not how
-            long a push and its pause last, nor the ramps.
+        one_way: s, shortens the run: all times of motion and hand pushes shrink alike, but not how
+            long a single push and its pause last, nor the ramps (up to a fifth of the way). Other
+            wrenches of the scenario are left out. None: the scenario's own.
     """
     scenario = load_scenario(name)
     scenario = replace(scenario, seed=scenario.seed + seed)
@@ -166,7 +167,7 @@ def task_scenario(name: str, seed: int, one_way: float | None = None) -> Scenari
         return scenario
     motion = line_of(scenario)
     share = one_way / motion.one_way  # factor on all times
-    lead_in = min(motion.lead_in, 0.5 * one_way)
+    lead_in = min(motion.lead_in, 0.5 * one_way)  # s, of the way back that goes before
     pushes: list[WrenchSegment] = [
         replace(
             push,
@@ -261,7 +262,7 @@ def write_runs_page(
 def read_run(
     name: str, run: TaskRun, estimator: WrenchEstimator, tau_f: Array | None = None
 ) -> VariantReading:
-    """Reads a run with an estimator; the start (3 / K_0) is left out.
+    """Reads a run with an estimator; the observer's start (`settling_time`) is left out.
 
     Args:
         name: of the reading.
@@ -269,11 +270,12 @@ def read_run(
     """
     recording = run.recording
     state = estimator.initial_state()
-    force, sd = np.empty((2, recording.num_samples, 3))
+    force = np.empty((recording.num_samples, 3))
+    sd = np.empty((recording.num_samples, 3))
     for start in range(0, recording.num_samples, _BLOCK_ROWS):
         rows = slice(start, start + _BLOCK_ROWS)
         block = estimator.run(
-            state,  # goes on from block to block
+            state,  # `run` changes it: the next block goes on from there
             recording.q[rows],
             recording.v[rows],
             recording.current[rows],
@@ -284,11 +286,11 @@ def read_run(
         sd[rows] = block.standard_deviation[:, 3:]
     settled = recording.t - recording.t[0] >= estimator.observer.settling_time
     return VariantReading(
-        name,
-        recording.t[settled],
-        force[settled],
-        sd[settled],
-        run.reference[settled],
+        name=name,
+        t=recording.t[settled],
+        force=force[settled],
+        sd=sd[settled],
+        reference=run.reference[settled],
     )
 
 
@@ -348,7 +350,8 @@ def read_repetition(
     }
     lags = [LagPower(reader.error.K_0, step, HAND_HZ) for reader in readers]  # go on over blocks
     q, t = log.q[period:], log.t[period:]
-    force, sd = np.empty((2, len(readers), len(q), 3))
+    force = np.empty((len(readers), len(q), 3))
+    sd = np.empty((len(readers), len(q), 3))
     for start in range(0, len(q), _BLOCK_ROWS):
         rows = slice(start, start + _BLOCK_ROWS)
         J = np.asarray(robot.chain.jacobian(q[rows]))
@@ -365,7 +368,13 @@ def read_repetition(
             force[k, rows] = block.wrench[:, 3:]
             sd[k, rows] = np.sqrt(np.diagonal(block.covariance, axis1=1, axis2=2)[:, 3:])
     return [
-        VariantReading(reader.name, t - t[0], force[k], sd[k], run.reference[period:])
+        VariantReading(
+            name=reader.name,
+            t=t - t[0],
+            force=force[k],
+            sd=sd[k],
+            reference=run.reference[period:],
+        )
         for k, reader in enumerate(readers)
     ]
 

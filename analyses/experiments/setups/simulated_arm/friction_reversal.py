@@ -100,10 +100,14 @@ def separate_recordings(
     """Separates friction in recordings by pairing passes of opposite direction.
 
     Args:
-        recordings: uniform or not; each is resampled to its median step and low-passed.
+        recordings: uniform or not; each is resampled to its median step, to three digits, and
+            low-passed.
         model: mass matrix and, for the asymmetric part, gravity.
         cutoff: Hz, of the zero-phase low-pass.
         joints: which joint each recording is for; None: all joints of all recordings.
+
+    Returns:
+        The samples of each joint, of all recordings together.
 
     Raises:
         ValueError: `joints` and `recordings` differ in number.
@@ -116,13 +120,14 @@ def separate_recordings(
         step = float(f"{recording.time_step:.3g}")
         uniform = resampled(recording, step)
         low_pass = ZeroPhaseLowPass(cutoff, step)
-        tau = uniform.tau_J
-        if tau is None:
-            tau = robot.joint_torque(uniform.current)
-        q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
-        motion = FilteredMotion(uniform.t, q, v, derivative(v, step), tau)
+        tau_J = uniform.tau_J
+        if tau_J is None:
+            tau_J = robot.joint_torque(uniform.current)
+        q, v = low_pass(uniform.q), low_pass(uniform.v)
+        motion = FilteredMotion(uniform.t, q, v, derivative(v, step), low_pass(tau_J))
         for j in range(robot.num_joints) if joints is None else (joints[k],):
-            samples_of_joint[j].append(separate(chain, motion, j, REST_SPEED, 1.0 / cutoff))
+            samples = separate(chain, motion, j, rest_speed=REST_SPEED, settle=1.0 / cutoff)
+            samples_of_joint[j].append(samples)
     return SeparatedFriction(tuple(_joined(j, parts) for j, parts in enumerate(samples_of_joint)))
 
 
@@ -140,18 +145,23 @@ def reversal_recordings(
         robot: with its simulated truth; the controller is the drives' own.
         postures: (K, n) rad, in which the passes meet.
         speeds: rad/s of the passes.
+        seed: of the first log's noise; the others' follow it.
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
         ways: (K, n) or (n,) share of the motion that each joint makes, with its sign; None: signs
             alternate, so that the tool stays where it is rather than sweeping the cell.
+
+    Returns:
+        A log for each posture, in their order.
     """
+    alternating = np.where(np.arange(robot.num_joints) % 2 == 0, 1.0, -1.0)
+    posture_rows = np.atleast_2d(np.asarray(postures, dtype=np.float64))
+    directions = np.broadcast_to(
+        np.asarray(alternating if ways is None else ways, dtype=np.float64), posture_rows.shape
+    )
     recordings = []
-    postures = np.atleast_2d(np.asarray(postures, dtype=np.float64))
-    if ways is None:
-        ways = np.where(np.arange(robot.num_joints) % 2 == 0, 1.0, -1.0)
-    directions = np.broadcast_to(np.asarray(ways, dtype=np.float64), postures.shape)
-    for k, (posture, way) in enumerate(zip(postures, directions, strict=True)):
-        motion = reversal_motion(robot, way, posture, speeds, period)
+    for k, (posture, direction) in enumerate(zip(posture_rows, directions, strict=True)):
+        motion = reversal_motion(robot, direction, posture, speeds, period)
         log = simulate_motion(robot, motion, seed + k, f"reversals {k + 1}")
         recordings.append(log.recording)
     return recordings

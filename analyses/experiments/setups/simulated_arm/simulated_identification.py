@@ -39,12 +39,13 @@ def identify_simulated_arm(
 
     Args:
         robot: with its simulated truth.
+        seed: seed of both logs' noise, and of the identification in the place of the config's.
         quick: one period of each excitation in the place of NUM_PERIODS.
         contact_noise: contact noise of `identify`; a world of a campaign, whose model is not kept,
             has none.
     """
-
-    periods, config = 1 if quick else NUM_PERIODS, replace(config, seed=seed)
+    periods = 1 if quick else NUM_PERIODS
+    seeded = replace(config, seed=seed)
 
     def identified() -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
         fitted_log, validation_log = (
@@ -52,8 +53,8 @@ def identify_simulated_arm(
                 robot,
                 stored_excitation(robot, k + 1),
                 periods,
-                2 * seed + k,
-                f"excitation_{k + 1}",
+                seed=2 * seed + k,  # no two logs of a study's seeds share their noise
+                name=f"excitation_{k + 1}",
             )
             for k in range(2)
         )
@@ -61,12 +62,12 @@ def identify_simulated_arm(
             [fitted_log.recording],
             robot,
             [validation_log.recording],
-            config,
+            seeded,
             contact_noise=contact_noise,
         )
         return result, (fitted_log, validation_log)
 
-    arguments = robot, seed, periods, config, contact_noise
+    arguments = (robot, seed, periods, seeded, contact_noise)
     return shared("identify_simulated_arm", arguments, identified)
 
 

@@ -110,7 +110,10 @@ class PreparedRun:
 def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> PreparedRun:
     """Evaluates kinematics, and collects the rows for friction fits.
 
+    Where an angle is not known, J and what rests on it are NaN, and no row is collected.
+
     Args:
+        robot: carries the tool of the run's controller.
         identified: model of another specimen.
     """
     is_known = np.isfinite(run.q)
@@ -246,7 +249,8 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
         torque_sd: (6,) N m, of the law's residual: the noise that eq. 22 passes on.
 
     Returns:
-        The force along the tool's z axis, N, mean over each block.
+        The force along the tool's z axis, N, positive where it presses, mean over each block; a
+        block is valid where all its samples are.
     """
     model = replace(
         prepared.model,
@@ -256,7 +260,7 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
     )
     log = prepared.run.log
     config = WrenchEstimatorConfig(
-        MomentumObserverConfig([OBSERVER_GAIN], log.time_step, "trapezoidal"),
+        MomentumObserverConfig([OBSERVER_GAIN], log.time_step, torque_samples="trapezoidal"),
         WrenchReconstructionConfig(),  # not used: `observe` ends with tau_ext
         position_resolution=[ANGLE_RESOLUTION] * prepared.robot.num_joints,
         check_samples=False,  # velocities are rebuilt, and jump
@@ -305,14 +309,14 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
         out: folder for the results.
 
     Returns:
-        The force along the tool's z axis, N, mean over each block.
+        The force along the tool's z axis, N, positive where it presses, mean over each block.
     """
     config = EstimateConfig(
         contact=ContactConfig(axis=AXIS), tool=True, table="parquet", covariance=True, check=False
     )
     config.estimator.check_samples = False
     robot_file, model_file = model / "robot.yaml", model / "model.yaml"
-    result = estimate_log(log, robot_file, model_file, out, FORMAT, config)
+    result = estimate_log(log, robot_file, model_file, out, log_format=FORMAT, config=config)
     table = pq.read_table(result.table)
     column = {name: np.asarray(table[name], float) for name in table.column_names}
     axes = ("fx", "fy", "fz")

@@ -46,6 +46,7 @@ _CORNER_JUMP = 1.0  # rad/m a sample, all joints together, that begins a corner
 _MIN_CORNER_JUMP = 8.0  # rad/m of all its jumps together
 _CORNER_STEPS = 4  # samples between jumps of one corner
 _MIN_SPEED = 0.02  # m/s, for a division
+_BEFORE_CORNER, _AFTER_CORNER = 0.12, 0.15  # s about a corner in which it counts as near
 _MIN_CORNER_SPEED = 0.03  # m/s, above which a jump is a corner
 # m before the ramp's corners, in their order
 BLEND_RADII: Final = (0.015, 0.010, 0.010, 0.015, 0.015)
@@ -173,8 +174,9 @@ def read_run(path: Path) -> ContactRun:
     phase = log.extra["phase"][:, 0].astype(np.int64)
     speed = log.extra["tcp_speed_desired"][:, 0]
     step = log.time_step
-    v, corners = log.v, np.zeros(log.num_samples, bool)
-    if name.scene == "ramp":
+    v = log.v
+    corners = np.zeros(log.num_samples, bool)
+    if name.scene == "ramp":  # the others' paths are straight
         v, corners = rounded_corners(log.v, speed, np.isin(phase, (_SLIDE, _BEYOND)), step)
     return ContactRun(
         name=name,
@@ -196,7 +198,8 @@ def _intervals(
         phase: (T,) as the log's column.
         speed: (T,) m/s, target of the tool.
     """
-    t, intervals = log.t, {}
+    t = log.t  # 0 at the first contact
+    intervals = {}
     steady = (phase == _SLIDE) & (speed >= _STEADY_SPEED_SHARE * name.speed)
     position_controlled_ramp = name.scene == "ramp" and name.controller == "acf"
     # By interval: samples (T,) from the first to the last of which it lasts; s off its two ends.
@@ -238,7 +241,7 @@ def rounded_corners(
         blends: m before each corner, in their order; further corners take the last.
 
     Returns:
-        The velocity, and (T,) True from 0.12 s before a corner to 0.15 s after.
+        The velocity, and (T,) True from _BEFORE_CORNER before a corner to _AFTER_CORNER after.
     """
     direction = v / np.maximum(speed, _MIN_SPEED)[:, None]  # (T, n) rad/m
     jump = np.nan_to_num(np.abs(np.diff(direction, axis=0)).sum(axis=1))  # from sample k to k + 1
@@ -246,7 +249,8 @@ def rounded_corners(
     # Jumps of a few samples one after another are one corner.
     apart = np.flatnonzero(np.diff(jumps) >= _CORNER_STEPS) + 1
     corners = [corner for corner in np.split(jumps, apart) if jump[corner].sum() > _MIN_CORNER_JUMP]
-    rounded, near = v.copy(), np.zeros(len(v), bool)
+    rounded = v.copy()
+    is_near_corner = np.zeros(len(v), bool)
     travelled = np.cumsum(speed) * step  # m
     for number, corner in enumerate(corners):
         end = int(corner[-1]) + 1  # first sample behind the corner
@@ -255,8 +259,9 @@ def rounded_corners(
         start = max(start, int(np.flatnonzero(where[: end + 1])[0]))  # at rest before its path
         share = np.linspace(0.0, 1.0, end - start + 1)[:, None]
         rounded[start : end + 1] = v[start] + (v[end] - v[start]) * share
-        near[max(end - round(0.12 / step), 0) : end + round(0.15 / step)] = True
-    return rounded, near
+        begin_near = max(end - round(_BEFORE_CORNER / step), 0)
+        is_near_corner[begin_near : end + round(_AFTER_CORNER / step)] = True
+    return rounded, is_near_corner
 
 
 def write_rounded(run: ContactRun, file: Path, out: Path) -> None:

@@ -164,15 +164,16 @@ class Tally:
 
         It is found where a contact is detected from its begin to MAX_DELAY after its end. Where the
         detector says for at least half of the rest of the push that no force at E explains it, the
-        link counts that is named in more than half of those samples.
+        link counts that is named most often in those samples; none, where links are named in half
+        of them or less.
 
         Args:
             detection: along its log.
             begin, end: first sample with it, and the one after its last.
             time_step: s.
-            link: that it acts on, 1 to n; None: it acts at E.
+            link: that it acts on, 1 to n; None: it acts at E, and any link that is named is wrong.
         """
-        late = round(MAX_DELAY / time_step)
+        late = round(MAX_DELAY / time_step)  # samples
         if detection.contact[max(begin - 1, 0)]:
             return
         self.contacts += 1
@@ -185,10 +186,10 @@ class Tally:
         misfit = detection.misfit[found_part]
         if len(misfit) and misfit.mean() >= 0.5:
             self.misfits += 1
-            links = detection.link[found_part][misfit]
-            links = links[links > 0]  # 0: no link is named
-            named = int(np.bincount(links).argmax()) if 2 * len(links) > misfit.sum() else 0
-            if named == 0:
+            reported = detection.link[found_part][misfit]
+            links = reported[reported > 0]  # 0: no link is named
+            named = int(np.bincount(links).argmax()) if 2 * len(links) > len(reported) else None
+            if named is None:
                 verdict = "untold"
             elif named == link:
                 verdict = "right"

@@ -70,7 +70,8 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
         reading. None of fewer than two samples. The rank correlation is that of the error's size
         with the stated sd's, and with the condition number.
     """
-    force, truth = estimate.wrench[:, 3:], PAYLOAD_MASS * direction
+    force = estimate.wrench[:, 3:]
+    truth = PAYLOAD_MASS * direction
     deviation = estimate.standard_deviation[:, 3:]
 
     def errors(rows: Flags) -> dict[str, Any]:
@@ -190,6 +191,10 @@ def read_at_load(
         Sigma_tau: (n, n) N^2 m^2, of the torque's error.
         with_mean, free_noise: as `find_point_of_action`: whether the force there has a mean, and
             the noise a scale of its own.
+
+    Returns:
+        What was read there after LEARNING_TIME, in the order of the samples, and its metrics:
+        `bayesian` and `force_only` as found, `bayesian_zero_mean` with a prior about zero.
     """
     # The point is found from every fifth of the learnt rows, the prior beside it from all.
     learnt = slice(LEARNING_ROWS.start, LEARNING_ROWS.stop)
@@ -200,8 +205,8 @@ def read_at_load(
         R_WE[LEARNING_ROWS],
         batch.tau_ext[LEARNING_ROWS],
         Sigma_tau,
-        with_mean,
-        free_noise,
+        with_mean=with_mean,
+        free_noise=free_noise,
     )
     J = jacobian_at(batch.J, R_WE, point.p_EP)
     Sigma = point.noise_scale**2 * Sigma_tau

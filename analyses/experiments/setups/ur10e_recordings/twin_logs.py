@@ -50,7 +50,8 @@ def twin_log(
     Args:
         recording: the real log.
         robot: with its simulated truth.
-        day: seed of what differs from day to day.
+        day: seed of what differs from day to day; of no effect on a truth without mechanisms.
+        seed: seed of the drives' noise.
         payload: on the flange, unknown to the controller.
     """
     truth = robot.config.simulated_truth
