@@ -48,7 +48,7 @@ def explain(case: Case) -> Explanation | None:
             window, best = tried_window, tried
     if abs(best.shift) < MIN_SHIFT and not window:
         return None
-    view = _view(case, best.shift, window)
+    view = _shifted(case, _model_view(case, window), _spline(case), best.shift)
     fit = case.fit(view)
     cause, remedy = _sentences(case, best, window)
     # The evidence of a fit at the best shift is that of its peak. The integral over all shifts
@@ -129,10 +129,12 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
     """
     evidence_of: dict[float, float] = {}  # log evidence by shift, of those tried so far
 
+    model_view, effort = _model_view(case, window), _spline(case)
+
     def score(shift: float) -> float:
         rounded = round(shift, _SHIFT_DECIMALS)
         if rounded not in evidence_of:
-            view = _view(case, rounded, window)
+            view = _shifted(case, model_view, effort, rounded)
             evidence_of[rounded] = case.fit(view, quick=True).log_evidence
         return evidence_of[rounded]
 
@@ -166,19 +168,27 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
     return _Shift(shift=float(result), log_evidence=max(evidence_of.values()), sd=sd)
 
 
-def _view(case: Case, shift: float, window: float) -> View:
-    """The log with its drives `shift` s earlier, and its model averaged over `window` s."""
-    base, t = case.base, case.rows.t
-    spline = _spline(case)
-    measured = case.joint_torque(spline(np.clip(t + shift, t[0], t[-1])))
+def _model_view(case: Case, window: float) -> View:
+    """The log with its model averaged over `window` s, 0: as it is. No shift changes this part."""
+    base, step = case.base, case.rows.step
     if not window:
-        return replace(base, measured=measured)
+        return base
     return replace(
         base,
-        measured=measured,
-        expected=_averaged(base.expected, window, case.rows.step),
-        columns=_averaged(base.columns, window, case.rows.step),
+        expected=_averaged(base.expected, window, step),
+        columns=_averaged(base.columns, window, step),
     )
+
+
+def _shifted(case: Case, model_view: View, effort: CubicSpline, shift: float) -> View:
+    """`model_view` with the drives' signals `shift` s earlier.
+
+    Args:
+        effort: of `_spline`.
+    """
+    t = case.rows.t
+    measured = case.joint_torque(effort(np.clip(t + shift, t[0], t[-1])))
+    return replace(model_view, measured=measured)
 
 
 def _friction_view(case: Case, shift: float, window: float) -> View:

@@ -40,6 +40,7 @@ def _pose_of_E(robot: Robot, q: Array) -> tuple[Array, Array]:
     return np.array(poses)[:, :3, :3], np.array(poses)[:, :3, 3]
 
 
+@pytest.mark.long
 def test_a_path_is_placed_for_the_tool_as_it_is_turned(ur10e_turned: Robot) -> None:
     """Straight, in one orientation, E's z axis within 15 degrees of straight down."""
     task, source = load_task("linear_path")

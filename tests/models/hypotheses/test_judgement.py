@@ -33,7 +33,7 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
-STEP, DURATION = 0.01, 24.0  # s
+STEP, DURATION = 0.02, 24.0  # s
 COULOMB = np.array([8.0, 8.5, 6.0, 2.0, 2.2, 1.9])  # N m
 RATE = 2.0 * np.pi * np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29])  # rad/s
 CENTRE = np.array([0.0, -0.8, 1.0, -0.5, 1.0, 0.0])  # rad

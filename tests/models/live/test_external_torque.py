@@ -48,6 +48,7 @@ def samples_of(path):
 
 
 @pytest.mark.parametrize(("name", "at_E"), [("link4_d3", False), ("link7_a4", True)])
+@pytest.mark.long
 def test_touches_read_as_estimate_reads_them_and_those_of_links_are_not_valid(
     data, panda, tmp_path, name, at_E
 ):

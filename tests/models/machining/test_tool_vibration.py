@@ -419,6 +419,7 @@ def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker
     assert np.ptp(expected) > 1e-4
 
 
+@pytest.mark.long
 def test_what_one_joint_lost_is_told_from_what_another_did(tracker, sts):
     """Joint 5 does not vibrate, though an identified M says it may as much as joint 3.
 
@@ -451,6 +452,7 @@ def test_a_wrist_that_the_logs_hardly_determined_is_not_taken_for_loose(tracker,
     assert np.mean(np.abs(error) < 2.0 * taken[12000:, N : 2 * N] + 0.01) > 0.95
 
 
+@pytest.mark.long
 def test_an_amplitude_that_is_no_longer_there_is_forgotten(tracker, sts):
     """After 18 s of it, 24 s without are enough: MEMORY is 30 s."""
     taken, _, state = follow(tracker, sts, 0.05, seconds=18.0)

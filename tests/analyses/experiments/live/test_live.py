@@ -60,6 +60,7 @@ def model(ur10e, tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_a_log_is_read_for_its_first_seconds_with_and_without_tracking(data, ur10e, model):
     log = data(f"{FOLDER}/{LOADED_LOG}")
     plain, tracked = (read_log(log, model, track, 12.0) for track in (False, True))
@@ -82,6 +83,7 @@ def test_two_sources_at_real_time(data, ur10e, model):
         assert 0.0 < source["latency_p50_ms"] <= source["latency_p99_ms"] < 1e3
 
 
+@pytest.mark.long
 def test_missing_samples_are_counted(ur10e, model, tmp_path):
     t = T * np.delete(np.arange(500), [300, 301, 302])
     q = ur10e.home + 0.1 * np.sin(t)[:, None] * np.ones(6)

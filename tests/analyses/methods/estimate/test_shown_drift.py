@@ -69,6 +69,7 @@ def test_the_band_holds_what_the_log_shows_of_friction(sts, model_file, tmp_path
     assert (table[:, 7:13].mean(axis=0) > usual[:, 7:13].mean(axis=0)).all()
 
 
+@pytest.mark.long
 def test_contact_is_judged_with_the_drift_that_the_log_shows_also_beside_smoothed_readings(
     sts, model_file, tmp_path
 ):
@@ -81,6 +82,7 @@ def test_contact_is_judged_with_the_drift_that_the_log_shows_also_beside_smoothe
         np.testing.assert_allclose(smoothed[:, k], table[:, k], rtol=1e-9)
 
 
+@pytest.mark.long
 def test_where_friction_is_the_models_the_band_is_too(sts, model_file, tmp_path):
     log = tmp_path / "log.csv"
     write_recording(free_motion(sts, 0.0 * MORE), log)
@@ -91,6 +93,7 @@ def test_where_friction_is_the_models_the_band_is_too(sts, model_file, tmp_path)
     np.testing.assert_array_equal(table, usual)
 
 
+@pytest.mark.long
 def test_the_band_of_a_smoothed_reading_is_wider_too(sts, model_file, tmp_path):
     log = tmp_path / "log.csv"
     write_recording(free_motion(sts, MORE), log)

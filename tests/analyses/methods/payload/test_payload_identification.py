@@ -92,6 +92,7 @@ def test_two_short_logs_determine_the_load_as_one_long_log_does(ur10e, model):
     assert (np.diff(apart.rows.t) > 0.0).all()
 
 
+@pytest.mark.long
 def test_stretches_of_a_log_leave_out_contact(ur10e, model, tmp_path):
     log = recording(ur10e, 1)
     touched = log.current.copy()
@@ -176,6 +177,7 @@ def test_another_robots_model_is_refused(ur10e, sts):
         ("ur10e_more/ur-19_12_23_load.csv", slice(2, 2040), 1.069, 0.05),
     ],
 )
+@pytest.mark.long
 def test_weighed_loads_of_a_real_arm(ur10e, real_model, data, name, rows, mass, within):
     log = read_recording(data(name), "ur10e-dynamic-calibration", ur10e)
     log = log[rows] if log.num_samples > rows.stop - rows.start else log
