@@ -633,9 +633,7 @@ def test_velocities_that_a_driver_does_not_fill_are_differentiated(tmp_path: Pat
 
 
 @pytest.mark.parametrize("suffix", [".gz", ".bz2", ".xz", ".zst"])
-def test_a_packed_log_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
-) -> None:
+def test_a_packed_log_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
     import bz2
     import gzip
     import lzma
