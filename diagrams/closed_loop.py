@@ -463,9 +463,10 @@ def _add_machining(
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
     air_pass = requested.air_pass  # None: nothing was learnt beforehand, without contact
-    config = _estimator_config(scenario)
+    scenario_config = _estimator_config(scenario)
     # The prior of a pass is the force that it presses with, where the scenario states none.
-    config = replace(config, reconstruction=with_planned_force(config.reconstruction, robot, plan))
+    reconstruction = with_planned_force(scenario_config.reconstruction, robot, plan)
+    config = replace(scenario_config, reconstruction=reconstruction)
     # What the blocks of the estimator are made of, for its observer, friction law and constants.
     wrench_estimator = WrenchEstimator(robot, requested.model or parts.controller_model, config)
     if wrench_estimator.observer.reads_present_torque:

@@ -304,10 +304,11 @@ def _connect_friction(
     at_planned_speed: bool,
 ) -> None:
     """Connects the friction; its speed is the measured one, or an input `v_planned`."""
+    sources_of_friction = dict(sources)
     if at_planned_speed:
         builder.ExportInput(friction.GetInputPort("v"), "v_planned")
-        sources = {signal: port for signal, port in sources.items() if signal != "v"}
-    _connect_by_name(builder, [friction], sources)
+        del sources_of_friction["v"]
+    _connect_by_name(builder, [friction], sources_of_friction)
 
 
 def _reading_ports(builder: DiagramBuilder, reconstruction: LeafSystem) -> dict[str, OutputPort]:

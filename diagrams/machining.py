@@ -104,10 +104,19 @@ def posture_problem(
         source: named in messages.
 
     Raises:
-        InputError: narrower limits of a joint that the robot does not have, or that are no range.
+        InputError: narrower limits of a joint that the robot does not have, or that leave it no
+            range within its own.
     """
-    lower, upper = robot.position_lower + _LIMIT_MARGIN, robot.position_upper - _LIMIT_MARGIN
-    lower, upper = narrowed_limits(robot, machining.joint_ranges_deg, lower, upper, source)
+    lower, upper = narrowed_limits(
+        robot,
+        machining.joint_ranges_deg,
+        robot.position_lower + _LIMIT_MARGIN,
+        robot.position_upper - _LIMIT_MARGIN,
+        source,
+    )
+    if np.any(lower >= upper):
+        joint = robot.joint_names[int(np.argmax(lower - upper))]
+        raise InputError(source, "joint_ranges_deg", f"leave {joint} of {robot.name} no range")
     return RedundancyProblem(
         robot=robot,
         path=path,

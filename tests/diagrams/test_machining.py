@@ -15,6 +15,7 @@ from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.diagrams.workpiece import pose_of_workpiece
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_prior import live_prior
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -165,6 +166,16 @@ def test_the_prior_of_a_reading_holds_the_planned_force(sts):
     )
     stated = WrenchReconstructionConfig(prior_force_sd=7.0, prior_moment_sd=1.0)
     assert with_planned_force(stated, sts, plan) == stated
+
+
+def test_ranges_beyond_a_joints_limits_are_refused(sts):
+    """Named by the joint, not by a sample of the path that no posture reaches."""
+    scenario = load_scenario("Polishing")
+    name = sts.joint_names[0]
+    beyond = np.degrees(sts.position_upper[0]) + np.array([1.0, 10.0])
+    machining = replace(scenario.machining, joint_ranges_deg={name: beyond.tolist()})
+    with pytest.raises(InputError, match=f"joint_ranges_deg: leave {name} .* no range"):
+        make_machining_path(replace(scenario, machining=machining), sts)
 
 
 def test_a_workpiece_that_is_not_there_is_reported(sts):
