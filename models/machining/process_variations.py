@@ -430,8 +430,9 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
     memory[_TRACE + now] = vibration
     memory[_NEXT] = (now + 1) % ring_size
     memory[_FILLED] = min(memory[_FILLED] + 1.0, float(ring_size))
-    # The force acts at the next tick. A turn before that lies between two ticks that are known;
-    # the vibration at that tick itself is not, and the present one stands for it.
+    # The force acts at the next tick. A turn before that lies between two ticks that are known once
+    # so many are stored; the vibration at that tick itself is not, and the present one stands for
+    # it.
     ticks_back = table[_TURN] - 1.0  # ticks before this one
     whole_ticks = math.floor(ticks_back)
     last_turn = 0.0

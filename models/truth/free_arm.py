@@ -180,18 +180,16 @@ def simulate_free_arm(
     for first in range(0, ticks, _CHUNK_TICKS):
         reference = np.concatenate(trajectory.sample(times[first : first + _CHUNK_TICKS]), axis=1)
         _run(arm, control, pushes, _Reference(first, reference), memory, log)
-    q_read, v_read, current, tau_f = log.logged
-    q_true, v_true, tau_J, rise = log.truth_rows
     return FreeLog(
         t=times[::every].copy(),
-        q=q_read,
-        v=v_read,
-        current=current,
-        q_true=q_true,
-        v_true=v_true,
-        tau_J_true=tau_J,
-        tau_f_true=tau_f,
-        rise=rise,
+        q=log.logged[_Q],
+        v=log.logged[_V],
+        current=log.logged[_CURRENT],
+        q_true=log.truth_rows[_Q_TRUE],
+        v_true=log.truth_rows[_V_TRUE],
+        tau_J_true=log.truth_rows[_TAU_J_TRUE],
+        tau_f_true=log.logged[_TAU_F],
+        rise=log.truth_rows[_RISE_TRUE],
         wrench_true=log.wrenches,
     )
 
@@ -277,12 +275,17 @@ class _Memory(NamedTuple):
     lagged: Array
 
 
+_Q, _V, _CURRENT, _TAU_F = range(4)
+_Q_TRUE, _V_TRUE, _TAU_J_TRUE, _RISE_TRUE = range(4)
+
+
 class _Rows(NamedTuple):
     """The rows of a log.
 
     Attributes:
-        logged: (4, rows, n) q, v, current and tau_f_true of FreeLog.
-        truth_rows: (4, rows, n) q_true, v_true, tau_J_true and rise; perhaps without rows.
+        logged: (4, rows, n) q, v, current and tau_f_true of FreeLog, by _Q to _TAU_F.
+        truth_rows: (4, rows, n) q_true, v_true, tau_J_true and rise, by _Q_TRUE to _RISE_TRUE;
+            perhaps without rows.
         wrenches: (rows, 6).
     """
 
@@ -403,12 +406,13 @@ def _log_row(log: _Rows, row: int, measured: _Measured, memory: _Memory, signals
     logged, truth_rows, state = log.logged, log.truth_rows, memory.joints
     n = signals.shape[1]
     for i in range(n):
-        logged[0, row, i], logged[1, row, i] = measured.q[i], measured.v[i]
-        logged[2, row, i], logged[3, row, i] = measured.current[i], signals[TAU_F, i]
+        logged[_Q, row, i], logged[_V, row, i] = measured.q[i], measured.v[i]
+        logged[_CURRENT, row, i], logged[_TAU_F, row, i] = measured.current[i], signals[TAU_F, i]
     if truth_rows.shape[1] > 0:
         for i in range(n):
-            truth_rows[0, row, i], truth_rows[1, row, i] = memory.q[i], memory.v[i]
-            truth_rows[2, row, i], truth_rows[3, row, i] = signals[TAU_J, i], state[RISE, i]
+            truth_rows[_Q_TRUE, row, i], truth_rows[_V_TRUE, row, i] = memory.q[i], memory.v[i]
+            truth_rows[_TAU_J_TRUE, row, i] = signals[TAU_J, i]
+            truth_rows[_RISE_TRUE, row, i] = state[RISE, i]
     for axis in range(6):
         log.wrenches[row, axis] = measured.wrench[axis]
 
