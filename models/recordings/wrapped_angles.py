@@ -58,7 +58,7 @@ class Unwrapper:
         is_wrap = (np.abs(jump) > np.pi) & (
             np.abs(jump - _FULL_TURN * turns) <= self._reach(np.diff(t))
         )
-        if self._robot is not None and hasattr(self._robot, "chain"):
+        if self._robot is not None:
             is_wrap &= ~np.asarray(self._robot.chain.prismatic, bool)
         turns = np.where(is_wrap, turns, 0.0)
         offset = self._offset - _FULL_TURN * np.cumsum(turns, axis=0)  # rad, of each sample
@@ -73,7 +73,7 @@ class Unwrapper:
         """(T - 1, n) by how much a jump may differ from a turn."""
         if self._is_stated:
             return np.full((len(steps), 1), np.pi)
-        if self._robot is None or not hasattr(self._robot, "velocity_limit"):
+        if self._robot is None:
             return np.full((len(steps), 1), _TURN_TOLERANCE)
         limit = np.minimum(self._robot.velocity_limit, _MAX_SPEED)
         return np.minimum(2.0 * limit * steps[:, None] + _JUMP_MARGIN, _TURN_TOLERANCE)

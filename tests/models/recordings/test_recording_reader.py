@@ -204,6 +204,8 @@ def test_torque_instead_of_current_needs_the_robot(tmp_path: Path) -> None:
         current_sign=np.array([1.0, -1.0]),
         motor_current=lambda tau_J: tau_J / [10.0, -4.0],
         q_offset=np.zeros(2),
+        velocity_limit=np.full(2, np.inf),
+        chain=SimpleNamespace(prismatic=np.zeros(2, bool)),
     )
     recording = read_recording(path, robot=robot, check=False)
     np.testing.assert_array_equal(recording.tau_J, _table()[:, 5:])

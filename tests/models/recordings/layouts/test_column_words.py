@@ -10,7 +10,14 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_reader import read_recording
 
 _ROWS, _JOINTS = 40, ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint")
-_ROBOT = SimpleNamespace(name="arm", num_joints=3, joint_names=_JOINTS, q_offset=np.zeros(3))
+_ROBOT = SimpleNamespace(
+    name="arm",
+    num_joints=3,
+    joint_names=_JOINTS,
+    q_offset=np.zeros(3),
+    velocity_limit=np.full(3, np.inf),
+    chain=SimpleNamespace(prismatic=np.zeros(3, bool)),
+)
 _T = 0.01 * np.arange(_ROWS)
 _Q = np.round(np.sin(_T[:, None] + np.arange(3)), 6)
 _V = np.round(np.cos(_T[:, None] + np.arange(3)), 6)

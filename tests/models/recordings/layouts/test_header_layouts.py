@@ -20,6 +20,8 @@ _ROBOT = SimpleNamespace(
     current_sign=np.ones(2),
     motor_current=lambda tau_J: tau_J / [10.0, 4.0],
     q_offset=np.zeros(2),
+    velocity_limit=np.full(2, np.inf),
+    chain=SimpleNamespace(prismatic=np.zeros(2, bool)),
 )
 
 
