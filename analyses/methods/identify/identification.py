@@ -154,6 +154,7 @@ class IdentificationResult:
         model, base = self.model, self.base
         law = model.friction.coulomb_viscous
         table = model.base_parameters
+        # Errors of each law: the held-out one, and of laws that were compared the two extrapolated.
         error_keys = ("rmse_nm", "fastest_rmse_nm", "slowest_rmse_nm")
         is_uncertain = np.array(table.standard_deviations) > 0.5 * np.abs(table.values)
         return {

@@ -53,12 +53,12 @@ def gain_ratios(
     rows = np.vstack(stacked)
     inertial_columns = slice(0, _INERTIAL * n)
     ends = np.cumsum([len(R) for R in stacked])
-    ratios, deviations = np.full(n, np.nan), np.full(n, np.inf)
+    ratios, sds = np.full(n, np.nan), np.full(n, np.inf)
     for j in range(n):
         of_joint = slice(ends[j] - len(stacked[j]), ends[j])
-        ratios[j], white_deviation = _gain_ratio(rows, of_joint, inertial_columns, x)
-        deviations[j] = white_deviation * np.sqrt(oversampling)
-    return ratios, deviations
+        ratios[j], white_sd = _gain_ratio(rows, of_joint, inertial_columns, x)
+        sds[j] = white_sd * np.sqrt(oversampling)
+    return ratios, sds
 
 
 def _gain_ratio(
@@ -131,7 +131,8 @@ def payload_differences(
     n = len(factors[0].R)
     # Columns of the last link's mass and first moments.
     last = slice(_INERTIAL * (n - 1), _INERTIAL * (n - 1) + 4)
-    masses, deviations = [], []
+    masses: list[float] = []
+    sds: list[float] = []
     for factor in factors:
         rows = np.vstack([R / residual_sd[j] for j, R in enumerate(factor.R)])
         A, residual = rows[:, last], rows[:, -1] - rows[:, :-1] @ x
@@ -140,8 +141,8 @@ def payload_differences(
         masses.append(payload[0])
         # Of the whitened residual, at least the stated one.
         variance = float(np.sum((residual - A @ payload) ** 2)) / max(1, factor.num_rows * n)
-        deviations.append(np.sqrt(covariance[0, 0] * max(1.0, variance) * oversampling))
-    return np.array(masses), np.array(deviations)
+        sds.append(np.sqrt(covariance[0, 0] * max(1.0, variance) * oversampling))
+    return np.array(masses), np.array(sds)
 
 
 # What makes a result doubtful:
