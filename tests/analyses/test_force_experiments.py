@@ -61,7 +61,8 @@ def run_small(name, out, monkeypatch):
         monkeypatch.setattr(path_study, "identify_arm", known_arm)
         if name == "combined":
             monkeypatch.setattr(module, "task_path", known_path)
-            monkeypatch.setattr(module, "found_path", lambda *_: known_path(None, "optimised"))
+            optimised = known_path(None, "optimised")
+            monkeypatch.setattr(module, "found_path", lambda *_, **__: optimised)
     return module.run(ExperimentContext(out=out, data=out, quick=True))
 
 
