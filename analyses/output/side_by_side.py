@@ -69,7 +69,8 @@ def run_side_by_side(
         run: can be pickled, as its tasks and results can.
         tasks: in the order in which they begin.
         jobs: processes side by side, at least 1.
-        tries: how often a task is begun, at the most, whose process dies.
+        tries: how often a task is begun, at the most, whose process dies. A process that was seen
+            to die while idle is replaced, which counts for no task.
         each_in_its_own: whether each task gets a new process; else a process takes several.
         environment: environment of the processes, beside the limits of threads.
         log: file that takes what the processes print.
@@ -100,15 +101,28 @@ def run_side_by_side(
         **_MEMORY_ENVIRONMENT,
         **(environment or {}),
     }
+
+    def submit(task: Task) -> tuple[Any, Future[Result]]:
+        """The executor that the task was given to, and the task's future."""
+        while idle:
+            executor = idle.pop()
+            try:
+                return executor, executor.submit(run, task)
+            except BrokenExecutor:  # its process died while idle: the task was not begun
+                executor.shutdown(wait=True, kill_workers=True)
+        executor = new_executor()
+        return executor, executor.submit(run, task)
+
     try:
         while waiting or under_way:
             while waiting and len(under_way) < jobs:
                 task, attempt = waiting.popleft()
-                # The process begins with the submission. No signal comes between that and its entry
-                # here, by which the end finds it.
+                # The process begins with the submission. SIGINT, SIGTERM and SIGHUP are blocked
+                # until its executor has its entry in `under_way`, by which the end finds it; the
+                # threads and processes that begin in the block keep them blocked.
                 with for_this_process_alone():
-                    executor = idle.pop() if idle else new_executor()
-                    under_way[executor.submit(run, task)] = _Call(task, attempt, executor)
+                    executor, future = submit(task)
+                    under_way[future] = _Call(task, attempt, executor)
                 started(task)
             ended = wait(under_way, timeout=_LOOK_PERIOD, return_when=FIRST_COMPLETED).done
             tick()

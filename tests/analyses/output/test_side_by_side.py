@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 import warnings
 from contextlib import closing
@@ -67,6 +68,22 @@ def test_one_that_dies_each_time_is_told_with_its_exit_code():
     ended = dict(run_side_by_side(die, range(3), 2, tries=2))
     assert ended == {0: 0, 1: Died("EXIT(3)"), 2: 2}
     assert str(ended[1]) == "its process died (EXIT(3))"
+
+
+def test_one_that_dies_while_idle_is_replaced():
+    """Its next task was not begun: it is neither lost nor counted as tried."""
+    earlier_threads = set(threading.enumerate())
+    runs = run_side_by_side(number, range(3), 1)
+    _, first = next(runs)
+    os.kill(first, signal.SIGKILL)
+    # The executor's threads end when it has seen that its process died.
+    ended_by = time.monotonic() + 60.0
+    while set(threading.enumerate()) - earlier_threads:
+        assert time.monotonic() < ended_by
+        time.sleep(0.01)
+    later = dict(runs)
+    assert set(later) == {1, 2}
+    assert later[1] == later[2] != first  # one new process takes both
 
 
 def test_linear_algebra_gets_one_thread(monkeypatch):
