@@ -619,8 +619,12 @@ def _check_line(motion: LineMotion) -> None:
             f'"{motion.time_law}", expected {choices}',
             nearest(motion.time_law, TIME_LAWS),
         )
-    if not motion.one_way > 0 or motion.passes < 1 or not motion.start >= 0:
-        raise InputError("scenario", "motion", "one_way must be above 0, passes 1 or more")
+    if not motion.one_way > 0:
+        raise InputError("scenario", "motion.one_way", f"{motion.one_way}, expected above 0 (s)")
+    if motion.passes < 1:
+        raise InputError("scenario", "motion.passes", f"{motion.passes}, expected 1 or more")
+    if not motion.start >= 0:
+        raise InputError("scenario", "motion.start", f"{motion.start}, expected 0 or more (s)")
     if not 0 < motion.ramp <= 0.5:
         raise InputError("scenario", "motion.ramp", f"{motion.ramp}, expected above 0, at most 0.5")
     if not 0 <= motion.lead_in <= (motion.one_way if motion.passes > 1 else 0.0):

@@ -164,8 +164,9 @@ def test_line_through_home_by_default(sts):
         (JointSineMotion(amplitude=[5.0]), "beyond its limits"),
         (JointSineMotion(ramp=0.0), "ramp"),
         (LineMotion(time_law="third"), 'did you mean "thirds"'),
-        (LineMotion(one_way=0.0), "one_way"),
-        (LineMotion(passes=0), "passes"),
+        (LineMotion(one_way=0.0), r"motion\.one_way: 0\.0, expected above 0"),
+        (LineMotion(passes=0), r"motion\.passes: 0, expected 1 or more"),
+        (LineMotion(start=-1.0), r"motion\.start: -1\.0, expected 0 or more"),
         (LineMotion(path_length=5.0), "reach"),
     ],
 )
