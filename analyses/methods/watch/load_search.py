@@ -46,11 +46,11 @@ class LoadSearch:
         self._robot, self._model = robot, model
         self._in_background = in_background
         self._pool: ThreadPoolExecutor | None = None
-        self._running: Future[LoadOrDrift | None] | None = None
         self.restart()
 
     def restart(self) -> None:
-        """The stream begins anew."""
+        """The stream begins anew; what a look finds that still runs is not reported."""
+        self._running: Future[LoadOrDrift | None] | None = None
         self._begin: float | None = None  # s, of the stream; None: no sample has come
         self._looks = list(LOOK_TIMES)  # s after the begin, of the looks to come
         # Gathered since the last look; all readings so far are in the monitor.
@@ -92,6 +92,7 @@ class LoadSearch:
         if self._estimator is not estimator:
             if self._estimator is not None:  # not the first: reading began anew
                 self._begin, self._readings, self._monitor = t, [], None
+                self._running = None  # what it finds is of the readings before
             self._estimator = estimator
         if self._begin is None or not self._looks or self._running is not None:
             return
