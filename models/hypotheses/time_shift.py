@@ -17,6 +17,10 @@ MIN_SHIFT = 0.025  # s; filters of drives and encoders differ by less
 MAX_SHIFT = 1.0  # s
 MEAN_TIMES = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0)  # s, of averages
 WINDOW_ODDS = 10.0  # of an average against none, or a shorter one, from which on it counts
+_MIN_MEAN_ROWS = 3.0  # rows in an average's window, below which the rows do not show it
+# Odds beforehand: half for a shift alone, half for all averages, each of which is as likely.
+_SHIFT_ALONE_PRIOR = 0.5
+_EACH_MEAN_PRIOR = 0.5 / len(MEAN_TIMES)
 _COARSE_STEP = 0.05  # s, between shifts around one that is known; else every second is tried first
 _FIRST_STEPS = 2  # coarse ones at either side of a known shift
 _FINE_STEP = 2e-3  # s, at which the search ends: far below MIN_SHIFT
@@ -32,41 +36,53 @@ _FLAT_CURVATURE = 1e-6  # 1/s^2; at or below it the log does not determine the s
 def explain(case: Case) -> Explanation | None:
     """The shift, or the average with its shift, that explains the log best; None: neither does.
 
-    A positive shift: the drives' signals are late. An average over a window of MEAN_TIMES s must be
-    WINDOW_ODDS times likelier than a shift alone.
+    A positive shift: the drives' signals are late. The windows of MEAN_TIMES are tried from the
+    shortest on: an average must be more than WINDOW_ODDS times likelier than the best form before
+    it, which is the shift alone or a shorter average.
 
     Args:
         case: the log, its model and the fit of the log as it is.
     """
     window, best = 0.0, _best_shift(case, 0.0)
     for tried_window in MEAN_TIMES:
-        if tried_window < 3.0 * case.rows.step:  # of fewer rows: the rows do not show it
+        if tried_window < _MIN_MEAN_ROWS * case.rows.step:
             continue
-        # An average of what lies before is late by half its window.
+        # The drives' average of what lies before is late by half its window; the model's lies
+        # around each row, and moves nothing. So the shift that was found without it stays.
         tried = _best_shift(case, tried_window, around=best.shift)
         if tried.log_evidence - math.log(WINDOW_ODDS) > best.log_evidence:
             window, best = tried_window, tried
     if abs(best.shift) < MIN_SHIFT and not window:
         return None
-    view = _shifted(case, _model_view(case, window), _spline(case), best.shift)
+    view = _with_drives_earlier(case, _model_view(case, window), _spline(case), best.shift)
     fit = case.fit(view)
     cause, remedy = _sentences(case, best, window)
     # The evidence of a fit at the best shift is that of its peak. The integral over all shifts
     # within MAX_SHIFT, equally likely beforehand, is the peak times its width over that range.
-    peak_width = max(best.sd, _LEAST_SD) * math.sqrt(2.0 * math.pi)
-    log_width_share = math.log(peak_width / (2.0 * MAX_SHIFT))
-    # Half of the odds beforehand for a shift alone, half for all averages.
-    num_forms = 2.0 * len(MEAN_TIMES) if window else 2.0
+    log_width_share = math.log(peak_width_share(best.sd))
+    log_prior = math.log(_EACH_MEAN_PRIOR if window else _SHIFT_ALONE_PRIOR)
+    # Friction is late in any log: what its lateness alone explains speaks for no fault.
     log_evidence = fit.log_evidence - _known_of_friction(case, best.shift, window)
     return Explanation(
         name=NAME,
-        log_evidence=log_evidence + log_width_share - math.log(num_forms),
+        log_evidence=log_evidence + log_width_share + log_prior,
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
         cause=cause,
         remedy=remedy,
         values={"delay_s": best.shift, "delay_sd_s": best.sd, "average_s": window},
     )
+
+
+def peak_width_share(sd: float) -> float:
+    """The width of a shift's normal peak, over the range of the shifts within MAX_SHIFT; at most 1.
+
+    Args:
+        sd: s, standard error of the shift; MAX_SHIFT where the log does not determine it.
+    """
+    peak_width = max(sd, _LEAST_SD) * math.sqrt(2.0 * math.pi)
+    # A peak that is wider than the range ends with it.
+    return min(peak_width / (2.0 * MAX_SHIFT), 1.0)
 
 
 def _known_of_friction(case: Case, shift: float, window: float) -> float:
@@ -134,7 +150,7 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
     def score(shift: float) -> float:
         rounded = round(shift, _SHIFT_DECIMALS)
         if rounded not in evidence_of:
-            view = _shifted(case, model_view, effort, rounded)
+            view = _with_drives_earlier(case, model_view, effort, rounded)
             evidence_of[rounded] = case.fit(view, quick=True).log_evidence
         return evidence_of[rounded]
 
@@ -180,7 +196,7 @@ def _model_view(case: Case, window: float) -> View:
     )
 
 
-def _shifted(case: Case, model_view: View, effort: CubicSpline, shift: float) -> View:
+def _with_drives_earlier(case: Case, model_view: View, effort: CubicSpline, shift: float) -> View:
     """`model_view` with the drives' signals `shift` s earlier.
 
     Args:
