@@ -26,6 +26,7 @@ _QUANTITY_WORDS = {
     "current": ("current", "currents", "cur"),
     "load": ("load", "loads", "pwm"),
 }
+_EFFORT_WORDS = {"effort", "efforts", "eff"}  # of a torque in N m, or of a current in A
 _COMMAND_WORDS = ("goal", "target", "command", "commanded", "cmd", "action", "desired", "leader")
 _OTHER_WORDS = ("ee", "eef", "tcp", "cartesian", "pose", "env", "environment", "image", "images",
                 "wrench", "force", "ft", "base", "object", "gripper")  # fmt: skip
@@ -38,6 +39,7 @@ _POSE = {"x", "y", "z", "rx", "ry", "rz", "qw", "qx", "qy", "qz", "roll", "pitch
 _SINGLE_NUMBERS = "one number a feature"  # the group of all features of one number
 _LONGEST_NOTICE = 200  # characters of the features of a quantity
 _LARGEST_RAD = 4.0 * np.pi  # no joint turns twice about itself to either side
+_DEG_PER_RAD = 180.0 / np.pi  # the gain of a joint that slides, in m, among others in deg
 _MAX_NORMALISED = 100.5  # LeRobot's normalised positions end at 100
 _DESCRIBE = (
     'name the columns with --log-format, such as position: {columns: "observation.state.{1..6}"}'
@@ -54,6 +56,7 @@ class _Entry:
     column: int  # of the table
     feature: str
     index: int  # in the feature
+    is_effort: bool  # whether its name, or its feature's, calls it an effort
 
 
 class _JointEntries(NamedTuple):
@@ -80,8 +83,8 @@ def feature_layout(
         columns: columns of its tables, as `parquet_table` names them: FEATURE.1..FEATURE.k.
         joint_names: joint names of the robot, base to tool; None: all joints, in the data set's
             order.
-        prismatic: which of the joints slide; None: none.
-        angle: unit of the positions, deg or rad; '': decided by their size.
+        prismatic: which of the joints slide, whose positions are in m; None: none.
+        angle: unit of the other positions, deg or rad; '': decided by their size.
 
     Raises:
         InputError: the data set holds no joint positions, those of other joints, or positions
@@ -103,25 +106,28 @@ def feature_layout(
     form = RecordingFormat(time=by_number([list(columns).index("timestamp")]))
     unit, unit_notices = _angle_unit(data_set, positions.entries, prismatic, angle)
     units = {"position": unit, "velocity": "deg/s" if unit == "deg" else ""}
-    assignments = []
-    for quantity, (joint_entries, _) in joints.items():
-        if joint_entries and len(joint_entries) == len(positions.entries):
-            numbers = [entry.column for entry in joint_entries]
-            setattr(form, quantity, by_number(numbers, units.get(quantity, "")))
-            features = ", ".join(dict.fromkeys(entry.feature for entry in joint_entries))
-            assignments.append(f"{quantity.replace('_', ' ')} from {features}"[:_LONGEST_NOTICE])
-    if form.current is not None and form.motor_torque is not None:
-        form.current = None  # torque needs no torque constant
-    notices = [f"data set read: {'; '.join(assignments)}"]
-    if positions.note:
-        notices.append(positions.note)
+    assignments, order_notices = [], [positions.note] if positions.note else []
+    for quantity, (joint_entries, note) in joints.items():
+        if len(joint_entries) != len(positions.entries):
+            continue
+        if quantity == "current" and form.motor_torque is not None:
+            continue  # torque needs no torque constant
+        signal = by_number([entry.column for entry in joint_entries], units.get(quantity, ""))
+        if signal.unit.startswith("deg") and any(prismatic or ()):
+            signal.gain = [_DEG_PER_RAD if slides else 1.0 for slides in prismatic or ()]
+        setattr(form, quantity, signal)  # the quantities are fields of RecordingFormat
+        name = quantity.replace("_", " ")
+        features = ", ".join(dict.fromkeys(entry.feature for entry in joint_entries))
+        assignments.append(f"{name} from {features}"[:_LONGEST_NOTICE])
+        if note and note != positions.note:
+            order_notices.append(f"{name}: {note}")
+    notices = [f"data set read: {'; '.join(assignments)}", *order_notices]
     notices += unit_notices
     torque_substitute = ""
     if form.motor_torque is None and form.current is None:
         torque_substitute = _torque_substitute(entries, columns)
     is_effort = form.motor_torque is not None and any(
-        "eff" in (entry.feature + entry.joint + columns[entry.column]).lower()
-        for entry in joints["motor_torque"].entries
+        entry.is_effort for entry in joints["motor_torque"].entries
     )
     return KnownLayout(form, tuple(notices), torque_substitute, is_effort)
 
@@ -180,7 +186,8 @@ def _entries(data_set: DataSet, columns: Sequence[str]) -> list[_Entry]:
                 continue
             joint = "_".join(word for word in other_words if word not in _FILLERS)
             column = column_numbers[column_name]
-            entries.append(_Entry(quantity, joint, group, column, feature.name, k))
+            is_effort = not _EFFORT_WORDS.isdisjoint((*feature_words, *entry_words))
+            entries.append(_Entry(quantity, joint, group, column, feature.name, k, is_effort))
     return entries
 
 
@@ -254,9 +261,10 @@ def _angle_unit(
     Raises:
         InputError: the size of the positions does not decide it.
     """
-    if angle:
-        return angle, [f"positions are read in {angle}, as --log-format says"]
     is_prismatic = list(prismatic or [False] * len(joints))
+    sliding = ", of joints that slide in m" if any(is_prismatic) else ""
+    if angle:
+        return angle, [f"positions are read in {angle}{sliding}, as --log-format says"]
     largest = 0.0
     for joint, slides in zip(joints, is_prismatic, strict=False):
         limits = data_set.largest(joint.feature)
@@ -265,7 +273,7 @@ def _angle_unit(
     if largest <= _LARGEST_RAD:
         return "rad", []
     if largest > _MAX_NORMALISED:
-        return "deg", [f"positions are read in degrees: they reach {largest:.0f}"]
+        return "deg", [f"positions are read in degrees{sliding}: they reach {largest:.0f}"]
     robot_type = f" ({data_set.robot_type[:40]})" if data_set.robot_type else ""
     problem = (
         f"positions reach {largest:.0f}: degrees, or LeRobot's positions normalised to -100..100"
