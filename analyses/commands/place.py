@@ -55,7 +55,8 @@ def _print(result: "PlacementResult", out: Path) -> None:
             cells = [f"{metrics[solution][name]:.4f}" for name in names]
             table.add_row(solution, *cells)
     optimised = metrics["optimised"]
-    # The first is the best. Another one that no start ended at comes of the refinement of another.
+    # The best one comes first. Of the others, those at which no start ended are left out: they came
+    # out of the refinement of an optimum.
     optima = ", ".join(
         f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)"
         for k, o in enumerate(metrics["optima"])

@@ -140,7 +140,9 @@ class Clearance:
         # What a pair of shapes (two ids) must keep, m, where it is not `margin`;
         # -inf: the pair is left out. The two calls below fill it in, each its own pairs: the home
         # posture says it of arm and floor; of a workpiece and obstacles it follows from what may
-        # touch them.
+        # touch them. Pairs of the home posture have the order in which Drake states them, always
+        # the same for two shapes; the others are there in either order. Shapes are told by name:
+        # an obstacle called as the floor or the workpiece, which a task refuses, counts as that.
         self._required: dict[tuple[Any, Any], float] = {}
         arm_and_floor = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
         self.overlapping = self._require_at_home(robot, arm_and_floor)

@@ -304,18 +304,20 @@ class PlacementProgram:
             solver: one of SOLVERS.
             options: options of the solver, by its own names, beside or in place of the defaults.
             measure: what to minimise the mean of, in place of the program's own; the cost of the
-                solution is the program's own all the same.
+                solution is the program's own all the same. None where the program has no cost.
 
         Returns:
             Where the solver ended, converged or not; the start itself where it gave up.
 
         Raises:
-            ValueError: no such solver.
+            ValueError: no such solver, or a measure for a program without a cost.
             KeyboardInterrupt: the user's, from within the solver.
         """
         if solver not in SOLVERS:
             raise ValueError(f"placement: solver {solver!r}, expected {' or '.join(SOLVERS)}")
-        # The program's cost, `_cost`, counts its calls in the one and minimises the other.
+        if measure is not None and not self._has_cost:
+            raise ValueError("placement: a measure, but the program has no cost (has_cost=False)")
+        # `_cost` counts its calls in `_evaluations`; its value is the mean of `_solved_measure`.
         self._evaluations = 0
         self._solved_measure = self.measure if measure is None else measure
         engine: Any = SnoptSolver() if solver == "snopt" else IpoptSolver()

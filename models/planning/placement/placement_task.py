@@ -19,6 +19,7 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 
 _DEGREES_ROUNDING = 1e-9  # degrees, by which two angles that are meant to be equal may differ
+_TAKEN_NAMES = ("floor", "workpiece")  # of the cell's other shapes, which distances tell by name
 _MIN_LENGTH = 1e-9  # of a vector that is to have a direction
 _MAX_SEGMENTS = 500  # of a path; a program has n variables for each point
 
@@ -42,7 +43,7 @@ class ObstacleConfig:
     """A box that stands still in the cell: a table, a fence."""
 
     name: str = field(default="", metadata=REQUIRED)
-    """as messages call it"""
+    """as messages call it; not floor or workpiece"""
     size: list[float] = field(default_factory=list, metadata=REQUIRED)
     """along x, y, z, m"""
     pose: PoseConfig = field(default_factory=PoseConfig)
@@ -393,7 +394,7 @@ def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Pa
     sizes = [(f"obstacles[{i}]", o.size) for i, o in enumerate(clearance.obstacles)]
     names = [obstacle.name for obstacle in clearance.obstacles]
     for index, name in enumerate(names):
-        if name in names[:index] or name == "workpiece":
+        if name in names[:index] or name in _TAKEN_NAMES:
             raise InputError(
                 source,
                 f"clearance.obstacles[{index}]",

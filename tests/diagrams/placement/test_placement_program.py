@@ -246,6 +246,16 @@ def test_an_unknown_solver_is_refused(sts: Robot, bounds: PlacementBounds) -> No
         program_of(sts, bounds).solve(start(sts), "nlopt")
 
 
+def test_a_measure_is_refused_where_nothing_is_minimised(
+    sts: Robot, bounds: PlacementBounds
+) -> None:
+    """It was ignored."""
+    measure = ConditionNumber(sts.chain)
+    program = PlacementProgram(sts, measure, bounds, 1.0, 4, has_cost=False)
+    with pytest.raises(ValueError, match="the program has no cost"):
+        program.solve(start(sts, segments=4), measure=measure)
+
+
 @pytest.mark.long
 def test_ipopt_solves_the_same_program(sts: Robot, bounds: PlacementBounds) -> None:
     """From the end of a rough solve, as the search has it, wherever last bits send the iterations.

@@ -90,6 +90,14 @@ BAD_FILES = {
         {"clearance": {"obstacles": [{"name": "t", "size": [1, 1, 1]}] * 2}},
         '"t" is taken',
     ),
+    "named as the floor": (
+        {"clearance": {"obstacles": [{"name": "floor", "size": [1, 1, 1]}]}},
+        'clearance.obstacles[0]: the name "floor" is taken',
+    ),
+    "named as the workpiece": (
+        {"clearance": {"obstacles": [{"name": "workpiece", "size": [1, 1, 1]}]}},
+        'clearance.obstacles[0]: the name "workpiece" is taken',
+    ),
     "cone against angle": (
         {
             "tool_direction": [0.0, 0.0, -1.0],
