@@ -34,9 +34,9 @@ class ForceTorqueSensorConfig:
     moment_noise_sd: float = 0.0
     """N m, the same"""
     cutoff: float = 0.0
-    """Hz at -3 dB; 0: no filter"""
+    """Hz at -3 dB; 0: no filter, but its delay of one tick, as of order 1"""
     order: int = 1
-    """of the Butterworth low-pass; 1 is a single exact pole"""
+    """of the Butterworth low-pass; 1 is a single exact pole; not used where cutoff is 0"""
     compensation: float = 1.0
     """share of the tool's mass and inertia that is taken off"""
 

@@ -44,18 +44,21 @@ class _TakenSample(NamedTuple):
 class WrenchEstimatorSystem(SampledBlock):
     """Estimates the wrench as `diagrams.estimator.make_estimator` does, in one block.
 
-                        +-----------------------+ --> tau_ext
-      q            -->  |                       | --> wrench
-      v            -->  |                       | --> covariance
-      current      -->  | WrenchEstimatorSystem | --> condition_number
-                        |                       | --> valid
-                        |                       | --> invalid
-                        |                       | --> terms
-                        |                       | --> fault
-                        |                       | --> tau_J
-                        +-----------------------+ --> reading
+                              +-----------------------+ --> tau_ext
+      q                  -->  |                       | --> wrench
+      v                  -->  |                       | --> covariance
+      current            -->  |                       | --> condition_number
+      (tau_correction)   -->  |                       | --> valid
+      (correction_valid) -->  | WrenchEstimatorSystem | --> invalid
+      (correction_sd)    -->  |                       | --> terms
+      (v_planned)        -->  |                       | --> fault
+                              |                       | --> tau_J
+                              |                       | --> reading
+                              |                       | --> pole
+                              +-----------------------+ --> sliding
 
-    Inputs:     as make_estimator's, with `corrected` those of a correction, too
+    Inputs:     as make_estimator's; those in brackets with `corrected` alone, v_planned only where
+                friction is of the speed alone (`FrictionLaw.is_of_speed_alone`)
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, invalid,
                 terms, fault; tau_J (n,) N m, NaN where the current is impossible;
                 reading  the first six one after the other, in this order, then fault,
@@ -115,6 +118,8 @@ class WrenchEstimatorSystem(SampledBlock):
         # By name; empty where the estimator is not corrected.
         self._correction_ports = self._declare_correction_inputs() if corrected else {}
 
+        # Exactly the inputs that `_calc_taken_sample` evaluates: Drake takes one that is missing
+        # here for unchanged, and one too many for feedthrough.
         ports_of_sample = [self._q, self._v, *self._correction_ports.values()]
         # An observer that does not read the present torque does without this feedthrough, so that a
         # controller may make the current of the wrench without an algebraic loop. The update always
@@ -122,7 +127,8 @@ class WrenchEstimatorSystem(SampledBlock):
         self._reads_current = estimator.observer.reads_present_torque
         if self._reads_current:
             ports_of_sample.append(self._current)
-        # In the place of v_planned, which a friction law with memory does not read.
+        # Stands for v_planned where there is no such input: a friction law that is not of the speed
+        # alone (`is_of_speed_alone`) does not read it.
         self._no_planned_speed = np.zeros(n)
         # The reading of the present sample and the state after it, once a tick: whichever output or
         # update asks first. The outputs are made of it.

@@ -21,9 +21,11 @@ FORCE_ARROWS: dict[str, ArrowStyle] = {
     "force estimated": ArrowStyle((0.0, 0.447, 0.698), 0.55, 0.009, 0.021),
 }
 
-_SIDE_ANGLE = 1.0  # rad about the vertical, from the tool's direction to the camera's
+# rad about the vertical, from the tool's direction to the camera's, clockwise seen from above: to
+# the right of one who looks from the base to the tool.
+_SIDE_ANGLE = 1.0
 _CAMERA_RISE = 0.35  # of the camera, over its horizontal distance
-_MIN_DISTANCE = 1.2  # of the camera, over the size of arm and path
+_MIN_DISTANCE_RATIO = 1.2  # of the camera's distance, over the size of arm and path
 _MIN_SIZE = 0.5  # m, of arm and path
 _TARGET_SHARE = 0.45  # of the way from the base to the tool, where the camera looks
 _HALF_VIEW = 0.58  # rad about the camera's axis within which things are shown; Meshcat has 0.65
@@ -69,7 +71,7 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
     direction /= np.linalg.norm(direction)
     points = np.vstack([np.zeros(3), p_home, path])  # base, E at home and E on its way
     # Far enough for these; links may stand out beyond them, so not too near in any case.
-    distance = max(_MIN_DISTANCE * size, _distance_of_view(points - target, direction))
+    distance = max(_MIN_DISTANCE_RATIO * size, _distance_of_view(points - target, direction))
     meshcat.SetCameraPose(target + distance * direction, target)
     return meshcat
 

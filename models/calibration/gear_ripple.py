@@ -56,6 +56,7 @@ MAX_RATE = 15.0  # rad/s of the ripple's phase, half of what rows of 10 Hz can t
 MIN_SLOW_SHARE = 0.5  # of the rows in which a joint moves: its least share of slow ones
 MAX_ROWS = 600  # rows of a long log that are used, in stretches of STRETCH_ROWS
 STRETCH_ROWS = 50  # 5 s of 10 Hz: ten correlation times of the residual
+_OFFSET_PLACE = 2  # among a joint's coefficients of friction: Coulomb, viscous, offset
 _SCALE_PASSES = 5  # of scatter and fit in turns, after which neither changes
 _LOG_FACTOR_RANGE = (-50.0, 500.0)  # of which exp and its product over joints are finite
 _LEAST_TURN = 1e-9  # turns of a joint that hardly moved, for a division
@@ -154,7 +155,8 @@ def find_ripple(
         is_used = np.arange(len(rows.t)) // STRETCH_ROWS % stride == 0
         rows, q, other = rows[is_used], q[is_used], other[is_used]
     friction_sd = FrictionDrift().deviation(rows, law)
-    friction_sd[:, 2] = np.maximum(friction_sd[:, 2], OFFSET_SDS * rows.sd)
+    offset_sd = friction_sd[:, _OFFSET_PLACE]
+    friction_sd[:, _OFFSET_PLACE] = np.maximum(offset_sd, OFFSET_SDS * rows.sd)
     turns = np.ptp(q, axis=0) / (2.0 * np.pi)  # (n,)
     periods = _tried_periods(float(turns.max()))
     fits = [
@@ -170,11 +172,13 @@ def find_ripple(
         for j in range(rows.num_joints)
     ]
     log_factor = np.array([fit.log_factor for fit in fits])  # (n, K), as the next two
-    mean_square = np.array([fit.mean_square for fit in fits])
+    amplitude_square = np.array([fit.amplitude_square for fit in fits])
     variance = np.array([fit.variance for fit in fits])
-    # The square of a wave's amplitude is twice the wave's mean square.
-    is_known = 0.5 * mean_square <= known_sd[:, None] ** 2
+    # Half of a wave's squared amplitude is the wave's mean square.
+    is_known = 0.5 * amplitude_square <= known_sd[:, None] ** 2
     log_factor = np.where(is_known, np.minimum(log_factor, 0.0), log_factor)
+    # Logarithm of the sum of both hypotheses' odds against no ripple; and (n, K) the probability
+    # that a joint ripples with each number of periods, given that the arm does.
     log_sum, probability = _weigh_periods(np.exp(np.clip(log_factor, *_LOG_FACTOR_RANGE)))
     joint_probability = probability.sum(axis=1)
     # (n, K) of each number of periods, given that the joint ripples.
@@ -187,7 +191,7 @@ def find_ripple(
         # Both hypotheses have half of the prior.
         log_odds=float(np.log(PRIOR_ODDS) + log_sum - np.log(2.0)),
         probability=joint_probability,
-        amplitude=np.sqrt((weight * mean_square).sum(axis=1)),
+        amplitude=np.sqrt((weight * amplitude_square).sum(axis=1)),
         amplitude_sd=np.sqrt(variance[np.arange(rows.num_joints), likeliest]),
         periods=mean_periods,
         periods_sd=np.sqrt(periods_variance),
@@ -242,12 +246,12 @@ class _JointRipple(NamedTuple):
 
     Attributes:
         log_factor: log B, logarithm of how many times likelier the ripple makes the rows.
-        mean_square: N^2 m^2, of the amplitude, a^2 + b^2.
+        amplitude_square: N^2 m^2, mean of the amplitude's square, a^2 + b^2.
         variance: N^2 m^2, of a and of b, their mean.
     """
 
     log_factor: Array
-    mean_square: Array
+    amplitude_square: Array
     variance: Array
 
 
@@ -278,11 +282,11 @@ def _joint_ripple(
     """
     sd, num_tried = float(rows.sd[j]), len(periods)
     log_factor = np.zeros(num_tried)
-    mean_square, variance = np.full(num_tried, 2.0 * sd**2), np.full(num_tried, sd**2)
+    amplitude_square, variance = np.full(num_tried, 2.0 * sd**2), np.full(num_tried, sd**2)
     v = rows.v[:, j]
     counts, is_seen = _can_show(q, v, periods)
     if not is_seen.any():
-        return _JointRipple(log_factor, mean_square, variance)
+        return _JointRipple(log_factor, amplitude_square, variance)
     seen = periods[is_seen]
     # The real part is the cosine, the imaginary one the sine, both low-passed.
     wave = np.exp(1j * q[:, None] * seen) / (1.0 + 1j * v[:, None] * seen / rate)
@@ -306,9 +310,9 @@ def _joint_ripple(
     mean = np.einsum("kab,kb->ka", S, g)
     total_variance = np.trace(S, axis1=1, axis2=2)
     log_factor[is_seen] = 0.5 * ((g * mean).sum(axis=1) + np.log(np.linalg.det(S / sd**2)))
-    mean_square[is_seen] = (mean**2).sum(axis=1) + total_variance
+    amplitude_square[is_seen] = (mean**2).sum(axis=1) + total_variance
     variance[is_seen] = 0.5 * total_variance
-    return _JointRipple(log_factor, mean_square, variance)
+    return _JointRipple(log_factor, amplitude_square, variance)
 
 
 def _can_show(q: Array, v: Array, periods: Array) -> tuple[Flags, Flags]:

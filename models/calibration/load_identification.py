@@ -298,7 +298,8 @@ def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) ->
     slope[np.arange(4, 10), list(_TENSOR_PLACES)] = 1.0
     covariance = slope @ solution.covariance[:_NUM_LOAD, :_NUM_LOAD] @ slope.T
     gain_covariance = slope @ solution.gain_covariance[:_NUM_LOAD, :_NUM_LOAD] @ slope.T
-    changes = solution.values[_NUM_LOAD : _NUM_LOAD + 3 * len(solution.scale)]
+    num_joints = len(solution.scale)
+    changes = solution.values[_NUM_LOAD : _NUM_LOAD + 3 * num_joints]
     return LoadEstimate(
         mass=mass,
         com=com + offset,
@@ -307,6 +308,6 @@ def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) ->
         gain_covariance=gain_covariance,
         inertia_prior_sd=prior_sd[list(_TENSOR_PLACES)],
         parameters=frame @ values,
-        friction_change=changes.reshape(-1, 3),
+        friction_change=changes.reshape(num_joints, 3),
         scale=solution.scale,
     )
