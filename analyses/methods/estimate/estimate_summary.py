@@ -119,9 +119,15 @@ class _OutsideModel:
         self.num_extrapolated = 0
 
     def add(self, q: Array, v: Array, torque: Array) -> None:
-        """Takes N samples; q, v and torque are (N, n), rad, rad/s and N m."""
+        """Takes N samples.
+
+        Args:
+            q, v: (N, n) rad and rad/s, or (N, 0) of a log of torques without them, whose model
+                states no range of them.
+            torque: (N, n) N m.
+        """
         ranges = self._validity
-        outside: dict[str, Flags] = {key: np.zeros(q.shape, bool) for key in self._num_outside}
+        outside: dict[str, Flags] = {key: np.zeros(torque.shape, bool) for key in self._num_outside}
         if ranges.q_min and ranges.q_max:
             outside["q"] = (q < np.array(ranges.q_min)) | (q > np.array(ranges.q_max))
         if ranges.v_max:
