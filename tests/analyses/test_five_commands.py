@@ -12,6 +12,7 @@ import pytest
 from called_commands import succeeded
 from package_meshes import PackageMeshes
 
+from wrenchsight.analyses.methods.excite.excitation import RAMP_TIMES
 from wrenchsight.models.robot.robot import Robot
 
 pytestmark = pytest.mark.long  # from a URDF to a wrench
@@ -83,7 +84,10 @@ def _nothing_is_hit(robot: Robot, folder: Path) -> None:
     for name in ("trajectory", "validation"):
         table = np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1)
         q = table[:, 1 : 1 + robot.num_joints]
-        assert len(q) == 9001  # 1 kHz, five seconds and two stops of two each
+        # 1 kHz; five seconds and one stop or two, as the limits leave room, of 1.5 s and a ramp.
+        assert len(q) - 1 in {
+            5000 + round(number * 1000 * (1.5 + ramp)) for number in (1, 2) for ramp in RAMP_TIMES
+        }
         assert meshes.collisions(q) == {}
         if robot.floor is not None:
             assert meshes.lowest(q[::10]) > robot.floor  # 10 ms: a millimetre or two of way
