@@ -115,7 +115,7 @@ def violin_figure(spread: Sequence[Distribution]) -> Figure:
 
     The first figure stands on top; one without a printed number, or with 0, is left out. The bar
     goes from 5 to 95 %, the circle is the median. Few worlds, or equal ones, are dots instead.
-    Ratios beyond _MAX_DRAWN_RATIO are drawn, and counted in bar and median, as that.
+    Ratios beyond _MAX_DRAWN_RATIO are set to it, also for bar and median.
     """
     shown = [row for row in spread if _comparable(row)]
     figure, ((axes,),) = new_figure(1, 1, height=0.9 + 0.34 * len(shown))  # inches

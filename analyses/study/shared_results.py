@@ -24,7 +24,7 @@ from wrenchsight.models.files.whole_file import whole_file
 
 Result = TypeVar("Result")
 
-_KEY_DIGITS: int = 24  # hexadecimal, of a digest in a file's name: two that agree are not met
+_KEY_DIGITS: int = 24  # hexadecimal, of a digest in a file's name: enough that no two agree
 
 _folders: ContextVar[tuple[Path, Path] | None] = ContextVar("shared results", default=None)
 

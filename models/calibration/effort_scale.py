@@ -217,7 +217,7 @@ def _motion_rows(recording: Recording, robot: Robot) -> _MotionRows:
     uniform = resampled(recording, step)
     cutoff = min(_CUTOFF_FREQUENCY, _MAX_CUTOFF_SHARE / step)
     low_pass = ZeroPhaseLowPass(cutoff, step, _FILTER_ORDER)
-    if uniform.duration < 5.0 / cutoff:
+    if uniform.duration < 2.0 * _TRIM_PERIODS / cutoff:
         raise InputError(recording.source, "", "is too short to be filtered", "log a longer motion")
     q, v, effort = low_pass(uniform.q), low_pass(uniform.v), low_pass(_effort(uniform))
     vdot = derivative(v, step)

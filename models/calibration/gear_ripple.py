@@ -22,8 +22,8 @@ where G and g are the columns' products with each other and with the residual, o
 of the other columns. n is equally likely everywhere in PERIODS_RANGE; a joint says something of it
 where the log turns it by MIN_CYCLES periods. The odds that the arm ripples are PRIOR_ODDS before
 the log, and then each joint does with 1/2, all with one n (gears of one make) or each with its own,
-equally likely. A ripple is evidence for where its variance exceeds the constant part of the model's
-error: one that was there at the identification is in that, and can only be evidence against.
+equally likely. A ripple counts as evidence only where its variance exceeds the constant part of the
+model's error. A smaller one was there at the identification and can only be evidence against.
 Seconds of motion over less than two periods can show ripple by all joints together, before any of
 them would.
 """
@@ -58,7 +58,7 @@ MAX_ROWS = 600  # rows of a long log that are used, in stretches of STRETCH_ROWS
 STRETCH_ROWS = 50  # 5 s of 10 Hz: ten correlation times of the residual
 _OFFSET_PLACE = 2  # among a joint's coefficients of friction: Coulomb, viscous, offset
 _SCALE_PASSES = 5  # of scatter and fit in turns, after which neither changes
-_LOG_FACTOR_RANGE = (-50.0, 500.0)  # of which exp and its product over joints are finite
+_LOG_FACTOR_RANGE = (-50.0, 500.0)  # of log B, whose exp and sums over numbers are finite
 _LEAST_TURN = 1e-9  # turns of a joint that hardly moved, for a division
 _LEAST_PROBABILITY = 1e-300  # of a joint that does not ripple, for a division
 

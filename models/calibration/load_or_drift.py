@@ -44,7 +44,7 @@ COM_DETERMINED_SD = 0.02  # m; beyond it the motion has not determined the centr
 # rows that a pass tries as the begin of a load; the next pass searches around the best
 PLACES_PER_PASS = 25
 FIRST_PASS_ROWS = 600  # rows of a long log that the first pass uses
-_LARGEST_STATED_ODDS, _LEAST_PROBABILITY = 1e6, 1e-300
+_LEAST_PROBABILITY = 1e-300  # of no load, for a division
 _HELD_SD = 1e-9  # of a column that a fit without unknowns has: the prior holds it at zero
 _CAUSE_NAMES = {(False, False): "none", (True, False): "load", (False, True): "drift"}
 
@@ -115,7 +115,7 @@ class LoadOrDrift:
 def _odds(probability: dict[str, float]) -> str:
     against = probability["none"] + probability["drift"]
     odds = (probability["load"] + probability["both"]) / max(against, _LEAST_PROBABILITY)
-    return "over 1e6:1" if odds > _LARGEST_STATED_ODDS else f"{odds:.3g}:1"
+    return "over 1e6:1" if odds > 1e6 else f"{odds:.3g}:1"
 
 
 def weigh(

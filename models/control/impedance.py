@@ -30,7 +30,8 @@ from wrenchsight.models.rigid_body.rotations import rotation_vector
 
 _NO_GAIN = np.zeros((6, 6))
 _SMALL_ANGLE2 = 1e-8  # rad^2, below which a series stands for a cotangent
-_MIN_MOBILITY_SHARE = 1e-9  # of E's mobility, added to it; changes the torque by as much
+# of one plus E's mobility, added to it, so that it can be solved where J loses rank
+_MOBILITY_FLOOR_SHARE = 1e-9
 
 
 class SpringDamper(NamedTuple):
@@ -326,8 +327,7 @@ def damp_null_space(damping: float, M: Array, J: Array, v: Array, tau: Array) ->
             mobility[k, m] = 0.0
             for i in range(n):
                 mobility[k, m] += J[k, i] * J_M_inverse[m, i]
-        # A small share of the identity keeps it solvable where J loses rank.
-        mobility[k, k] += _MIN_MOBILITY_SHARE * (1.0 + mobility[k, k])
+        mobility[k, k] += _MOBILITY_FLOOR_SHARE * (1.0 + mobility[k, k])
     factorise_in_place(mobility, 6, 0.0)
     solve_factorised(mobility, 6, F)
     for i in range(n):

@@ -12,12 +12,11 @@ each by its marginal likelihood, over force, point and size,
 
 with B = S^(1/2) J_P, S the shares of normal and tangent, and F one of FORCE_SIZES. Each point
 stands for a patch of the surface: the changes of a push anywhere on it are two more rows of B. A
-place that
-could cause many other torques has a lower likelihood. So the narrowest place that explains the
-torques wins, without a further constant: an unloaded joint beyond the touched link counts by its
-sd. All samples of a contact share one point. Their log likelihoods count as one sample, since the
-errors of an arm are correlated over a contact. Where the mean of a joint's torque exceeds
-LOADED_SDS times its sd, the links before that joint are excluded.
+place that could cause many other torques has a lower likelihood. So the narrowest place that
+explains the torques wins, without a further constant: an unloaded joint beyond the touched link
+counts by its sd. All samples of a contact share one point. Their log likelihoods count as one
+sample, since the errors of an arm are correlated over a contact. Where the mean of a joint's torque
+exceeds LOADED_SDS times its sd, the links before that joint are excluded.
 
 **Shape.** Nothing but the Jacobian is needed. The arm is a chain of its axes and of the lines from
 one axis to the next. An axis extends between its feet, the points nearest to the previous and to
@@ -338,8 +337,8 @@ def _surfaces(J: Array) -> list[_Surface]:
         end = last_foot[k] + end_overhang * along_axis
         housing, position = _housing(first_foot[k] - HOUSING_OVERHANG * along_axis, end, side)
         housing_length = float(np.linalg.norm(end - first_foot[k])) + HOUSING_OVERHANG
-        # Probability of link k at each point; with the rest it is link k - 1. Between the feet, so
-        # much of the housing, it goes with the place along it, from one half less to one half more.
+        # Probability of link k at each point, else of link k - 1: 1/2 in the middle of the housing,
+        # it rises linearly along it, by length / housing_length in all.
         share = 0.5 + length / housing_length * position
         parts_of_link[k].append(housing.shared(share))
         if k:

@@ -272,10 +272,8 @@ class ContactFilter:
         self._offsets = slice(WRENCH_SIZE + n, WRENCH_SIZE + 2 * n)
         across_sd, moments_sd = [config.standing_across_sd] * 2, [config.moment_sd] * 3
         wrench_sd = [force_sd, *across_sd, *moments_sd]
-        errors_sd, offsets_sd = (
-            [0.0] * n,
-            [config.offset_sd] * n,
-        )  # errors begin with the first block
+        # Errors begin with the first block.
+        errors_sd, offsets_sd = [0.0] * n, [config.offset_sd] * n
         sd = [*wrench_sd, *errors_sd, *offsets_sd, *wrench_sd * self.lag]
         # Where each entry of the next block's state comes from: F also becomes the newest past F,
         # past ones move on by one, and the oldest is dropped.

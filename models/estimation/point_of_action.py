@@ -26,7 +26,7 @@ from wrenchsight.models.numerics.bounded_minimum import bounded_minimum
 NOISE_RANGE = (1.0, 10.0)  # a model is at least as wrong under load as without
 LARGEST_OFFSET = 2.0  # m from E in each axis
 _UNIT_FORCE = 10.0  # N, of the optimiser's variables
-# Starts: N m and N, sds where the force is mostly mean, and where it is mostly deviation.
+# Starts: sd of the moment, N m; of the force, N, where it is mostly mean and where all deviation.
 _START_MOMENT_SD, _START_DEVIATIONS = 1.0, (10.0, 30.0)
 
 

@@ -25,8 +25,8 @@ def explain(case: Case) -> Explanation | None:
     None where the best gravity has another length than g, or where its tilt from robot.yaml's is
     below SMALLEST_TILT. First gravity is free in all three components; then, of the right length,
     in two turns across itself. Where gravity without a load explains the log, its direction is
-    stated, with the error and the evidence of that fit. A robot.yaml without gravity counts as one
-    of the opposite direction.
+    stated; error and evidence stay those of the fit with a load. A robot.yaml without gravity
+    counts as one of the opposite direction.
 
     Args:
         case: the log, its model and the fit of the log as it is.

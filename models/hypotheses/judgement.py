@@ -275,7 +275,7 @@ def _log_odds(
         for one in explanations
         if not one.is_fault and one.explained > base_explained
     ]
-    best_without_fault = max(base_evidence, *without_fault) if without_fault else base_evidence
+    best_without_fault = max([base_evidence, *without_fault])
     return {
         one.name: one.log_evidence
         - (best_without_fault - math.log(PRIOR_WRONG_SHARE) if one.is_fault else base_evidence)

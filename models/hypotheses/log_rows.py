@@ -24,8 +24,8 @@ LONGEST_LOG = 600.0  # s of a log that are looked at
 SHORTEST_LOG = 1.4  # s; a shorter log tells nothing
 MIN_SAMPLES = 40  # of a log
 TRIM_TIME = 0.4  # s, transients of the low-pass at both ends
-GAP_REACH = 0.25  # s, about a row, in which samples may not be missing: a period of the low-pass
-MAX_MISSING_SHARE = 0.2  # of the samples within GAP_REACH, of a row that is used
+GAP_WINDOW = 0.25  # s, about a row, in which missing samples count: a period of the low-pass
+MAX_MISSING_SHARE = 0.2  # of the samples in GAP_WINDOW, of a row that is used
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
     sliding = low_pass(np.tanh(v / slowest_sliding(robot)))
     q, v, effort = low_pass(q), low_pass(v), low_pass(effort)
     vdot = derivative(v, step)
-    window = max(1, round(GAP_REACH / step))
+    window = max(1, round(GAP_WINDOW / step))
     num_missing = np.convolve(is_missing, np.ones(window), "same")
     is_used = ~(num_missing > MAX_MISSING_SHARE * window)
     trim = round(TRIM_TIME / step)

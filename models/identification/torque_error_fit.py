@@ -55,7 +55,7 @@ from wrenchsight.models.numerics.kernel import kernel
 FEWEST_SAMPLES = 200  # of a joint, over all logs
 MEAN_TIMES = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken, for the correlated error
 CORRELATION_TIMES = (0.01, 5.0)  # s, least and largest
-MAX_CORRELATION = 0.98  # of two joints; all correlations are smaller by this factor
+MAX_CORRELATION = 0.98  # largest of two joints; all correlations are multiplied by it
 _MAX_ERROR_SDS = 4.0  # sds, at which errors are clipped for the correlations
 _LEAST_SHARE = 1e-4  # of a joint's rms error: the smallest constant
 _BLOCK_SAMPLES = 256  # samples
@@ -63,7 +63,7 @@ DEFAULT_REST = Rest()
 _LOG_COEFFICIENT_RANGE = 18.0  # natural logarithm of the range of a coefficient
 _ROUGH_FIT_SAMPLES = 10_000  # samples that locate the highest likelihood roughly
 _LARGEST_FACTOR = 10.0  # of a coefficient, on the one that alone explains all of the variance
-_CONSTANT_START = -3.0  # logarithm of the other coefficients, where the constant is nearly alone
+_OTHERS_START = -3.0  # logarithm of the other coefficients, where the constant is nearly alone
 _BOUND_TOLERANCE = 1e-6  # of a logarithm: nearer to its bound a coefficient is zero
 _MIN_VARIANCE_SHARE = 1e-12  # of the mean square, added to each sample's variance
 _LEAST_CONSTANT = 1e-12  # N m, of a joint without any error
@@ -282,7 +282,7 @@ def most_likely(F: Array, e: Array) -> Array:
         return _Minimum(float(result.fun), result.x)
 
     # The cost is not convex: one start splits the variance evenly, one has the constant alone.
-    even_split, constant_alone = np.zeros(M), np.full(M, _CONSTANT_START)
+    even_split, constant_alone = np.zeros(M), np.full(M, _OTHERS_START)
     constant_alone[0] = 1.0
     # A part of many samples shows which minimum is the lower one, and about where it lies.
     step = max(1, len(e) // _ROUGH_FIT_SAMPLES)
@@ -340,8 +340,8 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
 def _correlation(scaled: Sequence[Array]) -> Array:
     """(n, n) correlation that the readings agree on, positive definite.
 
-    It is shrunk by MAX_CORRELATION, so that it has an inverse even if two joints have equal errors.
-    It is shrunk further if the correlations of pairs contradict each other.
+    It is multiplied by MAX_CORRELATION, so that it has an inverse even if two joints have equal
+    errors. It is shrunk further if the correlations of pairs contradict each other.
     """
     correlations = np.stack(
         [_correlation_of_reading(errors) for errors in scaled if len(errors) > 0]

@@ -357,7 +357,8 @@ class TorqueErrorModel:
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
 
     def _write_rests(self, table: Array, time_step: float, is_elastic: Flags) -> None:
-        """Writes the columns of w, r and z: how soon a joint is known to rest, its friction not.
+        """Writes the columns of w, r and z: how soon a joint counts as resting, and its
+        friction as unknown.
 
         Args:
             table: (n, _COLUMNS), its column _HALF_STEP written.

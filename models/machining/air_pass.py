@@ -46,7 +46,7 @@ from wrenchsight.models.robot.robot import Robot
 
 LEAD_TIME = 0.5  # s at rest before the motion: the observer settles
 _NUM_RISE_POINTS = 5
-"""Points of the way up from the path, both ends with them: inverse kinematics that goes all the way
+"""Points of the way up from the path, both ends included: inverse kinematics that goes all the way
 at once may end in another branch of postures."""
 STILL_SPEED = 2e-3  # rad/s: below it a speed that differs from the planned one hardly moves a joint
 
@@ -247,8 +247,10 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
 
 
 def _joint_speeds(robot: Robot, motion: JointTrajectory, q: Array, height: float) -> Array:
-    """(T, n) rad/s with which E at q moves as a point of the tool `height` back along z of E does
-    on the motion."""
+    """(T, n) rad/s at q, with which E moves as the raised point of the tool does on the motion.
+
+    That point lies `height` m behind E along E's z axis.
+    """
     J = robot.chain.jacobian(motion.q)
     V = np.einsum("tij,tj->ti", J, motion.v)
     R_WE, _ = robot.chain.pose(motion.q)

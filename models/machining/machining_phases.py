@@ -256,15 +256,16 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
     """Takes one tick, changing `state` in place; returns whether the phase has changed.
 
     APPROACH, TOUCH, WORK, RELEASE and LIFT follow one another, then DONE; a fault leads from any of
-    the first four to RETREAT. At most one change is made a tick. It writes SINCE, and sets ABOVE
-    and LOST to 0.
+    the first four to RETREAT. At most one change is made a tick. A change writes PHASE and
+    SINCE, and sets ABOVE and LOST to 0.
 
     Args:
         table: table of PhasesConfig.
         inputs: of the tick.
         state: (7,), changed. PHASE and SINCE, s, when it began; FAULT; BASELINE, N, of the force in
             free motion; ABOVE and LOST, s, for how long the force has been above touch_force and
-            below lost_share; FORCE_THERE, N, above the baseline, from which the touch goes up.
+            below lost_share of the set-point; FORCE_THERE, N, above the baseline, from which the
+            touch goes up.
     """
     time_step, t, force, setpoint_now, work_duration, joint_room, is_trusted = inputs
     phase = int(state[PHASE])

@@ -58,9 +58,9 @@ class PassPlan(NamedTuple):
         trusted: (T,) 1 where the force feedback can be used at work, else 0.
         reads_at_rest: whether the force feedback is right where joints rest, as a sensor's is and
             an estimate's is not.
-        touch_speed: m/s into the surface, of which v_d is in the touch unless `reads_at_rest`: so
-            the friction of joints at rest is fed forward together with the contact force
-            (TOUCH_SPEED_SHARE).
+        touch_speed: m/s, speed into the surface that v_d stands for in the touch, unless
+            `reads_at_rest`: so the friction of joints at rest is fed forward with the contact
+            force (TOUCH_SPEED_SHARE).
         time_step: s.
     """
 

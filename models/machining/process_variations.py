@@ -284,9 +284,6 @@ def check_variations(
         spindle_frequency: Hz.
         time_step: s.
         source: place of the configuration, for error lines.
-
-    Raises:
-        InputError: as said.
     """
     chatter, run_out = config.chatter, config.run_out
     for name, value, low, high in (

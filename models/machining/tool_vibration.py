@@ -93,7 +93,7 @@ WELL_DETERMINED = 0.7  # probability that a share deviates by far less than its 
 WELL_DETERMINED_SD = 0.15  # of the stated sd, of such a share
 MIN_AMPLITUDE, MAX_AMPLITUDE = 0.002, 0.1
 """m/s, bounds of the amplitude; 10 m/s^2 at 100 Hz are 0.016 m/s."""
-CORRELATION_TIME = 2.0  # s, over which errors of friction last: one sample in it is independent
+CORRELATION_TIME = 2.0  # s, over which errors of friction last: ticks in it count as one sample
 MEMORY_TIME = 30.0  # s, after which a sample is forgotten, so that another amplitude may take over
 FREE_MASS = 0.2  # sd of a share, of itself, whatever M is: no joint is a free mass alone
 # of a torque over an acceleration: an identification averages its residuals
@@ -103,7 +103,7 @@ DEPARTED_FACTOR = 2.3  # the same of a joint that does not move as planned
 SHRINKAGE_SDS = 2.0  # sd, below which an entry of M beside the diagonal counts as none
 _MIN_ACCELERATION = 1e-3  # rad/s^2, below which a joint does not accelerate
 _LEAST_ADDED = 0.25  # sd, first added to the diagonal where M is not positive definite
-_MAX_DOUBLINGS = 30  # of it; more would be no longer a correction of M
+_MAX_DOUBLINGS = 30  # of it: only a bound of the loop
 # Factors of a joint's mean amplitude, of the rows of `_Tracked.steps`.
 _STEPS = np.array([NEAR_FACTOR, 1.0 / NEAR_FACTOR, DEPARTED_FACTOR, 1.0 / DEPARTED_FACTOR])
 _NUM_STEPS = 4
@@ -121,8 +121,8 @@ class VibrationConstants(NamedTuple):
         prior: (6,) variances of the wrench, N^2 m^2 and N^2.
         inertia_sd: (n, n) of the entries of M, kg m^2.
         read_load: N m per N m that is read, sd of what contact changes of friction.
-        kept_share: of the evidence, that outlasts a tick (MEMORY_TIME).
-        sample_share: of an independent sample, that a tick is (CORRELATION_TIME).
+        kept_share: share of the evidence that is left after a tick (MEMORY_TIME).
+        sample_share: what a tick counts, in independent samples (CORRELATION_TIME).
     """
 
     amplitudes: Array

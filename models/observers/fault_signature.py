@@ -144,8 +144,8 @@ def is_believed(
         state: of `initial_fault_state`, changed.
         tau_ext, sd: (n,) N m, the observed torque and the sd of its error.
         tau_J: (n,) N m, of the sample before; NaN before it is known.
-        unexplained: what a wrench at E leaves of |z|^2, with what it costs beside its prior: D of
-            `models.observers.explained_torque`.
+        unexplained: D of `models.observers.explained_torque`: the squared length of the torque by
+            the covariance of its error and of the wrench's prior.
         is_measured: whether tau_ext is of this sample.
         is_implausible: whether the sample is beyond what the joints can do.
     """

@@ -132,7 +132,7 @@ class KalmanObserver:
 
     Raises:
         ValueError: bandwidth or time step that is not positive, unknown torque samples; a method
-            that no prior stands for.
+            of reading that has no prior.
     """
 
     Config: ClassVar[type] = KalmanObserverConfig
@@ -201,7 +201,7 @@ class KalmanObserver:
         _PLAIN_K_0, the sds of torque and prior by 1, the correlation by none.
 
         Raises:
-            ValueError: the method of the reading is one that no prior stands for.
+            ValueError: the method of the reading has no prior.
         """
         n, T = self.num_joints, self.time_step
         K_0, correlation_time = np.full(n, _PLAIN_K_0), np.full(n, _PLAIN_TIME)

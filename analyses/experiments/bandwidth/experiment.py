@@ -64,7 +64,7 @@ LOWEST_FREQUENCY, LOWEST_FREQUENCY_QUICK = 0.1, 0.5  # Hz
 INTEGRATION_ACCURACY = 1e-4  # of Drake's error control
 HIGHEST_RATIO = 5.0  # highest frequency over K_0 / (2 pi)
 SETTLING_TIME_CONSTANTS = 18.0  # time constants before the fit: exp(-18) is 2e-8
-_MULTIPLE_ROUNDING = 1e-9  # of multiples of the lowest frequency, which lie 1 apart
+_MULTIPLE_ROUNDING = 1e-9  # of frequencies: of multiples of the lowest, or relative
 
 # Amplitudes of each tone, chosen so that every joint feels some tenths of a newton metre.
 TONE_FORCE = [3.0, 4.0, 5.0]  # N
@@ -330,7 +330,7 @@ def _signal_metrics(
             "formula_phase_deg": float(np.angle(formula, deg=True)),
         },
         # The noise starts from nothing, as the observer does: after one time constant its variance
-        # is 86 % of the final one, and all but that soon after.
+        # is 86 % of the final one, and soon nearly all of it.
         "noise_sd_n": (noisy - clean)[t > 1.0 / K_0].std(axis=0),
         "formula_noise_sd_n": np.sqrt((inverse**2 @ torque_variance)[3:]),
     }
@@ -479,7 +479,7 @@ def _bode_figure(responses: Sequence[GainResponse]) -> Figure:
     error.plot([], [], "-o", color=COLOUR["reference"], label="phase [deg]")
     error.plot([], [], ":s", color=COLOUR["reference"], markersize=3, label="amplitude [%]")
     error.set_yscale("log")
-    error.set_ylim(1e-6, 30.0)  # from the integration's errors to the largest of any tick
+    error.set_ylim(1e-6, 30.0)  # below, the integration's errors
     log_scale(error, "y")
     log_scale(error, "x")
     error.set_ylabel("error, worst joint")

@@ -68,9 +68,8 @@ class PlainModel:
             torques.append(tau[inner].reshape(-1)[moves])
         A, y = np.concatenate(rows), np.concatenate(torques)
         size = np.linalg.norm(A, axis=0)
-        size[size < MIN_COLUMN_RATIO * size.max()] = (
-            np.inf
-        )  # no torque depends on these: they get 0
+        # No torque depends on these: they get 0.
+        size[size < MIN_COLUMN_RATIO * size.max()] = np.inf
         x = np.linalg.lstsq(A / size, y, rcond=RANK_TOLERANCE)[0] / size  # of least norm
         inertial = x[: 10 * n].reshape(n, 10)
         rotor_inertia, coulomb, viscous = x[10 * n :].reshape(3, n)

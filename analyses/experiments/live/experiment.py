@@ -97,7 +97,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
             metrics[log] = {**judged(tracked, truth), "untracked": judged(plain, truth)}
         context.progress(_LOGS_SHARE, "at real time")
         played_seconds = PLAYED_TIME_QUICK if context.quick else PLAYED_TIME
-        # Adds the keys `replay` and `rtde`.
         metrics |= sources(
             log_file(context.data, PLAYED_LOG), model_path, robot, seconds=played_seconds
         )

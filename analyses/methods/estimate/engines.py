@@ -65,8 +65,9 @@ class ReadingModels(NamedTuple):
     """Models of one arm that a log is read with.
 
     Attributes:
-        model: that reads wrench and contact.
-        model_with_drift: whose band is stated; `model` itself where the log shows no drift.
+        model: that reads the wrench.
+        model_with_drift: that judges contact and states the band; `model` itself where the log
+            shows no drift.
     """
 
     model: IdentifiedModel

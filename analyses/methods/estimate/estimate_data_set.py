@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 FOLDER = "data_set"
 WRENCH, SD, VALID = "observation.wrench", "observation.wrench_sd", "observation.wrench_valid"
 _MAX_FRAME_DELAY = 1.5  # steps of the table that a frame may be later than its reading
-_MAX_FRAME_LEAD = 0.25  # steps that it may be earlier: the stamps of frames are rounded
+_MAX_FRAME_LEAD = 0.25  # steps that it may be earlier
 # Columns of `_WrenchRows.numbers`.
 _WRENCH_COLUMNS, _SD_COLUMNS, _VALID_COLUMN = slice(0, 6), slice(6, 12), 12
 

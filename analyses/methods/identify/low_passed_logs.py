@@ -38,10 +38,10 @@ LARGEST_CUTOFF = 0.25  # of a log's rate
 # In periods of the cutoff:
 GRID_POINTS = 20.0  # grid points on which the regressor is built; its harmonics fold back beyond 10
 TRIM_PERIODS = 2.5  # filter transients at both ends of a log
-DROPOUT_WINDOW = 1.0  # stretch whose share of bridged samples is judged
 SHORTEST_LOG = 25.0
-_UNIT_ROUNDING = 1e-6  # of a time's last decimal that is printed
+DROPOUT_WINDOW = 1.0  # stretch whose share of bridged samples is judged
 DROPOUT_SHARE = 0.1  # of such a stretch; shorter bridges are what the low-pass would draw itself
+_UNIT_ROUNDING = 1e-6  # of a time's last decimal that is printed
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,9 +83,8 @@ def held_out_readings(
             observed = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
             t_of_rows = runs[part.log].t[regressions[part.log].rows[part.rows]]
             is_in_part = (log.t >= t_of_rows[0]) & (log.t <= t_of_rows[-1])
-            if part.rows == slice(
-                None
-            ):  # a whole log: the rows leave out the low-pass's ends alone
+            # Of a whole log the rows leave out the low-pass's ends alone: all of it is read.
+            if part.rows == slice(None):
                 is_in_part[:] = True
             is_settled = log.t - log.t[0] > SETTLING_TIME_CONSTANTS / gain[0]
             readings.append(

@@ -24,7 +24,7 @@ from wrenchsight.models.planning.placement.placements import (
     pose_errors,
 )
 
-_CONSTRAINT_TOLERANCE = 1e-4  # m and rad, of a constraint at the end of a solve, as of the search's
+_CONSTRAINT_TOLERANCE = 1e-4  # m and rad, of a constraint at the end of a solve, as in the search
 _TRIED_ENDS = 2  # of the search, from which the program without a constraint is solved
 _LOOSENING_HALVINGS = 4  # of the range in which the least loosening lies
 _WIDE_STEP = math.pi / 3.0  # rad, the task's default

@@ -744,7 +744,7 @@ class PlacementSearch:
     def _finished(
         self, kinds: list[PlacementSolution], result: SearchResult, clock: "_Clock"
     ) -> Iterator[PlacementSolution]:
-        """The exact optima, as the standard members of their families; with a cell of the best few.
+        """The exact optima, as standard members of their families; of the best few, with a cell.
 
         Args:
             kinds: solutions that differ, best first.

@@ -52,7 +52,7 @@ from wrenchsight.models.robot.robot import Robot
 
 POSE_ROUNDING = 1e-9  # m and rad, of position and normal
 _CONSTRAINT_TOLERANCE = 1e-7  # rad and m; the local method's way counts where it keeps them to that
-_SAME_MEASURE = 1e-6  # range of the measure over postures, below which it is the same at all
+_SAME_MEASURE = 1e-6  # range of the measure over postures, below which all count as equal
 _SAME_ANGLE_DEG = 1e-6  # deg, of the angle that is kept from the one that the task states
 
 

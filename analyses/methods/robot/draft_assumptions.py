@@ -225,7 +225,7 @@ def _home_candidates(robot: Robot) -> Array:
 
 
 def _written(robot: Robot, q: Array) -> Array:
-    """Postures (..., n) with the digits of a drafted robot.yaml, within the limits."""
+    """Postures (..., n) rounded as robot.yaml states them, but kept within the limits."""
     low, high = _range(robot)
     return np.asarray(np.clip(np.round(q, _HOME_DECIMALS), low, high))
 

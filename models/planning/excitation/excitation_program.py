@@ -45,7 +45,7 @@ _MOTION_DECIMALS, _VALUE_DECIMALS, _GRADIENT_DECIMALS = 9, 8, 6
 
 
 _SHRINK_FACTOR = 0.6  # by which a random motion that breaks a limit is made smaller
-_MAX_SHRINKS, _MAX_SHRINKS_PATIENT = 4, 9  # of a random motion: to 13 % and to 1 % of its size
+_MAX_SIZES, _MAX_SIZES_PATIENT = 4, 9  # of a random motion that are tried: down to 22 and 2 %
 _ROUNDING_ROOM = 0.999  # of a random motion's largest size, so that rounding breaks no limit
 _SNOPT_OPTIONS = {
     "Major feasibility tolerance": 1e-6,
@@ -261,7 +261,7 @@ class ExcitationProgram:
             if is_patient and self._broken(at_rest):
                 continue
             num_tried += 1
-            for _ in range(_MAX_SHRINKS_PATIENT if is_patient else _MAX_SHRINKS):
+            for _ in range(_MAX_SIZES_PATIENT if is_patient else _MAX_SIZES):
                 broken_limit = self._broken(x)
                 if not broken_limit:
                     return self._trajectory(x)

@@ -291,7 +291,7 @@ def joint_trajectory(
         duration: duration of the whole motion, s.
         q_seed: (n,) the branch is the one nearest to it at the start of the path.
         time_step: between the times that the trajectory holds, s.
-        num_points: of the spline, whose knots they are; six at least.
+        num_points: of the path, through which the spline goes; six at least.
 
     Raises:
         InputError: part of the path is out of reach (see `follow_path`).

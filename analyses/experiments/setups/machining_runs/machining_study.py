@@ -115,7 +115,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         metrics[feed_key(feed)] = feed_metrics(task, runs, readings)
         shown[feed] = (runs["sensor"], readings)
         without_sensor[feed] = runs["estimate"]
-    metrics |= over_feeds(metrics)  # its keys are no feeds'
+    metrics |= over_feeds(metrics)  # under keys of its own
     metrics["sources"] = sources(models, {feed: run for feed, (run, _) in shown.items()})
     context.progress(0.96, "figures")
     page = FigureFile(

@@ -298,7 +298,7 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
             "other changes; read a load with `wrenchsight payload`, or identify the model anew"
         )
     # The offset, the last of TERMS, may be negative; so may a term that the old model has so.
-    for term, unit in list(zip(TERMS, UNITS, strict=True))[:2]:
+    for term, unit in zip(TERMS[:2], UNITS[:2], strict=True):
         value = getattr(refresh.after, term)
         warnings += [
             f"{names[j]}: negative {term} friction, {value[j]:.2g} {unit}; log more motion of that "
