@@ -342,7 +342,7 @@ def _add_stages(
     period = estimator.observer.time_step
 
     def add(stage: str, block: LeafSystem) -> LeafSystem:
-        """Adds the user's block of a stage, or else ours, which is then made for nothing."""
+        """Adds the user's block of a stage, or else ours, which is made in either case."""
         return builder.AddNamedSystem(stage, replacements.get(stage, block))
 
     terms = add("terms", RigidBodyTermsSystem(estimator.chain))
@@ -398,7 +398,7 @@ def _signal_sources(
         "sliding": _sliding_port(builder, stages.friction, estimator.friction),
         "pole": _pole_port(builder, stages.observer, estimator.num_joints),
         "tau_ext": observed["tau_ext"],
-        # What the observer calls `valid`: by that name goes the validity of the wrench.
+        # The observer's `valid`; the plain name is that of the wrench's.
         "tau_ext_valid": observed["valid"],
     }
     if "wrench" in observed:  # of an observer that reads the wrench itself
@@ -574,7 +574,7 @@ def _fused(
     detection: ContactDetectionConfig | None,
     corrected: bool,
 ) -> Diagram:
-    """The estimator as one block, with the outputs of the staged one (torque_error: see there).
+    """The estimator as one block, with the outputs of the staged one.
 
     q, v, current --> block --> reading --> demultiplexer --> tau_ext, wrench, ... --> detection
                         +-----> terms, pole, sliding, tau_J ----------------------------^

@@ -66,7 +66,7 @@ class LoadSearch:
 
     def add_sample(self, sample: Sample) -> None:
         """Takes the next sample of the stream."""
-        if not self._looks:
+        if self.is_over:
             return
         if self._speeds and sample.t - self._speeds[-1].t > LONGEST_GAP:
             self.restart()

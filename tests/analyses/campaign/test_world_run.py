@@ -44,6 +44,6 @@ def test_numbers_are_those_of_a_study_in_the_same_world(tmp_path, monkeypatch):
         )
         result = import_module(module).EXPERIMENT.run(context)
         numbers = numbers_in(plain_metrics(result.metrics))
-        of_diagram = {key for key in numbers if key.startswith("in_diagram.")}  # a study's alone
-        world_numbers = {key: numbers[key] for key in numbers if key not in of_diagram}
-        assert world_numbers == outcome.values[name]
+        # What is in the diagram is a study's alone.
+        of_world = {key: x for key, x in numbers.items() if not key.startswith("in_diagram.")}
+        assert of_world == outcome.values[name]

@@ -391,31 +391,25 @@ def test_at_rest_stiction_hides_no_push_beyond_the_breakaway(sts, model):
     assert np.flatnonzero(detection.contact)[0] == 150
 
 
-def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
-    """It carried 1.7 of the 2 N m that it can, and nothing at rest, as fast as can be read."""
+@pytest.mark.parametrize(
+    ("released", "slow", "fast"),
+    [(200, 0.0, 0.1), (250, 0.005, 0.05)],  # rad/s
+    ids=["stops", "creeps"],
+)
+def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(
+    sts, model, released, slow, fast
+):
+    """It carried 1.7 of the 2 N m that it can, and nothing at rest, as fast as can be read; a joint
+    that creeps lets go after half a second of it. One that moves on does not.
+    """
     noise_model, friction = noise_and_friction(scale=0.2)
     arm = replace(model, friction=friction, contact_noise=noise_model)
     detector = detector_of(arm, sts)
     q, v, transmitted, momentum, J = still(arm, sts, 300)
     read = np.zeros((300, N))
-    read[200:, 0] = 1.7 * (1.0 - np.exp(-20.0 * T * np.arange(1, 101)))
-    for after, touched in ((0.0, False), (0.1, True)):  # stops, and moves on
+    read[released:, 0] = 1.7 * (1.0 - np.exp(-20.0 * T * np.arange(1, 301 - released)))
+    for after, touched in ((slow, False), (fast, True)):
         v[:, 0] = np.where(np.arange(300) < 200, 0.5, after)
-        q[:, 0] = sts.home[0] + T * np.cumsum(v[:, 0])
-        out = judge(detector, q, v, transmitted, momentum, J, read)
-        assert Detection.of(out).contact.any() == touched
-
-
-def test_a_joint_that_creeps_to_its_stop_lets_go_late_and_nothing_touched_it(sts, model):
-    """It carried 1.7 of the 2 N m that it can, and lets go of it after half a second's creep."""
-    noise_model, friction = noise_and_friction(scale=0.2)
-    arm = replace(model, friction=friction, contact_noise=noise_model)
-    detector = detector_of(arm, sts)
-    q, v, transmitted, momentum, J = still(arm, sts, 300)
-    read = np.zeros((300, N))
-    read[250:, 0] = 1.7 * (1.0 - np.exp(-20.0 * T * np.arange(1, 51)))
-    for creep, touched in ((0.005, False), (0.05, True)):  # rad/s: creeps, and moves on
-        v[:, 0] = np.where(np.arange(300) < 200, 0.5, creep)
         q[:, 0] = sts.home[0] + T * np.cumsum(v[:, 0])
         out = judge(detector, q, v, transmitted, momentum, J, read)
         assert Detection.of(out).contact.any() == touched

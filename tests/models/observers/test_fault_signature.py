@@ -35,10 +35,8 @@ def _time_until_disbelieved(constants: FaultConstants, unexplained: float) -> fl
     [
         (40.0, 0.05),  # no wrench at E: REPORT_TIME
         (6.0, 0.05),
-        (
-            4.0,
-            0.25,
-        ),  # less than the line leaves: a push may cross it, REPORT_TIME / AMBIGUOUS_SHARE
+        # Less than the line leaves: a push may cross it, REPORT_TIME / AMBIGUOUS_SHARE.
+        (4.0, 0.25),
         (0.1, 0.25),
     ],
 )

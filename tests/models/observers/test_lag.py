@@ -198,6 +198,9 @@ def test_springs_turn_a_part_of_the_force_and_the_band_holds_it(
     assert (np.mean(z < 1.96) > 0.95 and np.mean(z > 3.0) < 0.01) == has_springs
     moment_sd = np.sqrt(covariance[50:, :3, :3].diagonal(axis1=1, axis2=2))
     assert moment_sd.mean() < 1.35 * 0.3  # moments are read as without springs
+    # What the lag of 20 1/s has of them: w K_0 / w_s^2 at the stated 3 Hz.
+    stated = 2.0 * np.pi * 3.0 * 20.0 / (2.0 * np.pi * NATURAL_FREQUENCY_HZ) ** 2
+    assert settings.spring_share == pytest.approx(stated if has_springs else 0.0)
 
 
 def test_a_force_that_is_faster_than_stated_is_not_kept_pace_with() -> None:

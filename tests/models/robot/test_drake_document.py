@@ -199,8 +199,8 @@ def test_the_effort_of_a_servo_is_its_force_not_the_range_of_its_positions(tmp_p
     text = CONFIG.replace("arm.sdf", "arm.xml").replace("0.0}\n", "0.0, effort_limit: 50.0}\n")
     (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
     robot = Robot.load(tmp_path / "robot.yaml")
-    (limit,) = [joint.find("limit") for joint in ET.fromstring(robot.urdf_text).iter("joint")
-                if joint.get("name") == "shoulder"]  # fmt: skip
+    limit = ET.fromstring(robot.urdf_text).find("joint[@name='shoulder']/limit")
+    assert limit is not None
     assert float(limit.get("effort")) == 30.0
 
 

@@ -15,8 +15,11 @@ WAIT = 60.0  # s, after which a test fails
 
 
 @pytest.fixture
-def running(ur10e, monkeypatch):
-    """A search one of whose looks runs in its thread until `may_end`, and then shows `load`."""
+def running(ur10e, monkeypatch, request):
+    """A search one of whose looks, the first if a test names no other, runs in its thread until
+    `may_end`, and then shows `load`.
+    """
+    place = getattr(request, "param", 0)
     model = IdentifiedModel.nominal(ur10e)
     search = LoadSearch(ur10e, model, in_background=True)
     began, may_end = threading.Event(), threading.Event()
@@ -36,9 +39,10 @@ def running(ur10e, monkeypatch):
         return live.estimator
 
     first = estimator()
+    del search._looks[: LOOK_TIMES.index(LOOK_TIMES[place])]
     for t in (0.0, 0.2, 0.4):
         search.add_sample(Sample(t, t, ur10e.home, np.zeros(6), np.zeros(6)))
-    search.look(LOOK_TIMES[0], first)
+    search.look(LOOK_TIMES[place], first)
     assert began.wait(WAIT)
     yield SimpleNamespace(
         search=search, may_end=may_end, load=load, estimator=first, another=estimator
@@ -64,12 +68,14 @@ def test_a_load_is_told_once(running):
     assert running.search.is_over
 
 
+@pytest.mark.parametrize("running", [0, -1], indirect=True)
 def test_no_load_of_the_stream_before_a_restart_is_told(running):
     running.search.restart()
     assert ended(running) is None
     assert not running.search.is_over  # it looks for a load of the stream that begins
 
 
+@pytest.mark.parametrize("running", [0, -1], indirect=True)
 def test_no_load_of_the_stream_before_a_gap_is_told(running, ur10e):
     running.search.add_sample(Sample(9.0, 9.0, ur10e.home, np.zeros(6), np.zeros(6)))
     assert ended(running) is None
