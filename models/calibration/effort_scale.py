@@ -22,6 +22,7 @@ import numpy as np
 from wrenchsight.models.calibration.load_parameters import load_columns
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
@@ -256,10 +257,9 @@ class _HeldPosture(NamedTuple):
 def _held_postures(recording: Recording) -> list[_HeldPosture]:
     """Returns each stretch of at least _HELD_TIME seconds in which the arm is held."""
     still = (np.abs(recording.v) < _HELD_SPEED).all(axis=1) & ~recording.dropout
-    edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
     effort = _effort(recording)
     return [
-        _HeldPosture(recording.q[begin:end].mean(axis=0), effort[begin:end].mean(axis=0))
-        for begin, end in edges.reshape(-1, 2)
-        if recording.t[end - 1] - recording.t[begin] >= _HELD_TIME
+        _HeldPosture(recording.q[rest].mean(axis=0), effort[rest].mean(axis=0))
+        for rest in stretches(np.asarray(still))
+        if recording.t[rest.stop - 1] - recording.t[rest.start] >= _HELD_TIME
     ]

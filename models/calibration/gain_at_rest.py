@@ -20,6 +20,7 @@ import numpy as np
 
 from wrenchsight.models.calibration.residual_noise import V_REST
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.stretches import stretches
 
 REST_EDGE_TIME = 0.2  # s of a rest, at its start and its end, that do not count
 LEAST_REST = 0.3  # s between the edges
@@ -79,13 +80,12 @@ def gain_at_rest(
     """
     t, q = samples.t, samples.q[:, joint]
     still = np.abs(samples.v[:, joint]) < V_REST
-    edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
-    rests = edges.reshape(-1, 2)  # first sample, and the one after the last
-    if not len(rests):
+    rests = stretches(still)
+    if not rests:
         return None
-    begin, end = max(rests, key=lambda rest: t[rest[1] - 1] - t[rest[0]])
-    start = int(np.searchsorted(t, t[begin] + REST_EDGE_TIME))
-    stop = int(np.searchsorted(t, t[end - 1] - REST_EDGE_TIME, side="right"))
+    longest = max(rests, key=lambda rest: t[rest.stop - 1] - t[rest.start])
+    start = int(np.searchsorted(t, t[longest.start] + REST_EDGE_TIME))
+    stop = int(np.searchsorted(t, t[longest.stop - 1] - REST_EDGE_TIME, side="right"))
     if stop - start < 2 or t[stop - 1] - t[start] < LEAST_REST:
         return None
     current, torque = samples.current[start:stop, joint], samples.torque[start:stop, joint]

@@ -30,9 +30,9 @@ from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.signals.bands import SD_PER_MEDIAN
 
 _NUM_ROUNDS = 20  # of reweighting; the weights settle within five
-_NORMAL_MAD = 1.4826  # sd of a normal distribution over its median absolute deviation
 _MAX_GAIN_SD_SHARE = 0.2  # of the prior's sd, below which a joint determines the gain
 _LEAST_PRIOR_SD = 1e-6  # of a parameter that the known law does not have, or that is given
 _LEAST_SCATTER = 1e-9  # N m, of rows without error
@@ -245,6 +245,6 @@ def _posterior(
         right = A.T @ (weight * y) / scale + precision @ mean
         x = np.asarray(np.linalg.solve(information, right), dtype=np.float64)
         error = y - A @ x
-        scatter = max(_NORMAL_MAD * float(np.median(np.abs(error))), _LEAST_SCATTER)
+        scatter = max(SD_PER_MEDIAN * float(np.median(np.abs(error))), _LEAST_SCATTER)
         weight = 1.0 / (1.0 + (error / (_HALF_WEIGHT_SDS * scatter)) ** 2)
     return x, np.sqrt(np.diag(np.linalg.inv(information))), scatter

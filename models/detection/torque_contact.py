@@ -43,6 +43,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.signals.bands import SD_PER_MEDIAN
 
 START_TIME = 0.15  # s
 BASELINE_TIME = 1.0  # s
@@ -57,7 +58,6 @@ REST_TIME = 0.5  # s
 SD_WINDOW = 0.15  # s
 NUM_ROUNDS = 3
 START_SD_RATIO = 2.0
-SD_PER_MEDIAN = 1.4826  # sd over median of |x|, of a Gaussian
 MAX_SAMPLES = 1 << 18  # from which the error is learnt
 _MIN_SD = 1e-4  # N m, where a log shows no error
 _MIN_MEDIAN_SAMPLES = 20  # samples, of which a median is taken

@@ -19,6 +19,7 @@ from wrenchsight.models.identification.torque_error_model import (
     TorqueErrorModel,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 
 REST_TIME = 0.3  # s, shortest rest of a joint
 ARM_REST = 1.0  # s, shortest rest of all joints whose samples say nothing of sliding friction
@@ -77,10 +78,9 @@ def rests_along(
     count, held = np.zeros(n), np.zeros(n)
     still = _still(q, max(2, round(REST_TIME / time_step)), np.maximum(resolution, MIN_PLAY))
     for j in range(n):
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], still[:, j], [False]])))
-        for begin, end in edges.reshape(-1, 2):
+        for rest in stretches(still[:, j]):
             count[j] += 1.0
-            torque, largest = np.mean(friction[begin:end, j]), np.mean(level[begin:end, j])
+            torque, largest = np.mean(friction[rest, j]), np.mean(level[rest, j])
             if largest > 0.0 and np.isfinite(torque):
                 held[j] = max(held[j], abs(torque) / largest)
     return Rests(count, held)
@@ -95,11 +95,10 @@ def arm_rests(v: Array, time_step: float) -> Flags:
     """
     slow = (np.abs(v) < REST_SPEED).all(axis=1)
     rests = np.zeros(len(v), bool)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))
     margin = round(REST_MARGIN / time_step)
-    for begin, end in edges.reshape(-1, 2):
-        if (end - begin) * time_step >= ARM_REST:
-            rests[max(begin - margin, 0) : end + margin] = True
+    for rest in stretches(np.asarray(slow)):
+        if (rest.stop - rest.start) * time_step >= ARM_REST:
+            rests[max(rest.start - margin, 0) : rest.stop + margin] = True
     return rests
 
 

@@ -38,13 +38,13 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     read_run,
     tooled,
 )
-from wrenchsight.analyses.methods.estimate.contact_places import stretches
 from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceJudgement, ForceReading
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording

@@ -46,9 +46,9 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials imp
     spans_of,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import log_file
-from wrenchsight.analyses.methods.estimate.contact_places import stretches
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.recordings.recording_reader import read_recording
 
 PUSH_FORCE: Final = 30.0  # N

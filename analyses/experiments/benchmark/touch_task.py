@@ -27,12 +27,12 @@ from wrenchsight.analyses.experiments.setups.panda_recordings.touch_logs import 
     TouchLog,
     read_touch_logs,
 )
-from wrenchsight.analyses.methods.estimate.contact_places import stretches
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.analyses.methods.external_torque.torque_touches import TorqueTouches
 from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.robot.robot import Robot
 
 MAX_DELAY: Final = 0.2  # s

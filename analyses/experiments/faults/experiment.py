@@ -41,6 +41,7 @@ from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.hypotheses.judgement import judge_log
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
@@ -148,10 +149,9 @@ def _wrongness(log: Recording, robot: Robot, model: IdentifiedModel, out: Path) 
     excess = np.max([np.abs(table[f"f{x}"]) - SIGMA_95 * table[f"sd_f{x}"] for x in "xyz"], axis=0)
     is_valid = table["valid"] > 0.0
     is_wrong = is_valid & (excess > MAX_FORCE_ERROR)
-    edges = np.flatnonzero(np.diff(np.r_[False, is_wrong, False].astype(int)))
-    lengths = (edges[1::2] - edges[::2]) * float(np.median(np.diff(table["t"])))
+    lengths = [stretch.stop - stretch.start for stretch in stretches(is_wrong)]
     return _Wrongness(
-        time=float(lengths.max(initial=0.0)),
+        time=max(lengths, default=0) * float(np.median(np.diff(table["t"]))),
         excess=max(0.0, float(excess[is_valid].max(initial=0.0))),
         valid_share=float(is_valid.mean()),
         invalid=table["invalid"].astype(np.int64),

@@ -22,6 +22,7 @@ from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 from wrenchsight.models.signals.bands import SIGMA_95
@@ -177,10 +178,9 @@ def _is_above(truth: Array, share: float) -> Flags:
 
 def _intervals(t: Array, is_on: Flags) -> list[tuple[float, float]]:
     """Begin and end of the stretches, joined over short gaps; without those below LEAST_CONTACT."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_on, [False]]).astype(int)))
     joined: list[tuple[float, float]] = []
-    for begin, end in edges.reshape(-1, 2):
-        span = float(t[begin]), float(t[end - 1])
+    for stretch in stretches(is_on):
+        span = float(t[stretch.start]), float(t[stretch.stop - 1])
         if joined and span[0] - joined[-1][1] < CONTACT_SLACK:
             span = joined.pop()[0], span[1]
         joined.append(span)

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.methods.estimate.contact_places import stretches
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.link_odds import PlaceOdds
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.signals.exceedance_tail import MIN_EXCURSION_GAP
 
 MAX_LISTED_CONTACTS = 1000  # contacts in metrics.json; further ones are only counted

@@ -27,6 +27,7 @@ from wrenchsight.models.detection.link_odds import (
     place_evidence,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 
 # s before a contact, between which its baseline is read
 BASELINE_TIME, CONTACT_GUARD_TIME = 0.3, 0.05
@@ -64,12 +65,6 @@ class PlacedContacts(NamedTuple):
     detection: Detection
     odds: Array
     may_be_valid: Flags
-
-
-def stretches(flag: Flags) -> list[slice]:
-    """The stretches of samples in which a flag (N,) is set."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8)))
-    return [slice(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
 
 
 def _pieces(stretch: slice, t: Array) -> list[slice]:

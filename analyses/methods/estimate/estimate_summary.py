@@ -14,6 +14,7 @@ from wrenchsight.models.estimation.invalid_shares import InvalidShares
 from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.identification.identified_model import Validity
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.observers.sample_check import FAULT_BEYOND, FAULT_DISAGREES, FAULT_FROZEN
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
@@ -366,8 +367,8 @@ class EstimateSummary:
             reads_moments: whether the method reads moments; without, only forces are drawn.
             smoothed: whether each sample was read with those after it.
         """
-        stretches = self._drawn_band.stretches()
-        t, lowest, highest = stretches.t, stretches.lowest, stretches.highest
+        drawn = self._drawn_band.stretches()
+        t, lowest, highest = drawn.t, drawn.lowest, drawn.highest
         figure, axes = new_figure(3, 2 if reads_moments else 1, share_x=True)
         origin = self._drawn_band.origin
         since = f" since {origin:.0f} s" if origin else ""
@@ -376,8 +377,8 @@ class EstimateSummary:
             unit = "N" if axis.startswith("f") else "N m"
             panel.fill_between(
                 t,
-                stretches.lower_band[:, k],
-                stretches.upper_band[:, k],
+                drawn.lower_band[:, k],
+                drawn.upper_band[:, k],
                 color=COLOUR["estimate"],
                 alpha=BAND_ALPHA,
                 lw=0,
@@ -392,10 +393,10 @@ class EstimateSummary:
                 label="estimate",
             )
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{unit}]")
-            bottom, top = self._drawn_band.limits(k, stretches)
+            bottom, top = self._drawn_band.limits(k, drawn)
             panel.set_ylim(bottom, top)
-            _shade(panel, t, stretches.is_invalid, COLOUR["invalid"])
-            _shade(panel, t, stretches.has_contact, COLOUR["contact"], "contact")
+            _shade(panel, t, drawn.is_invalid, COLOUR["invalid"])
+            _shade(panel, t, drawn.has_contact, COLOUR["contact"], "contact")
             extremes = (lowest[:, k].min(), highest[:, k].max())
             hidden = [value for value in extremes if not bottom <= value <= top]
             if hidden:
@@ -413,15 +414,14 @@ class EstimateSummary:
 
 def _shade(panel: Any, t: Array, flag: Flags, colour: str, label: str = "not valid") -> None:
     """Marks the stretches in which a flag is set; a contact begins with a line."""
-    padded = np.concatenate([[False], flag, [False]]).astype(np.int8)
-    begins, ends = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1) - 1
     half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.5
-    for index, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+    for index, stretch in enumerate(stretches(flag)):
+        begin, end = t[stretch.start] - half, t[stretch.stop - 1] + half
         if label == "contact":
-            panel.axvline(t[begin] - half, color=COLOUR["onset"], lw=0.8, zorder=1)
+            panel.axvline(begin, color=COLOUR["onset"], lw=0.8, zorder=1)
         panel.axvspan(
-            t[begin] - half,
-            t[end] + half,
+            begin,
+            end,
             color=colour,
             lw=0,
             zorder=0,

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.analyses.methods.estimate.contact_places import stretches
 from wrenchsight.analyses.methods.estimate.estimate_config import LARGEST_DRIFT
 from wrenchsight.models.calibration.friction_beside_contact import refresh_beside_contact
 from wrenchsight.models.calibration.friction_drift_criterion import (
@@ -36,6 +35,7 @@ from wrenchsight.models.calibration.residual_noise import LogSignals, ResidualRo
 from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.first_order import low_pass

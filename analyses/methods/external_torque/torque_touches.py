@@ -14,7 +14,6 @@ from wrenchsight.analyses.methods.estimate.contact_places import (
     ContactTorque,
     PlacedContacts,
     judge_places,
-    stretches,
 )
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.models.detection.contact_detector import Detection
@@ -27,6 +26,7 @@ from wrenchsight.models.detection.torque_contact import (
     learn_reported_torque_sd,
 )
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.recordings.recording import Recording
 
 _REST_TIMES = (0.2, 0.08)  # s before a contact, between which the arm's place of rest is read

@@ -61,6 +61,7 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.ties import TIE_TOLERANCE, first_of_least
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SD_PER_MEDIAN
 
 DISPLACEMENT_CHOICES = (3e-5, 5e-5, 7e-5, 1e-4, 1.4e-4, 2e-4, 3e-4, 5e-4, 1e-3)  # rad or m
 STRIBECK_VELOCITIES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # rad/s or m/s
@@ -73,9 +74,8 @@ MIN_FOLDS = 3  # folds whose spread is a standard error: of two folds it is thei
 SHAPE_STRETCHES = 9  # of logs of fewer motions, to choose a shape
 REST_WEIGHT = 0.01  # of the squared residuals of a joint that rests in a whole log
 HUBER_SCALES = 3.0  # scales of the residual from which it counts linearly, no longer squared
-_GAUSSIAN_SD = 1.4826  # sd of a Gaussian over its median absolute value
 _MIN_SCALE = 1e-9  # N m, of residuals: a log without noise has none
-_MIN_RESIDUAL_SD = 1e-12  # N m, that rows are divided by
+MIN_RESIDUAL_SD = 1e-12  # N m, that rows are divided by
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,9 +238,7 @@ class FrictionFit:
         structure = solution.structure
         factors = self.factors(solution)
         selected = factors if chosen is None else [factors[k] for k in chosen]
-        sd = np.maximum(solution.estimate.residual_sd, _MIN_RESIDUAL_SD) * np.sqrt(
-            self.oversampling
-        )
+        sd = np.maximum(solution.estimate.residual_sd, MIN_RESIDUAL_SD) * np.sqrt(self.oversampling)
         rows = np.vstack([R / sd[j] for factor in selected for j, R in enumerate(factor.R)])
         prior, spread = parameter_prior(self.robot, [len(terms) for terms in structure.terms])
         v_max = np.max([np.abs(self.of_motors(log.v)).max(axis=0) for log in self.runs], axis=0)
@@ -465,7 +463,7 @@ class FrictionFit:
                 regression.residual(log_columns, solution.x)
                 for regression, log_columns in zip(self.regressions, columns, strict=True)
             ]
-            scale = _GAUSSIAN_SD * np.median(np.abs(np.vstack(residuals)), axis=0)
+            scale = SD_PER_MEDIAN * np.median(np.abs(np.vstack(residuals)), axis=0)
             limit = HUBER_SCALES * np.maximum(scale, _MIN_SCALE)
             weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
             result = replace(result, weights=self._with_rests(weights))

@@ -16,12 +16,11 @@ from wrenchsight.analyses.methods.identify.low_passed_logs import (
     moves,
 )
 from wrenchsight.models.friction.friction_structure import FrictionStructure
+from wrenchsight.models.identification.base_parameters import RANK_TOLERANCE
 from wrenchsight.models.identification.torque_regression import TorqueFactors
 from wrenchsight.models.numerics.arrays import Array, Flags
 
 LARGEST_ERROR = 1.0  # of a joint's RMS torque: a prediction that is off by more says nothing
-# singular value, relative to the largest; as `base_parameters.RANK_TOLERANCE`
-_RANK_TOLERANCE = 1e-7
 _MIN_USED_SHARE = 1e-3  # part of a fold's rows along such a direction, from which it counts
 _LAW = "coulomb-viscous-offset"  # the least that every law has
 
@@ -120,7 +119,7 @@ def _error_of_fold(
     _, s, directions = svd(A / length, full_matrices=True)
     singular = np.zeros(len(columns))
     singular[: len(s)] = s
-    is_determined = singular > _RANK_TOLERANCE * singular.max()
+    is_determined = singular > RANK_TOLERANCE * singular.max()
     errors = np.empty(len(fold.R))
     for j, weighed in enumerate(_weighed(fold, columns, sd)):
         along = weighed / length @ directions.T

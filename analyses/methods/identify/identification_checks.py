@@ -10,7 +10,11 @@ import numpy as np
 from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, LawSolution
 from wrenchsight.analyses.methods.identify.low_passed_logs import LowPassedLog
 from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit, pooled_rmse, rms
-from wrenchsight.models.identification.base_parameters import BaseParameters, triangular_factor
+from wrenchsight.models.identification.base_parameters import (
+    RANK_TOLERANCE,
+    BaseParameters,
+    triangular_factor,
+)
 from wrenchsight.models.identification.identified_model import (
     IdentifiedModel,
 )
@@ -20,7 +24,6 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
 _INERTIAL = len(INERTIAL_NAMES)
-RANK_TOLERANCE = 1e-7  # as wrenchsight.models.identification.base_parameters
 GAUSS_NEWTON_STEPS = 6
 _MIN_LENGTH = 1e-12  # of a column that is divided by its length: one of zeros stays so
 _DETERMINED_SHARE = 0.999  # length of a unit vector that must lie in what the rows determine

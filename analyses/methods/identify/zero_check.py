@@ -16,8 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, LawSolution
+from wrenchsight.analyses.methods.identify.friction_fit import (
+    MIN_RESIDUAL_SD,
+    FrictionFit,
+    LawSolution,
+)
 from wrenchsight.models.friction.friction_structure import FrictionStructure
+from wrenchsight.models.identification.base_parameters import RANK_TOLERANCE
 from wrenchsight.models.identification.torque_regression import parameter_columns
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -29,11 +34,9 @@ SURE_SDS = 4.5
 # contact-free logs of a UR10e up to 0.06 is found
 STRUCTURE_SD = 0.015
 ALIKE_SHARE = 0.5  # of the best offset's drop in squares, from which another joint's is named, too
-RANK_TOLERANCE = 1e-7  # as wrenchsight.models.identification.base_parameters
 MAX_SD = 1.0  # rad or m; beyond, masses and friction take up all of an offset's torque
 _DIFFERENCE_STEP = 1e-3  # rad or m, of the derivative
 _MIN_LENGTH = 1e-12  # of a column that is divided by its length: one of zeros stays so
-_MIN_RESIDUAL_SD = 1e-12  # N m, of a log without any noise
 
 
 class ZeroOffsets(NamedTuple):
@@ -111,7 +114,7 @@ def _rows_with_offsets(problem: FrictionFit, solution: LawSolution) -> _OffsetRo
     n = problem.robot.num_joints
     inertial, rotor, _ = solution.parts()
     chain = problem.robot.chain.with_inertial_parameters(inertial, rotor)
-    sd = np.maximum(solution.estimate.residual_sd, _MIN_RESIDUAL_SD)
+    sd = np.maximum(solution.estimate.residual_sd, MIN_RESIDUAL_SD)
     friction_by_log = problem.columns(solution.structure, problem.loads(solution))
     layout = parameter_columns([len(terms) + n for terms in solution.structure.terms])
     offset_columns = [terms[-n:] for terms in layout.friction]  # in the rows of each joint

@@ -8,9 +8,9 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
 from wrenchsight.analyses.data_sets.places import data_set_folder
-from wrenchsight.analyses.methods.estimate.contact_places import stretches
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.stretches import stretches
 
 FOLDER = "link_contact"
 NUM_JOINTS = 7

@@ -48,6 +48,7 @@ from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
 from wrenchsight.models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
@@ -178,10 +179,10 @@ def rows_of(
         side = slip_sides(law, terms.v, terms.time_step)
         sliding = np.abs(side) >= SLIDING_SIDE
     size = max(round(period / terms.time_step), 1)  # samples of a row
-    is_used = (where & terms.is_known).astype(int)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_used, [0]])))  # begins and ends in turn
     starts = [
-        start for begin, end in edges.reshape(-1, 2) for start in range(begin, end - size + 1, size)
+        start
+        for stretch in stretches(where & terms.is_known)
+        for start in range(stretch.start, stretch.stop - size + 1, size)
     ]
     samples_of_row = np.array(starts, int)[:, None] + np.arange(size)
     load = terms.rigid - external

@@ -8,7 +8,6 @@ from wrenchsight.analyses.methods.estimate.contact_places import (
     MAX_PIECE_TIME,
     ContactTorque,
     judge_places,
-    stretches,
     torque_of_contacts,
 )
 from wrenchsight.models.detection.contact_detector import Detection
@@ -81,7 +80,6 @@ def test_a_contact_is_read_from_what_was_before_it():
     np.testing.assert_allclose(torque[300:late], 7.0 - baseline)
     np.testing.assert_allclose(torque[late:900], 7.0)  # what was before it has changed since
     np.testing.assert_array_equal(torque[~contact], tau[~contact])
-    assert stretches(contact) == [slice(100, 150), slice(300, 900)]
 
 
 @pytest.mark.parametrize("cut", [350, 480, 560, 640, 880, 899])
