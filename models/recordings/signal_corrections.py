@@ -24,9 +24,10 @@ def corrected_chunks(
 ) -> Iterator[Recording]:
     """The parts of a log with the corrections of its layout, and the offsets of joints' zeros.
 
-    A signal that is `delay` s late is moved to the times at which it was; velocities made of q and
-    currents made of torque are late with these. A torque or current without gravity gains that of
-    the posture.
+    A signal that is `delay` s late is moved to the times at which it was, and a torque or current
+    without gravity gains that of the posture. What the log does not hold, velocities made of q and
+    currents made of torque, is late with these and lacks gravity with these; what it does hold has
+    its own corrections alone.
 
     Args:
         chunks: successive parts of one recording.
@@ -38,24 +39,27 @@ def corrected_chunks(
         InputError: the gravity torque of a robot without inertias is asked for.
     """
     delays = {signal.name: signal.delay for signal in layout.signals if signal.delay}
-    if "v" not in delays and layout.signal("v") is None and "q" in delays:
-        delays["v"] = delays["q"]  # differentiated
-    if "tau_J" in delays:
-        delays.setdefault("current", delays["tau_J"])  # made of the torque
-    is_without_gravity = any(signal.without_gravity for signal in layout.signals)
-    if is_without_gravity and robot is not None and gravity_torque is None:
+    lacks_gravity = {signal.name for signal in layout.signals if signal.without_gravity}
+    if layout.signal("v") is None and "q" in delays:  # differentiated
+        delays["v"] = delays["q"]
+    if layout.signal("current") is None:  # made of the torque
+        if "tau_J" in delays:
+            delays["current"] = delays["tau_J"]
+        if "tau_J" in lacks_gravity:
+            lacks_gravity.add("current")
+    if lacks_gravity and robot is not None and gravity_torque is None:
         robot.require_inertias("without_gravity")
         gravity_torque = robot.chain.gravity_torque
     for chunk in _without_delays(chunks, delays) if delays else chunks:
         if robot is not None and chunk.num_joints and robot.q_offset.any():
             chunk = replace(chunk, q=chunk.q + robot.q_offset)
-        if is_without_gravity and robot is not None and gravity_torque is not None:
+        if lacks_gravity and robot is not None and gravity_torque is not None:
+            # Of the true posture, so with the offsets of the zeros.
             gravity = gravity_torque(np.ascontiguousarray(chunk.q))
-            chunk = replace(
-                chunk,
-                current=chunk.current + robot.motor_current(gravity),
-                tau_J=None if chunk.tau_J is None else chunk.tau_J + gravity,
-            )
+            if "current" in lacks_gravity:
+                chunk = replace(chunk, current=chunk.current + robot.motor_current(gravity))
+            if "tau_J" in lacks_gravity and chunk.tau_J is not None:
+                chunk = replace(chunk, tau_J=chunk.tau_J + gravity)
         yield chunk
 
 

@@ -65,6 +65,38 @@ def test_gravity_is_added_and_zeros_are_set(ur10e: Robot, tmp_path: Path) -> Non
     np.testing.assert_allclose(moved.q, table[:, 1:7] + 0.1 * np.arange(6), atol=1e-12)
 
 
+@pytest.mark.parametrize("corrected_signal", ["current", "motor_torque"])
+def test_current_and_torque_of_one_log_have_their_own_corrections(
+    ur10e: Robot, tmp_path: Path, corrected_signal: str
+) -> None:
+    table = written(tmp_path / "log.csv")
+    t, q = table[:, :1], table[:, 1:7]
+    both = np.hstack([table, 2.0 * table[:, 13:]])  # the torque 2 N m for each A
+    names = ["t", *(f"{key}{j}" for key in ("q", "v", "i", "tau") for j in range(1, 7))]
+    np.savetxt(
+        tmp_path / "log.csv", both, fmt="%.12g", delimiter=",", header=",".join(names), comments=""
+    )
+    delay = 0.1
+    columns = {"position": "q", "velocity": "v", "current": "i", "motor_torque": "tau"}
+    corrections = {corrected_signal: f", delay: {delay}, without_gravity: true"}
+    lines = ['time: {columns: "t"}', "header: true"]
+    for key, letter in columns.items():
+        lines.append(f'{key}: {{columns: "{letter}{{1..6}}"{corrections.get(key, "")}}}')
+    (tmp_path / "log.yaml").write_text("\n".join(lines))
+    log = read_recording(tmp_path / "log.csv", tmp_path / "log.yaml", ur10e, check=False)
+    gravity = ur10e.chain.gravity_torque(q[: log.num_samples])
+    plain = np.arange(1.0, 7.0) + 0.5 * t[: log.num_samples]
+    late = plain + 0.5 * delay
+    assert log.tau_J is not None
+    if corrected_signal == "current":
+        current, torque = late + ur10e.motor_current(gravity), 2.0 * plain
+    else:
+        current, torque = plain, 2.0 * late + gravity
+    # 12 digits are written of numbers up to 30.
+    np.testing.assert_allclose(log.current, current, atol=1e-9)
+    np.testing.assert_allclose(log.tau_J, torque, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("word", "words"),
     [
