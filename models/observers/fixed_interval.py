@@ -64,7 +64,7 @@ class FilterState(NamedTuple):
 
     Attributes:
         z, P: (M,), (M, M).
-        running: (1,) whether there was a sample before.
+        running: (1,) whether the period before the sample is known; not so before a first sample.
         previous_smooth: (n,) s of the sample before.
     """
 
@@ -134,7 +134,8 @@ def forward_log(
 
     The state z of M = 3 n + 6 numbers, with its covariance P, is [p (n), F (6), x (n), beta (n)]:
     momentum, wrench on the robot at E (rotation first), smooth and slow part of the torque error.
-    A sample that is not finite is not measured: the momentum starts anew.
+    A sample that is not finite, or the first after a period that is not known (`state.running`),
+    is not measured: it starts the momentum anew.
 
     Args:
         signals: (N, NUM_SIGNALS, n), rows as in `models.observers.observer`.
@@ -165,8 +166,9 @@ def forward_log(
             _take_innovation(K, miss, z, P)
         else:
             _restart_momentum(arrived, rounding, z, P)
-        # Over the period after it: z <- A z + T u, P <- A P A^T + noise. The parts are rows of the
-        # log, which so gets them.
+        # Over the period after it: z <- A z + T u, P <- A P A^T + noise. x fades and gets its noise
+        # first, in `renew`: A is the rest of the step. The parts are rows of the log, which so
+        # gets them.
         parts = ErrorParts(
             smooth=period[k, _SMOOTH], white=white, slow=period[k, _SLOW], decay=period[k, _DECAY]
         )
@@ -175,12 +177,12 @@ def forward_log(
         if is_known:
             renew(period[k, _DECAY], t.mixing, z, P)
             _step_matrix(t, drift_decay, model.J[k], period[k], A)
-            _add_rows(A, n, z.reshape(M, 1))
+            _add_rows(A, n, z.reshape(M, 1))  # A z but for A's diagonal
             for a in range(n, M):
                 z[a] *= A[a, a]
             for i in range(n):
                 z[i] += T * _modelled_torque(sample, i)
-            _congruent(A, n, P)
+            _congruent(A, n, P)  # P <- A P A^T, all of it
             for i in range(n):
                 P[i, i] += white[i]
                 P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - drift_decay * drift_decay
@@ -305,7 +307,8 @@ def backward_log(
         _weigh_change(adjoint, t.sixes[JUMP_F], n, evidence[k])
         if kinds[k, _KNOWN]:
             _step_matrix(t, model.drift_decay, model.J[k], period[k], A)
-            # lambda <- A^T lambda, Lambda <- A^T Lambda A; `fade` is what `renew` does to z.
+            # lambda <- A^T lambda, Lambda <- A^T Lambda A: A^T is applied to the rows, then to the
+            # columns. Forward `renew` fades x before A, so backward it fades after A^T.
             _transposed(A, n, vector.reshape(M, 1))
             _transposed(A, n, matrix.T)
             _transposed(A, n, matrix)
@@ -425,7 +428,8 @@ def _forward_response(
         dz <- A dz - T torque           a period goes by
 
     dz is of the state [p (n), F (6), x (n), beta (n)], M = 3 n + 6 numbers. A column, or case, is
-    the torque of one joint alone.
+    the torque of one joint alone. The steps are those of `forward_log` on z, in its order: x
+    fades, the rows of A are added, then comes A's diagonal. A restart leaves no error of p.
 
     Args:
         model, log: of `forward_log`.
@@ -477,6 +481,9 @@ def _backward_response(
         lambda <- A^T lambda                                    a period goes by
         lambda <- lambda + H^T (S^-1 dp - K^T lambda)           a sample is measured
         dF = dz_F - P_F lambda                                  P_F: rows of F
+
+    It is the step of `_take_adjoint` with the innovation -dp: the reading does not change, its
+    prediction does.
 
     Args:
         model, log: of `forward_log`.

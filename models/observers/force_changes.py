@@ -248,7 +248,7 @@ def likely_changes(evidence: Array, search: ChangeSearch) -> Array:
     force_gain = evidence[:, FORCE_GAIN] + search.extra_parameters
     last_change = -reach - 1
     for k in np.flatnonzero((log_likelihood > -np.log(CHANGE_ODDS)) & (log_likelihood >= highest)):
-        # Within reach of the last change this one is as likely as that, as in a gap of the log.
+        # Two maxima within reach are equal, as in a gap of the log: the first stands for both.
         if k - last_change <= reach or blow_gain[k] > force_gain[k]:
             continue
         neighbours = slice(max(k - reach, 0), k + reach + 1)

@@ -35,8 +35,8 @@ DECAY_F, NOISE_F, START_F, JUMP_F, SIXES = range(5)
 RATE_X, SMOOTH, WHITE, LASTING, ROUND, JOINTS = range(6)
 
 MOST_DOUBT = 1e4  # largest factor by which a gross innovation widens the variance
-# Entries of KalmanState.status: the phase, and the number of measured samples. Phase: the first of
-# these or less, one less for each sample lost in a row; the second while the filter runs.
+# Entries of KalmanState.status: the phase, and the number of measured samples. The phase is 1 while
+# the filter runs, 0 before a first sample, and -k after k samples lost in a row.
 _PHASE, _NUM_MEASURED = 0, 1
 _LOST_STATUS, _RUNNING_STATUS = 0.0, 1.0
 
@@ -179,8 +179,9 @@ def _wrench_after(
 ) -> None:
     """Writes F (6,) and its covariance (6, 6) right after a sample; the state stays as it is.
 
-    The covariance is that of F in P after the measurement, plus slow slow^T: C (N, n) is what the
-    slow part of the torque error, n numbers of sd 1, has put into the state.
+    The covariance is that of F in P after the measurement (as `_measure` makes it, R = `rounding`),
+    plus slow slow^T: C (N, n) is what the slow part of the torque error, n numbers of sd 1, has put
+    into the state.
 
     Args:
         table, state: the filter's, before the sample, whose gain the state holds already; F are
@@ -218,10 +219,10 @@ def _wrench_after(
 def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> None:
     """Updates the state `s` with a sample, in place: measurement, then prediction over a period.
 
-    A sample that is not finite is not measured; the one after it starts the momentum again. After
-    SETTLED lost samples in a row the filter begins anew. The status holds the phase,
-    _RUNNING_STATUS or, from _LOST_STATUS on, one less for each lost sample, and counts the measured
-    samples.
+    A sample that is not finite is not measured, and is lost, as is one with a torque or J that is
+    not: the period after it is not known. The next one starts the momentum again. After SETTLED
+    lost samples in a row the filter begins anew. The status counts the measured samples, and holds
+    the phase: _RUNNING_STATUS (1), or _LOST_STATUS (0) less the number of samples lost in a row.
 
     Args:
         t: constants.
@@ -246,14 +247,16 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
         _measure(s, rounding, arrived)
         status[_NUM_MEASURED] += 1.0
         _doubt_prediction(t, s, whitened)
-    # After a gap the momentum is what the sample says, without regard to the one before.
+    # After a gap the momentum is what the sample says, without regard to the one before. (Of a
+    # sample that is not finite that is NaN, which the next one replaces in the same way.)
     if status[_PHASE] != _RUNNING_STATUS:
         for i in range(n):
             x[i] = arrived[i]
             P[i], P[:, i], C[i] = 0.0, 0.0, 0.0
             P[i, i] = rounding[i]
 
-    # The prediction over the coming period.
+    # The prediction over the coming period. The error's smooth part fades and is renewed first: in
+    # x and P by `renew`, in C here, which gets no noise.
     error = ErrorParts(np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     error_parts(t, s.previous_smooth, signals, error)
     if is_known:
@@ -269,7 +272,7 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
     else:
         for a in range(6):  # without a motion only time goes by
             P[n + a, n + a] += sixes[NOISE_F, a]
-        status[_PHASE] = min(status[_PHASE], _LOST_STATUS) - 1.0
+        status[_PHASE] = min(status[_PHASE], _LOST_STATUS) - 1.0  # less the samples lost so far
         if status[_PHASE] <= -numbers[SETTLED]:
             _begin(t, s)
 
@@ -429,7 +432,7 @@ def fade(decay: Array, x: Array, P: Array) -> None:
 
 @kernel
 def renew(decay: Array, mixing: Array, x: Array, P: Array) -> None:
-    """Renews the error's smooth part in x and P, in place."""
+    """Renews the error's smooth part in x and P, in place: it fades by a_x, and gets its noise."""
     n = decay.shape[0]
     fade(decay, x, P)
     for i in range(n):
@@ -440,7 +443,10 @@ def renew(decay: Array, mixing: Array, x: Array, P: Array) -> None:
 
 @kernel
 def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> None:
-    """Propagates x, P and C over a period, in place; `_take_sample` adds T u and renews the error.
+    """Propagates x, P and C over a period, in place.
+
+    Before it `_take_sample` has added T u to the momentum, and faded and renewed the error's smooth
+    part: here that part only acts on the momentum.
 
     Order of the state, of rows and columns alike: momentum p (entries 0 to n - 1), wrench F (n to
     n + 5), smooth part of the torque error (n + 6 to 2 n + 5).

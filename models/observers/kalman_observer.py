@@ -205,12 +205,15 @@ class KalmanObserver:
         """
         n, T = self.num_joints, self.time_step
         K_0, correlation_time = np.full(n, _PLAIN_K_0), np.full(n, _PLAIN_TIME)
-        torque_sd, lasting, mixing = np.ones(n), np.zeros(n), np.eye(n)
-        prior: WrenchPrior | None = WrenchPrior(1.0, 1.0, 1.0, 1.0)
+        torque_sd, lasting, mixing = np.ones(n), np.zeros(n), np.eye(n)  # N m; share of a variance
+        prior: WrenchPrior | None = WrenchPrior(
+            moment_sd=1.0, force_sd=1.0, live_moment_sd=1.0, live_force_sd=1.0
+        )
         if knowledge is not None:
             torque_sd, prior = knowledge.torque_sd, knowledge.prior
             if (error := knowledge.torque_error) is not None:
                 K_0, correlation_time = knowledge.rates, error.correlation_time
+                # The constant part of the sd is the least: the rounding is a share of it.
                 torque_sd, lasting, mixing = error.constant, error.lasting, error.correlation
         if prior is None:
             raise ValueError("a Kalman observer reads by bayesian, force_only or inverse")
@@ -226,6 +229,7 @@ class KalmanObserver:
         sixes = np.zeros((SIXES, 6))
         sixes[DECAY_F], sixes[NOISE_F], sixes[START_F] = decay, noise, start
         sixes[JUMP_F] = np.minimum(start, live_variance)
+        # Factors on moving^2, as in the module's docstring; LASTING on its root.
         joints = np.zeros((JOINTS, n))
         joints[RATE_X] = 1.0 / correlation_time
         K_0_T_c = K_0 * correlation_time

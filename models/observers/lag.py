@@ -134,13 +134,15 @@ def lag_settings(
             scale=float(scale),
             spring_share=0.0,
         )
-    rates = np.array([RATE_CORNERS, 1.0]) * omega  # w and omega, 1/s
+    slowest_K_0 = float(np.min(K_0))
+    # Of each pair the first is at the corner w, the one called slow at omega.
+    rates = np.array([RATE_CORNERS, 1.0]) * omega  # 1/s
     pole, slow_pole = np.exp(-rates * time_step).tolist()
     doubted_pole, doubted_slow_pole = np.exp(-_DOUBTED_PACE * rates * time_step).tolist()
     # Such that a ramp, low-passed up to the sample before, shows its rate exactly.
     ramp_rates = (1.0 - np.exp(-rates * time_step)) / time_step
-    natural_frequency = 2.0 * np.pi * NATURAL_FREQUENCY_HZ
-    rate_factor, slow_rate_factor = (ramp_rates / float(np.min(K_0))).tolist()
+    natural_frequency = 2.0 * np.pi * NATURAL_FREQUENCY_HZ  # w_s of the module's docstring
+    rate_factor, slow_rate_factor = (ramp_rates / slowest_K_0).tolist()
     return LagSettings(
         pole=pole,
         slow_pole=slow_pole,
@@ -150,7 +152,7 @@ def lag_settings(
         rate_factor=rate_factor,
         slow_rate_factor=slow_rate_factor,
         scale=float(scale),
-        spring_share=omega * float(np.min(K_0)) / natural_frequency**2,
+        spring_share=omega * slowest_K_0 / natural_frequency**2,
     )
 
 
@@ -205,14 +207,15 @@ def lag_tick(
     and on the force's diagonal what springs add: spring_share^2 times the trace of the force's part
     of the first two terms. f is what the reading F lags by, from its rate; g = f without the noise
     of the reading; L the mean of g g^T over the last 1 / omega; h what of g this instant has beyond
-    that mean; omega / (2 pi) the bandwidth that the user states.
+    that mean; omega / (2 pi) the bandwidth that the user states. The noise of the reading is that
+    of the covariance as it is given: f and g come before it is changed.
 
     Args:
         settings: of `lag_settings`.
         state: (LAG_ROWS, 6): the wrench through two low-passes (_FAST at RATE_CORNERS omega, _SLOW
             at omega; read), L (rows from _POWER on) and the powers of the rates seen through both
             (_RATES); the latter two are updated. `lag_update` takes the sample.
-        wrench: (6,) the reading, moment first.
+        wrench: (6,) the reading, moment first; where it is not finite, f is 0 and L fades.
         covariance: (6, 6), changed.
         lateness: (6,) N m and N, overwritten with h.
 

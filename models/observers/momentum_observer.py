@@ -111,7 +111,8 @@ def observe_momentum(
             estimate, decay, gain = state[_ESTIMATE, i], table[i, _DECAY], table[i, _GAIN]
             if abs(arrived) < MAX_MOMENTUM and np.isfinite(state[_PREDICTED, i]):
                 estimate = decay * state[_ESTIMATE, i] + gain * (arrived - state[_PREDICTED, i])
-                # A filter that hardly moves says nothing of the present, either.
+                # The start's share once this period is over (it is stored below). And a filter that
+                # hardly moves says nothing of the present, either.
                 if decay * state[_START, i] > START_SHARE or gain < LEAST_K_0:
                     is_fresh[k] = False
             else:
@@ -120,9 +121,12 @@ def observe_momentum(
             predicted = momentum[k, i] + table[i, _HALF] * model
             predicted += table[i, _MOTOR_AFTER] * tau_J[k, i]
             is_known = abs(predicted) < MAX_MOMENTUM
+            # The start's share falls over a period that both its ends show. Over one lost at both
+            # ends the held estimate ages: the share rises again, from HELD_SHARE at least. It stays
+            # over a gap's first and last period.
             if is_known and np.isfinite(state[_PREDICTED, i]):
                 state[_START, i] *= decay
-            elif not is_known and np.isnan(state[_PREDICTED, i]):  # a held estimate ages
+            elif not is_known and np.isnan(state[_PREDICTED, i]):
                 state[_START, i] = min(1.0, max(state[_START, i], HELD_SHARE) / decay)
             state[_PREDICTED, i] = predicted if is_known else np.nan
             state[_ESTIMATE, i] = estimate

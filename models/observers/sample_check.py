@@ -293,7 +293,7 @@ class _Fades(NamedTuple):
 def _take_motion(
     joint: _Joint, age: float, fades: _Fades, q: float, v: float, is_possible: bool
 ) -> None:
-    """Updates the state of q and v of one joint.
+    """Updates the state of q and v of one joint: it takes the sample, or counts it as lost.
 
     Args:
         joint: of the state before the sample.
@@ -303,23 +303,23 @@ def _take_motion(
         is_possible: whether the check has left both.
     """
     table, state, period, j = joint
+    # Whether it can be compared with a sample that was taken, and whether that one still counts.
     is_known = np.isfinite(state[_Q, j]) and np.isfinite(q) and np.isfinite(v)
     is_recent = is_known and age <= max(RESTART_TIME, RESTART_TICKS * period)
-    # A sample that is not finite, or after none that was, is as useless as one beyond a limit.
-    code = FAULT_BEYOND
-    if is_possible:
-        code = 0
-    elif is_known:
-        code = _wrong_motion(joint, fades.drift, q, v)
-    if code == FAULT_BEYOND:
+    # Of the samples that the check refused, those whose q and v disagree in sum (FAULT_DISAGREES)
+    # are taken all the same: a drift is still summed, or it would never end.
+    is_lost = not is_possible and (
+        not is_known or _wrong_motion(joint, fades.drift, q, v) == FAULT_BEYOND
+    )
+    if is_lost:
         state[_AGE, j] = age
         r = abs(_disagreement(joint, age, q, v)) if is_recent else np.inf
-        # A lasting disagreement is not a spike: the bound follows it within some samples.
+        # A disagreement that lasts is not a spike: where it is no larger than a drift may be (in
+        # rad), `_bound` grows by _BOUND_GROWTH a sample, until r is within it.
         if r * age <= table[_DRIFT, j] and abs(v) <= table[_SPEED, j]:
             raised = _BOUND_GROWTH * _bound(joint) / MAX_RISE
             state[_LARGEST, j] = max(state[_LARGEST, j], min(r, raised))
         return
-    # Taken, also where q and v disagree: a drift is still summed, or it would never end.
     if is_recent:
         r = _disagreement(joint, age, q, v)
         state[_LARGEST, j] = max(abs(r), state[_LARGEST, j] * fades.rise)

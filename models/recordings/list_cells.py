@@ -40,8 +40,11 @@ class UnfoldedFile:
     def __init__(self, path: Path, separator: str, skip_lines: int) -> None:
         """Writes the table; its lines keep their numbers, so that errors name those of the log.
 
+        A row of several lines (a cell may have line breaks) becomes the last of them, after blank
+        ones; the header becomes the line before the first row, whatever stands between.
+
         Args:
-            path: of the table with lists.
+            path: of the table with lists; it has a header and a row.
             separator: of its cells, and of the new table's.
             skip_lines: lines before the header; blank lines take their place.
         """
@@ -55,19 +58,19 @@ class UnfoldedFile:
             try:
                 header = next(reader)
                 first_cells = next((cells for cells in reader if cells), [])
-                # How wide its lists are decides the names of the columns. The header takes all
-                # lines before it, also blank ones.
+                # How wide its lists are decides the names of the columns.
                 widths = [_width(entries(cell)) for cell in first_cells]
-                num_written = reader.line_num - 1  # lines of the table so far
+                num_written = reader.line_num - 1  # lines up to the header's new place
                 if first_cells:
                     target.write(_line(_names(header, widths), separator, num_written))
+                # After each row as many lines are written as the reader has read.
                 for cells in chain([first_cells] if first_cells else [], reader):
                     lists = [entries(cell) for cell in cells]
                     _check_widths(path, skip_lines + reader.line_num, header, lists, widths)
                     flat: list[str] = []
                     for cell, row in zip(cells, lists, strict=True):
                         flat += [cell] if row is None else row
-                    num_lines = reader.line_num - num_written  # a cell may have line breaks
+                    num_lines = reader.line_num - num_written
                     num_written = reader.line_num
                     target.write(_line(flat, separator, num_lines) if cells else "\n" * num_lines)
             except csv.Error as error:

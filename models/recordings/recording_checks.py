@@ -174,9 +174,8 @@ class RecordingChecks:
     def _judge_motion(self, chunk: Recording) -> None:
         """Refuses velocities that are not the derivative of the positions, once enough is read.
 
-        A joint is judged by correlation and ratio of dq/dt and v over _LEAST_WINDOWS windows. Fewer
-        do where both are far from each other: on all joints, as with a wrong unit, or where one of
-        them stands still. Before, only a long motion that v does not explain at all is wrong.
+        A joint of enough windows is judged by correlation and ratio of dq/dt and v. Before, only a
+        long motion that v does not explain at all is wrong.
 
         Of each joint `_motion` sums x = integral of v and y = change of q over the windows in which
         it moves: xx, yy, xy and their count; its ratio is that of y to x.
@@ -185,41 +184,55 @@ class RecordingChecks:
             InputError: names the first such joint, and how v and dq/dt differ.
         """
         cosine, ratio = self._motion.cosine(), self._motion.ratio()
-        xx, yy, count = self._motion.xx, self._motion.yy, self._motion.count
-        smaller, larger = np.minimum(xx, yy), np.maximum(xx, yy)
-        may_judge = count >= _LEAST_WINDOWS_FAR_OFF
-        is_far_off = may_judge & (smaller * _FAR_OFF**2 < larger)
-        is_wrong_unit = is_far_off.sum() > 1 and bool((is_far_off == may_judge).all())
-        if not is_wrong_unit:
-            is_far_off = may_judge & (smaller < _STANDING_SHARE * larger)
-        is_enough = count >= np.where(is_far_off, _LEAST_WINDOWS_FAR_OFF, _LEAST_WINDOWS)
         low, high = _VELOCITY_RATIO
         follows = (cosine >= _LEAST_CORRELATION) & (low <= ratio) & (ratio <= high)
-        moves_far = may_judge & (larger > count * _FEW_WINDOWS_MOTION**2)
-        is_unexplained = xx - 2.0 * self._motion.xy + yy > _MAX_UNEXPLAINED_SHARE * larger
-        wrong = np.flatnonzero(np.where(is_enough, ~follows, moves_far & is_unexplained))
-        if not len(wrong):
-            return
-        j = int(wrong[0])
-        if xx[j] < _STANDING_SHARE * yy[j]:
-            problem = "v stands still while q moves"
-            remedy = "log the velocity, or give its column"
-        elif yy[j] < _STANDING_SHARE * xx[j]:
-            problem = "q stands still while v moves"
-            remedy = "log the position, or give its column"
-        elif is_enough[j] and abs(cosine[j]) < _LEAST_CORRELATION:
-            problem = f"v does not follow dq/dt (correlation {cosine[j]:.2f})"
-            remedy = "check that q and v name the joints in one order"
-        else:
-            problem = f"dq/dt is {ratio[j]:.4g} times v, expected 1"
-            remedies = [
-                text for scale, text in _SCALES if abs(ratio[j] / scale - 1) < _SCALE_TOLERANCE
-            ]
-            remedy = remedies[0] if remedies else "check the units of q, v and t"
-            if not is_enough[j]:  # sums over a short time may be in proportion by chance
-                problem = f"v does not follow dq/dt: {problem}"
-                remedy += ", and that q and v name the joints in one order"
-        raise self._error(chunk, None, "v", j, problem, remedy)
+        is_enough = self._has_enough_windows()
+        wrong = np.flatnonzero(np.where(is_enough, ~follows, self._is_unexplained()))
+        if len(wrong):
+            j = int(wrong[0])
+            problem, remedy = self._motion_fault(j, bool(is_enough[j]))
+            raise self._error(chunk, None, "v", j, problem, remedy)
+
+    def _has_enough_windows(self) -> NDArray[np.bool_]:
+        """(n,) whether correlation and ratio of dq/dt and v say something of a joint by now.
+
+        _LEAST_WINDOWS do. Fewer do where both are far from each other: on all joints, as with a
+        wrong unit, or where one of them stands still.
+        """
+        xx, yy, count = self._motion.xx, self._motion.yy, self._motion.count
+        smaller, larger = np.minimum(xx, yy), np.maximum(xx, yy)
+        has_few = count >= _LEAST_WINDOWS_FAR_OFF
+        is_far_off = has_few & (smaller * _FAR_OFF**2 < larger)
+        is_wrong_unit = bool(is_far_off.sum() > 1 and (is_far_off == has_few).all())
+        stands_still = has_few & (smaller < _STANDING_SHARE * larger)
+        return (count >= _LEAST_WINDOWS) | (is_far_off if is_wrong_unit else stands_still)
+
+    def _is_unexplained(self) -> NDArray[np.bool_]:
+        """(n,) whether a joint went far in few windows, and v does not explain it at all."""
+        xx, yy, count = self._motion.xx, self._motion.yy, self._motion.count
+        larger = np.maximum(xx, yy)
+        moves_far = (count >= _LEAST_WINDOWS_FAR_OFF) & (larger > count * _FEW_WINDOWS_MOTION**2)
+        left_over = xx - 2.0 * self._motion.xy + yy  # sum of (y - x)^2
+        return np.asarray(moves_far & (left_over > _MAX_UNEXPLAINED_SHARE * larger))
+
+    def _motion_fault(self, j: int, is_enough: bool) -> tuple[str, str]:
+        """How v and dq/dt of joint j differ, and what to do; `is_enough` as above."""
+        xx, yy = self._motion.xx[j], self._motion.yy[j]
+        cosine, ratio = self._motion.cosine()[j], self._motion.ratio()[j]
+        if xx < _STANDING_SHARE * yy:
+            return "v stands still while q moves", "log the velocity, or give its column"
+        if yy < _STANDING_SHARE * xx:
+            return "q stands still while v moves", "log the position, or give its column"
+        if is_enough and abs(cosine) < _LEAST_CORRELATION:
+            problem = f"v does not follow dq/dt (correlation {cosine:.2f})"
+            return problem, "check that q and v name the joints in one order"
+        problem = f"dq/dt is {ratio:.4g} times v, expected 1"
+        remedies = [text for scale, text in _SCALES if abs(ratio / scale - 1) < _SCALE_TOLERANCE]
+        remedy = remedies[0] if remedies else "check the units of q, v and t"
+        if not is_enough:  # sums over a short time may be in proportion by chance
+            problem = f"v does not follow dq/dt: {problem}"
+            remedy += ", and that q and v name the joints in one order"
+        return problem, remedy
 
     def _judge_gravity(self, chunk: Recording) -> None:
         """Refuses motor torques that are zero where gravity loads the joint."""

@@ -167,8 +167,9 @@ class RecordingReader:
         """Opens the log, finds its signals and settles their units; no sample is checked yet.
 
         The steps rely on their order: how the log is opened depends on the words that the user
-        states, units and velocities on the layout, and the unit of effort on both. Arguments as the
-        class has them.
+        states, units and velocities on the layout, and the unit of effort on both. The last steps
+        read the log's first chunks by what the steps before have settled. Arguments as the class
+        has them.
         """
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
@@ -178,20 +179,29 @@ class RecordingReader:
                 )
             description = path
             path = _described_log(description)
+        # What is stated.
         self.path = path
-        self._notices: list[str] = []
         self._robot = robot
         self._check = check
-        self.gravity_torque: Callable[[Array], Array] | None = None
         self._further = further or {}
         self._requested_by = requested_by
         words = log_words(description)
         self._words = words or LogWords()
-        self.effort_holds_gravity = True
+        self._is_described = description is not None and words is None
+        self.gravity_torque: Callable[[Array], Array] | None = None  # set by who knows a better one
+        # What the steps below find; so it stays where they find nothing.
+        self._notices: list[str] = []
+        self._unpacked: UnpackedFile | None = None
         self._torque_is_effort = False  # whether the log calls its motor torque effort
         self._torque_substitute = ""  # what the log holds instead of torque
-        self._is_described = description is not None and words is None
-        self._unpacked: UnpackedFile | None = None
+        self._is_differentiated = False
+        self.effort_holds_gravity = True
+        # What each pass over the log counts anew.
+        self._num_missing = 0
+        self._first_missing = ""  # row and column of the first missing number
+        self._stamps = StampFilter()
+        self._angles = Unwrapper(robot)
+        # The steps. The first sets `_unpacked`, and what a recognised log says of its torque.
         log = self._open(None if words is not None else description)
         self.format = log.form
         self.table = log.table
@@ -202,11 +212,6 @@ class RecordingReader:
                 f"{Path(log.form_source).name} selects rows of {len(log.form.rows)} files, but not "
                 f"of {path.name}: all its rows are read, also those before and after the motion"
             )
-        self._is_differentiated = False
-        self._num_missing = 0
-        self._first_missing = ""  # row and column of the first missing number
-        self._stamps = StampFilter()
-        self._angles = Unwrapper(robot)
         self._check_num_joints()
         self._settle_time_unit()
         self._settle_velocities()

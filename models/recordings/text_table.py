@@ -94,6 +94,24 @@ def _without_lists(open_table: "Callable[[UnfoldedFile | None], TextTable]") -> 
     return open_table(UnfoldedFile(table.path, table.separator, table.skip_lines))
 
 
+def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
+    """The names of columns with their units behind, as "q1 [rad]"; without where there is none."""
+    return tuple(
+        f"{name} [{unit.strip('[]() ')}]" if unit.strip("[]()- ") else name
+        for name, unit in zip(names, units, strict=True)
+    )
+
+
+def _stamp_types(first_cells: Sequence[str]) -> dict[int, pa.DataType]:
+    """Arrow's types of the columns that hold dates with times, by their numbers from 0."""
+    matches = {k: _STAMP.fullmatch(cell) for k, cell in enumerate(first_cells)}
+    return {
+        k: pa.timestamp("ns", tz="UTC" if match["zone"] else None)
+        for k, match in matches.items()
+        if match is not None
+    }
+
+
 def write_csv_header(file: BinaryIO, names: Sequence[str]) -> None:
     """Writes names without quotes, which pyarrow's own header has."""
     file.write((",".join(names) + "\n").encode())
@@ -152,41 +170,34 @@ class TextTable:
         with opened(self._source, "a log") as file:
             _refuse_binary(path, file)
             self._begin = _after_byte_order_mark(file)
+            # The table's top line, and how many lines precede it. From here on each `_line` reads
+            # the one below the last.
             may_be_blank = header is not False
             top_line, self.skip_lines = self._top_line_from(file, skip_lines, may_be_blank)
             if separator is None and header is None:
                 top_line, self.skip_lines = self._below_words(file, top_line, self.skip_lines)
             if not top_line:
                 raise InputError(path, "", "is empty", "record the log again")
-            # The header, and the units below it.
-            self.separator = separator or _separator_of(top_line)
-            cells = self._cells(top_line)
-            if header is None:
-                header = not all(_is_number(cell.replace(",", ".")) for cell in cells)
-            self.names: tuple[str, ...] | None = tuple(cells) if header else None
-            self._num_head_lines = self.skip_lines + (1 if header else 0)
-            line_of_numbers = self._line(file).strip() if header else top_line
+            self.separator = separator or _separator_of(top_line)  # by which `_cells` splits
+            top_cells = self._cells(top_line)
+            has_header = header
+            if has_header is None:
+                has_header = not all(_is_number(cell.replace(",", ".")) for cell in top_cells)
+            # The header, the units below it, and the first row of numbers.
+            self.names: tuple[str, ...] | None = tuple(top_cells) if has_header else None
+            self._num_head_lines = self.skip_lines + (1 if has_header else 0)
+            line_of_numbers = self._line(file).strip() if has_header else top_line
             if self.names is not None and self._is_of_units(self._cells(line_of_numbers)):
-                units = self._cells(line_of_numbers)
-                self.names = tuple(
-                    f"{name} [{unit.strip('[]() ')}]" if unit.strip("[]()- ") else name
-                    for name, unit in zip(self.names, units, strict=True)
-                )
+                self.names = _with_units(self.names, self._cells(line_of_numbers))
                 self.notices.append("units are read from the line below the header")
                 self._num_head_lines += 1
                 line_of_numbers = self._line(file).strip()
-            # The first row of numbers.
             self.first_cells = tuple(self._cells(line_of_numbers))
-            stamps = {k: _STAMP.fullmatch(cell) for k, cell in enumerate(self.first_cells)}
-            self._stamps = {  # arrow's types of columns that hold dates with times
-                k: pa.timestamp("ns", tz="UTC" if match["zone"] else None)
-                for k, match in stamps.items()
-                if match is not None
-            }
-        self.num_columns = len(cells)
+        self._stamps = _stamp_types(self.first_cells)
+        self.num_columns = len(top_cells)
         self._top_line = top_line
         self.decimal_mark = decimal_mark or self._decimal_mark_of(line_of_numbers)
-        if header and all(_is_number(cell, self.decimal_mark) for cell in cells):
+        if has_header and all(_is_number(cell, self.decimal_mark) for cell in top_cells):
             problem = "holds numbers where the names of the columns are expected"
             remedy = "set header: false in the description, or add a first line t,q1,..."
             raise InputError(path, f"line {self._num_head_lines}", problem, remedy)
@@ -292,20 +303,24 @@ class TextTable:
             first_line = self._num_head_lines + first_row
             last_line = self._num_head_lines + last_row
         end = 0
-        for block, line in self._raw_blocks():
+        for block, line in self._raw_blocks():  # `line`: number of its first one
             num_lines = block.count(b"\n") + (not block.endswith(b"\n"))
-            end = line + num_lines - 1
+            end = line + num_lines - 1  # of its last one
             if line > last_line:
                 break
             if end < first_line:
                 continue
+            start, stop = 0, len(block)  # bytes of the block's selected lines
             if line < first_line or end > last_line:
-                # Where the lines of the block begin, but the first.
-                breaks = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + 1
-                start = int(breaks[first_line - line - 1]) if line < first_line else 0
-                stop = int(breaks[last_line - line]) if end > last_line else len(block)
-                block, line = block[start:stop], max(line, first_line)
-            values, lines = self._parsed(block, line, columns, may_be_empty)
+                # begins[k] is where line + k + 1 begins.
+                begins = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + 1
+                if line < first_line:
+                    start = int(begins[first_line - line - 1])
+                if end > last_line:
+                    stop = int(begins[last_line - line])
+            values, lines = self._parsed(
+                block[start:stop], max(line, first_line), columns, may_be_empty
+            )
             if len(lines):
                 yield values, lines
         if rows is not None and end < last_line:
@@ -355,7 +370,8 @@ class TextTable:
     ) -> tuple[Array, Lines]:
         """The numbers (N, k) of a block of whole lines, and the numbers (N,) of their lines.
 
-        Arrow parses it; what it refuses is looked at line by line for an error that names the cell.
+        Arrow parses it; what it refuses is looked at line by line for an error that names the cell:
+        `_refuse_fault` raises that, or returns where it finds nothing wrong.
 
         Args:
             block: bytes of some lines.
@@ -370,16 +386,16 @@ class TextTable:
         used = [str(k) for k in columns]
         # A carriage return within a line: Arrow would take it for the end of the line.
         if block.count(b"\r") > block.count(b"\r\n") + block.endswith(b"\r"):
-            self._refuse_fault(block, line, columns, may_be_empty)  # returns if it is within quotes
+            self._refuse_fault(block, line, columns, may_be_empty)
         try:
             try:
                 table = self._table(block, names, used)
-            except pa.ArrowInvalid:  # as over a line of blanks, which is as good as an empty one
+            except pa.ArrowInvalid:
+                # As over a line of blanks, which is as good as an empty one. (As many lines stay.)
                 without_blanks = _BLANK_LINE.sub(b"", block)
                 if without_blanks == block:
                     raise
-                block = without_blanks
-                table = self._table(block, names, used)
+                table = self._table(without_blanks, names, used)
         except pa.ArrowInvalid as error:
             self._refuse_fault(block, line, columns, may_be_empty)
             raise InputError(

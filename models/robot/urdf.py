@@ -45,6 +45,7 @@ _KEPT_TAGS = ("link", "joint", "material", "drake:collision_filter_group")
 _MAX_TILT = math.radians(1.0)  # between two directions of gravity that agree
 _MIN_AXIS = 1e-9  # of an axis that has a direction
 _MAX_NUMBER = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
+_MIN_SPEED = 1e-6  # rad/s (m/s), of a joint that moves; a limit below is a slip, or negative
 
 
 def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> EffectiveUrdf:
@@ -65,14 +66,16 @@ class _Reader:
         """Holds the document while `read` changes it step by step; nothing is checked yet."""
         self.path = path
         self.config = config
-        self.base = config.base_link
         self.config_source = config_source
-        self.notices: list[str] = []
+        self.base = config.base_link  # a base named "world" gets another name in `_collect`
+        self.notices: list[str] = []  # of all steps
+        # What `_check_inertias` finds: faults of what moves; whether and where possible_inertias
+        # mends them.
         self.inertia_faults: list[InputError] = []
-        self.may_be_mended = False  # by possible_inertias
+        self.may_be_mended = False
         self.mended: list[str] = []  # links whose impossible inertia a possible one replaces
         self.rounded: list[str] = []  # joints whose angles were written with few digits
-        self.meshes = CollisionMeshes()
+        self.meshes = CollisionMeshes()  # those that `drop_pictures` drops, for their hulls
         self.root, self.lines = read_document(path, config_source)
         if with_commas := drop_commas(self.root):
             first = place_of(with_commas[0], self.lines)
@@ -80,19 +83,23 @@ class _Reader:
                 f"{first}: commas between numbers are read as blanks, as PyBullet does, in "
                 f"{len(with_commas)} places; other programs refuse the file, or misread it"
             )
+        # By name, of `_collect`; later those of the arm alone.
         self.links: dict[str, ET.Element] = {}
         self.joints: dict[str, ET.Element] = {}
+        # Of `_check_tree`.
+        self.parent_joint: dict[str, ET.Element] = {}  # by child link
+        self.child_joints: dict[str, list[ET.Element]] = {}  # by parent link
+        # Of `_keep_below_base`.
         self.standing: dict[str, tuple[ET.Element, ET.Element]] = {}
         """Links around the arm that its base does not carry, and the joints that place them, by
         name: a torso's arm may hit its own machine."""
-        self.parent_joint: dict[str, ET.Element] = {}  # by child link
-        self.child_joints: dict[str, list[ET.Element]] = {}  # by parent link
 
     def read(self) -> EffectiveUrdf:
         """The document: checked, locked, cut to the arm, with its tool.
 
         The steps change `root`, `links` and `joints` in place and rely on this order: only a
-        checked tree can be locked, only a locked one cut, and what is dropped needs no check.
+        checked tree can be locked, only a locked one cut, and what is dropped needs no check. The
+        tool comes last: it is checked as robot.yaml states it, and its shapes need no settling.
 
         Raises:
             InputError: what makes the file no arm of moving joints from base to flange.
@@ -111,7 +118,7 @@ class _Reader:
         self.notices += drop_pictures(shown, self.path, self.meshes)
         self._tidy_joints(moving)
         self._add_tool()
-        limits = tuple(self._limits(joint) for joint in moving)
+        limits = tuple(self._limits(joint) for joint in moving)  # removes those that Drake refuses
         standing = tuple(self.standing.values())
         return EffectiveUrdf(
             root=self.root,
@@ -155,7 +162,7 @@ class _Reader:
                     self._fail(
                         end if end is not None else joint, problem, self._near_link(link_name)
                     )
-            self._origin(joint)
+            self._origin(joint)  # refuses what is no pose; rounded angles are then written out
             self._snap_angles(joint)
             if kind in _MOVING_JOINT_TYPES and np.linalg.norm(self._axis(joint)) < _MIN_AXIS:
                 self._fail(joint, f'joint "{name}" has an axis of length zero')
@@ -262,8 +269,9 @@ class _Reader:
         """Drops all links that the base link does not carry: W is the base link's frame.
 
         Those with collision shapes go to `standing`: as obstacles at rest, each with a fixed joint
-        to the base. `poses` are those of the links with all joints at zero, from the file's root;
-        locked joints are fixed by now.
+        to the base, where it stands with all joints at zero (locked joints are fixed by now).
+        `root`, `links`, `joints` and `parent_joint` are cut; `child_joints` stays, as nothing asks
+        for what links beside the arm carry.
 
         Raises:
             InputError: there is no base link of this name.
@@ -272,22 +280,16 @@ class _Reader:
         if base not in self.links:
             problem = f'"{base}" is no link of the robot in {self.path.name}'
             raise InputError(self.config_source, "base_link", problem, self._near_link(base))
-        (root,) = (name for name in self.links if name not in self.parent_joint)
-        poses = self._below(root)
-        self._compare_gravity(poses[base])
+        (file_root,) = (name for name in self.links if name not in self.parent_joint)
+        poses = self._below(file_root)  # of all links, in that one's frame
+        self._compare_gravity(poses[base])  # a notice alone
         arm_links = set(self._below(base))
         dropped = [name for name in self.links if name not in arm_links]
         for name in dropped:
             link = self.links.pop(name)
             self.root.remove(link)
             if shapes := link.findall("collision"):
-                # "world" is Drake's own link.
-                standing_name = "shapes of world" if name == "world" else name
-                obstacle = ET.Element("link", name=standing_name)
-                obstacle.extend(shapes)
-                X_BL = poses[base].inverse() @ poses[name]
-                joint = fixed_joint(f"{standing_name} stands", base, standing_name, X_BL)
-                self.standing[standing_name] = (obstacle, joint)
+                self._let_stand(name, shapes, poses[base].inverse() @ poses[name])
         for name, element in list(self.joints.items()):
             if self._child(element) not in arm_links or self._parent(element) not in arm_links:
                 self.root.remove(self.joints.pop(name))
@@ -304,6 +306,14 @@ class _Reader:
             if element.tag not in _KEPT_TAGS:
                 self.root.remove(element)
         settle_filters(self.root, arm_links)
+
+    def _let_stand(self, name: str, shapes: list[ET.Element], X_BL: RigidTransform) -> None:
+        """Adds a link's collision shapes to `standing`, at the link's pose in the base."""
+        standing_name = "shapes of world" if name == "world" else name  # "world" is Drake's own
+        obstacle = ET.Element("link", name=standing_name)
+        obstacle.extend(shapes)
+        joint = fixed_joint(f"{standing_name} stands", self.base, standing_name, X_BL)
+        self.standing[standing_name] = (obstacle, joint)
 
     def _compare_gravity(self, X_RB: RigidTransform) -> None:
         """Notes where robot.yaml's gravity is not that of the mounting in the URDF."""
@@ -426,35 +436,27 @@ class _Reader:
     def _check_inertias(self, moving: list[ET.Element]) -> None:
         """Checks inertias of links, and of what moves as one; notes those that forbid dynamics.
 
-        A link fixed to a moving one may be wrong: it becomes a point mass. Any other inertia that
-        is not physical is removed; of links that move the fault goes to `inertia_faults`, and
-        commands that need inertias will refuse the robot.
+        First each link for itself, and what is wrong is settled: only then are the moving links
+        judged with what is fixed to them. Each fault of a link that moves goes to `inertia_faults`,
+        and commands that need inertias will refuse the robot.
 
         Args:
             moving: joints from base to flange.
+
+        Raises:
+            InputError: of the tool, which robot.yaml states: its mass or inertia is none.
         """
         if self.config.tool is not None:
             self._check_tool(self.config.tool)
         self.may_be_mended = self._has_masses(moving)
-        carried = {name for joint in moving for name in self._below(self._child(joint), True)}
-        fixed = carried - {self._child(joint) for joint in moving}
+        bodies = [self._child(joint) for joint in moving]
+        carried = {name for body in bodies for name in self._below(body, True)}
         for name, link in self.links.items():
             try:
                 self._check_inertia(name, link)
             except InputError as fault:
-                if name in fixed and self._inertia(link)[0] >= 0.0:
-                    # A locked finger, a sensor: what moves is judged with all that is fixed to it.
-                    for inertia in link.findall("inertial/inertia"):
-                        inertia.attrib = dict.fromkeys(INERTIA, "0")
-                    self.notices.append(f"taken as a point mass: {fault}")
-                    continue
-                if self._mend(link):
-                    continue
-                if name in carried:  # what stands still needs none
-                    self.inertia_faults.append(fault)
-                for inertial in link.findall("inertial"):
-                    link.remove(inertial)  # Drake would refuse the whole file
-        bodies = [self._child(joint) for joint in moving]
+                is_fixed = name in carried and name not in bodies
+                self._settle_fault(link, fault, moves=name in carried, is_fixed=is_fixed)
         if without_mass := [body for body in bodies if not self._mass_with_fixed(body) > 0.0]:
             self.inertia_faults.append(self._fault_without_mass(without_mass))
         for body in bodies:
@@ -475,6 +477,31 @@ class _Reader:
                 "commands that need inertias will refuse this robot, all others work: "
                 f"{self.inertia_faults[0]}"
             )
+
+    def _settle_fault(
+        self, link: ET.Element, fault: InputError, *, moves: bool, is_fixed: bool
+    ) -> None:
+        """Changes a link whose inertia is not physical, so that Drake takes the file.
+
+        Args:
+            link: becomes a point mass where it is fixed to a moving one (a locked finger, a sensor:
+                what moves is judged with all that is fixed to it); else it is mended where that is
+                asked for; else it loses its inertia.
+            fault: of its inertia.
+            moves: whether the arm moves it: dynamics need its inertia.
+            is_fixed: whether it is fixed to a moving link.
+        """
+        if is_fixed and self._inertia(link)[0] >= 0.0:
+            for inertia in link.findall("inertial/inertia"):
+                inertia.attrib = dict.fromkeys(INERTIA, "0")
+            self.notices.append(f"taken as a point mass: {fault}")
+            return
+        if self._mend(link):
+            return
+        if moves:
+            self.inertia_faults.append(fault)
+        for inertial in link.findall("inertial"):
+            link.remove(inertial)
 
     def _mend(self, link: ET.Element) -> bool:
         """Gives a link the nearest possible inertia, where the robot.yaml asks for that."""
@@ -630,6 +657,14 @@ class _Reader:
         return poses
 
     def _limits(self, joint: ET.Element) -> JointLimits:
+        """The limits of a moving joint, and their place in the file.
+
+        A speed or effort of 0, or beyond _MAX_NUMBER, counts as not stated, which is inf and None;
+        a range of which an end is beyond it is open there.
+
+        Raises:
+            InputError: a range without room, or a speed of nearly zero.
+        """
         name = joint.get("name", "")
         limit = joint.find("limit")
         lower, upper, velocity, effort = -math.inf, math.inf, math.inf, 0.0
@@ -644,8 +679,11 @@ class _Reader:
                 f'joint "{name}": lower limit {lower:g} is not below the upper {upper:g}',
                 "write its travel into the URDF, or lock the joint in robot.yaml",
             )
-        if not velocity >= 1e-6:
-            self._fail(joint, f'joint "{name}": velocity limit {velocity:g}, expected 1e-6 or more')
+        if not velocity >= _MIN_SPEED:
+            problem = (
+                f'joint "{name}": velocity limit {velocity:g}, expected {_MIN_SPEED:g} or more'
+            )
+            self._fail(joint, problem)
         is_stated = 0 < effort < math.inf
         return JointLimits(
             name=name,

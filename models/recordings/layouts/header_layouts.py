@@ -163,6 +163,14 @@ def _echo(
     return KnownLayout(form, (notice, *order.notices), torque_is_effort=num_quantities == 3)
 
 
+class _ArmJoints(NamedTuple):
+    """The joints of the robot in a log of series."""
+
+    topic: str  # that holds their positions, the main one; "" where the names have no topic
+    joints: list[str]  # as the log names them, base to tool
+    notices: list[str]  # of how they were found
+
+
 def _series(
     names: Sequence[str], path: Path, joint_names: Sequence[str] | None, words: LogWords
 ) -> KnownLayout | None:
@@ -181,61 +189,103 @@ def _series(
     Raises:
         InputError: no or several topics hold the joints' positions, or an effort lacks joints.
     """
-    topics: _Topics = {}  # column by topic, quantity and joint
-    for column, name in enumerate(names):
-        match = re.fullmatch(r"(?:(.*)/)?([^/]+)/(position|velocity|effort|current)", name)
-        if match:
-            topics.setdefault(match[1] or "", {}).setdefault(match[3], {})[match[2]] = column
+    topics = _topics_among(names)
     times = time_columns(names)
     if not topics or times is None:
         return None
     form = RecordingFormat(time=times)
     form.extra = _wrenches(names) | _pop_plain_signals(topics)
+    arm = _arm_joints(topics, path, joint_names, words)
+    lack_of_effort = ""
+    for quantity in _SERIES_QUANTITIES:
+        candidates = _topics_with(topics, arm.topic, quantity, arm.joints)
+        columns = _complete_columns(candidates, quantity, arm, path, words)
+        if columns is not None:
+            setattr(form, quantity.key, columns)
+        elif quantity.name == "effort":  # a velocity can be differentiated
+            lack_of_effort = _lack_of_effort(candidates, arm.joints) or lack_of_effort
+    if form.motor_torque is None and form.current is None and lack_of_effort:
+        raise InputError(path, "header", lack_of_effort, "record the effort of all joints")
+    notices = [f"joints read from the columns of {arm.topic or 'each joint'}", *arm.notices]
+    external = _external_torque(topics, arm.topic, arm.joints)
+    if external is not None:
+        form.extra[TAU_EXT] = external.columns
+        notices.append(external.notice)
+        if external.topic == arm.topic:  # its effort was taken for the motors'
+            form.motor_torque = None
+    is_effort = form.motor_torque is not None
+    return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
+
+
+def _topics_among(names: Sequence[str]) -> _Topics:
+    """The columns TOPIC/JOINT/QUANTITY among others; the topic is "" where it is missing."""
+    topics: _Topics = {}
+    for column, name in enumerate(names):
+        match = re.fullmatch(r"(?:(.*)/)?([^/]+)/(position|velocity|effort|current)", name)
+        if match:
+            topics.setdefault(match[1] or "", {}).setdefault(match[3], {})[match[2]] = column
+    return topics
+
+
+def _arm_joints(
+    topics: _Topics, path: Path, joint_names: Sequence[str] | None, words: LogWords
+) -> _ArmJoints:
+    """The topic of the joints' positions, and the joints in it.
+
+    Joints that the log numbers, as `rosbag.table` does where messages name none, are the robot's in
+    its order. Arguments and errors as `_series`.
+    """
     numbered = [f"joint_{j + 1}" for j in range(len(joint_names or ()))]
     looked_for = joint_names
     if any(list(columns.get("position", {})) == numbered for columns in topics.values()):
-        looked_for = numbered or None  # as `rosbag.table` writes them
-    main, joint_match = _topic_of(topics, "position", path, looked_for, words)
-    log_joints = list(topics[main]["position"])
+        looked_for = numbered or None
+    topic, match = _topic_of(topics, "position", path, looked_for, words)
+    log_joints = list(topics[topic]["position"])
     if looked_for is None:
         order = joint_order(log_joints, path, None, words)
     else:
-        order = _order_of(joint_match, log_joints)
-    joints = [log_joints[j] for j in order.indices]
-    lack_of_effort = ""  # which topic lacks the effort of which joints
-    for quantity in _SERIES_QUANTITIES:
-        candidates = _topics_with(topics, main, quantity, joints)
-        complete = {
-            topic: columns
-            for topic, columns in candidates.items()
-            if set(joints) <= columns[quantity.name].keys()
-        }
-        if not complete:
-            if quantity.name == "effort":  # a velocity can be differentiated
-                for topic, columns in candidates.items():
-                    missing = [joint for joint in joints if joint not in columns["effort"]]
-                    lack_of_effort = (
-                        f"{topic or 'the log'} lacks the effort of {', '.join(missing)} (no "
-                        "number, or NaN only)"
-                    )
-            continue
-        # The topic of the positions, or the only other one that has all joints.
-        topic = main if main in complete else next(iter(complete))
-        if topic != main and len(complete) > 1:
-            topic, _ = _topic_of(complete, quantity.name, path, joints, words)
-        column_of = topics[topic][quantity.name]
-        setattr(form, quantity.key, by_number([column_of[joint] for joint in joints]))
-    if form.motor_torque is None and form.current is None and lack_of_effort:
-        raise InputError(path, "header", lack_of_effort, "record the effort of all joints")
-    notice = f"joints read from the columns of {main or 'each joint'}"
-    external = _external_torque(topics, main, joints)
-    if external is not None:
-        form.extra[TAU_EXT] = external.columns
-        order.notices.append(external.notice)
-        if external.topic == main:
-            form.motor_torque = None
-    is_effort = form.motor_torque is not None
-    return KnownLayout(form, (notice, *order.notices), torque_is_effort=is_effort)
+        order = _order_of(match, log_joints)
+    return _ArmJoints(topic, [log_joints[j] for j in order.indices], order.notices)
+
+
+def _complete_columns(
+    candidates: _Topics, quantity: _SeriesQuantity, arm: _ArmJoints, path: Path, words: LogWords
+) -> SignalColumns | None:
+    """The columns of a quantity of all joints, from the only topic that has them; None: none has.
+
+    Args:
+        candidates: of `_topics_with`. Of several the main topic comes first.
+        quantity: of a series.
+        arm: whose joints they are.
+        path, words: as `_series`.
+
+    Raises:
+        InputError: several other topics have it for all joints.
+    """
+    complete = {
+        topic: columns
+        for topic, columns in candidates.items()
+        if set(arm.joints) <= columns[quantity.name].keys()
+    }
+    if not complete:
+        return None
+    topic = arm.topic if arm.topic in complete else next(iter(complete))
+    if topic != arm.topic and len(complete) > 1:
+        topic, _ = _topic_of(complete, quantity.name, path, arm.joints, words)
+    column_of = complete[topic][quantity.name]
+    return by_number([column_of[joint] for joint in arm.joints])
+
+
+def _lack_of_effort(candidates: _Topics, joints: Sequence[str]) -> str:
+    """Says which joints' effort the last of these topics lacks; '' where there is no topic."""
+    sentence = ""
+    for topic, columns in candidates.items():
+        missing = [joint for joint in joints if joint not in columns["effort"]]
+        sentence = (
+            f"{topic or 'the log'} lacks the effort of {', '.join(missing)} (no number, or NaN "
+            "only)"
+        )
+    return sentence
 
 
 def _topics_with(
