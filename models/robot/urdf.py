@@ -491,12 +491,16 @@ class _Reader:
             moves: whether the arm moves it: dynamics need its inertia.
             is_fixed: whether it is fixed to a moving link.
         """
-        if is_fixed and self._inertia(link)[0] >= 0.0:
+        try:
+            mass = self._inertia(link)[0]
+        except InputError:  # something in it is no number: nothing of it can be kept
+            mass = -math.inf
+        if is_fixed and mass >= 0.0:
             for inertia in link.findall("inertial/inertia"):
                 inertia.attrib = dict.fromkeys(INERTIA, "0")
             self.notices.append(f"taken as a point mass: {fault}")
             return
-        if self._mend(link):
+        if mass > 0.0 and self._mend(link):
             return
         if moves:
             self.inertia_faults.append(fault)

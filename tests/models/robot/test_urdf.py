@@ -100,6 +100,13 @@ def test_a_locked_finger_without_inertia_does_not_stop_the_arm(tmp_path: Path) -
     assert with_mass == pytest.approx(2.1)
 
 
+def test_a_mass_that_is_no_number_spares_kinematics(tmp_path: Path) -> None:
+    robot = _machine(tmp_path, _INERTIAL.format(m="heavy", i="1e-7"))
+    assert robot.num_joints == 2
+    with pytest.raises(InputError, match='value="heavy" of <mass>, expected a number'):
+        robot.require_inertias("simulate")
+
+
 def test_the_moving_link_itself_needs_one(tmp_path: Path) -> None:
     robot = _machine(tmp_path)
     text = (tmp_path / "machine.urdf").read_text().replace('izz="0.01"', 'izz="1"', 1)
