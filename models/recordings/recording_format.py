@@ -124,6 +124,19 @@ def column_numbers(columns: SignalColumns) -> list[int]:
     return [int(number) - 1 for number in str(columns.columns).split(",")]
 
 
+def in_degrees(columns: SignalColumns, unit: str, prismatic: Sequence[bool]) -> SignalColumns:
+    """Columns without a gain, one a joint, in degrees; of joints that slide in metres.
+
+    Args:
+        unit: deg or deg/s.
+        prismatic: which of the joints slide; empty: none.
+    """
+    if not any(prismatic):
+        return replace(columns, unit=unit)
+    metres = 1.0 / _ANY_UNIT[unit]  # the gain that takes the unit away again
+    return replace(columns, unit=unit, gain=[metres if slides else 1.0 for slides in prismatic])
+
+
 @dataclass
 class RecordingFormat:
     """A description of a log's columns, read from YAML (`--log-format`)."""

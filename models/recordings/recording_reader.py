@@ -67,6 +67,7 @@ from wrenchsight.models.recordings.recording_format import (
     by_number,
     corrected,
     further_signals,
+    in_degrees,
     load_format,
     resolve_layout,
     rows_for,
@@ -644,13 +645,20 @@ class RecordingReader:
         return layout
 
     def _in_requested_angle(self, form: RecordingFormat) -> RecordingFormat:
-        """In degrees where `--log-format` says so; a unit that the layout states stays."""
+        """In degrees where `--log-format` says so; a unit that the layout states stays.
+
+        Joints of the robot that slide stay in metres.
+        """
         position = form.position
         if self._words.angle != "deg" or position is None or position.unit:
             return form
-        self._notices.append("positions and velocities are read in degrees, as --log-format says")
-        position = replace(position, unit="deg")
-        velocity = form.velocity and replace(form.velocity, unit="deg/s")
+        prismatic = [] if self._robot is None else list(self._robot.chain.prismatic)
+        sliding = ", of joints that slide in m" if any(prismatic) else ""
+        self._notices.append(
+            f"positions and velocities are read in degrees{sliding}, as --log-format says"
+        )
+        position = in_degrees(position, "deg", prismatic)
+        velocity = form.velocity and in_degrees(form.velocity, "deg/s", prismatic)
         return replace(form, position=position, velocity=velocity)
 
     def _adopt(self, layout: KnownLayout) -> RecordingFormat:

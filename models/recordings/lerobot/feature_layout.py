@@ -17,7 +17,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout
 from wrenchsight.models.recordings.lerobot.data_set import INFO, DataSet
 from wrenchsight.models.recordings.log_words import IN_DEGREES, IN_RADIANS
-from wrenchsight.models.recordings.recording_format import RecordingFormat, by_number
+from wrenchsight.models.recordings.recording_format import RecordingFormat, by_number, in_degrees
 
 _QUANTITY_WORDS = {
     "position": ("pos", "position", "positions", "qpos", "q", "state", "angle", "angles"),
@@ -39,7 +39,6 @@ _POSE = {"x", "y", "z", "rx", "ry", "rz", "qw", "qx", "qy", "qz", "roll", "pitch
 _SINGLE_NUMBERS = "one number a feature"  # the group of all features of one number
 _LONGEST_NOTICE = 200  # characters of the features of a quantity
 _LARGEST_RAD = 4.0 * np.pi  # no joint turns twice about itself to either side
-_DEG_PER_RAD = 180.0 / np.pi  # the gain of a joint that slides, in m, among others in deg
 _MAX_NORMALISED = 100.5  # LeRobot's normalised positions end at 100
 _DESCRIBE = (
     'name the columns with --log-format, such as position: {columns: "observation.state.{1..6}"}'
@@ -105,16 +104,16 @@ def feature_layout(
         raise InputError(path, "features", "lacks timestamp", "convert the data set with LeRobot")
     form = RecordingFormat(time=by_number([list(columns).index("timestamp")]))
     unit, unit_notices = _angle_unit(data_set, positions.entries, prismatic, angle)
-    units = {"position": unit, "velocity": "deg/s" if unit == "deg" else ""}
+    degrees = {"position": "deg", "velocity": "deg/s"} if unit == "deg" else {}
     assignments, order_notices = [], [positions.note] if positions.note else []
     for quantity, (joint_entries, note) in joints.items():
         if len(joint_entries) != len(positions.entries):
             continue
         if quantity == "current" and form.motor_torque is not None:
             continue  # torque needs no torque constant
-        signal = by_number([entry.column for entry in joint_entries], units.get(quantity, ""))
-        if signal.unit.startswith("deg") and any(prismatic or ()):
-            signal.gain = [_DEG_PER_RAD if slides else 1.0 for slides in prismatic or ()]
+        signal = by_number([entry.column for entry in joint_entries])
+        if quantity in degrees:
+            signal = in_degrees(signal, degrees[quantity], prismatic or ())
         setattr(form, quantity, signal)  # the quantities are fields of RecordingFormat
         name = quantity.replace("_", " ")
         features = ", ".join(dict.fromkeys(entry.feature for entry in joint_entries))

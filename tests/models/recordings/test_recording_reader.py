@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -155,6 +156,17 @@ def test_a_word_of_log_format_states_degrees(tmp_path: Path) -> None:
     assert any("are read in degrees" in text for text in recording.notices)
 
 
+def test_a_word_of_log_format_leaves_joints_that_slide_in_metres(tmp_path: Path) -> None:
+    table = _table()
+    turned = table.copy()
+    turned[:, [1, 3]] = np.degrees(table[:, [1, 3]])  # the second joint slides
+    path = _csv(tmp_path, _HEADER, *_lines(turned))
+    recording = read_recording(path, "positions-in-degrees", _two_joints([False, True]), False)
+    np.testing.assert_allclose(recording.q, table[:, 1:3], atol=1e-8)  # six decimals of a degree
+    np.testing.assert_allclose(recording.v, table[:, 3:5], atol=1e-8)
+    assert any("of joints that slide in m" in text for text in recording.notices)
+
+
 def test_a_description_states_another_layout(tmp_path: Path) -> None:
     table = _table()
     scaled = table * [1e3, 180 / np.pi, 180 / np.pi, *[180 / np.pi] * 2, -1e3, 1e3]
@@ -195,18 +207,23 @@ def test_a_description_may_name_its_log(tmp_path: Path) -> None:
         read_recording(_description(tmp_path, "file: numbersx.csv\n"))
 
 
-def test_torque_instead_of_current_needs_the_robot(tmp_path: Path) -> None:
-    path = _csv(tmp_path, _HEADER.replace("i", "tau"), *_lines(_table()))
-    robot = SimpleNamespace(
+def _two_joints(prismatic: list[bool]) -> Any:
+    return SimpleNamespace(
         name="two",
         num_joints=2,
+        joint_names=("joint_1", "joint_2"),
         torque_per_ampere=np.array([10.0, 4.0]),
         current_sign=np.array([1.0, -1.0]),
         motor_current=lambda tau_J: tau_J / [10.0, -4.0],
         q_offset=np.zeros(2),
         velocity_limit=np.full(2, np.inf),
-        chain=SimpleNamespace(prismatic=np.zeros(2, bool)),
+        chain=SimpleNamespace(prismatic=np.array(prismatic)),
     )
+
+
+def test_torque_instead_of_current_needs_the_robot(tmp_path: Path) -> None:
+    path = _csv(tmp_path, _HEADER.replace("i", "tau"), *_lines(_table()))
+    robot = _two_joints([False, False])
     recording = read_recording(path, robot=robot, check=False)
     np.testing.assert_array_equal(recording.tau_J, _table()[:, 5:])
     np.testing.assert_allclose(recording.current, _table()[:, 5:] / [10.0, -4.0], rtol=1e-15)
