@@ -12,6 +12,9 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.unit_doubts import reach_of
 
 STANDARD_GRAVITY = 9.81  # m/s^2
+# of a stated effort limit over what the strongest joint needs: 15 at most where the limits may be
+# drives' (an SO-100; 1 on most arms), 32 to 1200 where an exporter wrote 100 to 2000 on every joint
+MAX_EFFORT_RATIO = 20.0
 _NUM_CANDIDATES = 300  # postures that the home posture is chosen from
 _BEST_CONDITIONED = 60  # of them, tried first
 # m beyond the clearance: with the first no better home posture is looked for among the best
@@ -52,8 +55,9 @@ class Assumed:
             without inertias.
         needed: (n,) N m (N), most that gravity asks of a joint, or a start of _SLOW_ACCELERATION; 0
             without inertias.
-        effort: (n,) N m (N), limits in the place of those that are not stated or cannot hold the
-            arm; 0 where the stated one stands.
+        effort: (n,) N m (N), limits in the place of those that are not stated, cannot hold the
+            arm or are of no drive of its size; 0 where the stated one stands.
+        is_excessive: (n,) which stated limits are of no drive of the arm's size.
         rotor_inertia: (n,) kg m^2 (kg) on the joint side; 0 but where the links alone are too light
             for any drive.
     """
@@ -62,6 +66,7 @@ class Assumed:
     carried: Array
     needed: Array
     effort: Array
+    is_excessive: Flags
     rotor_inertia: Array
 
     @classmethod
@@ -73,6 +78,7 @@ class Assumed:
             carried=zero,
             needed=zero,
             effort=np.where(_stated(arm) > 0.0, 0.0, _UNKNOWN_EFFORT),
+            is_excessive=np.zeros(len(arm), bool),
             rotor_inertia=zero,
         )
 
@@ -113,17 +119,23 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     J_linear = robot.chain.jacobian(q)[:, 3:]
     payload_torque = np.abs(np.einsum("kij,i->kj", J_linear, weight)).max(axis=0)
     stated = _stated(arm)
+    likely = np.array([_rounded(value) for value in _EFFORT_MARGIN * (carried + payload_torque)])
+    # What carries the arm and resists a push of the payload's weight in any direction.
+    push_torque = np.linalg.norm(weight) * np.linalg.norm(J_linear, axis=1).max(axis=0)
+    bearing = np.array([_rounded(value) for value in _EFFORT_MARGIN * (carried + push_torque)])
+    is_excessive = stated > MAX_EFFORT_RATIO * bearing.max(initial=0.0)
     # An exporter writes one number for several joints: where it is wrong for one, it is for all.
-    placeholders = np.unique(stated[is_placeholder(stated, needed)])
-    unknown = ~(stated > 0.0) | np.isin(stated, placeholders)
-    likely = [_rounded(value) for value in _EFFORT_MARGIN * (carried + payload_torque)]
-    effort = np.where(unknown, np.maximum(likely, stated), 0.0)
+    is_wrong = is_placeholder(stated, needed) | is_excessive
+    unknown = ~(stated > 0.0) | np.isin(stated, np.unique(stated[is_wrong]))
+    effort = np.where(is_excessive, bearing, np.maximum(likely, stated))
+    effort = np.where(unknown, effort, 0.0)
     limits = np.where(unknown, effort, stated)
     return Assumed(
         payload=payload,
         carried=carried,
         needed=needed,
         effort=effort,
+        is_excessive=is_excessive,
         rotor_inertia=_rotor_inertia(robot, q, limits),
     )
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrenchsight.analyses.methods.robot.draft_assumptions import (
+    MAX_EFFORT_RATIO,
     STANDARD_GRAVITY,
     Assumed,
     assume,
@@ -194,7 +195,7 @@ def _draft(
         text = draft.text(home, floor, assumed)
         write(text)
     robot = Robot.load(out)
-    notes = [*doubts, *mounting_note, *_effort_note(arm, assumed), *_rotor_note(arm, assumed)]
+    notes = [*doubts, *mounting_note, *_effort_notes(arm, assumed), *_rotor_note(arm, assumed)]
     notes += [
         f"{joint.name} and the joints that follow it (mimic) are held still in the arm: each of an "
         "arm's joints needs a motor of its own"
@@ -228,8 +229,8 @@ def _mounting(
     return gravity, (None,), (note,)
 
 
-def _effort_note(arm: list[DescribedJoint], assumed: Assumed) -> tuple[str, ...]:
-    """A sentence on effort limits that cannot hold the arm."""
+def _effort_notes(arm: list[DescribedJoint], assumed: Assumed) -> list[str]:
+    """Sentences on effort limits that cannot hold the arm, and on those that no drive has."""
     stated = np.nan_to_num([joint.effort for joint in arm])
     rows = zip(arm, assumed.needed, is_placeholder(stated, assumed.needed), strict=True)
     short = [
@@ -237,13 +238,26 @@ def _effort_note(arm: list[DescribedJoint], assumed: Assumed) -> tuple[str, ...]
         for joint, needed, is_short in rows
         if is_short
     ]
-    if not short:
-        return ()
-    return (
-        f"effort limits of the file cannot hold or move the arm ({'; '.join(short)}): they are "
-        "placeholders, or springs carry it that the file does not state; write the data sheet's as "
-        "effort_limit of the drives",
-    )
+    excessive = [
+        f"{joint.name} states {joint.effort:g} {_force_unit(joint)}, {assumed.effort[j]:.3g} "
+        "are assumed"
+        for j, joint in enumerate(arm)
+        if assumed.is_excessive[j]
+    ]
+    notes = []
+    if short:
+        notes.append(
+            f"effort limits of the file cannot hold or move the arm ({'; '.join(short)}): they are "
+            "placeholders, or springs carry it that the file does not state; write the data "
+            "sheet's as effort_limit of the drives"
+        )
+    if excessive:
+        notes.append(
+            f"effort limits of the file are more than {MAX_EFFORT_RATIO:g} times what the "
+            f"strongest joint of the arm needs with its payload ({'; '.join(excessive)}): they are "
+            "placeholders; write the data sheet's as effort_limit of the drives"
+        )
+    return notes
 
 
 def _rotor_note(arm: list[DescribedJoint], assumed: Assumed) -> tuple[str, ...]:

@@ -244,6 +244,27 @@ def test_placeholder_efforts_are_filled_in_with_what_gravity_needs(tmp_path: Pat
     assert robot.effort_limit[0] >= 1.0  # the same placeholder, where gravity asks nothing
 
 
+def test_efforts_that_no_drive_of_the_arm_has_are_filled_in(tmp_path: Path) -> None:
+    """1000 N m where the shoulder carries 2; a rotor that fits them is not assumed either."""
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    urdf.write_text(urdf.read_text().replace("effort='10'", "effort='1000'"))
+    robot, places, notes = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert "effort_limit" in places
+    (note,) = [note for note in notes if "more than 20 times" in note]
+    assert "shoulder_lift states 1000 N m" in note
+    q = np.random.default_rng(2).uniform(-1.9, 1.9, (500, 5))
+    holding = np.abs(robot.chain.gravity_torque(q)).max(axis=0)
+    assert (robot.effort_limit > 1.2 * holding).all()
+    assert (robot.effort_limit < 10.0 * holding.max()).all()
+
+
+def test_a_strong_drive_is_no_placeholder(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")  # 10 N m: some five times what is needed
+    robot, places, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert "effort_limit" not in places
+    np.testing.assert_array_equal(robot.effort_limit, 10.0)
+
+
 def test_a_drafted_arm_has_friction_noise_and_steps_and_says_so(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")
     result = CliRunner().invoke(app, ["robot", str(urdf), "--out", str(tmp_path / "robot.yaml")])
