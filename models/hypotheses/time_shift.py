@@ -55,7 +55,7 @@ def explain(case: Case) -> Explanation | None:
     if abs(best.shift) < MIN_SHIFT and not window:
         return None
     view = _with_drives_earlier(case, _model_view(case, window), _spline(case), best.shift)
-    fit = case.fit(view)
+    fit = case.fit(view)  # in full; the search has ranked shifts by quick ones
     cause, remedy = _sentences(case, best, window)
     # The evidence of a fit at the best shift is that of its peak. The integral over all shifts
     # within MAX_SHIFT, equally likely beforehand, is the peak times its width over that range.
@@ -83,6 +83,37 @@ def peak_width_share(sd: float) -> float:
     peak_width = max(sd, _LEAST_SD) * math.sqrt(2.0 * math.pi)
     # A peak that is wider than the range ends with it.
     return min(peak_width / (2.0 * MAX_SHIFT), 1.0)
+
+
+class ShiftPeak(NamedTuple):
+    """A shift and its standard error, s; the error is at most MAX_SHIFT."""
+
+    shift: float
+    sd: float
+
+
+def peak_of_parabola(
+    best: float, log_evidence: float, neighbours: tuple[float, float]
+) -> ShiftPeak:
+    """The peak of the log evidence, -1/2 curvature (shift - vertex)^2 and a constant.
+
+    Args:
+        best: s, the best shift of those tried.
+        log_evidence: there.
+        neighbours: log evidence at _PARABOLA_STEP before and behind it.
+
+    Returns:
+        The vertex, or `best` where the vertex is not between the neighbours or the evidence is
+        flat; and the standard error, one over the root of the curvature.
+    """
+    left, right = neighbours
+    curvature = (2.0 * log_evidence - left - right) / _PARABOLA_STEP**2
+    if not curvature > _FLAT_CURVATURE:
+        return ShiftPeak(best, MAX_SHIFT)
+    sd = min(1.0 / math.sqrt(curvature), MAX_SHIFT)
+    slope = 0.5 * (right - left) / _PARABOLA_STEP
+    vertex = best + slope / curvature
+    return ShiftPeak(vertex if abs(vertex - best) < _PARABOLA_STEP else best, sd)
 
 
 def _known_of_friction(case: Case, shift: float, window: float) -> float:
@@ -134,9 +165,8 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
     """The most likely shift of the drives' signals, with the model averaged over `window` s.
 
     Shifts on a coarse grid are tried first; then the best one's neighbours at half the step again
-    and again, down to _FINE_STEP. The vertex of a parabola through the best shift and its
-    neighbours at _PARABOLA_STEP is the result, where it lies between these, its curvature the
-    standard error. The evidence is the largest of a shift that was tried.
+    and again, down to _FINE_STEP. The result is the peak of a parabola through the best shift and
+    its neighbours (`peak_of_parabola`). The evidence is the largest of a shift that was tried.
 
     Args:
         case: the log.
@@ -172,16 +202,9 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
             score(shift)
         step *= 0.5
     best = best_tried()
-    # The parabola: log evidence ~ -1/2 curvature (shift - vertex)^2.
-    left, right = score(best - _PARABOLA_STEP), score(best + _PARABOLA_STEP)
-    curvature = (2.0 * evidence_of[best] - left - right) / _PARABOLA_STEP**2
-    result, sd = best, MAX_SHIFT
-    if curvature > _FLAT_CURVATURE:
-        sd = min(1.0 / math.sqrt(curvature), MAX_SHIFT)
-        vertex = best + 0.5 * (right - left) / (_PARABOLA_STEP**2 * curvature)
-        if abs(vertex - best) < _PARABOLA_STEP:
-            result = vertex
-    return _Shift(shift=float(result), log_evidence=max(evidence_of.values()), sd=sd)
+    neighbours = (score(best - _PARABOLA_STEP), score(best + _PARABOLA_STEP))
+    peak = peak_of_parabola(best, evidence_of[best], neighbours)
+    return _Shift(peak.shift, log_evidence=max(evidence_of.values()), sd=peak.sd)
 
 
 def _model_view(case: Case, window: float) -> View:
