@@ -50,7 +50,7 @@ class EffortScale:
 
     Attributes:
         torque_per_unit: (n,) N m (N) per unit of effort, with its sign; nan where not known.
-        standard_error: (n,) of it.
+        standard_error: (n,) of it; says nothing where the scale is not known.
         known_torque_sd: (n,) N m, of the known torque: sd of gravity over the rows, or root mean
             square of the weight's over the postures.
         count: rows, or pairs of postures.
@@ -100,8 +100,9 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
         # Gravity must show: torque of inertia alone cannot be separated from an unknown rotor's.
         if np.var(rows.gravity[:, j]) < _MIN_GRAVITY_SHARE * np.var(torque) or not torque.any():
             continue
-        columns = [torque, np.ones(len(torque))]
+        columns = [torque, np.ones(len(torque))]  # b is the first one's coefficient
         rotor, coulomb, viscous = rows.vdot[:, j], np.tanh(v / fading_speed[j]), v
+        # One that hardly varies is the offset's column again.
         columns += [x for x in (rotor, coulomb, viscous) if np.std(x) > _MIN_COLUMN_SD]
         b, b_sd = _slope(np.stack(columns, axis=1), rows.effort[:, j], rows.block)
         if b != 0.0:

@@ -106,6 +106,7 @@ def refresh_beside_contact(
         _segment(rows[is_in_segment], J[is_in_segment], wrench_variance)
         for is_in_segment in segment_masks
     ]
+    # Each has no axis S; they are stacked along it.
     segments = _Segments(*(np.array(field) for field in zip(*each_segment, strict=True)))
     n = rows.num_joints
     prior = (drift or FrictionDrift()).deviation(rows, law)
@@ -126,9 +127,10 @@ def refresh_beside_contact(
 def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> _Segments:
     """Likelihood of one segment's residual, as a function of the drift x (k,), in each of K states.
 
-    The states, in this order: nothing touches the arm; a force of each of FORCE_SHARES of the prior
-    acts at E; a force that each joint feels for itself, as anywhere else on the arm. Residual,
-    columns and covariances go joint after joint, the m rows of each together.
+    The states, in this order: nothing touches the arm (_FREE_STATE); a force of each of
+    FORCE_SHARES of the prior acts at E (_TOUCHED_STATE and on); a force that each joint feels for
+    itself, as anywhere else on the arm. Residual, columns and covariances go joint after joint, the
+    m rows of each together.
 
     Args:
         rows: m rows of the segment.

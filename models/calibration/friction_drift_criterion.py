@@ -99,10 +99,11 @@ def friction_disagreements(
     changed_torque = rows.sliding * refresh.change  # (m, n, 3): Coulomb, viscous, offset
     unexplained = rows.moving_rms(rows.residual - changed_torque.sum(axis=2))
     added = rows.moving_rms(changed_torque[:, :, :2].sum(axis=2))
-    drifted = []
+    joints = []
     for j in range(rows.num_joints):
+        # Of Coulomb and viscous the one that is reported; both together decide.
         worst = int(np.argmax(np.abs(refresh.standard_errors[j, :2])))
-        drifted.append(
+        joints.append(
             FrictionDisagreement(
                 joint=j,
                 term=TERMS[worst],
@@ -113,13 +114,13 @@ def friction_disagreements(
                 stated=float(rows.sd[j]),
             )
         )
-    drifted = [
-        joint for joint in drifted if unexplained[joint.joint] < MAX_RESIDUAL_RATIO * joint.stated
+    explained = [
+        joint for joint in joints if unexplained[joint.joint] < MAX_RESIDUAL_RATIO * joint.stated
     ]
-    if not any(joint.exceeds(MIN_STANDARD_ERRORS, 1.0) for joint in drifted):
+    if not any(joint.exceeds(MIN_STANDARD_ERRORS, share=1.0) for joint in explained):
         return []
     return [
         joint
-        for joint in drifted
+        for joint in explained
         if joint.exceeds(NEIGHBOUR_STANDARD_ERRORS, NEIGHBOUR_TORQUE_SHARE)
     ]

@@ -73,7 +73,8 @@ class FrictionTracker:
         resolution: (n,) rad of the encoders; None: those that the law was fitted with.
 
     Attributes:
-        learning: whether `learn` changes anything; `freeze` and `resume` set it.
+        learning: whether `learn` updates the state with samples, which fades towards the model in
+            any case; `freeze` and `resume` set it.
         seconds: of contact-free motion learnt from since the start or `reset`.
 
     Raises:
@@ -103,6 +104,7 @@ class FrictionTracker:
         self._law = _bare(model.friction).sampled(time_step, resolution)
         plain = self._law.coulomb_viscous
         law_with_unit = with_sliding(self._law, replace(plain, coulomb=plain.coulomb + 1.0))
+        # Of both laws: `correction` reads the tables where the law has slip, else the others.
         self._tables = self._law.elements.table, law_with_unit.elements.table
         self._velocity_laws = self._law.velocity_law, law_with_unit.velocity_law
         self._n = n = self._law.num_joints
@@ -205,7 +207,7 @@ class FrictionTracker:
                 f"{self._samples_left} samples at most before the next step, not {len(q)}"
             )
         columns = np.zeros((len(q), self._n, 3))
-        if self._slip.shape[0]:
+        if self._slip.shape[0]:  # rows of state: the law has slip elements
             _slip_columns(*self._tables, self._slip, q, v, columns[:, :, 0])
         else:
             law, law_with_unit = self._velocity_laws
@@ -214,6 +216,7 @@ class FrictionTracker:
         low_pass(self._pole_decay, self._columns, columns)  # both in place
         self._v = np.where(np.isfinite(v[-1]), v[-1], 0.0) if len(v) else self._v
         x = self._x[self._drift].reshape(-1, 3)
+        # With the (n, 3, 3) covariances of x, which change at steps alone.
         variance = ((columns[:, :, None] @ self._covariances)[:, :, 0] * columns).sum(axis=2)
         return (columns * x).sum(axis=2) * self.share, variance
 
@@ -221,7 +224,8 @@ class FrictionTracker:
         """Takes the readings of the very samples that `correction` had last.
 
         Where they end a step of the filter, the state is predicted; it is updated with the last
-        sample where that is learnt from.
+        sample where that is learnt from: CONTACT_MARGIN after a contact, and with columns that
+        `correction` has found finite.
 
         Args:
             tau_ext: (N, n) N m, without the correction.
@@ -271,7 +275,8 @@ class FrictionTracker:
         moving = np.flatnonzero((np.abs(self._v) >= V_REST) & is_known)
         if not len(moving):
             return
-        # Before the update: a sample must not confirm what it has just taught.
+        # The sums behind `share`, before the update: a sample must not confirm what it has just
+        # taught.
         self._judge(tau_ext - self._significant_force_torque(J), moving)
         H, white = self._observed(J)
         H = H[moving]
@@ -284,6 +289,7 @@ class FrictionTracker:
         self._P = 0.5 * (self._P + self._P.T)
         reach = MAX_PRIOR_SDS * self._prior_sd.ravel()
         self._x[self._drift] = np.clip(self._x[self._drift], -reach, reach)
+        # For `advice`: how much larger the surprises are than expected, over _UNEXPLAINED_TIME.
         ratio = surprise**2 / np.diag(S)
         new_share = self._period / _UNEXPLAINED_TIME
         self._surprise_ratio[moving] += new_share * (ratio - self._surprise_ratio[moving])

@@ -272,21 +272,23 @@ class GainProblem:
             rows = self._torque_rows(log, law, carried)
             drift_sd[index] = _LOG_DRIFT.deviation(rows, law.coulomb_viscous)
             for j in range(n):
+                # Columns of other joints, loads and logs stay zero.
                 A = np.zeros((len(rows.t), first_drift + 3 * n * num_logs))
                 A[:, self._links] = rigid[:, j, :-1]
-                A[:, self._rotors[j]] = rigid[:, j, -1]
+                A[:, self._rotors[j]] = rigid[:, j, -1]  # behind the links'
                 terms = slice(self._rotors[j] + 1, self._rotors[j + 1])
                 A[:, terms] = log.low_pass(friction[j])[log.rows]
                 if log.load is not None:
                     first = self._all_loads.start + _NUM_INERTIAL * log.load
                     A[:, first : first + _NUM_INERTIAL] = load[:, j]
-                predicted = A[:, :first_drift] @ present
+                predicted = A[:, :first_drift] @ present  # u's slope leaves the small drift out
                 first = first_drift + 3 * (n * index + j)
                 A[:, first : first + 3] = rows.drift[:, j]
                 A *= np.exp(-u[j])
                 gain = self._gains.start + j
                 A[:, gain] = -np.exp(-u[j]) * predicted
                 whitened_rows = rows.whitened(j, A)
+                # The last column is the torque: g u_j of it, as above.
                 whitened_rows[:, -1] += whitened_rows[:, gain] * u[j]
                 whitened[j].append(whitened_rows)
         return fit_with_prior(

@@ -155,6 +155,7 @@ def find_ripple(
         is_used = np.arange(len(rows.t)) // STRETCH_ROWS % stride == 0
         rows, q, other = rows[is_used], q[is_used], other[is_used]
     friction_sd = FrictionDrift().deviation(rows, law)
+    # The offset takes any constant torque, as of a load: less than a period of a wave is like one.
     offset_sd = friction_sd[:, _OFFSET_PLACE]
     friction_sd[:, _OFFSET_PLACE] = np.maximum(offset_sd, OFFSET_SDS * rows.sd)
     turns = np.ptp(q, axis=0) / (2.0 * np.pi)  # (n,)
@@ -280,11 +281,12 @@ def _joint_ripple(
         column_sd: (k,) of the prior of these columns' parameters.
         periods: (K,) per turn.
     """
+    # At first the prior's: a and b have the variance sd^2 each.
     sd, num_tried = float(rows.sd[j]), len(periods)
     log_factor = np.zeros(num_tried)
     amplitude_square, variance = np.full(num_tried, 2.0 * sd**2), np.full(num_tried, sd**2)
     v = rows.v[:, j]
-    counts, is_seen = _can_show(q, v, periods)
+    counts, is_seen = _can_show(q, v, periods)  # (m, K) rows, and (K,)
     if not is_seen.any():
         return _JointRipple(log_factor, amplitude_square, variance)
     seen = periods[is_seen]
@@ -294,6 +296,7 @@ def _joint_ripple(
     # Columns of whitened: the k others, cosines, sines, residual.
     whitened = rows.whitened(j, np.column_stack([columns, wave.real, wave.imag]))
     k = columns.shape[1]
+    # Scatter of the rows about the other columns, and an orthonormal basis of what these explain.
     scale, basis = _fitted(whitened[:, :k] * column_sd, whitened[:, -1])
     # The basis spans k rows more, those of the other columns' prior: zero here.
     waves_and_residual = whitened[:, k:] / scale

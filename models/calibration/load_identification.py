@@ -170,18 +170,19 @@ def estimate_load(
             at the flange, is then subtracted.
     """
     logs = [log] if empty is None else [log, empty]
-    prior_sd = vague_spread(prior.mass)
+    vague_sd = vague_spread(prior.mass)
     at_flange = _solve(
-        logs, np.eye(_NUM_LOAD), mean=np.zeros(_NUM_LOAD), sd=prior_sd, law=law, prior=prior
+        logs, np.eye(_NUM_LOAD), mean=np.zeros(_NUM_LOAD), sd=vague_sd, law=law, prior=prior
     )
     parameters, mass_sd = at_flange.values[:_NUM_LOAD], np.sqrt(at_flange.covariance[0, 0])
     mass = max(parameters[0], mass_sd)
     com = np.zeros(3)
     if parameters[0] > MIN_MASS_ERRORS * mass_sd:
         com = np.clip(parameters[1:4] / mass, -MAX_COM_COORDINATE, MAX_COM_COORDINATE)
-    # Moment of inertia of a body of that mass, within twice itself; products within once.
+    # Moment of inertia of a body of that mass, whose size goes with the cube root of the mass:
+    # within twice itself; products within once. Mass and first moment stay vague.
     moment = mass * GYRATION_FACTOR**2 * mass ** (2.0 / 3.0)
-    prior_mean = np.zeros(_NUM_LOAD)
+    prior_mean, prior_sd = np.zeros(_NUM_LOAD), vague_sd.copy()
     prior_mean[list(_DIAGONAL_PLACES)] = moment
     prior_sd[4:] = moment
     prior_sd[list(_DIAGONAL_PLACES)] = 2.0 * moment
@@ -248,10 +249,11 @@ def _solve(
                 columns[:, -_NUM_LOAD:] = log.load[:, j]
             parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
         whole = np.vstack(parts)  # (m, k + c + 1): unknowns, the model's parameters, residual
-        blocks.append(np.delete(whole, np.s_[k:-1], axis=1))
+        blocks.append(np.hstack([whole[:, :k], whole[:, -1:]]))
         considered.append(whole[:, k:-1] * logs[0].model_sd)
     fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _NUM_LOAD)]))
-    # How the solution responds to an error e of the torque: covariance A^T e / s^2.
+    # Of each joint (k, m), how the solution responds to an error e of its whitened torque:
+    # covariance A^T e / s^2.
     responses = [
         fit.covariance @ block[:, :-1].T / s**2 for block, s in zip(blocks, fit.scale, strict=True)
     ]
@@ -289,8 +291,8 @@ def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) ->
     offset = values[1:4] / divisor  # of the centre of mass from `com`
     inertia = load_inertia_matrix(values)
     inertia = inertia - mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
-    # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz) by the parameters; the offset is small:
-    # what it adds to the inertia's is left out.
+    # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz), the order of the covariance, by the ten
+    # parameters; the offset is small: what it adds to the inertia's is left out.
     slope = np.zeros((_NUM_LOAD, _NUM_LOAD))
     slope[0, 0] = 1.0
     slope[1:4, 0] = -offset / divisor

@@ -165,7 +165,7 @@ def weigh_begin(
             return None
         begin = int(places[max(likeliest - 1, 0)])
         end = int(places[min(likeliest + 1, len(places) - 1)])
-        if end - begin <= 2:  # the neighbours: nothing is left between them
+        if end - begin <= 2:  # the places were successive rows: nothing is left between them
             break
     weight = np.exp(evidence - evidence[likeliest])
     t = log.rows.t[places]
@@ -206,7 +206,7 @@ def _weighed(
     weights = {name: float(np.exp(value - largest)) for name, value in evidence.items()}
     total = sum(weights.values())
     mass_sd = float(load.standard_deviation[0])
-    if load.is_present:
+    if load.is_present:  # else none is shown, whatever the spread between joints
         mass_sd = mass_sd_across_joints(log, law, prior, load)
     return LoadOrDrift(
         load=load,

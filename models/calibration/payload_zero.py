@@ -100,6 +100,7 @@ class PayloadZero:
         n = len(correlation_time)
         reach = COM_SD * 0.5 * payload
         self._prior = np.diag(np.array([payload, reach, reach, reach]) ** -2.0)
+        # Normal equations of the four parameters, without the prior.
         self._information, self._right = np.zeros((4, 4)), np.zeros(4)
         # Of each joint's present rest: sums of the four columns, torque and variance; samples.
         self._rest_sums = np.zeros((n, 6))
@@ -122,7 +123,7 @@ class PayloadZero:
             sd: (N, n) N m, of tau_ext where nothing touches the arm.
             is_valid: (N,) samples that count; a rest goes on over those that do not.
         """
-        columns = weight_columns(J, R_WE, self._gravity)
+        columns = weight_columns(J, R_WE, self._gravity)  # (N, n, 4)
         for k in np.flatnonzero(is_valid):
             rests = np.abs(v[k]) < V_REST
             for j in np.flatnonzero((self._rest_samples > 0.0) & ~rests):

@@ -126,7 +126,8 @@ def fit_specimen(
         raise ValueError(f"{len(rows)} joints with rows, expected {law_of_known.num_joints}")
     gain, gain_sd = _gain(law_of_known, rows, prior)
     fitted = _fitted(law_of_known, rows, prior, gain)
-    coulomb, load, viscous, offset = fitted.values[:, :-1].T  # the last is the gain
+    # In the order of `_Fitted`; the last is the gain, which has been given.
+    coulomb, load, viscous, offset = fitted.values[:, :-1].T
     law = replace(
         law_of_known,
         coulomb=coulomb,
@@ -183,7 +184,7 @@ def _fitted(
     """Fits each joint by itself, its gain free or given; a joint without rows keeps the prior.
 
     The joint's torque less Stribeck and cubic part of the known robot is A times its unknowns, in
-    the order of `_Fitted`.
+    the order of `_Fitted`. A given gain has a prior so narrow (_LEAST_PRIOR_SD) that it stays.
 
     Args:
         law_of_known: law of the known robot; its numbers are the prior's mean.

@@ -202,6 +202,7 @@ def impedance_wrench(
     for i in range(6):
         for j in range(6):
             Ke[i] += stiffness[i, j] * e[j]
+    # The angular block of A: in axes of E (sign -1) it has the right Jacobian.
     A = np.empty((3, 3))
     _left_jacobian_inverse(e[:3], -1.0 if in_E else 1.0, A)
     spring = np.empty(6)
@@ -306,7 +307,8 @@ def damp_null_space(damping: float, M: Array, J: Array, v: Array, tau: Array) ->
         tau: (n,) N m, changed.
     """
     n = v.shape[0]
-    # Factors and solutions take the place of what they come from; lower triangles are enough.
+    # Factors and solutions take the place of what they come from; lower triangles are enough. Both
+    # matrices have pivots above 0.0, M as a mass matrix, E's mobility by its floor.
     L = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
@@ -378,7 +380,8 @@ def _takeover_integral(
     """The integral, N s, with which force control would command what the spring does now.
 
     That is the spring's push against d, less the set-point with which force control will begin,
-    over the integral gain.
+    over the integral gain. The proportional part answers the error of its own tick and is not
+    counted: by it alone force control begins with a jump.
 
     Args:
         law, terms: as `impedance_action`; the integral gain is above zero.
@@ -415,14 +418,15 @@ def impedance_action(
         terms: of `terms_type`.
         pose_reference: (18,) R_WD row by row, p_WD, V_WD.
         reference: (3n,) q_d, v_d, vdot_d, of which v_d and vdot_d are fed forward.
-        packed_force: ForceControlInputs: the set-point is a push in N along the direction d, the
-            wrench what the environment does to the robot.
+        packed_force: fields of ForceControlInputs, in their order: the set-point is a push in N
+            along the direction d, the wrench what the environment does to the robot.
         tau: (n,) N m, written.
         error: (6,) of `pose_error`, written.
 
     Returns:
         Whether the inputs were usable, and the integral of the force error, N s. While no force is
-        controlled, the integral is such that force control takes over without a jump.
+        controlled, the integral is such that force control takes over without a jump but that of
+        its proportional part.
     """
     force = ForceControlInputs(*packed_force)
     is_active, setpoint, integral = force.is_active, force.setpoint, force.integral
@@ -473,7 +477,7 @@ def impedance_action(
     if law[0].has_force != 1.0:
         return ImpedanceTick(True, integral)
     if is_active:
-        # The integral goes on unless a drive at its limit would only wind it up.
+        # The next tick's integral. It goes on unless a drive at its limit would only wind it up.
         is_saturated = False
         for j in range(tau.shape[0]):
             is_saturated = is_saturated or abs(tau[j]) >= effort_limit[j]

@@ -252,6 +252,7 @@ def _check(segment: WrenchSegment, index: int, source: str) -> None:
         positive.append("frequency")
     elif isinstance(segment, HandPush):
         positive += ["bandwidth", "fade"]
+        # Zero: one push as long as the duration, and no pause.
         if not (
             np.isfinite(segment.each + segment.pause) and min(segment.each, segment.pause) >= 0
         ):

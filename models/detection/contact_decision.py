@@ -85,7 +85,8 @@ def decide_contact(
 
     Args:
         norms: of the sample: lengths, in sds, of the whitened torque of the sample (`sample`), of
-            its low-pass (`mean`), and of its change since the last calm (`change`).
+            its low-pass (`mean`), and of its change since the last calm (`change`). Of the mean the
+            sample still has along_mean over square_of_mean.
         levels: of the detector; an infinite `change`: the model knows no change.
         has_mean: whether the log is long enough for a mean, without which there is no change.
         time_step: s.

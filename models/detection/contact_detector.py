@@ -334,10 +334,12 @@ def _joint_rows(
     joints[USUAL_JUMP] = jump_factor * np.asarray(noise.usual_jolt)
     joints[MEAN_SCALE] = noise.mean_scale
     if noise.change_sd:
-        # A change is as quick as the observer lets it be: of correlation time 1 / K_0.
+        # In the fit's readings a change was as quick as their observer let it be, T = 1 / K_0. This
+        # gain K passes the share K T / (1 + K T) of its variance, that of the fit passed 1 / 2.
         change_factor = 2.0 * observer_gain / (observer_gain + error.K_0)
         joints[CHANGE:] = change_factor * np.transpose(noise.change_sd) ** 2
-        joints[CHANGE + NUM_FEATURES] /= jump_factor**2  # the share of the torque jump
+        # The share of the torque jump's square, which white noise has made larger.
+        joints[CHANGE + NUM_FEATURES] /= jump_factor**2
     return joints
 
 
@@ -384,10 +386,11 @@ def _settings(
         if noise is not None and noise.change is not None and noise.change_sd:
             # Its tail is that of the square |U c|^2, the others' of the norms themselves.
             settings[CHANGE_LEVEL] = np.sqrt(noise.change.level_at(half_rate))
-    settings[MISFIT_LEVEL] = settings[POWER_LEVEL]
+    settings[MISFIT_LEVEL] = settings[POWER_LEVEL]  # of a model without its own: D <= |y|^2
     if noise is not None and noise.misfit is not None and knows_error:
         settings[MISFIT_LEVEL] = OTHER_DAYS * noise.misfit.level_at(misfit_rate)
-    # Levels of release are of the levels without OTHER_DAYS, which then widens both of the mean.
+    # Before OTHER_DAYS widens level and release of the mean: the tail that bounds the release is
+    # that of the fit's days.
     settings[SAMPLE_RELEASE] = _release_level(settings[SAMPLE_LEVEL], tails.sample)
     settings[MEAN_RELEASE] = _release_level(settings[MEAN_LEVEL], tails.mean)
     if noise is not None:

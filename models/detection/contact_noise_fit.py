@@ -41,6 +41,10 @@ def fit_contact_noise(
 ) -> ContactNoise | None:
     """Returns the value for `model.contact_noise`; None where no reading is used.
 
+    In three steps, each with detectors that know what the steps before have found: the usual torque
+    jump; with it the scale of the mean and the sds of a change; with all of these the norms, of
+    whose tails the levels are made.
+
     Args:
         readings: readings of motions that their models were not fitted on; of one time step.
         model: with the torque error that was fitted to them.
@@ -52,7 +56,7 @@ def fit_contact_noise(
         return None
     time_step = readings[0].time_step
     momenta = [chain.momentum_terms(reading.q, reading.v)[0] for reading in readings]
-    # The usual torque jump, which z depends on.
+    # First the usual torque jump, which z depends on.
     jumps = np.vstack(
         [
             torque_jumps(
@@ -72,8 +76,8 @@ def fit_contact_noise(
     z = np.vstack([reading.z for reading in white])
     mean = np.vstack([reading.mean for reading in white])
     change = np.vstack([reading.change for reading in white])
-    # The scale of the mean of z, and the sd of a change of torque, by what the torque error depends
-    # on: the norms depend on both.
+    # Then the scale of the mean of z, and the sd of a change of torque, by what the torque error
+    # depends on.
     squares = np.maximum(np.mean(z**2, axis=0), _LEAST_SQUARE)
     scale = np.sqrt(np.mean(mean**2, axis=0) / squares)
     features = np.concatenate(
@@ -89,7 +93,8 @@ def fit_contact_noise(
         change_sd=_change_sd(features, jumps, usual_jump, change).tolist(),
     )
     white = _white(readings, momenta, is_used, replace(model, contact_noise=noise), chain)
-    # Levels: tails of each norm over the contact-free readings.
+    # The tail of each norm over the contact-free readings; that of the change is of its square, as
+    # the detector takes it.
     lengths = [reading.lengths for reading in white]
     return replace(
         noise,
@@ -158,6 +163,7 @@ def _white(
     result: list[_WhiteReading] = []
     error = model.torque_error
     assert error is not None
+    # No moment at E: with any prior of one the misfit is smaller than the level that is learnt.
     config = WrenchReconstructionConfig("force_only")
     for reading, momentum, rows in zip(readings, momenta, is_used, strict=True):
         stage = TorqueErrorStage(

@@ -130,7 +130,11 @@ REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
 MIN_REST_SHARE = 0.5  # w of a joint that rests; of one that creeps at 3 mrad/s it is .3
 
-# Rows of the state.
+# Rows of the state, of each joint: momentum and transmitted torque of the last two samples; the
+# base of the change, LP(x) without contact; the square of the torque jump; g^2, the mean square of
+# z; mean and mean square of z over LOCAL_TIME, through contacts and all; LP(z / g); LP(y^2); g'^2;
+# sds of the friction that a stopping joint releases and a starting one has carried; the square of
+# the white noise, and the second differences of momentum and torque that it follows.
 _MOMENTUM, _PREVIOUS_MOMENTUM, _TORQUE, _PREVIOUS_TORQUE, _BASE, _JUMP2, _LOCAL2 = range(7)
 _SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _NOISE2, _LAST_P, _LAST_TAU, _START = range(7, 17)
 NUM_UNKNOWN = _JUMP2  # rows before it are not known before the first sample
@@ -301,7 +305,8 @@ def detect_tick(
     out[POWER_LENGTH], out[CHANGE_LENGTH] = norms.power, norms.change
     out[STATISTIC], out[CONTACT] = single[LARGEST_RATIO], single[IN_CONTACT]
 
-    # Where the contact is: at E, or else on which link.
+    # Where the contact is: at E, or else on which link. D is averaged from the begin of the contact
+    # on, where `_take_contact` has set the average to 0.
     out[MISFIT], out[LINK] = 0.0, 0.0
     if single[IN_CONTACT] == 1.0 and is_read:
         gain = 1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)
@@ -330,6 +335,11 @@ class _Detector(NamedTuple):
 @kernel
 def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) -> Array:
     """s'^2 (n,), the variance of a change without its jump; takes friction's release in.
+
+    The parts of the torque error's variance count with the shares that `joints` has from CHANGE on.
+    Stiction, the last of them, counts until the joint is surely at rest, and is then at least the
+    friction of a stop, faded as the observer reads it (pole), and that of the last rest, faded as
+    the mean holds it (keep).
 
     Args:
         detector: its state is changed; its noise is that of the samples before.
@@ -437,7 +447,7 @@ def _whiten(
     scale_gain = 1.0 - np.exp(-T / min(max(single[_SEEN], UNIT_SCALE_TIME), LOCAL_TIME))
     base_gain = 1.0 - np.exp(-T / min(single[_SEEN], MEAN_TIME))
     for j in range(tau_ext.shape[0]):
-        # Writes sd, still without g, and change_sd of this joint.
+        # Writes sd, which gets its factor g below, and change_sd of this joint.
         _take_torque_sd(detector, error, j, change_variance[j], whitened)
         # The part that friction at rest cannot carry.
         hidden = hidden_torque(detector.tables.error, error.rows, j)
@@ -584,7 +594,7 @@ def detect_log(
         white: written for the fit of the contact noise; not written where it has no rows.
     """
     error, tau_ext = samples.error, samples.tau_ext
-    slow_D = 0.0  # LP(D) through contacts and all
+    slow_D = 0.0  # LP(D) of `white`; the detector's own begins anew with each contact
     gain = 1.0 - np.exp(-tables.settings[PERIOD] / MISFIT_WINDOW)
     n = tau_ext.shape[1]
     # Of the last sample that was read: one that is not leaves it as it is.

@@ -151,8 +151,9 @@ def place_evidence(
     # Counted from 0: joint j loads when link j or one beyond it is touched.
     first_link = int(loaded_joints[-1]) if len(loaded_joints) else 0
     E = n  # the place after the links
-    by_sample: list[list[Array]] = [[] for _ in range(n + 1)]  # by place: (points, sizes) each
-    # By place (points,); a link's are those of the last sample.
+    # By place, then by sample: (points, sizes); a link has as many points in every posture.
+    by_sample: list[list[Array]] = [[] for _ in range(n + 1)]
+    # By place: (points,), at E one for each lever.
     weights = [np.empty(0)] * n + [np.full(len(FORCE_LEVERS), 1.0 / len(FORCE_LEVERS))]
     for J_k, tau_k, D_k in zip(J, tau, D, strict=True):
         whitening = np.linalg.inv(np.linalg.cholesky(D_k[:, None] * R * D_k))
@@ -164,7 +165,7 @@ def place_evidence(
             weights[link] = surfaces[link].weight  # posture changes little during a contact
         B = _at_E(J_k) @ whitening.T
         by_sample[E].append(_log_likelihood(B, white_tau, inwards=False))
-    evidence = np.full(n + 1, -np.inf)
+    evidence = np.full(n + 1, -np.inf)  # which stays of the excluded links
     for place in range(first_link, n + 1):
         by_point_and_size = np.mean(by_sample[place], axis=0)
         share = weights[place][:, None] / len(FORCE_SIZES)
@@ -331,14 +332,15 @@ def _surfaces(J: Array) -> list[_Surface]:
         length = float(np.linalg.norm(between))
         has_length = length > _MIN_LINE_LENGTH
         along_axis = between / length if has_length else axis[k]
+        # The ring of points begins at the axis before, and so turns with the arm.
         side = axis[k - 1] if k else np.eye(3)[int(np.argmin(np.abs(along_axis)))]
         # The last axis ends where the tool is, if it leads there.
         end_overhang = 0.0 if k == n - 1 and has_length else HOUSING_OVERHANG
         end = last_foot[k] + end_overhang * along_axis
         housing, position = _housing(first_foot[k] - HOUSING_OVERHANG * along_axis, end, side)
         housing_length = float(np.linalg.norm(end - first_foot[k])) + HOUSING_OVERHANG
-        # Probability of link k at each point, else of link k - 1: 1/2 in the middle of the housing,
-        # it rises linearly along it, by length / housing_length in all.
+        # Probability of link k at each point, else of link k - 1: 1/2 in the middle of the housing
+        # (position 0), it rises linearly along it (-1/2 to 1/2), by length / housing_length in all.
         share = 0.5 + length / housing_length * position
         parts_of_link[k].append(housing.shared(share))
         if k:

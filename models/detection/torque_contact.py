@@ -191,7 +191,9 @@ def learn_reported_torque_sd(t: Array, tau_ext: Array, J: Array) -> ReportedTorq
     Which stretches these are depends on the error in turn. So the detector runs over the log with
     START_SD_RATIO times the sd of its calmest windows first, and then with that of the stretches in
     which it has found no contact, NUM_ROUNDS rounds in all. At rest the error is the noise there,
-    plus what the baseline changes over a contact, which a detector cannot tell from a lasting one.
+    plus what the baseline changes over a contact, which a detector cannot tell from a lasting one
+    (of fewer than _MIN_STEPS contacts: as much as the noise again). Each sd has the joints' root
+    mean square added (`_floored`).
 
     Args:
         t: (N,) s.
@@ -226,7 +228,7 @@ def learn_reported_torque_sd(t: Array, tau_ext: Array, J: Array) -> ReportedTorq
         free_torque = (tau - contacts.baseline)[_is_settled(t, contacts)]
         noise_sd = np.maximum(_spread(free_torque, calm_sd), calm_sd)
         steps = _baseline_steps(t, contacts)
-        step_sd = noise_sd  # of too few contacts: as large as the noise
+        step_sd = noise_sd  # where contacts are too few for a median
         if len(steps) >= _MIN_STEPS:
             step_sd = SD_PER_MEDIAN * np.median(np.abs(steps), axis=0)
         rest_sd = _floored(np.hypot(noise_sd, step_sd))

@@ -86,7 +86,7 @@ class TrackedEstimator:
         if follows_friction:
             estimator_model = replace(model, torque_error=model.torque_error.with_drift(0.0))
         self.estimator = WrenchEstimator(robot, estimator_model, config)
-        self._gain = ReadingGain(self.estimator)
+        self._gain = ReadingGain(self.estimator)  # by which torque's errors enter the wrench
         self._plain = WrenchEstimator(robot, model, config)
         self._detector = ContactDetector.of(self._plain, detection)
         force_sd, _ = live_prior(robot.payload)
@@ -170,10 +170,12 @@ class TrackedEstimator:
             The corrected estimates, with the variance of both corrections, and the detection.
         """
         is_missing = np.asarray(np.isnan(plain.J).any(axis=(1, 2)))
+        # From the sample on at which the observer has settled.
         is_read = plain.fresh & ~is_missing & (self._settling <= np.arange(len(q)))
         self._settling -= len(q)
         correction, friction_variance = np.empty_like(q), np.empty_like(q)
-        # Torque of the zeroed payload's weight, and per each of its four parameters.
+        # Torque of the zeroed payload's weight, and per each of its four parameters. Zeros stand
+        # for missing numbers: such a sample is neither learnt from nor valid.
         weight, columns = np.zeros_like(q), np.zeros((*q.shape, 4))
         J_seen, R_WE = np.nan_to_num(plain.J_seen), self._plain.chain.pose(np.nan_to_num(q))[0]
         if self.zero is not None:
@@ -189,7 +191,7 @@ class TrackedEstimator:
             corrected = plain_part._replace(tau_ext=plain_part.tau_ext + correction[part])
             detection = self._detector.run(self._detector_state, corrected)
             detections.append(detection)
-            if self._tracks:
+            if self._tracks:  # from torque without the weight, but with friction's drift
                 is_contact_free = is_read[part] & ~detection.contact
                 self.tracker.learn(
                     plain_part.tau_ext - weight[part], plain_part.J_seen, is_contact_free

@@ -167,6 +167,7 @@ class ContactFrame(NamedTuple):
             raise InputError("estimate", "--contact-point", problem, "give m in axes of E: 0,0,0.1")
         name = config.axis.removeprefix("-")
         if name in TOOL_AXES:
+            # Columns: the axes of E, from the named one on.
             R = np.roll(np.eye(3), -TOOL_AXES.index(name), axis=1)
             R[:, 0] *= -1.0 if config.axis.startswith("-") else 1.0
             return cls(R, is_tool_frame=True, point=point)
@@ -274,7 +275,8 @@ class ContactFilter:
         wrench_sd = [force_sd, *across_sd, *moments_sd]
         # Errors begin with the first block.
         errors_sd, offsets_sd = [0.0] * n, [config.offset_sd] * n
-        sd = [*wrench_sd, *errors_sd, *offsets_sd, *wrench_sd * self.lag]
+        past_sd = wrench_sd * self.lag  # the list, so many times
+        sd = [*wrench_sd, *errors_sd, *offsets_sd, *past_sd]
         # Where each entry of the next block's state comes from: F also becomes the newest past F,
         # past ones move on by one, and the oldest is dropped.
         self._order = np.arange(len(sd))

@@ -157,8 +157,8 @@ class ContactReader:
         """Adds N samples to those that wait, each with the mean torque over the period before it.
 
         A joint that rests carries not the law's friction but an expected share of that of its last
-        motion, and its torque per ampere is that at rest (`_rest_scale`): of it tau_ext has the
-        law's friction put back and the expected one taken off.
+        motion. As tau_ext = need - (tau_J - tau_f), the expected friction takes the place of the
+        law's tau_f in it; `_rest_scale` makes torque per ampere that at rest.
 
         Args:
             q, v, tau_J: (N, n) rad, rad/s, N m; NaN where a sample is missing.
@@ -170,6 +170,7 @@ class ContactReader:
         has_torque = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
         is_usable = is_measured & is_finite & has_torque
         tau_mean, is_period = self._period_means(batch.tau_ext, is_usable)
+        # Zeros stand for what is not known: `is_known` leaves such samples out.
         rigid = np.where(is_period[:, None], tau_mean + batch.transmitted, 0.0)
         is_moving = np.abs(v) >= self._rest_speed
         tau_f = tau_J - batch.transmitted  # friction of the law

@@ -301,28 +301,28 @@ class WrenchEstimator:
         self.config = config
         self.num_joints = n = robot.num_joints
         self.chain = model.chain(robot)
-        self.observer = make_observer(self.config.observer, n)
+        uninformed = make_observer(self.config.observer, n)
         self.reconstruction = WrenchReconstruction(
             self.config.reconstruction, model.residual_covariance
         )
         self.resolution = self._position_resolution()
-        T = self.observer.time_step
+        T = uninformed.time_step
         self.friction = model.friction.sampled(T, self.resolution)
         self.learnt = model.torque_error is not None
         error = self._torque_error_model()
         # What `valid` rests on, of a learnt torque error alone.
         live_config = self.config.reconstruction.with_live(force_sd, moment_sd)
         residual_sd = np.sqrt(np.diag(self.reconstruction.torque_covariance))
-        pole = self.observer.pole
+        pole = uninformed.pole
         self.knowledge = ModelKnowledge(
             torque_error=model.torque_error,
             torque_sd=residual_sd,
             rates=np.broadcast_to(error.K_0 if pole is None else pole, (n,)),
             prior=observer_prior(live_config),
         )
-        if isinstance(self.observer, InformedObserver):
-            self.observer = self.observer.informed(self.knowledge)
-        # From here on the pole is that of the informed observer.
+        self.observer: Observer = uninformed
+        if isinstance(uninformed, InformedObserver):
+            self.observer = uninformed.informed(self.knowledge)
         self.error = TorqueErrorStage(
             error, self.friction, self.observer.pole, T, self.resolution, self.chain
         )
@@ -367,8 +367,9 @@ class WrenchEstimator:
     ) -> Self:
         """Returns the estimator with parts that were changed while it runs; states stay valid.
 
-        The copy shares all other parts. Its torque error's stage is made anew, since it depends on
-        friction, observer and reading.
+        The copy shares all other parts, also the `knowledge` that a Kalman observer was informed
+        of. Its torque error's stage is made anew, since it depends on friction, observer and
+        reading.
 
         Args:
             torque_per_ampere: (n,) N m/A.
@@ -478,7 +479,7 @@ class WrenchEstimator:
         samples, error = taken.samples, taken.error
         if signals is not None:
             signals[:] = signals_of(samples)
-            signals[:, TAU_EXT] = taken.observed.tau_ext
+            signals[:, TAU_EXT] = taken.observed.tau_ext  # without the correction of an air pass
         return EstimateBatch(
             tau_ext=taken.tau_ext,
             wrench=reading.wrench,
@@ -579,12 +580,14 @@ class WrenchEstimator:
             (1, n) N m, tau_J, NaN where the current is impossible.
         """
         samples, rows = taken.samples, taken.error.rows
+        # The check begins before the sample: `take_motion` has taken q and v alone into the other
+        # state's.
         if self.check is not None:
             checked, _ = self.check.run(state.check, q, v, current, self.observer.time_step)
             current = checked[2]
         tau_J = joint_torque(self.gain, self._motor_rates, current)
         # What the motor torque changes: the memory of the friction, of the torque error's loads
-        # and of the observer.
+        # and of the observer. Friction and tau_ext of the sample itself are those of `taken`.
         if self.friction.state_rows > 0:
             self.friction.run(state.friction, samples.q, samples.v, tau_J, self._rest(rows))
         state.error[:] = state_of_motion.error
@@ -624,17 +627,18 @@ class WrenchEstimator:
         """
         momentum, CTv, G, J = self.chain.observer_terms(q, v)
         if known_tau_J is None:
+            # What the zeros do to the memory of friction and observer, `take_current` does anew;
+            # NaN leaves the torque error's state as it is.
             tau_J, transmitted = np.zeros_like(q), np.full_like(q, np.nan)
         else:
             tau_J = transmitted = known_tau_J
         rows = self.error.follow(state.error, q, v)
-        is_planned = correction is not None and self.friction.is_of_speed_alone
         # Friction: as it is known, at the planned speed, or by the law, which is told what rests.
         # A known one is taken off the motor torque, so that the stages see an arm without friction.
         if known_friction is not None:
             tau_J, friction = tau_J - known_friction, np.zeros_like(tau_J)
             transmitted = tau_J
-        elif correction is not None and is_planned:
+        elif correction is not None and self.friction.is_of_speed_alone:
             friction = self.friction.feedforward.torque(correction.v_planned)
         else:
             friction = self.friction.run(state.friction, q, v, tau_J, self._rest(rows))

@@ -107,8 +107,8 @@ def _maximum_evidence(
         """
         force_sd, moment_sd, c = np.exp(log_sds)
         evidence = _log_evidence(gram, projected, moment_sd / c, force_sd / c, 1.0 / c)
-        # c divides both sds and the torque: its derivative is minus the sum of theirs, beside that
-        # of the terms written here.
+        # c divides both sds and the torque: by log c the evidence changes by minus the sum of its
+        # three derivatives, the terms written here by n - mean_square / c^2.
         by_c = n - mean_square / c**2 + evidence.by_moment + evidence.by_force + evidence.by_weight
         value = float(0.5 * mean_square / c**2 + n * np.log(c) - evidence.value)
         return value, np.array([-evidence.by_force, -evidence.by_moment, by_c])
@@ -170,6 +170,7 @@ def _log_evidence(
             for j in range(i + 1):
                 half[i] += R[i, j] * projected[k, j] * (moment_sd if j < 3 else force_sd)
             half[i] *= weight
+            # log N = |half|^2 / 2 - log det L + constant
             total += 0.5 * half[i] * half[i] - np.log(L[i, i])
             by_weight += half[i] * half[i]
         for i in range(6):

@@ -98,7 +98,8 @@ def find_point_of_action(
 
     likelihood = _Likelihood.of(J, R, tau, Sigma)
     noise = NOISE_RANGE if free_noise else (1.0, 1.0)
-    # In the order of `_Likelihood.cost`: point, sds and scale, mean force.
+    # In the order of `_Likelihood.cost`: point, sds and scale, mean force. Equal bounds hold what
+    # is given.
     bounds = [
         *[(0.0, 0.0) if at_E else (-LARGEST_OFFSET, LARGEST_OFFSET)] * 3,
         *np.log([FORCE_SD_RANGE, MOMENT_SD_RANGE, noise]).tolist(),
@@ -172,7 +173,8 @@ class _Likelihood(NamedTuple):
         value = float(np.mean(0.5 * (residual * a).sum(axis=1) + log_det))
         by_C = inverse - a[:, :, None] * a[:, None, :]
         gradient = np.empty(9)
-        # `turned[c]` is the derivative of J_P's linear rows by coordinate c of p_EP.
+        # `turned[c]` is the derivative of J_P's linear rows by coordinate c of p_EP. dC is `half`
+        # and its transpose, so that half of the formula's trace is that of `half`.
         for c in range(3):
             half = (self.turned[c].transpose(0, 2, 1) @ J_P[:, 3:]) * force_sd**2
             gradient[c] = np.mean(

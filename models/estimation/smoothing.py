@@ -144,6 +144,7 @@ class WrenchSmoother:
         batch = EstimateBatch.joined([samples.batch for samples in self._pending])
         num_smoothed = len(signals) - num_pending
         causal = batch.rows(slice(0, num_smoothed))
+        # By all signals, of which the first are the smoothed samples'.
         wrench, covariance = self._smoother.read(signals, batch.J, num_smoothed)
         if self._scale:
             covariance += self._scale**2 * wrench[:, :, None] * wrench[:, None, :]
@@ -159,7 +160,7 @@ class WrenchSmoother:
         if num_pending:
             self._pending = [_PendingSamples(signals[later].copy(), batch.rows(later))]
         tau_ext = np.einsum("kai,ka->ki", causal.J, wrench)
-        finite = np.isfinite(tau_ext).all(axis=1)
+        finite = np.isfinite(tau_ext).all(axis=1)  # J of a missing sample is not
         return causal._replace(
             tau_ext=np.where(finite[:, None], tau_ext, 0.0), wrench=wrench, covariance=covariance
         )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.wrench_prior import PriorSds
 from wrenchsight.models.numerics.arrays import Array
 
 _STANDARD_GRAVITY = 9.81  # m/s^2
@@ -61,7 +62,7 @@ class UncertainForce:
         limits = reading.limits
 
         def covariances(factor: Array, force_sd: float) -> Array:
-            """(N, 3, 3) N^2, of the force where the joints' errors are `factor` (n,) as large.
+            """Of the force where the joints' errors are `factor` (n,) as large.
 
             `force_sd` is the prior's, N; its moment's is that of the limits.
             """
@@ -70,15 +71,7 @@ class UncertainForce:
                 torque_sd * factor, _ROUNDING_SHARE * torque_sd.max(axis=1, keepdims=True)
             )
             noise = s[:, :, None] * reading.torque_covariance * s[:, None, :]
-            # Information W^T W by the square root W: squared, rounding loses the prior's share.
-            # W: the torques' rows (n), then the prior's (6); columns [moment; force] at E.
-            felt = np.linalg.solve(np.linalg.cholesky(noise), J.swapaxes(1, 2))
-            moment_sd = max(limits.moment_sd, _LEAST_MOMENT_SD)
-            prior = np.diag([1.0 / moment_sd] * 3 + [1.0 / force_sd] * 3)
-            W = np.concatenate([felt, np.broadcast_to(prior, (len(felt), 6, 6))], axis=1)
-            # The covariance is R^-1 R^-T; its lower right 3 x 3 block is that of the force.
-            of_force = np.linalg.inv(np.linalg.qr(W, mode="r"))[:, 3:]
-            return np.asarray(of_force @ of_force.swapaxes(1, 2))
+            return _force_covariances(J, noise, PriorSds(force_sd, limits.moment_sd))
 
         def worst_sd(factor: Array) -> float:
             """N, in the worst direction, median over the samples, with the limits' prior."""
@@ -148,6 +141,25 @@ class UncertainForce:
             "; identify from logs with these postures and speeds, find a better posture with "
             "`wrenchsight place`, or raise the limit with --max-force-sd"
         )
+
+
+def _force_covariances(J: Array, noise: Array, prior: PriorSds) -> Array:
+    """(N, 3, 3) N^2, of the force at E, from torques and a prior.
+
+    Args:
+        J: (N, 6, n) at E in axes of W, rows [angular; linear].
+        noise: (N, n, n) N^2 m^2, covariance of the torques' errors.
+        prior: of the wrench.
+    """
+    # Information W^T W by the square root W: squared, rounding loses the prior's share.
+    # W: the torques' rows (n), then the prior's (6); columns [moment; force] at E.
+    felt = np.linalg.solve(np.linalg.cholesky(noise), J.swapaxes(1, 2))
+    moment_sd = max(prior.moment_sd, _LEAST_MOMENT_SD)
+    prior_rows = np.diag([1.0 / moment_sd] * 3 + [1.0 / prior.force_sd] * 3)
+    W = np.concatenate([felt, np.broadcast_to(prior_rows, (len(felt), 6, 6))], axis=1)
+    # The covariance is R^-1 R^-T; its lower right 3 x 3 block is that of the force.
+    of_force = np.linalg.inv(np.linalg.qr(W, mode="r"))[:, 3:]
+    return np.asarray(of_force @ of_force.swapaxes(1, 2))
 
 
 def _common_direction(directions: Array) -> Array | None:

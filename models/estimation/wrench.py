@@ -236,8 +236,8 @@ class WrenchReconstruction:
             config: method, priors and limits.
             torque_covariance: (n, n) Sigma_tau, N^2 m^2; where each sample has its own sds, the
                 correlation.
-            usual_sd: (n,) or () N m, typical sds of the torque error, by which a point force's
-                reading is weighed besides the sample's own; None: those alone.
+            usual_sd: (n,) or () N m, typical sds of the torque error, by which `force_only` weighs
+                besides the sample's own; None: by those alone. Other methods leave it out.
 
         Raises:
             ValueError: as the class states.
@@ -306,7 +306,7 @@ class WrenchReconstruction:
             and error_sd.shape == stiction_sd.shape == tau.shape
         ):
             raise ValueError("J_now must be as J, sd and stiction as tau_ext")
-        # The kernels take rows alone, contiguous ones.
+        # The kernels take rows alone, contiguous ones: N, but of J_now maybe none.
         N = int(np.prod(lead))
         J_present_rows, J_seen_rows = contiguous(
             J_present.reshape(-1, 6, n), J_seen.reshape(N, 6, n)

@@ -95,6 +95,7 @@ class WrenchMessages:
 
         self._tf = Layout(TF, tf_example)
         self._wrench = Layout(WRENCH, wrench_example)
+        # Its messages bear no stamp.
         self._covariance = Layout(COVARIANCE, covariance_example, stamped=False)
 
     def encode(

@@ -78,7 +78,7 @@ def posterior_rows(
         if condition.shape[0] > 0:
             quality[k, CONDITION] = np.inf if np.isnan(condition[k]) else condition[k]
         quality[k, FORCE_SD], quality[k, STICTION_FORCE] = np.nan, 0.0
-        quality[k, HAS_FULL_RANK] = 1.0
+        quality[k, HAS_FULL_RANK] = 1.0  # the prior needs none
         if not _are_finite(J[k], tau_ext[k], sd[k]):
             _write_prior(prior_sd, wrench[k], covariance[k])
             continue
@@ -104,6 +104,7 @@ def posterior_rows(
         force_variance = largest_eigenvalue_3x3(force_covariance)
         quality[k, FORCE_SD] = np.sqrt(max(force_variance, 0.0))
         if not _are_zero(stiction[k]):
+            # By the live prior's gain, whatever the reading's is.
             _write_force_gain(live_covariance, A, whitening, sd[k], gain)
             _propagate(gain, stiction[k], stiction_covariance)
             stiction_variance = largest_eigenvalue_3x3(stiction_covariance)

@@ -205,7 +205,7 @@ def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inve
     def gain(g: Array) -> Array:
         return np.asarray((U[:, :, :count] * g[:, np.newaxis]) @ VT[:, :count])
 
-    # Along a direction that the arm does not feel the wrench is unknown.
+    # Along a direction that the arm does not feel the wrench is unknown: (N, 6, 6), zero elsewhere.
     noise = np.max(np.diagonal(constants.torque_covariance) * sd**2, axis=1)
     is_unseen = np.ones((len(J), 6), np.bool_)
     is_unseen[:, :count] = ~is_seen
@@ -243,7 +243,7 @@ def _balanced(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
     weight = np.sqrt(sd * np.asarray(constants.usual_sd))
     A = (J[:, 3:] / weight[:, np.newaxis]) @ constants.whitening.T
     U, s, VT = np.linalg.svd(A)
-    count = s.shape[1]
+    count = s.shape[1]  # of singular values, the lesser of 3 and n
 
     def reading(force_sd: float) -> tuple[Array, Array]:
         """The gain (N, 3, n), and the covariance (N, 3, 3), with a prior of this sd."""
@@ -257,6 +257,7 @@ def _balanced(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
     live_force_sd, prior_force_sd = constants.live_prior_sd[3], constants.prior_sd[3]
     force_gain, force_covariance = reading(live_force_sd)
     H, covariance = reading(prior_force_sd)
+    # Of a point force the moment and its covariance are zero.
     wrench, full_covariance = np.zeros((len(J), 6)), np.zeros((len(J), 6, 6))
     wrench[:, 3:], full_covariance[:, 3:, 3:] = _times(H, tau_ext), covariance
     return _Inversion(

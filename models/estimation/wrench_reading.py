@@ -187,9 +187,11 @@ class WrenchReading:
         self.config = config
         self.num_joints = n = error.num_joints
         self.reconstruction = WrenchReconstruction(config, error.correlation, usual_sd)
-        judged_K_0 = K_0 if is_learnt else None  # None: no lag to judge
+        # What is not judged has constants that find nothing: K_0 of None no lag, sds of inf no
+        # torque without explanation, False no fault.
+        judged_K_0 = K_0 if is_learnt else None
         self.lag = lag_settings(judged_K_0, time_step, force_bandwidth_hz, error.scale)
-        max_sds = ONSET_SDS if is_learnt else np.inf  # beyond which torque is not explained
+        max_sds = ONSET_SDS if is_learnt else np.inf
         self.explained = explained_constants(
             error.correlation,
             config.live_moment_sd,
@@ -242,6 +244,8 @@ class WrenchReading:
 
     def with_parameters(self, values: dict[str, Array], K_0: ArrayLike | None) -> "WrenchReading":
         """Returns the reading with other `parameters`, behind an observer with this K_0.
+
+        The live prior and the limits of `valid` stay.
 
         Args:
             values: as `parameters` gives them: prior_sd (2,) of force N and moment N m, damping and
@@ -419,7 +423,8 @@ def judge_rows(
     for k in range(wrench.shape[0]):
         tau_J = samples.tau_J[k]
         is_fresh, is_corrected = samples.is_fresh[k], samples.is_corrected[k]
-        # At the first sample, when no wrench has been low-passed, no torque comes before it.
+        # At the first sample, when no wrench has been low-passed (lag is NaN), no torque comes
+        # before it, and none is missing.
         lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J.sum())
         lacks_motion = not np.isfinite(samples.q[k].sum() + samples.v[k].sum())
         is_at_E, state.unexplained_time[0] = is_explained(

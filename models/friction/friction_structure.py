@@ -160,6 +160,7 @@ class FrictionStructure:
         """
         n = self.num_joints
         further_terms = self._further_terms()
+        # Of all terms that a law may have, further ones last.
         names = list(STRUCTURES["presliding"]) + [term.name for term in further_terms]
         values = {term: np.zeros(n) for term in names}
         for j, (joint_terms, joint_coefficients) in enumerate(
@@ -182,6 +183,7 @@ class FrictionStructure:
     def _law_below(
         self, values: dict[str, Array], networks: FrictionNetworks | None, v_crit: Array
     ) -> FrictionLaw:
+        """The law without further terms, of their coefficients (n,) by term; see `law`."""
         n = self.num_joints
         if not self.displacement.any() and not any(map(self.has, ("stribeck", "load", "cubic"))):
             sliding = CoulombViscous(values["coulomb"], values["viscous"], values["offset"])

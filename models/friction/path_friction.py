@@ -177,7 +177,7 @@ def add_place_torques(
             for i in range(n):
                 q_distance_squared += (q[k, i] - place_q[place, i]) ** 2
                 if not q_distance_squared < _FAR_APART:
-                    break
+                    break  # far enough already for the exponent to be too large
             exponent = 0.5 * q_distance_squared / PLACE_REACH**2
             if not exponent < _MAX_EXPONENT:
                 continue

@@ -153,6 +153,7 @@ def update_slip(table: Array, state: Array, q: Array, v: Array, transmitted: Arr
         return
     for i in range(table.shape[0]):
         if np.isfinite(q[i]):
+            # The K slips first: they follow the change from the position before.
             for k in range(state.shape[0] - SLIPS):
                 z = _slip(table, state, i, k, q[i], v[i])
                 if np.isfinite(z):
@@ -202,6 +203,7 @@ def slip_rows(
     motor_q, motor_v = np.empty(n), np.empty(n)
     slip_torque, joint_load, load = np.empty(n), np.empty(n), np.empty(n)
     for k in range(q.shape[0]):
+        # Slip elements are of motors: their motion, their torque, and that on the joints.
         for i in range(n):
             motor_q[i], motor_v[i], slip_torque[i] = q[k, i], v[k, i], 0.0
         if is_coupled:

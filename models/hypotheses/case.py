@@ -182,12 +182,12 @@ class Case:
         force_sd, moment_sd = live_prior(self.robot.payload)
         kinds = RowKinds(
             sd=self._error_sd(rows)[self.at],
-            J=np.asarray(self._chain.jacobian(rows.q[self.at])),
+            J=np.asarray(self._chain.jacobian(rows.q[self.at])),  # whatever gravity is
             wrench_sd=np.repeat([moment_sd, force_sd], 3),
             odd_sd=ODD_SHARE * self.effort_limit,
             weight=self._weight,
         )
-        first_sliding = _LINK_PARAMETERS * self.num_joints
+        first_sliding = _LINK_PARAMETERS * self.num_joints  # behind the links' columns
         return View(
             rows=rows,
             measured=measured,
@@ -254,6 +254,7 @@ class Case:
         link_sd[-1] += load_sd * np.array([1.0, *[LOAD_LEVER] * 3])
         friction, coulomb_sd, viscous_sd = self._friction(rows, rigid)
         one_each = np.eye(n)  # a column a joint
+        # Behind the links' columns, dry friction first: `View.sliding_columns`; sds in this order.
         drives = [one_each * x[:, :, None] for x in (rows.sliding, rows.v)]
         drives.append(np.broadcast_to(one_each, (len(rows.t), n, n)))
         # A joint that rests carries one torque of its stiction band, not a new one each moment.
@@ -263,7 +264,8 @@ class Case:
         if not is_fitted:
             drives.append(one_each * rows.vdot[:, :, None])
             speed = np.where(np.isfinite(self.robot.velocity_limit), self.robot.velocity_limit, 1.0)
-            rotor = ROTOR_RISE_TIME * self.effort_limit / speed  # kg m^2
+            # kg m^2: with it the effort limit takes ROTOR_RISE_TIME to the speed limit.
+            rotor = ROTOR_RISE_TIME * self.effort_limit / speed
             sds.append(np.maximum(self.robot.reflected_inertia, rotor))
         return _Expected(
             rigid=rigid,

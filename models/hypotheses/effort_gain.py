@@ -76,6 +76,7 @@ def _forms(case: Case) -> list[_Form]:
             forms.append(_Form(each, num_free=float(is_known.sum())))
         forms += [_Form(np.full(n, factor), num_free=1.0) for factor in (1e3, 1e-3)]
     K = case.robot.torque_per_ampere
+    # Currents logged as torques are too large by 1 / K, torques as currents by K.
     forms.append(_Form(1.0 / K if case.rows.is_torque else K.copy(), num_free=1.0))
     forms += [
         _Form(np.where(np.arange(n) == j, gain_of_each, 1.0), num_free=1.0 + math.log(n))
@@ -102,38 +103,24 @@ def _explanation(case: Case, form: _Form) -> Explanation:
     # density that is d times as large at each sample.
     log_evidence = fit.log_evidence - N * float(np.log(_divisor(gains)).sum())
     log_evidence -= 0.5 * form.num_free * math.log(max(N, 2.0)) + math.log(_NUM_FORMS)
-    word, key = case.word, case.key
-    factor = numbers_text(1.0 / gains)
-    values: dict[str, float | list[float]] = {"gain": gains.tolist()}
-    cause, remedy = _named(case, gains)
-    if not cause:  # no known unit: the factors themselves, or parts of rated torques
-        off = np.flatnonzero(np.abs(np.log(gains)) > MIN_LOG_GAIN)
-        listed = ", ".join(f"{case.robot.joint_names[j]} {gains[j]:.3g}" for j in off)
-        cause = f"{word}s that are a multiple of what the arm needs ({listed} times)"
-        remedy = f"set {key}: {{gain: {factor}}} in a description"
-        if len(off) == case.num_joints and (gains > _LEAST_UNIT_GAIN).all():
-            cause = (
-                f"{word}s in another unit, such as per cent or per mille of each drive's rated "
-                f"torque ({listed} of it a N m)"
-            )
-            parts, rated = _rated(case, gains)
-            values |= {"parts_of_rated": parts, "rated_torque_nm": rated.tolist()}
-            remedy = (
-                f"describe the columns as motor_torque: {{unit: {RATED_UNITS[parts]}, gain: "
-                f"{numbers_text(rated)}}} (rated torques on the joint side, N m, from the drives' "
-                "data sheets); `wrenchsight identify LOGS --scale` finds them"
-            )
-        elif not case.rows.is_torque:
-            remedy += ", or correct torque_per_ampere there in robot.yaml"
+    found = _of_known_unit(case, gains) or _of_rated_torque(case, gains) or _of_factors(case, gains)
     return Explanation(
         name=NAME,
         log_evidence=log_evidence,
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
-        cause=cause,
-        remedy=remedy,
-        values=values,
+        cause=found.cause,
+        remedy=found.remedy,
+        values={"gain": gains.tolist()} | found.values,
     )
+
+
+class _Finding(NamedTuple):
+    """What gains mean: cause and remedy of an `Explanation`, and its values beside the gains."""
+
+    cause: str
+    remedy: str
+    values: dict[str, float | list[float]]
 
 
 def _rated(case: Case, gains: Array) -> tuple[float, Array]:
@@ -150,8 +137,43 @@ def _rated(case: Case, gains: Array) -> tuple[float, Array]:
     return parts, parts * of_one
 
 
-def _named(case: Case, gains: Array) -> tuple[str, str]:
-    """Cause and remedy of the gains of a known unit; two empty texts for others.
+def _off_by(case: Case, gains: Array) -> str:
+    """The joints whose gains are far from 1, with their gains, as a list."""
+    off = np.flatnonzero(np.abs(np.log(gains)) > MIN_LOG_GAIN)
+    return ", ".join(f"{case.robot.joint_names[j]} {gains[j]:.3g}" for j in off)
+
+
+def _of_rated_torque(case: Case, gains: Array) -> _Finding | None:
+    """Gains of parts of rated torques; None where a joint's is too small for such a unit."""
+    if not (gains > _LEAST_UNIT_GAIN).all():
+        return None
+    parts, rated = _rated(case, gains)
+    return _Finding(
+        cause=(
+            f"{case.word}s in another unit, such as per cent or per mille of each drive's rated "
+            f"torque ({_off_by(case, gains)} of it a N m)"
+        ),
+        remedy=(
+            f"describe the columns as motor_torque: {{unit: {RATED_UNITS[parts]}, gain: "
+            f"{numbers_text(rated)}}} (rated torques on the joint side, N m, from the drives' "
+            "data sheets); `wrenchsight identify LOGS --scale` finds them"
+        ),
+        values={"parts_of_rated": parts, "rated_torque_nm": rated.tolist()},
+    )
+
+
+def _of_factors(case: Case, gains: Array) -> _Finding:
+    """Gains of no known unit: the factors themselves."""
+    remedy = f"set {case.key}: {{gain: {numbers_text(1.0 / gains)}}} in a description"
+    if not case.rows.is_torque:
+        remedy += ", or correct torque_per_ampere there in robot.yaml"
+    listed = _off_by(case, gains)
+    cause = f"{case.word}s that are a multiple of what the arm needs ({listed} times)"
+    return _Finding(cause, remedy, {})
+
+
+def _of_known_unit(case: Case, gains: Array) -> _Finding | None:
+    """Gains of milliampere, of torques in place of currents and the like; None: they are not.
 
     Args:
         case: its torque_per_ampere tells currents from torques, where some drive's is not near 1
@@ -166,28 +188,38 @@ def _named(case: Case, gains: Array) -> tuple[str, str]:
 
     unit = "mN m" if case.rows.is_torque else "mA"
     if are_near(math.log(1e3)):
-        return f"{case.word}s in {unit}", f"set {key}: {{unit: {unit}}} in a description"
+        return _Finding(
+            f"{case.word}s in {unit}", f"set {key}: {{unit: {unit}}} in a description", {}
+        )
     if are_near(math.log(1e-3)):
-        return (
+        return _Finding(
             f"{case.word}s a thousand times too small",
             f"set {key}: {{gain: [1000]}} in a description",
+            {},
         )
     if np.abs(log_K).max() > MIN_LOG_CONSTANT:
         if not case.rows.is_torque and are_near(log_K):
-            return (
+            return _Finding(
                 "torques in N m in place of currents",
                 "name the columns tau1.. or describe them as motor_torque",
+                {},
             )
         if case.rows.is_torque and are_near(-log_K):
-            return (
+            return _Finding(
                 "currents in A in place of torques",
                 "describe the columns as current, or add --log-format effort-in-amperes",
+                {},
             )
-    return "", ""
+    return None
 
 
 def _gains(case: Case) -> Array:
-    """(n,) measured over expected torque, by the slope; 0 where the log does not show it."""
+    """(n,) measured over expected torque, by the slope; 0 where the log does not show it.
+
+    The slope is that of least squares of measured = slope expected + offset + friction, in which
+    rows far off weigh less. Where expected hardly varies, friction would take its place, and is
+    left out.
+    """
     at, base, rows = case.at, case.base, case.rows
     gains = np.zeros(case.num_joints)
     for j in range(case.num_joints):
@@ -198,7 +230,7 @@ def _gains(case: Case) -> Array:
         A = np.stack(columns, axis=1)
         scale = np.maximum(np.sqrt((A**2).mean(axis=0)), _LEAST_SIZE)
         weight = np.ones(len(at))
-        for _ in range(_NUM_PASSES):  # contacts count less
+        for _ in range(_NUM_PASSES):  # contacts count less; the last pass's x is the result
             x = np.linalg.lstsq(
                 A / scale * weight[:, None], measured * weight, rcond=_MIN_SINGULAR_RATIO
             )[0]

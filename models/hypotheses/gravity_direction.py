@@ -50,6 +50,7 @@ def explain(case: Case) -> Explanation | None:
         fit = case.fit(view)
         direction = direction + across.T @ fit.theta[:2]
         direction = direction / np.linalg.norm(direction)
+    # Evidence and error are those of the fit that found the last turn, about the direction before.
     direction_without_load = _without_load(case, columns, g_length)
     if direction_without_load is not None:
         direction = direction_without_load

@@ -64,6 +64,7 @@ def _refined(case: Case, j: int, guess: float) -> Explanation | None:
         offset += change
         if abs(change) < _MAX_CHANGE_SDS * float(fit.sd[0]):
             break
+    # View and fit are about the offset before the last step, which was small.
     sd = float(fit.sd[0])
     if abs(offset) < max(MIN_OFFSET, MIN_STANDARD_ERRORS * sd) or sd > MAX_PRIOR_SHARE * PRIOR_SD:
         return None
@@ -75,6 +76,7 @@ def _refined(case: Case, j: int, guess: float) -> Explanation | None:
         log_evidence=fit.log_evidence - math.log(2.0 * case.num_joints),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        # Off by the opposite of what has to be added to positions.
         cause=f"a zero of {name} that is off by {-offset:.3f} +- "
         f"{max(sd, _LEAST_STATED_SD):.1g} {unit}",
         remedy=(

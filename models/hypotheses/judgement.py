@@ -145,6 +145,8 @@ def refuse_faulty(
 ) -> list[str]:
     """Refuses logs that something is wrong with.
 
+    Without a model of `identify` a fault of a log that is not far off is a warning alone.
+
     Args:
         recordings: logs, of which at most MOST_LOGS, the longest ones, are looked at.
         robot, model: as `judge_log`.
@@ -192,13 +194,15 @@ def stands_beside_contact(fault: Explanation, base_share: Array, explained: floa
         base_share: (5,) of the log as it is, by `evidence.KINDS`.
         explained: share of the torque's mean square that the log as it is explains.
     """
-    if not fault.has_form and explained < MAX_EXPLAINED:
+    if not fault.has_form and explained < MAX_EXPLAINED:  # nothing to fit, and little explained
         return True
     base, left = (dict(zip(KINDS, share, strict=True)) for share in (base_share, fault.kind_share))
-    if base["odd"] + base["pressed"] > MIN_IMPLAUSIBLE:
+    if base["odd"] + base["pressed"] > MIN_IMPLAUSIBLE:  # torques that no plausible force explains
         return True
+    # Hardly a row without contact.
     if base["free"] + base["poor"] < MIN_WITHOUT_CONTACT:
         return True
+    # The fault leaves no contact, and makes most rows, or many more, free of error.
     contact_left = left["touched"] + left["pressed"] + left["odd"]
     frees = left["free"] > MIN_FREE or left["free"] - base["free"] > MIN_GAIN
     return bool(contact_left < MAX_CONTACT_LEFT and frees)
@@ -220,28 +224,14 @@ def judge(case: Case) -> Judgement:
     explanations = [one for one in tried if one is not None]
     log_odds = _log_odds(explanations, case.base_fit.log_evidence, explained)
     largest_odds = max((log_odds[one.name] for one in explanations if one.is_fault), default=0.0)
-
-    def explains_enough(fault: Explanation) -> bool:
-        """Whether a fault leaves little of what the log as it is leaves unexplained.
-
-        A small fault needs not explain much more; but where all is as the model has it, it may not
-        stand for what the model's own error explains, nor for another fault that is as likely.
-        """
-        if fault.is_small and not case.base_is_good:
-            return True
-        # Beside an identified model: a robot's file has masses that gravity shows as a zero.
-        is_likeliest = case.model is not None and log_odds[fault.name] == largest_odds
-        max_left = MAX_SMALL_LEFT_SHARE if fault.is_small and is_likeliest else MAX_LEFT_SHARE
-        return 1.0 - fault.explained < max_left * (1.0 - explained) + _ROUNDING_SHARE
-
     faults = [
         one
         for one in explanations
         if one.is_fault
-        and explains_enough(one)
+        and _explains_enough(one, case, explained, log_odds[one.name] == largest_odds)
         and stands_beside_contact(one, case.base_fit.kind_share, explained)
     ]
-    faults.sort(key=lambda fault: -log_odds[fault.name])
+    faults.sort(key=lambda fault: -log_odds[fault.name])  # likeliest first
     best = faults[0] if faults else None
     rival: Explanation | None = None
     if len(faults) > 1:
@@ -255,6 +245,26 @@ def judge(case: Case) -> Judgement:
         best=best,
         rival=rival,
     )
+
+
+def _explains_enough(fault: Explanation, case: Case, explained: float, is_likeliest: bool) -> bool:
+    """Whether a fault leaves little of what the log as it is leaves unexplained.
+
+    A small fault needs not explain much more; but where all is as the model has it, it may not
+    stand for what the model's own error explains, nor for another fault that is as likely.
+
+    Args:
+        fault: on trial.
+        case: the log, its model and the fit of the log as it is.
+        explained: share of the torque's mean square that the log as it is explains.
+        is_likeliest: whether no other fault has larger odds.
+    """
+    if fault.is_small and not case.base_is_good:
+        return True
+    # Beside an identified model: a robot's file has masses that gravity shows as a zero.
+    counts_as_small = fault.is_small and is_likeliest and case.model is not None
+    max_left = MAX_SMALL_LEFT_SHARE if counts_as_small else MAX_LEFT_SHARE
+    return 1.0 - fault.explained < max_left * (1.0 - explained) + _ROUNDING_SHARE
 
 
 def _log_odds(

@@ -100,7 +100,7 @@ def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
     vdot = derivative(v, step)
     window = max(1, round(GAP_WINDOW / step))
     num_missing = np.convolve(is_missing, np.ones(window), "same")
-    is_used = ~(num_missing > MAX_MISSING_SHARE * window)
+    is_used = num_missing <= MAX_MISSING_SHARE * window
     trim = round(TRIM_TIME / step)
     is_used[:trim] = is_used[len(is_used) - trim :] = False
     rows = slice(None, None, max(1, round(1.0 / (ROW_RATE * step))))

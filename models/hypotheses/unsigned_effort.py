@@ -27,6 +27,7 @@ def explain(case: Case) -> Explanation | None:
     largest = np.abs(effort).max(axis=0)
     if (np.sign(np.median(effort, axis=0))[largest > 0.0] < 0.0).all():
         effort = -effort
+    # Of `effort` here signs alone count; below, the sizes of `measured` do.
     if (effort.min(axis=0) < -NEGATIVE_SHARE * largest).any():
         return None
     expected = base.expected

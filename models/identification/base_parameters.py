@@ -94,8 +94,8 @@ def find_base_parameters(
     b = int((pivots > tolerance).sum())
     columns = factor.present[factor.order]  # of W, in the order of R
     independent, dependent = columns[:b], columns[b:]
-    R = factor.R / factor.favour[factor.order]
-    # The dependent columns are the independent ones times K, all scaled to length 1.
+    R = factor.R / factor.favour[factor.order]  # of columns of length 1, as they are not favoured
+    # The dependent columns are the independent ones times K, all of length 1.
     K = solve_triangular(R[:b, :b], R[:b, b:])
     K[np.abs(K) < tolerance] = 0.0  # rounding
     combination = np.zeros((b, len(names)))

@@ -152,7 +152,8 @@ def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> N
             hx += bodies[i, 0] * x + bodies[i, 1] * y + bodies[i, 2] * z + link_mass * bodies[i, 9]
             hy += bodies[i, 3] * x + bodies[i, 4] * y + bodies[i, 5] * z + link_mass * bodies[i, 10]
             hz += bodies[i, 6] * x + bodies[i, 7] * y + bodies[i, 8] * z + link_mass * bodies[i, 11]
-            # The joint holds the weight's moment h x g and force m g along its screw; its offset.
+            # The joint takes its offset, and holds against the weight's moment h x g about its axis
+            # and the force m g along its line (its screw's linear part).
             along_axis = bodies[i, 12] * (hy * gz - hz * gy)
             along_axis += bodies[i, 13] * (hz * gx - hx * gz)
             along_axis += bodies[i, 14] * (hx * gy - hy * gx)

@@ -439,7 +439,18 @@ def _friction_block(law: FrictionLaw) -> _FrictionBlock:
         block.places = {name: _plain(values) for name, values in places}
         return block
     velocity_law = law.velocity_law
-    networks = velocity_law.networks
+    networks, presliding = None, None
+    if velocity_law.networks is not None:
+        fields_of_networks = {
+            key: _plain(getattr(velocity_law.networks, key)) for key in _NETWORK_FIELDS
+        }
+        networks = _NetworksBlock(**fields_of_networks)
+    if isinstance(law, PreslidingFriction):
+        fields_of_law = {
+            key: _plain(getattr(law, key)) for key in (*_SLIP_FIELDS, *_ELEMENT_FIELDS)
+        }
+        speed_limit = _plain(law.speed_limit) if np.isfinite(law.speed_limit).all() else None
+        presliding = _PreslidingBlock(**fields_of_law, speed_limit=speed_limit)
     sliding = law.coulomb_viscous
     return _FrictionBlock(
         coulomb=_plain(sliding.coulomb),
@@ -447,15 +458,8 @@ def _friction_block(law: FrictionLaw) -> _FrictionBlock:
         offset=_plain(sliding.offset),
         v_crit=_plain(velocity_law.v_crit),
         handover=velocity_law.handover,
-        networks=None
-        if networks is None
-        else _NetworksBlock(**{key: _plain(getattr(networks, key)) for key in _NETWORK_FIELDS}),
-        presliding=_PreslidingBlock(
-            **{key: _plain(getattr(law, key)) for key in (*_SLIP_FIELDS, *_ELEMENT_FIELDS)},
-            speed_limit=_plain(law.speed_limit) if np.isfinite(law.speed_limit).all() else None,
-        )
-        if isinstance(law, PreslidingFriction)
-        else None,
+        networks=networks,
+        presliding=presliding,
     )
 
 

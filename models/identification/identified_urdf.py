@@ -39,7 +39,9 @@ def identified_urdf(
             f"the inertia of the link behind {', '.join(unphysical)} is not physical: identify "
             "with --consistent"
         )
-    root = robot.urdf_element  # parsed anew at each call, so that it may be changed
+    # A copy, to be changed. It has neither friction of joints nor transmissions: the reader of
+    # robot files leaves them out.
+    root = robot.urdf_element
     links = {link.get("name", ""): link for link in root.findall("link")}
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     for joint in joints.values():

@@ -84,13 +84,14 @@ def fit_consistent(
         ValueError: the solver finds no solution.
     """
     n, p = structure.num_joints, A.shape[1]
+    # Sought is y of x = prior + spread y: the prior is then |weight y|^2.
     reduced = triangular_factor(np.column_stack([A * spread, b - A @ prior]))
     weight = np.full(p, DRIVE_PRIOR)
     weight[: _NUM_INERTIAL * n] = 1.0
     rows = np.vstack([reduced[:, :-1], np.diag(weight)])
     right = np.concatenate([reduced[:, -1], np.zeros(p)])
     program = MathematicalProgram()
-    y = program.NewContinuousVariables(p, "y")  # x = prior + spread y
+    y = program.NewContinuousVariables(p, "y")
     # |rows y - right| and not its square: a cone keeps A's conditioning, a square squares it. It is
     # divided by |right|, as the solver's tolerances are for numbers about one.
     length = np.linalg.norm(right)
@@ -99,7 +100,8 @@ def fit_consistent(
         link_columns = slice(_NUM_INERTIAL * i, _NUM_INERTIAL * (i + 1))
         link_spread = spread[link_columns]
         S = _scaling(link_spread)
-        # The scaled pseudo-inertia less its bound, F[0] + sum y_k F[k + 1], is semidefinite.
+        # The pseudo-inertia, scaled to mass and size of its prior, less its bound, is semidefinite:
+        # F[0] + sum y_k F[k + 1] of the link's ten y_k.
         F = [S @ pseudo_inertia(prior[link_columns]) @ S - MIN_EIGENVALUE * np.eye(4)]
         F += [S @ _BASIS[k] @ S * link_spread[k] for k in range(_NUM_INERTIAL)]
         program.AddLinearMatrixInequalityConstraint([(f + f.T) / 2 for f in F], y[link_columns])
@@ -142,9 +144,9 @@ def _friction_bounds(structure: FrictionStructure, v_max: Array, size: int) -> l
             inertia and the friction terms.
     """
     bounds: list[_Bound] = []
-    start = _NUM_INERTIAL * structure.num_joints
+    rotor_place = _NUM_INERTIAL * structure.num_joints  # in x, of the first joint
     for j, terms in enumerate(structure.terms):
-        place = {term: start + 1 + k for k, term in enumerate(terms)}  # in x
+        place = {term: rotor_place + 1 + k for k, term in enumerate(terms)}  # in x
 
         def weights_of(**weights: float) -> Array:
             """(p,) weights of terms; terms that the joint has not are left out."""
@@ -155,7 +157,7 @@ def _friction_bounds(structure: FrictionStructure, v_max: Array, size: int) -> l
             return out
 
         rotor = np.zeros(size)
-        rotor[start] = 1.0
+        rotor[rotor_place] = 1.0
         at_least_zero = [rotor, weights_of(coulomb=1.0), weights_of(viscous=1.0)]
         if "stribeck" in terms:
             at_least_zero.append(weights_of(coulomb=1.0, stribeck=1.0))
@@ -169,7 +171,7 @@ def _friction_bounds(structure: FrictionStructure, v_max: Array, size: int) -> l
             if registered_term is not None:
                 weights = weights_of(**{registered_term.name: 1.0})
                 bounds.append(_Bound(weights, registered_term.least, registered_term.most))
-        start += 1 + len(terms)
+        rotor_place += 1 + len(terms)  # of the next joint
     return bounds
 
 

@@ -136,13 +136,14 @@ def fit_torque_error(
     F, e = np.concatenate(features), np.concatenate(errors)
     coefficients = np.empty((n, NUM_FEATURES - 1))  # variances per unit of a feature
     for j in range(n):
+        # With one independent sample more, as large as the rms: the module's prior.
         F_j, e_j = _with_a_prior(F[:, j], e[:, j], [error[:, j] for error in errors])
         coefficients[j] = most_likely(F_j, e_j)
     rms = np.sqrt(np.mean(e**2, axis=0))
     stated_floor = np.broadcast_to(np.asarray(least, float), (n,))
     floor = np.maximum(stated_floor, np.maximum(_LEAST_SHARE * rms, _LEAST_CONSTANT))
     constant = np.maximum(np.sqrt(coefficients[:, 0]), floor)
-    coefficients[:, 0] = constant**2
+    coefficients[:, 0] = constant**2  # of the first feature, 1: with the floor from here on
     scaled: list[Array] = []  # errors over their sds, of each reading
     for error, f in zip(errors, features, strict=True):
         sd = np.sqrt((f[..., :-1] * coefficients).sum(axis=-1) + f[..., -1])
@@ -264,6 +265,7 @@ def most_likely(F: Array, e: Array) -> Array:
     mean_feature = np.maximum(A.mean(axis=0), _LEAST_SQUARE)
     fixed = F[:, -1] + _MIN_VARIANCE_SHARE * mean_square
     scale = mean_square / mean_feature / M
+    # The upper one is _LARGEST_FACTOR times what explains all of the variance alone, scale M.
     bounds = [(-_LOG_COEFFICIENT_RANGE, np.log(_LARGEST_FACTOR * M))] * M
 
     def minimum_from(start: Array, step: int) -> _Minimum:
@@ -383,7 +385,7 @@ def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]
     if not windows:
         return np.zeros(n), np.full(n, _DEFAULT_CORRELATION_TIME)
     shares = []
-    for window in windows:
+    for window in windows:  # whole ones of each log, one after another
         window_samples = round(window / time_step)
         means = np.concatenate(
             [

@@ -545,6 +545,7 @@ def torque_sd_rows(
     for k in range(v.shape[0]):
         for i in range(v.shape[1]):
             row = table[i]
+            # Moves the state's rows _UNKNOWN to _SLOW_SPEED and HIDDEN_ROW on to this sample.
             _low_pass(table, rows[k], state, i, v[k, i])
             speed = v[k, i] if np.isfinite(v[k, i]) else 0.0
             load = abs(state[_TRANSMITTED, i])  # of the sample before
@@ -570,7 +571,7 @@ def torque_sd_rows(
             sd[k, i] = np.sqrt(total)
             stiction[k, i] = np.sqrt(stuck)
             drift[k, i] = np.sqrt(row[_DRIFT2]) * viscous
-            for load_row in _LOAD_ROWS:
+            for load_row in _LOAD_ROWS:  # _TRANSMITTED and _TAU_J are still of the sample before
                 rows[k, load_row, i] = state[load_row, i]
         take_transmitted(state, tau_J[k], tau_f[k])  # for the next sample
 
@@ -622,6 +623,7 @@ def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> No
     rest_speed_ratio = v * row[_INVERSE_REST_SPEED]
     if rest_speed_ratio != 0.0:
         known_left += (1.0 - known_left) * (1.0 - np.exp(-rest_speed_ratio * rest_speed_ratio))
+    # Without recognition, of a law that holds at rest, no joint is known to rest: r is 0.
     r = state[REST_ROW, i] * rest_left if row[_RECOGNISED] > 0.0 else 0.0
     state[_UNKNOWN_SHARE, i] = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * known_left) * rest_left
     state[REST_ROW, i] = r + still * row[_RECOGNISED] * (1.0 - r)

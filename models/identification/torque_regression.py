@@ -205,6 +205,7 @@ class RegressionRows:
 
     @cached_property
     def _orthogonal(self) -> list[tuple[Array, Array]]:
+        """Q and R of each joint's rigid part, which `factors` need for any friction."""
         return [np.linalg.qr(W) for W in self.rigid]
 
     def friction_rows(self, friction: Sequence[Array]) -> list[Array]:
@@ -244,6 +245,7 @@ class RegressionRows:
                 if weights is not None:
                     W = W * np.sqrt(weights[part, j : j + 1])
                 R = triangular_factor(W)
+            # The columns of W, and so of R, in the order of all parameters.
             felt_links = layout.inertial[first_link:].ravel()
             columns = np.r_[felt_links, layout.rotor[j], layout.friction[j], layout.torque]
             embedded = np.zeros((R.shape[0], layout.torque + 1))

@@ -75,7 +75,7 @@ class ExternalTorqueEstimator:
         self._detector: TorqueContactDetector | None = None
         self._contact_samples: deque[_ContactSample] = deque(maxlen=LATEST_SAMPLES)
         self._contact_begin = self._judge_at = np.inf  # s
-        self._place: PlaceOdds | None = None
+        self._place: PlaceOdds | None = None  # of the present contact; None: not judged yet
 
     def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
         """As the protocol."""
@@ -119,7 +119,7 @@ class ExternalTorqueEstimator:
         detection = Detection(
             statistic=np.array([state.statistic]),
             contact=np.array([state.contact]),
-            misfit=np.array([on_link]),
+            misfit=np.array([on_link]),  # then no force at E explains it
             link=np.array([link], np.int8),
             rest=np.array([not state.moving]),
             out_of_range=np.zeros(1, np.bool_),

@@ -131,7 +131,7 @@ class LiveEstimator:
         is_resolution_stated = self._config.estimator.position_resolution is not None or bool(
             np.isfinite(robot.position_resolution).all()
         )
-        # Positions in which the encoders' step is looked for; None: it is not.
+        # Positions in which the encoders' step is looked for; None: it is not, or no longer.
         self._resolution_q: list[Array] | None = None if is_resolution_stated else []
         self._resolution: list[float] | None = None  # None: as stated
         if not is_resolution_stated and model.torque_error is not None:
@@ -283,6 +283,8 @@ class LiveEstimator:
             InputError: an option that a stream of external torque does not take.
         """
         live = self._config
+        # Of the resolution, what stream or model have shown counts before what is stated: there is
+        # the former only where nothing is stated.
         config = replace(
             live.estimator,
             observer=replace(live.estimator.observer, time_step=step),
@@ -446,7 +448,7 @@ class LiveEstimator:
         """
         n = self._num_joints
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
-        fault_weight = point.x[-1]
+        fault_weight = point.x[-1]  # between two samples the grid mixes theirs
         sample_fault = 0 if fault_weight == 0.0 else FAULT_BEYOND
         # The sample check of the estimator takes a current of inf for an impossible sample.
         if fault_weight > OTHER_FAULT_WEIGHT and not self._is_external:

@@ -94,7 +94,7 @@ class StreamOrder:
                 self._say(EventKind.DOUBLED, text, sample, events)
                 return _LEFT_OUT
             if step < 0.0:
-                if not self._jumped_back(sample.t):
+                if not self._jumped_back(sample.t):  # not enough older samples in a row so far
                     text = f"a sample is {-step:.4g} s older than the one before it; it is left out"
                     self._say(EventKind.DISORDERED, text, sample, events)
                     return _LEFT_OUT
@@ -106,7 +106,7 @@ class StreamOrder:
                 self._judge_gap(step, self._last, sample, events)
         self._behind.clear()
         if begins_anew:
-            self._offset = math.inf
+            self._offset = math.inf  # of the clocks; lateness is measured anew
         self._last = sample
         self._judge_lateness(sample, events)
         return SampleOrder(counts=True, begins_anew=begins_anew)
@@ -234,6 +234,6 @@ class SampleGrid:
             to_nearest = min(t - last.t, sample.t - t)
             is_bridged = step > DROPOUT_STEPS * h and to_nearest > UNIFORM_TOLERANCE * h
             dropout = is_bridged or sample.dropout or (last.dropout and weight < 1.0)
-            # At the sample itself, what the last one lacked does not count.
+            # At the sample itself, or behind it by the tolerance, the last one does not count.
             x = last.x + weight * (sample.x - last.x) if weight < 1.0 else sample.x
             yield GridSample(t, x, dropout)

@@ -224,6 +224,7 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
     raised = p_WE - height * R_WE[:, :, 2]
     try:
         share_of_way = np.linspace(0.0, 1.0, _NUM_RISE_POINTS)[:, np.newaxis]
+        # Up point by point, for the posture above the path's first; then along the raised path.
         up = p_WE[0] + share_of_way * (raised[0] - p_WE[0])
         first = follow_path(robot, R_WE[0], up, motion.q[0])[-1]
         q = follow_path(robot, R_WE, raised, first)

@@ -117,6 +117,7 @@ def plan_machining(
     # A quintic needs six points; between fewer the joints go straight.
     spline = make_interp_spline(s, q, k=5 if len(s) > 5 else 1)
     ds, d2s = feed.ds[:, np.newaxis], feed.d2s[:, np.newaxis]
+    # By the chain rule.
     slope, bend = spline.derivative(1)(feed.s), spline.derivative(2)(feed.s)
     trajectory = JointTrajectory(
         t=feed.t, q=spline(feed.s), v=slope * ds, vdot=bend * ds**2 + slope * d2s

@@ -285,7 +285,7 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
     if phase == Phase.APPROACH:
         # The reading in free motion is not contact: an estimate jumps by the friction of joints
         # that start to move. The baseline follows it fast before contact is possible, and slowly
-        # afterwards, as contact rises faster.
+        # afterwards (is_near), as contact rises faster.
         rise = force - state[BASELINE]
         whole_way = table[_STANDOFF] + table[_SEARCH]
         travelled_way = travelled(since, table[_APPROACH_SPEED], whole_way)[0]

@@ -182,6 +182,7 @@ def machining_reference(
         reference: (3, n), written: q_d, v_d, vdot_d: rad, rad/s, rad/s^2.
     """
     state, anchor = memory
+    # Views of what is written.
     p_WD, V_WD = pose[9:12], pose[12:]
     q_d, v_d, vdot_d = reference[0], reference[1], reference[2]
     n, phase = reference.shape[1], int(state[PHASE])
@@ -198,6 +199,7 @@ def machining_reference(
             for j in range(n):
                 V_WD[i] += J_D[i, j] * v_d[j]
         if phase == Phase.TOUCH and not plan.reads_at_rest:
+            # In the place of the planned v_d, which is zero: its friction is fed forward.
             V_push = np.zeros(6)
             for i in range(3):
                 V_push[3 + i] = plan.touch_speed * R_WD[i, 2]

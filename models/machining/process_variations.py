@@ -241,7 +241,7 @@ class ProcessVariations:
         ticks_per_turn = 0.0  # not read without chatter; the spindle may then stand
         if chatter.ratio > 0.0:
             ticks_per_turn = 1.0 / (spindle_frequency * time_step)
-        table = np.empty(_TURN + 1)
+        table = np.empty(_TURN + 1)  # _TURN is the last entry
         table[_STIFFNESS], table[_EXPONENT] = contact.stiffness, contact.exponent
         table[_FRICTION], table[_SPREAD] = contact.friction, config.patches.spread
         table[_RUN_OUT] = config.run_out.amplitude
@@ -257,6 +257,7 @@ class ProcessVariations:
         surface, material = np.random.SeedSequence(config.seed).spawn(2)
         waviness, patches = config.waviness, config.patches
         self.waviness = plane_waves(surface, waviness.height, waviness.shortest, waviness.longest)
+        # Of unit variance: `vary` multiplies them by the spread.
         self.patches = plane_waves(material, 1.0, patches.shortest, patches.longest)
         self.pose = np.vstack([contact.R_WP, contact.p_WP])
         self.ends = np.ascontiguousarray(contact.ends, dtype=np.float64)
@@ -427,9 +428,8 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
     memory[_TRACE + now] = vibration
     memory[_NEXT] = (now + 1) % ring_size
     memory[_FILLED] = min(memory[_FILLED] + 1.0, float(ring_size))
-    # The force acts at the next tick. A turn before that lies between two ticks that are known once
-    # so many are stored; the vibration at that tick itself is not, and the present one stands for
-    # it.
+    # The force acts at the next tick. A turn before that lies between two stored ticks, once there
+    # are so many. The vibration at the next tick is not known: the present one stands for it.
     ticks_back = table[_TURN] - 1.0  # ticks before this one
     whole_ticks = math.floor(ticks_back)
     last_turn = 0.0
@@ -467,7 +467,7 @@ def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: A
         memory[:] = 0.0
         force[:] = 0.0
         return
-    x, y = 0.0, 0.0
+    x, y = 0.0, 0.0  # of the tool, in P
     for i in range(3):
         x += (p[i] - pose[3, i]) * pose[i, 0]
         y += (p[i] - pose[3, i]) * pose[i, 1]

@@ -293,7 +293,7 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
     for i in range(n):
         column[:] = 0.0
         column[i] = 1.0
-        solve_factorised(factor, n, column)
+        solve_factorised(factor, n, column)  # (M^-1)_ji of all j
         row_variance = 0.0  # sum_k sd_ik^2 share_k^2
         for k in range(n):
             row_variance += (sd[i, k] * out[k]) ** 2
@@ -378,6 +378,7 @@ def freed_friction(amplitudes: Array, state: Array, torque: Array, sd: Array) ->
             mean += weights[h] * freed[i, h]
         for h in range(m):
             scatter += weights[h] * (freed[i, h] - mean) ** 2
+        # Half of the difference that the joint's amplitude makes, larger and smaller.
         near = 0.5 * (steps[_NEAR_LARGER, i] - steps[_NEAR_SMALLER, i])
         far = 0.5 * (steps[_FAR_LARGER, i] - steps[_FAR_SMALLER, i])
         of_amplitude = near + departed[i] * (far - near)
@@ -454,7 +455,8 @@ def track_vibration(
     m, n = constants.amplitudes.shape[0], v.shape[0]
     tracked, error_variance = _tracked(state, m, n), np.empty(n)
     for i in range(n):
-        # The correction's sd stays in: it limits what the torque can show.
+        # Without freed_sd, which is the hypotheses' own spread. The correction's sd stays in: it
+        # limits what the torque can show.
         error_variance[i] = (
             max(observed.sd[i] ** 2 - observed.freed_sd[i] ** 2, 0.0)
             + tracked.correction_sd[i] ** 2
@@ -491,14 +493,16 @@ def _free_friction(
         share = shares[i]
         share_sd = math.hypot(shares[n + i], FREE_MASS * share)
         pole = constants.poles[i]
+        # Of the law without its viscous part and of the correction: what the process may free.
         dry = tau_f[i] - constants.viscous[i] * v[i] + correction.correction[i]
         mean = 0.0
         for h in range(m):
             amplitude = abs(share + deviations[i, h] * share_sd) * amplitudes[h]
             mean += weights[h] * amplitude
+            # `loose` is the share of dry friction that is freed.
             loose = 1.0 - held_share(v[i], amplitude) if touches else 0.0
             freed[i, h] = pole * freed[i, h] + (1.0 - pole) * dry * loose
-        for step in range(_NUM_STEPS):
+        for step in range(_NUM_STEPS):  # of the mean amplitude, larger and smaller
             loose = 1.0 - held_share(v[i], _STEPS[step] * mean) if touches else 0.0
             steps[step, i] = pole * steps[step, i] + (1.0 - pole) * dry * loose
         apart = departure(v[i], work.v_planned[i]) if correction.counts[0] == 1.0 else 1.0

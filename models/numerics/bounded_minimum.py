@@ -60,6 +60,7 @@ def bounded_minimum(
         raise ValueError("no start")
     x = _newton(value_and_gradient, best_x, limits)
     value = value_and_gradient(x)[0]
+    # A variable that makes no difference would else end where the path has led it.
     for i in np.flatnonzero(np.isfinite(limits[:, 0])):
         lower = x.copy()
         lower[i] = limits[i, 0]
@@ -87,7 +88,7 @@ def _newton(
     for _ in range(_NEWTON_STEPS):
         free = _free(x, gradient, limits)
         slope = _largest_slope(x, gradient, limits)
-        if slope == 0.0:
+        if slope == 0.0:  # also where bounds hold all variables
             break
         curvature = np.empty((len(free), len(free)))
         for row, i in enumerate(free):

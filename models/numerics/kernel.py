@@ -88,8 +88,8 @@ def _definitions(file: str) -> _Definitions:
     """Of each function, class and constant of a module: its digest, and the names it uses.
 
     From these the stamp of a kernel is made: its cached code counts as long as neither it nor
-    anything that it uses, directly or not, has changed. Docstrings, comments and annotations are
-    no part of a digest.
+    anything that it uses, directly or not, has changed. Docstrings, comments and annotations of
+    functions are no part of a digest.
 
     Returns:
         By name: digest, and sorted names used: NAME of the same module, or "FILE:NAME" of another
@@ -97,7 +97,7 @@ def _definitions(file: str) -> _Definitions:
         twice, a function with its overloads.
     """
     # A file that has changed since this process began is not what runs in it. Its digests get a
-    # random salt: what this process compiles is kept under a stamp that no other one finds.
+    # random salt: what this process compiles is kept under a stamp that no other process finds.
     date = _date(file)
     salt = b"" if _dates.get(file, date) == date else os.urandom(16)
     imports: dict[str, str] = {}
@@ -125,6 +125,7 @@ def _definitions(file: str) -> _Definitions:
         # Bare first: a name that only an annotation uses is not used.
         tree = [_bare(node) for node in group]
         used = {n.id for node in tree for n in ast.walk(node) if isinstance(n, ast.Name)} - {name}
+        # `used` holds local names, too: those that are no import or definition here drop out below.
         digest = hashlib.sha256(salt + "".join(map(ast.dump, tree)).encode()).hexdigest()
         result[name] = (
             digest,

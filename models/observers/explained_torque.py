@@ -76,12 +76,12 @@ def explained_constants(
         time_step: s.
         bound: of sqrt(D), beyond which a torque is not explained; inf: any is.
     """
-    moment_bound, force_bound = (
+    finite_moment_sd, finite_force_sd = (
         _LARGEST_SD if sd is None else min(sd, _LARGEST_SD) for sd in (moment_sd, force_sd)
     )
     return ExplainedConstants(
-        moment_variance=float(moment_bound**2),
-        force_variance=float(force_bound**2),
+        moment_variance=float(finite_moment_sd**2),
+        force_variance=float(finite_force_sd**2),
         scale_squared=float(scale**2),
         period=float(time_step),
         bound_squared=float(bound**2),
@@ -146,7 +146,7 @@ def unexplained_rows(
                 covariance[i, j] = total
         # J^T P J may be singular, and so large that rounding hides Sigma beside it.
         factorise_with_floor(covariance, n, floor)
-        solve_lower(covariance, n, whitened)
+        solve_lower(covariance, n, whitened)  # which holds tau_ext until here
         D[k] = 0.0
         for i in range(n):
             D[k] += whitened[i] * whitened[i]

@@ -175,6 +175,7 @@ def is_believed(
             share = AMBIGUOUS_SHARE if is_push and late_share <= LATE_SHARE else 1.0
             means[_SUSPICION] = min(means[_SUSPICION] + share * period, MAX_REPORT_TIME)
         elif off_line > MAX_OTHERS_SQUARE * n and late_share < CONTACT_SHARE:
+            # As in a contact. In between, suspicion stays.
             means[_SUSPICION] = max(means[_SUSPICION] - period, 0.0)
     elif is_free:
         is_on_probation = means[_SUSPICION] > MAX_REPORT_TIME
@@ -247,6 +248,7 @@ def _lateness(
     # det is that of a part in 1e9: a_fit and b_fit are then large, and no delay's.
     det = max(aa * bb - ab * ab, 1e-9 * aa * bb)
     a_fit, b_fit = (bb * za - ab * zb) / det, (aa * zb - ab * za) / det
+    # Whether it is the fit of a delay of .1 to .5 s.
     fit_sum = a_fit + 0.5 * b_fit
     if not (LATE_SUM[0] < fit_sum < LATE_SUM[1] and LATE_SECOND[0] < b_fit < LATE_SECOND[1]):
         return 0.0
