@@ -172,6 +172,20 @@ def find_ripple(
         )
         for j in range(rows.num_joints)
     ]
+    return _weighed(fits, periods, turns, known_sd)
+
+
+def _weighed(
+    fits: "Sequence[_JointRipple]", periods: Array, turns: Array, known_sd: Array
+) -> GearRipple:
+    """The arm's ripple from that of each joint with each of K numbers of periods.
+
+    Args:
+        fits: of n joints.
+        periods: (K,) per turn.
+        turns: (n,) by which the log turns each joint.
+        known_sd: (n,) N m, as `find_ripple`.
+    """
     log_factor = np.array([fit.log_factor for fit in fits])  # (n, K), as the next two
     amplitude_square = np.array([fit.amplitude_square for fit in fits])
     variance = np.array([fit.variance for fit in fits])
@@ -193,7 +207,7 @@ def find_ripple(
         log_odds=float(np.log(PRIOR_ODDS) + log_sum - np.log(2.0)),
         probability=joint_probability,
         amplitude=np.sqrt((weight * amplitude_square).sum(axis=1)),
-        amplitude_sd=np.sqrt(variance[np.arange(rows.num_joints), likeliest]),
+        amplitude_sd=np.sqrt(variance[np.arange(len(fits)), likeliest]),
         periods=mean_periods,
         periods_sd=np.sqrt(periods_variance),
     )

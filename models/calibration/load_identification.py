@@ -239,16 +239,7 @@ def _solve(
     blocks: list[Array] = []  # of each joint (m, k + 1): unknowns, residual
     considered: list[Array] = []  # of each joint (m, c): the model's parameters, in their sds
     for j in range(n):
-        parts = []
-        for index, log in enumerate(logs):
-            columns = np.zeros((len(log.rows.t), k))
-            if index == 0:
-                columns[:, :_NUM_LOAD] = log.load[:, j] @ frame
-            columns[:, _NUM_LOAD + 3 * j : _NUM_LOAD + 3 * j + 3] = log.rows.drift[:, j]
-            if missed_sd:
-                columns[:, -_NUM_LOAD:] = log.load[:, j]
-            parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
-        whole = np.vstack(parts)  # (m, k + c + 1): unknowns, the model's parameters, residual
+        whole = _whitened_rows(logs, j, frame, k)
         blocks.append(np.hstack([whole[:, :k], whole[:, -1:]]))
         considered.append(whole[:, k:-1] * logs[0].model_sd)
     fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _NUM_LOAD)]))
@@ -273,6 +264,26 @@ def _solve(
         gain_covariance=np.asarray(gain_covariance),
         scale=fit.scale,
     )
+
+
+def _whitened_rows(logs: list[LoadRows], j: int, frame: Array, num_unknowns: int) -> Array:
+    """Joint j's whitened rows of all logs, (m, k + c + 1): unknowns, the model's, residual.
+
+    Args:
+        logs, frame: as `_solve`.
+        j: index of the joint.
+        num_unknowns: k; their order is that of `_solve`.
+    """
+    parts = []
+    for index, log in enumerate(logs):
+        columns = np.zeros((len(log.rows.t), num_unknowns))
+        if index == 0:
+            columns[:, :_NUM_LOAD] = log.load[:, j] @ frame
+        columns[:, _NUM_LOAD + 3 * j : _NUM_LOAD + 3 * j + 3] = log.rows.drift[:, j]
+        if len(logs) > 1:  # what the model misses of the weight at the flange
+            columns[:, -_NUM_LOAD:] = log.load[:, j]
+        parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
+    return np.vstack(parts)
 
 
 def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) -> LoadEstimate:

@@ -93,8 +93,16 @@ def fit_contact_noise(
         change_sd=_change_sd(features, jumps, usual_jump, change).tolist(),
     )
     white = _white(readings, momenta, is_used, replace(model, contact_noise=noise), chain)
-    # The tail of each norm over the contact-free readings; that of the change is of its square, as
-    # the detector takes it.
+    return _with_tails(noise, white, time_step)
+
+
+def _with_tails(
+    noise: ContactNoise, white: "Sequence[_WhiteReading]", time_step: float
+) -> ContactNoise:
+    """The noise with the tail of each norm over contact-free readings.
+
+    That of the change is of its square, as the detector takes it.
+    """
     lengths = [reading.lengths for reading in white]
     return replace(
         noise,

@@ -337,9 +337,9 @@ def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) ->
     """s'^2 (n,), the variance of a change without its jump; takes friction's release in.
 
     The parts of the torque error's variance count with the shares that `joints` has from CHANGE on.
-    Stiction, the last of them, counts until the joint is surely at rest, and is then at least the
-    friction of a stop, faded as the observer reads it (pole), and that of the last rest, faded as
-    the mean holds it (keep).
+    Stiction, the last of them, counts until the joint is surely at rest. Until then it is at least
+    the friction that a stop releases, faded as the observer reads it (pole), and that of the last
+    rest, faded as the mean holds it (keep).
 
     Args:
         detector: its state is changed; its noise is that of the samples before.

@@ -153,18 +153,19 @@ def place_evidence(
     E = n  # the place after the links
     # By place, then by sample: (points, sizes); a link has as many points in every posture.
     by_sample: list[list[Array]] = [[] for _ in range(n + 1)]
-    # By place: (points,), at E one for each lever.
-    weights = [np.empty(0)] * n + [np.full(len(FORCE_LEVERS), 1.0 / len(FORCE_LEVERS))]
-    for J_k, tau_k, D_k in zip(J, tau, D, strict=True):
+    surfaces_of_samples = [_surfaces(J_k) for J_k in J]
+    for J_k, tau_k, D_k, surfaces in zip(J, tau, D, surfaces_of_samples, strict=True):
         whitening = np.linalg.inv(np.linalg.cholesky(D_k[:, None] * R * D_k))
         white_tau = whitening @ tau_k
-        surfaces = _surfaces(J_k)
         for link in range(first_link, n):
             B = _on_link(J_k, link, surfaces[link]) @ whitening.T
             by_sample[link].append(_log_likelihood(B, white_tau, inwards=True))
-            weights[link] = surfaces[link].weight  # posture changes little during a contact
         B = _at_E(J_k) @ whitening.T
         by_sample[E].append(_log_likelihood(B, white_tau, inwards=False))
+    # By place: (points,), those of a link in the last sample, as posture changes little during a
+    # contact; at E one for each lever.
+    weights = [surface.weight for surface in surfaces_of_samples[-1]]
+    weights.append(np.full(len(FORCE_LEVERS), 1.0 / len(FORCE_LEVERS)))
     evidence = np.full(n + 1, -np.inf)  # which stays of the excluded links
     for place in range(first_link, n + 1):
         by_point_and_size = np.mean(by_sample[place], axis=0)

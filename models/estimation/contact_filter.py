@@ -371,6 +371,7 @@ class ContactFilter:
         # Offsets and past wrenches keep a decay of one, and gain no noise.
         noise = (1.0 - decay**2) * variance
         noise[_ALONG] = config.force_rate**2 * T
+        # Past wrenches move on by one place; then everything decays, they by one.
         order = self._order
         self._x = self._x[order] * decay
         self._P = self._P[np.ix_(order, order)] * (decay[:, None] * decay)

@@ -62,7 +62,8 @@ class PathPlaces(NamedTuple):
         Returns:
             A place for each cell of posture (PLACE_REACH), speed (_SAME_SPEED, on a scale of
             logarithms) and direction (halves of a unit vector's components) that holds samples;
-            those at rest are left out. Rounded, as they are stored.
+            those at rest are left out. A joint that slides in none of a place's samples has the
+            torque 0 there. Rounded, as they are stored.
         """
         speed = np.linalg.norm(v, axis=1)
         moving = speed > 0.0

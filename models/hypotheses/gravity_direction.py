@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from wrenchsight.models.estimation.wrench_prior import STANDARD_GRAVITY
-from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.evidence import Fit
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array
 
@@ -34,23 +36,11 @@ def explain(case: Case) -> Explanation | None:
     g = np.array(case.robot.gravity)
     stated_length = float(np.linalg.norm(g))
     g_length = stated_length if stated_length > 0.0 else STANDARD_GRAVITY
-    base = case.base
-    columns = case.gravity_columns(base.rows)
-    # What `with_columns` adds comes first in theta and sd.
-    change = case.fit(base.with_columns(columns, np.full(3, g_length))).theta[:3]
-    free_length = float(np.linalg.norm(g + change))
-    if abs(free_length / g_length - 1.0) > SAME_LENGTH:
+    columns = case.gravity_columns(case.base.rows)
+    found = _found(case, columns, g_length)
+    if found is None:
         return None
-    # Of the right length; what is left open is a turn about two axes.
-    direction = (g + change) / free_length
-    for _ in range(_NUM_STEPS):
-        turned = case.view(base.rows, g_length * direction)
-        across = np.linalg.svd(direction[None])[2][1:]  # (2, 3)
-        view = turned.with_columns(columns @ (g_length * across.T), np.ones(2))
-        fit = case.fit(view)
-        direction = direction + across.T @ fit.theta[:2]
-        direction = direction / np.linalg.norm(direction)
-    # Evidence and error are those of the fit that found the last turn, about the direction before.
+    direction, view, fit = found
     direction_without_load = _without_load(case, columns, g_length)
     if direction_without_load is not None:
         direction = direction_without_load
@@ -79,6 +69,43 @@ def explain(case: Case) -> Explanation | None:
         ),
         values={"gravity_m_per_s2": gravity.tolist(), "tilt_deg": math.degrees(tilt)},
     )
+
+
+class _Found(NamedTuple):
+    """A direction of gravity (3,), with view and fit of the step that found it.
+
+    They are about the direction before the last turn, whose two angles come first in theta and sd.
+    """
+
+    direction: Array
+    view: View
+    fit: Fit
+
+
+def _found(case: Case, columns: Array, size: float) -> _Found | None:
+    """The likeliest direction beside a load; None where the best gravity has another length.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+        columns: of `Case.gravity_columns`.
+        size: m/s^2, length of gravity.
+    """
+    g, base = np.array(case.robot.gravity), case.base
+    # What `with_columns` adds comes first in theta and sd.
+    change = case.fit(base.with_columns(columns, np.full(3, size))).theta[:3]
+    free_length = float(np.linalg.norm(g + change))
+    if abs(free_length / size - 1.0) > SAME_LENGTH:
+        return None
+    # Of the right length; what is left open is a turn about two axes.
+    direction = (g + change) / free_length
+    for _ in range(_NUM_STEPS):
+        turned = case.view(base.rows, size * direction)
+        across = np.linalg.svd(direction[None])[2][1:]  # (2, 3)
+        view = turned.with_columns(columns @ (size * across.T), np.ones(2))
+        fit = case.fit(view)
+        direction = direction + across.T @ fit.theta[:2]
+        direction = direction / np.linalg.norm(direction)
+    return _Found(direction, view, fit)
 
 
 def _without_load(case: Case, columns: Array, size: float) -> Array | None:

@@ -133,13 +133,8 @@ def fit_torque_error(
         features_along(unit, reading)[rows] for reading, rows in zip(readings, is_used, strict=True)
     ]
     errors = [reading.tau_ext[rows] for reading, rows in zip(readings, is_used, strict=True)]
-    F, e = np.concatenate(features), np.concatenate(errors)
-    coefficients = np.empty((n, NUM_FEATURES - 1))  # variances per unit of a feature
-    for j in range(n):
-        # With one independent sample more, as large as the rms: the module's prior.
-        F_j, e_j = _with_a_prior(F[:, j], e[:, j], [error[:, j] for error in errors])
-        coefficients[j] = most_likely(F_j, e_j)
-    rms = np.sqrt(np.mean(e**2, axis=0))
+    coefficients = _coefficients(features, errors)
+    rms = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
     stated_floor = np.broadcast_to(np.asarray(least, float), (n,))
     floor = np.maximum(stated_floor, np.maximum(_LEAST_SHARE * rms, _LEAST_CONSTANT))
     constant = np.maximum(np.sqrt(coefficients[:, 0]), floor)
@@ -205,6 +200,23 @@ def features_along(unit: TorqueErrorModel, reading: HeldOutReading) -> Array:
     table = unit.table(reading.friction, reading.time_step, reading.K_0, reading.resolution)
     torque_error_features(table, initial_torque_error_state(n), q, v, load, features)
     return features
+
+
+def _coefficients(features: Sequence[Array], errors: Sequence[Array]) -> Array:
+    """(n, 5) most likely variances per unit of a feature, of each joint.
+
+    Args:
+        features: (N, n, NUM_FEATURES) of each reading, the fixed part last.
+        errors: (N, n) N m of each reading.
+    """
+    F, e = np.concatenate(features), np.concatenate(errors)
+    n = e.shape[1]
+    coefficients = np.empty((n, NUM_FEATURES - 1))
+    for j in range(n):
+        # With one independent sample more, as large as the rms: the module's prior.
+        F_j, e_j = _with_a_prior(F[:, j], e[:, j], [error[:, j] for error in errors])
+        coefficients[j] = most_likely(F_j, e_j)
+    return coefficients
 
 
 def _with_a_prior(F: Array, e: Array, errors: Sequence[Array]) -> tuple[Array, Array]:

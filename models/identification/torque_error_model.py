@@ -309,7 +309,7 @@ class TorqueErrorModel:
         Args:
             friction: the model's, or its numbers; its level is the stiction band.
             time_step: s.
-            K_0: (n,) or () 1/s, of the observer.
+            K_0: (n,) or () 1/s, of the observer, to whose readings the variances are converted.
             resolution: (n,) or () rad, of the encoders; None: that of the logs.
             chain: of the robot; None: gravity is taken as known in all postures (k = 0).
         """

@@ -235,23 +235,29 @@ class RegressionRows:
         for j, first_link in enumerate(self._first_links):
             other_columns = np.hstack([friction[j], self.tau[:, j : j + 1]])
             if takes_all_rows:
-                # The rigid part is factorised already; only the few other columns are new.
-                Q, upper = self._orthogonal[j]
-                projection = Q.T @ other_columns
-                lower = triangular_factor(other_columns - Q @ projection)
-                R = np.block([[upper, projection], [np.zeros((len(lower), upper.shape[1])), lower]])
+                R = self._factor_of_all_rows(j, other_columns)
             else:
                 W = np.hstack([self.rigid[j], other_columns])[part]
                 if weights is not None:
                     W = W * np.sqrt(weights[part, j : j + 1])
                 R = triangular_factor(W)
-            # The columns of W, and so of R, in the order of all parameters.
+            # Where the columns of W, and so of R, stand among all.
             felt_links = layout.inertial[first_link:].ravel()
             columns = np.r_[felt_links, layout.rotor[j], layout.friction[j], layout.torque]
             embedded = np.zeros((R.shape[0], layout.torque + 1))
             embedded[:, columns] = R
             factors.append(embedded)
         return TorqueFactors(tuple(factors), len(self.tau[part]))
+
+    def _factor_of_all_rows(self, j: int, other_columns: Array) -> Array:
+        """The triangular factor of joint j's rigid part and other columns behind it.
+
+        The rigid part is factorised already; only the few other columns are new.
+        """
+        Q, upper = self._orthogonal[j]
+        projection = Q.T @ other_columns
+        lower = triangular_factor(other_columns - Q @ projection)
+        return np.block([[upper, projection], [np.zeros((len(lower), upper.shape[1])), lower]])
 
     def residual(self, friction: Sequence[Array], x: Array) -> Array:
         """Measured minus predicted torque (m, n) for all parameters x."""

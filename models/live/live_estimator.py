@@ -138,12 +138,14 @@ class LiveEstimator:
             self._resolution = model.torque_error.resolution.tolist()
         self.tracked: TrackedEstimator | None = None
         """Estimator that follows friction and takes off a payload, where that is requested."""
+        # What a sample passes through, and those that wait for it.
         self._order = StreamOrder(self._config.late, rate)
         self._check: SampleCheck | None = None
         if self._config.estimator.check_samples:
             self._check = SampleCheck(robot, jitter=True)
         self._reader: Reader  # of `_prepare`
         self._waiting: list[Sample] = []  # until the step is known
+        # The stream so far.
         self._was_running: bool | None = None  # None: no sample yet
         self._is_external = False  # whether the samples are external torque
         self._is_silent = False  # whether a sample is overdue
@@ -365,7 +367,7 @@ class LiveEstimator:
         if order.counts:
             self._last_received, self._is_silent = sample.received, False
             self._note_running(sample, events)
-        out += events
+        out += events  # on order and running; then what the sample itself gives
         if not order.counts:
             return
         if order.begins_anew:
@@ -454,12 +456,10 @@ class LiveEstimator:
         if fault_weight > OTHER_FAULT_WEIGHT and not self._is_external:
             current = np.full(n, np.inf)
         batch, detection = self._reader.run(q[None], v[None], current[None])
-        # External torque is read without a model.
-        contradicted = self.contradicted and not self._is_external
-        lacks_model = self.lacks_model and not self._is_external
         batch = batch.marked(SAMPLE_MISSING, point.dropout).marked(STREAM_LATE, is_stale)
-        batch = batch.marked(NO_MODEL, lacks_model).marked(WRONG_LOG, contradicted)
         batch = batch.marked(ZEROING, self._is_zeroing)
+        if not self._is_external:  # which is read without a model
+            batch = batch.marked(NO_MODEL, self.lacks_model).marked(WRONG_LOG, self.contradicted)
         fault = int(batch.fault[0]) | sample_fault
         is_measured = not point.dropout and fault == 0
         self._reading = Reading.of(
