@@ -71,9 +71,11 @@ class _Commands(TyperGroup):
 
         A signal that ends the process becomes the exit code 128 + its number, also where a library
         turned the exception that it raised into one of its own. An error of the program is raised.
+        The line is reported here: `main` is not to report an interrupt once more.
         """
-        signals: list[int] = []  # numbers of those received
+        signals: list[int] = []  # numbers of those received; none before the block is entered
         try:
+            # Files read from here on are known to `result_folder`, which refuses to replace them.
             with signals_are_interrupts() as signals, remembering_files_read():
                 return super().invoke(ctx)
         except InputError as error:

@@ -92,13 +92,14 @@ def run_campaign(
     names = check_names(settings.experiments)
     cluster = settings.cluster
     _check_settings(settings)
-    settings = replace(settings, data=given_folder(settings.data))
+    settings = replace(settings, data=given_folder(settings.data))  # absolute, for workers
     modules = {name: REGISTRY.entries()[name].module for name in names}
     software = {name: software_hash(module) for name, module in modules.items()}
     with signals_are_interrupts(), open_results(out, COMMAND) as folder:
         campaign = _Campaign(settings, folder, software)
         num_reused = campaign.count_complete(names)
-        # Folder of what all worlds share; another machine need not see this one.
+        # Folder of what all worlds share, below one that goes with this run; another machine need
+        # not see it.
         shared_folder = folder.work("everywhere").resolve() if cluster is None else None
         tasks = campaign.tasks(names, modules, shared_folder)
         if cluster is not None and tasks:  # a complete campaign needs no scheduler
@@ -116,7 +117,8 @@ def run_campaign(
             report(Progress(COMMAND, state, action="finished worlds are kept"))
             # The user is to hear of the cause, not of an error that follows from it.
             with suppress(InputError, OSError):
-                # Without a world of this run (`fresh`), the folder's earlier results stay.
+                # With `fresh` the record begins empty: before its first world is done, writing
+                # would replace the folder's earlier results by nothing.
                 if campaign.record.worlds or not folder.files:
                     campaign.write()
             raise
@@ -254,6 +256,7 @@ class _Campaign:
         for outcome in outcomes:
             with uninterrupted():  # a world counts with all that it brought
                 if outcome.values:
+                    # The file states settings and software of the record, on which a world depends.
                     self.parts.add(outcome, self.record)
                     self.record.add(outcome)
                 if outcome.failures:

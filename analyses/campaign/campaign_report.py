@@ -36,7 +36,7 @@ def write_campaign_report(
 
     Args:
         record: its `described` states title, section and rows of each experiment.
-        spread: the figures of the article over worlds.
+        spread: the figures of the article over worlds, those of an experiment in their order.
         failures: outcomes of worlds in which experiments failed, by world; a failure is one line,
             which is shown, then where it happened.
         seconds: seconds of a processor, by experiment, in a world.
@@ -49,7 +49,7 @@ def write_campaign_report(
     sections = []
     for name in dict.fromkeys(distribution.experiment for distribution in spread):
         of_experiment = [row for row in spread if row.experiment == name]
-        picture, size = "", None  # none without a figure of the article
+        picture, size = "", None  # path below the page, CSS pixels; none without a figure
         if any(_comparable(row) for row in of_experiment):
             figure = violin_figure(of_experiment)
             width, height = figure.get_size_inches()
@@ -113,9 +113,9 @@ def table_row(distribution: Distribution) -> dict[str, str]:
 def violin_figure(spread: Sequence[Distribution]) -> Figure:
     """A violin for each figure that the article prints: the worlds' over the printed number.
 
-    The first figure stands on top; one without a printed number, or with 0, is left out. The bar
-    goes from 5 to 95 %, the circle is the median. Few worlds, or equal ones, are dots instead.
-    Ratios beyond _MAX_DRAWN_RATIO are set to it, also for bar and median.
+    The first figure stands on top; one without a printed number, or with 0, is left out. The circle
+    is the median. A violin has a bar from 5 to 95 % of the worlds; few worlds, or equal ones, are
+    dots in its place. Ratios beyond _MAX_DRAWN_RATIO are set to it, also for bar and median.
     """
     shown = [row for row in spread if _comparable(row)]
     figure, ((axes,),) = new_figure(1, 1, height=0.9 + 0.34 * len(shown))  # inches

@@ -48,7 +48,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
 
     Raises:
         InputError: the library is not installed, no scheduler answers, it has no workers or
-            ends.
+            ends; `UnfitWorkerError` of a worker (`run_world`).
     """
     try:
         from distributed import Client, as_completed
@@ -60,6 +60,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
     for library in ("distributed", "tornado", "asyncio"):
         logging.getLogger(library).setLevel(logging.CRITICAL + 1)  # one line reports a failure
     try:
+        # Not the default client of this process: a caller may have one of its own.
         client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except Exception as error:  # of the transport's kind: no certificates, another protocol
         reason = f"{type(error).__name__}: {error}"
@@ -72,6 +73,8 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
         # Not pure: two campaigns may ask the same of one scheduler, and one may end before.
         futures = {client.submit(run_world, task, pure=False): task for task in tasks}
         try:
+            # A list of its own: `futures` shrinks as they complete. The loop is named, as this
+            # client is not the default one.
             for future in as_completed(list(futures), loop=client.loop):
                 try:
                     outcome = future.result()

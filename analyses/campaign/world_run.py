@@ -90,7 +90,8 @@ def run_world(task: WorldTask) -> WorldOutcome:
 
     Each experiment writes into a folder of its own, below `task.out`, or else below one of this
     world that is removed again. What the world's experiments share lies in the latter in either
-    case; what all worlds share in the folder around it, `task.everywhere` or the worker's own.
+    case; what all worlds share in the folder around it, `task.everywhere` or the worker's own. One
+    world at a time runs in a process, and in one thread: seeds and sums are the process's.
 
     Raises:
         UnfitWorkerError: the worker has other software, or would compute in several threads.
@@ -111,7 +112,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
             started = time.process_time()
             try:
                 out = (world_folder if task.out is None else task.out) / name
-                out.mkdir(parents=True)
+                out.mkdir(parents=True)  # below a new folder of this world, or of this run
                 with sharing_in(world_folder, shared_by_worlds):
                     experiment: Experiment = import_module(module).EXPERIMENT
                     missing = experiment.missing(settings.data)
@@ -124,7 +125,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
                         data=settings.data,
                         seed=world.seed,
                         quick=settings.quick,
-                        draws=task.out is not None,
+                        draws=task.out is not None,  # nobody looks into a temporary folder
                         world=world.robot,
                         hand=world.hand,
                         fastest_feed=settings.fastest_feed,

@@ -108,7 +108,8 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
     """Reads logs that hold the external torque itself, and prints what was found.
 
     A log's metrics hold `reference` where there is a sensor, and there `rows` where any row is
-    compared. A single log's comparison is printed in full; of several, the mean of their RMSE.
+    compared: the force row by row, where the sensor reads a contact. A single log's comparison of
+    averages, by phase, is printed in full; of several, the mean of their RMSE.
     """
     from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
 

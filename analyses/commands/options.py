@@ -109,6 +109,7 @@ def with_settings(
         further = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in others]
 
         def command(ctx: typer.Context, **values: Any) -> None:
+            # The context has the options' values, and tells those given from their defaults.
             settings = _settings_of_run(ctx, schema, options)
             arguments = {p.name: ctx if p.name == "ctx" else values[p.name] for p in further}
             run(settings, **arguments)

@@ -76,6 +76,7 @@ def command(
     draft = draft_robot(Path(source), path, base=base, flange=flange, xacro=xacro)
     _print(draft.robot)
     show(*notes(draft.notes))
+    # The draft assumes friction from the inertias: without these it states none.
     has_friction = draft.robot.config.simulated_truth.friction.coulomb.size > 0
     note = (
         "friction, noise and resolution of the simulated arm are assumed: see simulated_truth "

@@ -88,7 +88,9 @@ def fetch_data_sets(
 
 
 def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str], None]) -> Fetched:
-    """Fetches the files of a set that are not whole in the cache, and converts them.
+    """Fetches the published files of a set that are not whole in the cache, and converts them.
+
+    The files of a set are those that are published and those that are made of them.
 
     Args:
         url: of the host.
@@ -144,6 +146,7 @@ def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[i
     import pooch
     import requests
 
+    # pooch checks the SHA-256, and tries again where it differs or the connection fails.
     address = f"{url}/{file.address}"
     source = pooch.create(
         path=folder,
@@ -154,7 +157,7 @@ def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[i
     )
     pooch.get_logger().setLevel("ERROR")
     try:
-        with _writing(folder):
+        with _writing(folder):  # passes on RequestException, which is an OSError, too
             source.fetch(file.name, downloader=_Resuming(file, folder, report))
     except requests.RequestException as error:
         reason = _reason(error)
@@ -162,8 +165,9 @@ def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[i
             reason = f"cannot be read ({_deepest_words(error)})"
         return f"{address}: {reason}"
     except ValueError as error:
-        if isinstance(error, InputError):
+        if isinstance(error, InputError):  # of `_writing`; it is a ValueError, too
             raise
+        # What pooch raises where the SHA-256 differs.
         return f"{address}: is not the published file (its SHA-256 differs)"
     return ""
 
@@ -181,7 +185,8 @@ class _Resuming:
         """Downloads an address into a file, which pooch then checks.
 
         The bytes gather in a part beside it, which outlives a cut connection, and this process.
-        The arguments are those with which pooch calls a downloader.
+        The arguments are those with which pooch calls a downloader: `output_file` is a path here,
+        `pooch` and `check_only` are not used.
 
         Raises:
             requests.RequestException: the file did not come to its end.

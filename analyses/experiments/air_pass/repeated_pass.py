@@ -183,7 +183,7 @@ def loaded_pass(
 
     # The empty pass, at the places where the loaded one is at its N samples.
     shift = alignment(empty.recording, recording)
-    t_empty = recording.t - recording.t[0] + shift
+    t_empty = recording.t - recording.t[0] + shift  # s, since the empty pass's own start
     correction = interpolated(empty.recording, empty.tau_ext, t_empty)
     drive_torque = robot.joint_torque(recording.current)
     empty_drive_torque = interpolated(
@@ -199,7 +199,7 @@ def loaded_pass(
     reading = WrenchReconstruction(WrenchReconstructionConfig("force_only"), Sigma_tau)
 
     def errors(tau_ext: Array) -> PassErrors:
-        """Those of the judged rows, where tau_ext (N, n) is read as a force at P."""
+        """Those of force and torque over the judged rows, tau_ext (N, n) read as a force at P."""
         result = reading.reconstruct(J_P[judged_rows], tau_ext[judged_rows])
         judged = []
         for force, sd, true in zip(

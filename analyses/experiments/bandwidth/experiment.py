@@ -174,8 +174,9 @@ def measure_response(
 ) -> list[GainResponse]:
     """Measures every gain's frequency response on the simulated arm, without noise.
 
-    All tones act at once, and every observer sees them all; of each observer those up to five times
-    its corner are returned. In the fit all have a part, so that none is taken for another.
+    All tones act at once, and every observer sees them all; of each observer those up to
+    HIGHEST_RATIO times its corner are returned. In the fit all have a part, so that none is taken
+    for another: over its length, the period of the lowest, they are orthogonal.
 
     Args:
         robot: held at its home posture.
@@ -197,6 +198,7 @@ def measure_response(
     )
     arm = make_held_arm(robot, _estimators(gains, time_step), script, robot.home)
     settling = SETTLING_TIME_CONSTANTS / min(gains)
+    # Smooth: sines never jump, so that one integration step a tick is exact enough.
     context = _simulate(arm, settling + 1.0 / lowest_frequency, progress, smooth=True)
     q, wrench = _log(arm.q, context), _log(arm.wrench_true, context)
     settled = slice(round(settling / time_step), None)
@@ -263,10 +265,10 @@ def measure_signals(
             arm,
             SIGNAL_START + duration,
             lambda fraction, action, done=share_done: progress(done + 0.5 * fraction, action),  # type: ignore[misc]
-            smooth=False,
+            smooth=False,  # the step jumps
         )
         forces.append({K_0: _log(arm.wrench[_name(K_0)], context)[:, 3:] for K_0 in OBSERVER_GAINS})
-    true = _log(arm.wrench_true, context)[:, 3:]
+    true = _log(arm.wrench_true, context)[:, 3:]  # of the last run, and so of both
     t = _ticks(len(true), TIME_STEP)
     clean, noisy = forces
     metrics = {
@@ -301,6 +303,7 @@ def _signal_metrics(
     bounds = (0.1 / K_0, 10.0 / K_0)  # s, wide about the formula's time constant
     fit = minimize_scalar(step_misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9})
     settling = 1.0 / K_0 * SETTLING_TIME_CONSTANTS  # s, from the start of the forces
+    # Of a slow observer at least the last fifth of the rise.
     on_the_ramp = (since > min(settling, 0.8 * RAMP_RISE)) & (since <= RAMP_RISE)
     late = since > settling
     tone = np.array([SINE_FREQUENCY])
@@ -475,6 +478,7 @@ def _bode_figure(responses: Sequence[GainResponse]) -> Figure:
     log_scale(amplitude, "y")
     amplitude.set_ylabel("amplitude [-]")
     phase.set_ylabel("phase [deg]")
+    # A guide for the eye at 1 deg and 1 %.
     error.axhline(1.0, color=COLOUR["reference"], linestyle="--", linewidth=0.9)
     error.plot([], [], "-o", color=COLOUR["reference"], label="phase [deg]")
     error.plot([], [], ":s", color=COLOUR["reference"], markersize=3, label="amplitude [%]")

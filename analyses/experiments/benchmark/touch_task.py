@@ -3,12 +3,10 @@
 Both read the external torque that the arm reports. A touch is found if a contact begins between
 LABEL_TOLERANCE before its label and MAX_DELAY after its end. A contact apart from every label is
 false. Of a found touch the labelled link should be among those named. No link before the last
-loaded joint should be
-named: statics rule it out.
+loaded joint should be named: statics rule it out.
 
     plain   contact where any joint's torque leaves a slow baseline by TORQUE_LEVEL, and the last
-    joint
-            that is loaded names the link: the data set's own reference
+            joint that is loaded names the link: the data set's own reference
     ours    `estimate --torque external`
 
 The unit of evidence is the recording: the same spot is touched all through it.
@@ -153,6 +151,7 @@ class TouchTasks:
             num_touches += len(spans)
             num_found += len(log_delays)
             delays += log_delays
+            # Apart from every label: no sample in common with it, nor with MAX_DELAY after it.
             num_false += sum(
                 all(episode.end < begin or episode.begin > end + MAX_DELAY for begin, end in spans)
                 for episode in reported
@@ -200,7 +199,7 @@ def _hit(episodes: Sequence[ReportedContact], begin: float, end: float) -> Repor
 
 
 def _episodes(t: Array, contact: Flags, link: Array) -> list[ReportedContact]:
-    """Stretches of contact, pauses shorter than MAX_DELAY filled, by the link most often named."""
+    """Stretches of contact by the link most often named; pauses below MAX_DELAY / 2 are filled."""
     joined = contact.copy()
     for pause in stretches(~contact):
         inner = pause.start > 0 and pause.stop < len(t)

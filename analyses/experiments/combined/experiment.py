@@ -163,6 +163,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
     initial, optimised = metrics[BEFORE], metrics[AFTER]
+    # Bounds for the article's method on its own path, at both gains: errors without any error of
+    # friction, and those of the observer's lag alone.
     metrics["known_friction"] = known_friction(models, runs["optimised"])
     metrics["known_friction_fast"] = known_friction(models, runs["optimised"], FAST_GAIN)
     metrics["lag_alone"] = lag_alone(runs["optimised"])

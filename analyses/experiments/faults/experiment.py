@@ -7,8 +7,8 @@ damaged in each of the ways of `damages` and read by `estimate` with its default
 the arm, so that every reading beyond its band is wrong. For each kind, over all logs:
 
     named               share of the logs in which a hypothesis names a fault
-    recognised_after_s  length of the log from which on it is named, tried at LOG_TIMES; the longest
-                        of the logs in which it is named at all
+    recognised_after_s  least length of the log with which it is named, of LOG_TIMES and the whole;
+                        the longest of the logs in which it is named at all
     valid_and_wrong_s   longest time in which a valid reading is more than MAX_FORCE_ERROR outside
     its band
     largest_n           by how much it is outside, at most

@@ -108,7 +108,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
     with closing(ends):
         for draw, figures_or_reason in ends:
-            if isinstance(figures_or_reason, Died | str):  # a reason
+            # Why it has none, in a sentence, or that its process died.
+            if isinstance(figures_or_reason, Died | str):
                 failures.append(f"{draw.arm}, draw {draw.seed}: {figures_or_reason}")
             else:
                 figures_of_draw[draws.index(draw)] = figures_or_reason
@@ -165,6 +166,10 @@ def result_of(
         read: by arm and case, of each draw (`readings.figures`).
         lacking: sentences on what is left out.
         draws: whether a figure is wanted.
+
+    Returns:
+        Metrics by arm and case (`summed_up`); and of an arm `worst_inside_pct`: of each README case
+        that has a valid sample the share of the worst draw's worst axis of the force.
     """
     metrics: dict[str, Any] = {
         arm: {case: summed_up(figures) for case, figures in by_case.items()}
@@ -214,8 +219,8 @@ def _plans(quick: bool) -> tuple[list[_Plan], list[str]]:
 def summed_up(draws: list[dict[str, Any]]) -> dict[str, Any]:
     """Median and worst of the figures of one case, a draw each (`readings.figures`).
 
-    Draws whose log was refused, or has no valid sample, have no share inside: they do not count
-    there, and count as not valid.
+    Draws whose log was refused, or has no valid sample, have a NaN share inside: they do not count
+    there, and count as not valid. A key that no draw has is left out.
 
     Args:
         draws: at least one, all read with plain tools, too.
@@ -301,7 +306,7 @@ def _table(arm: str, cases: dict[str, Any]) -> ResultTable:
     stand side by side.
 
     Args:
-        cases: metrics by case, and `worst_inside_pct`, which is none.
+        cases: metrics by case, and `worst_inside_pct`, which is no case.
     """
 
     def row(case: str) -> list[str]:

@@ -281,7 +281,7 @@ def _with_springs(text: str, joint_names: tuple[str, ...], stiffness: float) -> 
     motor's joint keeps the joint's name; the spring's is gear_<name>.
 
     Args:
-        text: MJCF of the arm.
+        text: MJCF of the arm, of `chain_mjcf`: a body a link, whose joint is at its origin.
         stiffness: N m/rad.
     """
     root = ET.fromstring(text)

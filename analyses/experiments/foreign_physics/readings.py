@@ -98,7 +98,7 @@ def read_log(
         )
     table = pyarrow.csv.read_csv(result.table)
     columns = {name: table[name].to_numpy() for name in table.column_names}
-    if len(columns["t"]) != N:
+    if len(columns["t"]) != N:  # the log's clock is even, so that its grid is that of the truth
         raise RuntimeError(f"{log.recording.source}: {len(columns['t'])} rows for {N} samples")
     contacts = result.metrics()["contact"]["contacts"]
     return EstimatedLog(
@@ -119,7 +119,9 @@ def figures(
 ) -> dict[str, Any]:
     """The figures of a log; lists are of fx fy fz mx my mz, those in newtons of fx fy fz.
 
-    A log that was refused has no valid sample, and misses all its contacts.
+    A log that was refused has no valid sample, and misses all its contacts. The first
+    SETTLED_SECONDS count in nothing but contacts. RMSE is over valid and invalid samples: plain
+    tools, beside which it stands, know no difference. The band's figures are of valid ones.
 
     Args:
         log: with its truth.

@@ -81,7 +81,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     (`sources`).
     """
     robot, model = presliding_arm(context, _FIT_SHARE)
-    masses = {name: LOAD_MASSES[name] for name in LOGS}
+    masses = {name: LOAD_MASSES[name] for name in LOGS}  # kg; 0 of a contact-free log
     metrics: dict[str, Any] = {}
     seconds = QUICK_TIME if context.quick else np.inf  # of each log
     with tempfile.TemporaryDirectory() as folder:
@@ -121,7 +121,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
 def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> list[Reading]:
     """Reads a log's first seconds as `watch` does, without its processes and views.
 
-    What the stream brings besides readings, such as contacts and notices, is left out.
+    What the stream brings besides readings, such as contacts and notices, is left out. The checks
+    of the stream's start run along, as in `watch`.
 
     Args:
         track: whether friction is followed (`--track`).
@@ -142,7 +143,7 @@ def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> li
     def go_on() -> bool:
         return not readings or readings[-1].t - readings[0].t < seconds
 
-    # As in the reading process, samples come one by one.
+    # One thread, as the reading process has: samples come one by one.
     with one_thread(), closing(source):
         checks = StartChecks(robot, model_read, settings.watch)
         read_stream(

@@ -177,6 +177,7 @@ def _drawing(fit: TorqueFit, joint_names: tuple[str, ...], law: str = "") -> Dra
 def _comparison() -> list[ComparisonRow]:
     """The rows of the report: torque errors in N m of plain tools and a package beside ours.
 
+    Their numbers stand here as they were measured; no code of this repository makes them.
     Metrics below `best` are of the best friction law, the others of the plain one.
     """
     plain, best = "plain tools", " with the best friction law"

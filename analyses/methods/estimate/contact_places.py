@@ -104,9 +104,9 @@ def judge_places(
 ) -> PlacedContacts:
     """Finds the place of each contact.
 
-    A contact is judged piece by piece, each by the evidence of the pieces up to the next one. The
-    odds count E and every link as equally likely before; misfit, link and whether a reading at E
-    may be valid count E as likely as AT_WORK.
+    A contact is judged piece by piece, each by the evidence of the pieces up to the next one. That
+    evidence is weighed twice: the odds that are reported count E and every link as equally likely
+    before; misfit, link and whether a reading at E may be valid count E as likely as AT_WORK.
 
     Args:
         detection: of N samples.
@@ -137,7 +137,7 @@ def judge_places(
                 evidence[k] = place_evidence(
                     torque.J[rows], torque.tau[rows], torque.sd[rows], torque.correlation, loaded
                 )
-        up_to_next = np.cumsum(evidence, axis=0)[1:]  # of each piece, with the next one's
+        up_to_next = np.cumsum(evidence, axis=0)[1:]  # row k: of the pieces 0 to k + 1
         for piece, piece_evidence in zip(pieces, up_to_next, strict=True):
             stated = PlaceOdds.of(piece_evidence)
             at_work = PlaceOdds.of(piece_evidence, AT_WORK)

@@ -94,11 +94,15 @@ def estimates(
     later, and take the place of the causal ones.
 
     Args:
+        settings: checked: `smooth` goes with neither `track` nor a contact's axis.
         models: the second, if another one, states the band.
         config: configuration of the estimator, with the log's time step.
         chunks: of the log, on its grid.
         tracked: estimator that follows friction and takes the place of the models; None: they read.
             It holds today's friction once all parts are taken.
+
+    Yields:
+        The log in parts, all its samples in order. Nothing is read before they are taken.
     """
     parts = _causal_parts(settings, robot, models.distinct(), config, chunks, tracked)
     if settings.contact.axis:

@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 
 FOLDER = "data_set"
 WRENCH, SD, VALID = "observation.wrench", "observation.wrench_sd", "observation.wrench_valid"
-_MAX_FRAME_DELAY = 1.5  # steps of the table that a frame may be later than its reading
-_MAX_FRAME_LEAD = 0.25  # steps that it may be earlier
+# Steps of the table that a frame may be later than its reading: one row may be missing between; of
+# an episode's end the next reading is another episode's.
+_MAX_FRAME_DELAY = 1.5
+_MAX_FRAME_LEAD = 0.25  # steps that it may be earlier: stamps of one instant differ by rounding
 # Columns of `_WrenchRows.numbers`.
 _WRENCH_COLUMNS, _SD_COLUMNS, _VALID_COLUMN = slice(0, 6), slice(6, 12), 12
 
@@ -70,10 +72,11 @@ def write_data_set(
         frames = ParquetTable(episode.file, episode.rows)
         column = (frames.names or ()).index("timestamp")
         stamps = np.concatenate([values[:, 0] for values, _ in frames.blocks([column])]) + begin
-        # Of each frame the last row that is not later than it, but for the lead.
+        # Of each frame the last row that is not later than it, but for the lead; of a frame before
+        # all rows the first, which is near enough or counts as none.
         rows_before = np.searchsorted(rows.t, stamps + _MAX_FRAME_LEAD * step, side="right")
         row = np.maximum(rows_before - 1, 0)
-        values = rows.numbers[row]
+        values = rows.numbers[row]  # (frames, 13), a copy
         is_near = np.abs(stamps - rows.t[row]) < _MAX_FRAME_DELAY * step
         values[~(np.isfinite(values).all(axis=1) & is_near)] = no_reading
         values_of_episode[episode.index] = values

@@ -269,7 +269,7 @@ class EstimateSummary:
         torque: Array,
         contact: Flags,
     ) -> None:
-        """Takes the next chunk of N samples.
+        """Takes the next chunk of N samples; `add_faults` takes their faults, if they are checked.
 
         Args:
             batch: their readings, with all reasons why one is not valid.
@@ -339,6 +339,7 @@ class EstimateSummary:
                 warnings.append(f"{share:.3g} % of the samples are not used: {fault}")
         extrapolated = self._outside_model.num_extrapolated / self.count
         if judges_range and extrapolated > _OUTSIDE_WARNING:
+            # At least one of them has such a joint: some sample is outside.
             worst_joints = [
                 (quantity, self._outside_model.worst_joint(key))
                 for key, quantity in (("v", "speed"), ("tau", "torque"))
@@ -397,6 +398,7 @@ class EstimateSummary:
             panel.set_ylim(bottom, top)
             _shade(panel, t, drawn.is_invalid, COLOUR["invalid"])
             _shade(panel, t, drawn.has_contact, COLOUR["contact"], "contact")
+            # The panel shows all valid samples (`limits`): what it hides is not valid.
             extremes = (lowest[:, k].min(), highest[:, k].max())
             hidden = [value for value in extremes if not bottom <= value <= top]
             if hidden:

@@ -77,7 +77,8 @@ class SampleScreen:
             previous_t = chunk.t[0] if self._last_t is None else self._last_t
             period = np.diff(chunk.t, prepend=previous_t)
             self._last_t = float(chunk.t[-1])
-            # Time that stands still or runs backwards is refused later, with its line.
+            # Time that stands still or runs backwards is refused later, with its line; until then
+            # a ns keeps the quotients finite. The log's first sample, of period 0, follows none.
             (q, v, current), codes = self._check.run(
                 self._state, chunk.q, chunk.v, chunk.current, np.maximum(period, 1e-9)
             )

@@ -59,21 +59,19 @@ FILES: Final = (
     "jog_linear_loaded",
     "fourier_start_loaded",
 )
-VARIANTS: Final[tuple[str, ...]] = (
-    "controller_model",
-    "urdf",
-)  # whose rigid body; the second needs DESCRIPTION
+# Whose rigid body; the first can always be read, the second needs DESCRIPTION.
+VARIANTS: Final[tuple[str, ...]] = ("controller_model", "urdf")
 NUM_JOINTS: Final = 6
 K_0: Final = 15.0  # 1/s, as in `ur10e-payload`
 # s, of the sensor's own filter: 65 to 90 ms by the data set's description
 SENSOR_DELAY: Final = 0.0775
 REST_SPEED: Final = 0.005  # rad/s; the velocity's noise is 2 mrad/s
 
-# The controller's friction, s c + b s (d |v| + tanh(w |v|)), of its file of parameters.
-_SIGN_TORQUE = np.array([13.15, 14.01, 6.53, 9.48, 2.51, 1.60])  # N m
-_SPEED_TORQUE = np.array([3.113, 5.332, 1.149, 0.954, 0.264, 0.288])  # N m
-_INVERSE_TURN_SPEED = np.array([12.3, 12.3, 54.5, 54.5, 4.3, 12.8])  # s/rad
-_INVERSE_SPEED = np.array([9.5, 9.5, 12.0, 12.0, 11.9, 7.0])  # s/rad
+# The controller's friction, s c + b s (d |v| + tanh(w |v|)) with s = sgn(v), of its parameter file.
+_SIGN_TORQUE = np.array([13.15, 14.01, 6.53, 9.48, 2.51, 1.60])  # N m, c
+_SPEED_TORQUE = np.array([3.113, 5.332, 1.149, 0.954, 0.264, 0.288])  # N m, b
+_INVERSE_TURN_SPEED = np.array([12.3, 12.3, 54.5, 54.5, 4.3, 12.8])  # s/rad, w
+_INVERSE_SPEED = np.array([9.5, 9.5, 12.0, 12.0, 11.9, 7.0])  # s/rad, d
 # On the day of `joint3_sweep` its law of joint 3 held this besides: 2.215 s - 5.36 v.
 _MORE_COULOMB = {"joint3_sweep": np.array([0.0, 0.0, 2.215, 0.0, 0.0, 0.0])}
 _MORE_VISCOUS = {"joint3_sweep": np.array([0.0, 0.0, -5.36, 0.0, 0.0, 0.0])}
@@ -257,7 +255,14 @@ def _zero(recording: Recording, R_WE: Array) -> Array:
 def controller_friction(
     name: str, load_share: Array | None = None, of_that_day: bool = True
 ) -> PreslidingFriction:
-    """The controller's law with a share of the load.
+    """The controller's law with a share of the load, in the terms of PreslidingFriction.
+
+    With tanh(w |v|) taken for 1 - exp(-(w v)^2), which rises over the same 1 / w, the controller's
+
+        s c + b s (d |v| + tanh(w |v|))  =  s ((c + b) - b exp(-(w v)^2)) + b d v
+
+    has Coulomb friction c + b, a Stribeck coefficient -b (a rise with speed) and the viscous
+    coefficient b d.
 
     Args:
         name: of the recording, whose day the law is of.
@@ -272,7 +277,7 @@ def controller_friction(
     return PreslidingFriction(
         SemiParametricFriction(CoulombViscous(coulomb=zero, viscous=viscous, offset=zero)),
         coulomb=coulomb,
-        stribeck=-_SPEED_TORQUE,  # tanh(w |v|) rises over 1 / w, as 1 - exp(-(w v)^2) does
+        stribeck=-_SPEED_TORQUE,
         stribeck_velocity=1.0 / _INVERSE_TURN_SPEED,
         load=np.array(LOAD_SHARE) if load_share is None else np.asarray(load_share),
         cubic=zero,
@@ -282,22 +287,23 @@ def controller_friction(
 
 
 def stated_model(robot: Robot, friction: PreslidingFriction) -> IdentifiedModel:
-    """The URDF's masses, the given friction, and a torque error whose sds are stated above.
+    """The masses of the robot's file, the given friction, and a torque error stated, not learnt.
 
-    The error is a constant, a share of the load and one of the level at reversals; none of it grows
-    with speed or acceleration, and none is widened beyond the fitted range (there is none).
+    Its sds are the constants of this module: a constant, a share of the load, one of the friction
+    level at reversals, and one of the viscous torque by which friction may have drifted. None grows
+    with speed or acceleration, and none is widened beyond a fitted range: nothing was fitted.
     """
     every = np.ones(NUM_JOINTS)
     error = TorqueErrorModel(
         constant=np.array(_CONSTANT_SD),
-        speed=0.0 * every,
+        speed=0.0 * every,  # from here: by the term of the error that it scales
         load=_LOAD_ERROR * every,
         acceleration=0.0 * every,
         reversal=_REVERSAL_SHARE * every,
         correlation=np.eye(NUM_JOINTS),
         correlation_time=_ERROR_TIME * every,
-        lasting=_LASTING_SHARE * every,
-        fitted_speed=0.0 * every,
+        lasting=_LASTING_SHARE * every,  # of the variance, which no average removes
+        fitted_speed=0.0 * every,  # of no log
         fitted_load=0.0 * every,
         K_0=K_0 * every,
         resolution=_POSITION_RESOLUTION * every,
@@ -331,6 +337,7 @@ def read_log(
     """
     recording, robot = log.recording, log.robot
     law = friction if friction is not None else controller_friction(log.name)
+    # A log's currents are samples of continuous signals, not held over the step.
     observer = MomentumObserverConfig([K_0], recording.time_step, torque_samples="trapezoidal")
     model = stated_model(robot, law)
     if without_rotors:
@@ -342,5 +349,6 @@ def read_log(
         rigid = robot.chain.inverse_dynamics(recording.q, extra["v_target"], extra["a_target"])
         current = current - (extra["tau_model"] - rigid)
     batch = estimator.run(estimator.initial_state(), recording.q, recording.v, current)
+    # The batch does not hold the torques that it was read from.
     observation = estimator.observe(recording.q, recording.v, current)
     return Lara8Reading(log, batch, transmitted=observation.tau_J - observation.tau_f)

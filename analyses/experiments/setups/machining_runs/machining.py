@@ -186,10 +186,11 @@ def run_machining(
 
     Args:
         scenario: with machining.
-        models: those of controller and estimator; their robot has its simulated truth.
+        models: LAW is the controller's, OURS the estimator's unless `reads` is given; their robot
+            has its simulated truth.
         plan: of the scenario.
         air_pass: the correction learnt on an air pass along the plan; None: no correction.
-        reads: the model of the estimator; None: that of OURS.
+        reads: the estimator's model in the place of OURS, such as one whose band is learnt.
         page: where to write the arm in motion (HTML); None: nowhere, and nothing is drawn.
         progress: called with the share done.
 
@@ -205,7 +206,7 @@ def run_machining(
             scenario.recording, fps=_FRAME_RATE, metres_per_newton=_METRES_PER_NEWTON
         ),
     )
-    meshcat: Meshcat | None = None
+    meshcat: Meshcat | None = None  # with a page alone
     if page is not None:
         middle = plan.path.num_samples // 2
         meshcat = make_meshcat(robot, plan.path.p_WS[middle], view_of(plan.path))

@@ -50,8 +50,9 @@ def read_in_diagram(
         progress: called with the share that is done, 0 to 1.
 
     Returns:
-        The reading every LOG_PERIOD of the even motion along the path, without the observer's start
-        (`settling_time`, 3 / K_0), beside the sensor's force, or the true one where there is none.
+        The reading every LOG_PERIOD of the even motion along the path, without the observer's
+        `settling_time` at its start; beside it the sensor's force, or the true one without a
+        sensor.
     """
     reference = "wrench_true" if scenario.force_torque_sensor is None else "ft_wrench"
     loop = make_closed_loop(

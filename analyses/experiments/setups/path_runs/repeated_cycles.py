@@ -103,14 +103,14 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     context.progress(0.0, "the error of eq. 4")
     learnt = repetition_errors(robot, (None, K_0), context.seed, context.quick)
     errors = {error.K_0: error for error in learnt}  # by K_0; None: raw
-    prior = live_prior(robot.payload)
+    prior = live_prior(robot.payload)  # for `bayesian` and `force_only`
     runs: dict[str, TaskRun] = {}
     readings: dict[str, VariantReading] = {}
-    torque_rms: dict[str, Array] = {}
+    torque_rms: dict[str, Array] = {}  # (n,) N m by path, of eq. 4 behind K_0
     for k, path in enumerate(PATHS):
         context.progress(0.05 + 0.85 * k / len(PATHS), f"simulating, {path} path")
         moved = scenario_on_path(scenario, robot, *task_path(robot, path))
-        run = run_task(moved, robot, path).between(motion.lead_in)
+        run = run_task(moved, robot, path).between(motion.lead_in)  # two whole cycles
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)
         torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))

@@ -343,7 +343,7 @@ def read_repetition(
     """
     log, step = run.recording, run.recording.time_step
     errors = {reader.error.K_0: reader.error for reader in readers}
-    # By K_0, (T, n) N m over the second cycle.
+    # By K_0, (T, n) N m over the second cycle: the first one's torque is taken off here.
     tau_ext = {K_0: repetition_torque(log, robot, period, K_0) for K_0 in errors}
     torque_sd = {
         K_0: error.sd(log.q, log.v, tau_ext[K_0], period, step) for K_0, error in errors.items()
@@ -364,7 +364,7 @@ def read_repetition(
                 noise_sd = np.broadcast_to(reader.error.noise, tau.shape)
                 of_noise = _reconstructed(reader, J, tau, noise_sd).covariance
                 noise_variance = np.diagonal(of_noise, axis1=1, axis2=2)
-                lag.add(block.wrench, noise_variance, block.covariance)  # widens the covariance
+                lag.add(block.wrench, noise_variance, block.covariance)  # widens it in place
             force[k, rows] = block.wrench[:, 3:]
             sd[k, rows] = np.sqrt(np.diagonal(block.covariance, axis1=1, axis2=2)[:, 3:])
     return [

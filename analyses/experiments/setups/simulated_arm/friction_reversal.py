@@ -100,8 +100,8 @@ def separate_recordings(
     """Separates friction in recordings by pairing passes of opposite direction.
 
     Args:
-        recordings: uniform or not; each is resampled to its median step, to three digits, and
-            low-passed.
+        recordings: uniform or not; each is resampled to its median step (to three digits: a real
+            clock's is .0020001, say) and low-passed.
         model: mass matrix and, for the asymmetric part, gravity.
         cutoff: Hz, of the zero-phase low-pass.
         joints: which joint each recording is for; None: all joints of all recordings.
@@ -126,6 +126,7 @@ def separate_recordings(
         q, v = low_pass(uniform.q), low_pass(uniform.v)
         motion = FilteredMotion(uniform.t, q, v, derivative(v, step), low_pass(tau_J))
         for j in range(robot.num_joints) if joints is None else (joints[k],):
+            # For 1 / cutoff after a turn the low-pass mixes both directions.
             samples = separate(chain, motion, j, rest_speed=REST_SPEED, settle=1.0 / cutoff)
             samples_of_joint[j].append(samples)
     return SeparatedFriction(tuple(_joined(j, parts) for j, parts in enumerate(samples_of_joint)))

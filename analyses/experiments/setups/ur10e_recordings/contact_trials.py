@@ -163,9 +163,9 @@ class Tally:
         """Takes one push; none that begins while the contact before it is not over.
 
         It is found where a contact is detected from its begin to MAX_DELAY after its end. Where the
-        detector says for at least half of the rest of the push that no force at E explains it, the
-        link counts that is named most often in those samples; none, where links are named in half
-        of them or less.
+        detector says for at least half of the rest of the push that no force at E explains it (a
+        misfit), the link counts that is named most often in those samples: right, wrong, or untold
+        where links are named in half of them or less.
 
         Args:
             detection: along its log.
@@ -174,7 +174,7 @@ class Tally:
             link: that it acts on, 1 to n; None: it acts at E, and any link that is named is wrong.
         """
         late = round(MAX_DELAY / time_step)  # samples
-        if detection.contact[max(begin - 1, 0)]:
+        if detection.contact[max(begin - 1, 0)]:  # another contact lasts
             return
         self.contacts += 1
         in_contact = np.flatnonzero(detection.contact[begin : end + late])
@@ -182,7 +182,7 @@ class Tally:
             return
         # The push may have begun up to a sample before the first that shows it.
         self.delays.append((int(in_contact[0]) + 1) * time_step)
-        found_part = slice(begin + int(in_contact[0]), end)
+        found_part = slice(begin + int(in_contact[0]), end)  # empty: found after its end
         misfit = detection.misfit[found_part]
         if len(misfit) and misfit.mean() >= 0.5:
             self.misfits += 1
@@ -266,7 +266,7 @@ def spans_of(v: Array, duration: float, turn: int) -> list[tuple[int, int]]:
 
 
 def samples_of(spans: Sequence[tuple[float, float]], t: Array) -> list[tuple[int, int]]:
-    """First and last sample of spans of time, s, in a log of t (N,) s."""
+    """First sample of spans of time, s, and the one after the last, in a log of t (N,) s."""
     return [(int(np.searchsorted(t, begin)), int(np.searchsorted(t, end))) for begin, end in spans]
 
 

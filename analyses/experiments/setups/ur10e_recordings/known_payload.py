@@ -185,6 +185,10 @@ def read_at_load(
 ) -> AtLoad:
     """Finds the point of action from the first seconds, and reads the later samples there.
 
+    LEARNING_ROWS give the point with the noise's scale, and the prior of `bayesian` (mean and sds);
+    all rows between their ends the zero-mean prior of the other two readings. The rows after them
+    are read, all with the noise of that scale.
+
     Args:
         loaded: the run with the load.
         batch: what the estimator read along it, at E.
@@ -196,8 +200,7 @@ def read_at_load(
         What was read there after LEARNING_TIME, in the order of the samples, and its metrics:
         `bayesian` and `force_only` as found, `bayesian_zero_mean` with a prior about zero.
     """
-    # The point is found from every fifth of the learnt rows, the prior beside it from all.
-    learnt = slice(LEARNING_ROWS.start, LEARNING_ROWS.stop)
+    learnt = slice(LEARNING_ROWS.start, LEARNING_ROWS.stop)  # LEARNING_ROWS has every fifth
     test = slice(LEARNING_ROWS.stop, -LEARNING_ROWS.start)  # the same margin at both ends
     R_WE, _ = robot.chain.pose(loaded.q)
     point = find_point_of_action(

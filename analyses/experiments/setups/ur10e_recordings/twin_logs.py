@@ -58,6 +58,7 @@ def twin_log(
     mechanisms = truth.mechanisms
     if mechanisms is not None:
         robot = robot.with_truth(replace(truth, mechanisms=replace(mechanisms, day=day)))
+    # The payload is in the true arm's inertias alone: the controller has the robot without it.
     carrying = robot if payload is None else robot.with_tool(payload, PoseConfig())
     log = simulate_free_arm(
         robot,
@@ -71,6 +72,7 @@ def twin_log(
     exact = Recording(
         t=recording.t[0] + log.t, q=log.q, v=log.v, current=log.current, source=recording.source
     )
+    # The clock's errors move what is logged at a time, not which rows the log has.
     if mechanisms is not None:
         exact = clocked(exact, mechanisms.clock, seed)
     rows = np.clip(np.rint(t / _SIMULATION_STEP).astype(int), 0, len(log.t) - 1)
