@@ -10,8 +10,9 @@ motions on the way back to the random one are tried until all checks pass.
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -44,8 +45,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# What a trajectory must keep in reserve at the samples, tried in this order.
-# The second goes on where the first ended, the others start from the next best random ones.
+# What a trajectory must keep in reserve at the samples, tried in this order: the second solve goes
+# on where the first ended, the others start from the next best random motions. So the third has the
+# second's reserve, from another start.
 SOLVE_RESERVES = (
     Reserve(slack=0.004, torque_share=0.02),
     Reserve(slack=0.008, torque_share=0.05),
@@ -159,6 +161,13 @@ class _Checked:
     torque: Array
 
 
+class _Candidate(NamedTuple):
+    """A trajectory to check, and the solution that it comes from."""
+
+    solution: ExcitationSolution
+    trajectory: FourierTrajectory
+
+
 def _checked(
     robot: Robot,
     clearance: Clearance,
@@ -214,7 +223,6 @@ def excite(
         slack = clearance.smooth_slack if clearance.has_shapes else None
         return ExcitationProgram(robot.chain, bounds, information, settings, slack, reserve)
 
-    # Random trajectories that keep the limits, the best conditioned first.
     first_program = program(SOLVE_RESERVES[0])
     try:
         starts = _random_starts(first_program, config, progress)
@@ -226,31 +234,24 @@ def excite(
     exact = replace(information, friction_velocity=0.0)
     condition_of_starts = np.array([exact.condition_number(*_period(start)) for start in starts])
     ranked = [starts[i] for i in np.argsort(condition_of_starts, kind="stable")]
-    # Optimised from these, until one keeps all limits between the program's points, too. A program
-    # is built when it is needed.
-    programs = (
-        first_program if k == 0 else program(reserve) for k, reserve in enumerate(SOLVE_RESERVES)
-    )
-    for candidate in _candidates(programs, ranked, config, progress):
-        checked = _checked(
-            robot, clearance, candidate.solution, candidate.trajectory, config.time_step
-        )
-        if checked.is_clear and (checked.torque <= bounds.torque).all():
-            break
-    else:
-        _refuse(checked)
+    # The later programs are built when they are needed: most searches end with the first.
+    programs = chain([first_program], map(program, SOLVE_RESERVES[1:]))
+    candidates = _candidates(programs, ranked, config, progress)
+    checked = _first_within_limits(robot, clearance, bounds, candidates, config.time_step)
+
     trajectory = _with_stops(robot, checked, bounds, config)
-    q, v, vdot = checked.motion
-    undetermined = tuple(exact.undetermined(q, v, vdot, MIN_PIVOT_RATIO))
+    motion = checked.motion  # one period, without the stops
+    undetermined = tuple(exact.undetermined(*motion, MIN_PIVOT_RATIO))
     unweighted = replace(exact, weight=np.ones(robot.num_joints))
     result = ExcitationResult(
         trajectory=trajectory,
-        condition_number=exact.condition_number(q, v, vdot),
-        unweighted_condition_number=unweighted.base_parameters(q, v, vdot).condition_number,
+        condition_number=exact.condition_number(*motion),
+        unweighted_condition_number=unweighted.base_parameters(*motion).condition_number,
         random_condition_numbers=condition_of_starts,
-        num_parameters=len(information.columns),
+        num_parameters=len(exact.columns),
         undetermined=undetermined,
         peak_torque_share=checked.torque / robot.effort_limit,
+        # A part without a shape may be the closest: no distance is stated then.
         closest=None if robot.unusable_collisions else checked.closest,
         status=checked.solution.status,
         evaluations=checked.solution.evaluations,
@@ -262,6 +263,27 @@ def excite(
     )
     progress(1.0, "done")
     return result
+
+
+def _first_within_limits(
+    robot: Robot,
+    clearance: Clearance,
+    bounds: MotionBounds,
+    candidates: Iterable[_Candidate],
+    time_step: float,
+) -> _Checked:
+    """The first candidate, of one or more, that keeps all limits between its samples, too.
+
+    No candidate after it is computed.
+
+    Raises:
+        InputError: none does.
+    """
+    for candidate in candidates:
+        checked = _checked(robot, clearance, candidate.solution, candidate.trajectory, time_step)
+        if checked.is_clear and (checked.torque <= bounds.torque).all():
+            return checked
+    raise _refusal(checked)
 
 
 def _with_stops(
@@ -307,28 +329,22 @@ def _random_starts(
     return starts
 
 
-class _Candidate(NamedTuple):
-    """A trajectory to check, and the solution that it comes from."""
-
-    solution: ExcitationSolution
-    trajectory: FourierTrajectory
-
-
 def _candidates(
     programs: Iterable[ExcitationProgram],
     ranked: Sequence[FourierTrajectory],
     config: ExcitationConfig,
     progress: ProgressCallback,
 ) -> Iterator[_Candidate]:
-    """Motions to check against the limits, in the order of preference, until one is accepted.
+    """Motions to check against the limits, in the order of preference.
 
     First the solver's ends: the second solve goes on from the first one's end, each later one
     starts from the next random motion. Then, for the last solve, motions on the way back from its
-    end to its random motion (RETREAT_SHARES), which is within the limits.
+    end to its random motion (RETREAT_SHARES), which is within the limits at its samples. Each is
+    computed when it is asked for.
 
     Args:
         programs: to solve, one for each of SOLVE_RESERVES; one or more.
-        ranked: random motions within the limits, the best first.
+        ranked: random motions within the limits, the best first; one or more.
         config: iterations and measure.
         progress: called with the share done, from 0.2 to 0.95 here.
     """
@@ -336,12 +352,16 @@ def _candidates(
 
     def report(evaluations: int, cost: float) -> None:
         share = min(1.0, evaluations / expected_evaluations)
+        # The cost of the first measure is the condition number's logarithm.
         value = f"condition number {np.exp(cost):.3g}" if config.measure == MEASURES[0] else ""
         progress(0.2 + 0.75 * share, f"optimising {value}")
 
-    origin = start = ranked[0]  # origin: the random motion that the present solves began with
+    # The random motion from which a solve, and what it went on from, began.
+    origin = start = ranked[0]
     for attempt, program in enumerate(programs):
-        if attempt > 1:  # the second solve goes on; of few motions the last is taken again
+        # Solve 0 begins at motion 0, solve 1 goes on from its end, solve 2 begins at motion 1;
+        # where there are too few motions, the last is taken again.
+        if attempt > 1:
             origin = start = ranked[min(attempt - 1, len(ranked) - 1)]
         solution = program.solve(start, config.iterations, report)
         yield _Candidate(solution, solution.trajectory)
@@ -350,13 +370,13 @@ def _candidates(
         yield _Candidate(solution, _between(origin, solution.trajectory, share))
 
 
-def _refuse(last: _Checked) -> NoReturn:
-    """Raises InputError with the limit that the last trajectory breaks."""
+def _refusal(last: _Checked) -> InputError:
+    """The error of a search without a trajectory, with the limit that the last candidate breaks."""
     limit = "torque"
     if not last.is_clear and last.closest is not None:
         pair = last.closest
         limit = f"clearance: {pair.first} and {pair.second} at {pair.time:.2f} s"
-    raise InputError(
+    return InputError(
         "excite",
         "",
         f"the solver ({last.solution.status}) found no trajectory within the limits ({limit})",
