@@ -18,7 +18,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.layouts.external_torque import JACOBIAN, jacobians
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.recordings.recording_format import TAU_EXT
+from wrenchsight.models.recordings.recording_format import TAU_EXT, Signal
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
 from wrenchsight.models.robot.robot import Robot
@@ -80,20 +80,15 @@ class TorqueLog:
         self._log_format, self._robot, self._check = log_format, robot, check
         self._sensor_columns = reference_columns(reference)
         reader = self.reader()
-        torque = reader.layout.signal(TAU_EXT)
-        self.is_sensed = torque is None
-        if torque is None:  # the torque of the arm's sensors will do, with a robot and positions
-            torque = reader.layout.signal("tau_J")
-            if torque is None or robot is None or reader.layout.signal("q") is None:
-                remedy = f"name its columns tau_ext_1.., or in a description: extra: {TAU_EXT}; or "
-                remedy += "log the torque of its sensors (motor_torque) and q, and name the robot"
-                raise InputError(path, "", "holds no external torque", remedy)
-            robot.require_inertias("estimate --torque external from the torque of sensors")
-            # What holds no gravity is what is left when a controller has taken it: read as it is.
-            self.is_sensed = reader.effort_holds_gravity
+        reported_torque = reader.layout.signal(TAU_EXT)
+        # Else the torque of the arm's sensors will do. Where that holds no gravity, it is what a
+        # controller's own model has left of it: it is read as tau_ext is.
+        torque = self._sensed_torque(reader) if reported_torque is None else reported_torque
+        self.is_sensed = reported_torque is None and reader.effort_holds_gravity
         self.num_joints = len(torque.columns)
         self.exerted_on = torque.exerted_on if sign == "found" else sign
-        # The reader has turned the torque as the log's description states it; -1 undoes that.
+        # The reader has turned the torque onto the robot by the log's own description, `torque`:
+        # where `sign` states the other body, -1 undoes that.
         self._factor = 1.0 if self.exerted_on == torque.exerted_on else -1.0
         self.has_jacobian = reader.layout.signal(JACOBIAN) is not None
         self.has_positions = robot is not None and reader.layout.signal("q") is not None
@@ -108,6 +103,21 @@ class TorqueLog:
                 problem += ", and no robot is named that would give it from the positions"
                 remedy = "name the robot with --robot"
             raise InputError(path, "", problem, f"{remedy}, or log J: see the documentation")
+
+    def _sensed_torque(self, reader: RecordingReader) -> Signal:
+        """The columns of the torque of the arm's sensors, of a log without tau_ext.
+
+        Raises:
+            InputError: it has none, or no robot and positions, without which the torque that the
+                links need is not known.
+        """
+        torque, robot = reader.layout.signal("tau_J"), self._robot
+        if torque is None or robot is None or reader.layout.signal("q") is None:
+            remedy = f"name its columns tau_ext_1.., or in a description: extra: {TAU_EXT}; or "
+            remedy += "log the torque of its sensors (motor_torque) and q, and name the robot"
+            raise InputError(self.path, "", "holds no external torque", remedy)
+        robot.require_inertias("estimate --torque external from the torque of sensors")
+        return torque
 
     def reader(self) -> RecordingReader:
         """Opens the log for one pass."""

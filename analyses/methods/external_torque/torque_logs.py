@@ -234,9 +234,10 @@ def _estimate(
         progress(0.3 + 0.6 * k / len(logs), f"reading {name}")
         suffix = "" if len(logs) == 1 else f"_{name}"  # of the names of its files
         run = _Run(log, name, suffix, config)
-        _read(log, run, reading, robot, out)
+        run.read(reading, robot, out)
         runs.append(run)
-    # The rows beside the sensors are held against these where logs are compared.
+    # First all logs are read: the sensor's mounting is found from all of them. `_compared` then
+    # holds the rows beside the sensors against it, on which `_against_sensor` and `_warnings` rest.
     results, mounting_notices = _compared(runs, config.reference, reading.limits, out)
     against_sensor = _against_sensor(runs, results, config.reference)
     metrics = _metrics(prior, results, against_sensor, config.reference)
@@ -383,26 +384,25 @@ def _prior_and_noise(
         InputError: sds of the torque that are neither one nor one each joint.
     """
     n = logs[0].num_joints
-    stated_sd = np.array(config.torque_sd)  # N m; empty: it is not stated
-    if stated_sd.size not in (0, 1, n):
-        problem = f"has {stated_sd.size} numbers, expected 1 or {n}"
-        raise InputError("estimate", "--torque-sd", problem, "give one for all joints or one each")
+    stated_sd = _stated_torque_sd(config, n)
     reconstruction, rule = config.estimator.reconstruction, "given"
-    stated = stated_prior(config, robot)
-    # Sds in the estimator's own configuration go before the rule of `prior`.
-    if stated is not None and not _states_prior(reconstruction):
-        reconstruction = reconstruction.with_prior(*stated)
+    prior_without_log = stated_prior(config, robot)
+    # Sds in the estimator's own configuration go before the rule of `prior`; where only one of them
+    # stands there, `with_prior` fills in the other alone.
+    if prior_without_log is not None and not _states_prior(reconstruction):
+        reconstruction = reconstruction.with_prior(*prior_without_log)
         rule = config.prior if config.prior in PRIORS else "given"
     warnings: tuple[str, ...] = ()
-    sd = np.broadcast_to(stated_sd, n) if stated_sd.size else None
-    if sd is None and n <= _WRENCH_NUMBERS:
+    if stated_sd is None and n <= _WRENCH_NUMBERS:
         warnings = (
             f"a wrench explains any torque of {n} joints: only changes of posture show the "
             "torque's error; state it with --torque-sd",
         )
-    if sd is None or not _states_prior(reconstruction):
-        evidence = _evidence(logs, sd)
-        sd = np.sqrt(np.diag(evidence.torque_covariance))
+    if stated_sd is not None and _states_prior(reconstruction):
+        sd = stated_sd  # nothing is left to find: no pass over the logs
+    else:
+        evidence = _evidence(logs, stated_sd)
+        sd = np.sqrt(np.diag(evidence.torque_covariance))  # the stated one, if it is
         if not _states_prior(reconstruction):
             rule = "evidence of the log" + ("s" if len(logs) > 1 else "")
             least_force, least_moment = (0.0, 0.0) if robot is None else live_prior(robot.payload)
@@ -410,15 +410,29 @@ def _prior_and_noise(
                 max(evidence.force_sd, FLOOR_SHARE * least_force),
                 max(evidence.moment_sd, FLOOR_SHARE * least_moment),
             )
-    config = replace(
+    config_filled_in = replace(
         config,
         torque="external",
         torque_sd=[float(x) for x in sd],
         estimator=replace(config.estimator, reconstruction=reconstruction),
     )
     force_sd, moment_sd = reconstruction.prior_force_sd, reconstruction.prior_moment_sd
-    assert force_sd is not None and moment_sd is not None
-    return _PriorAndNoise(config, Knowledge(force_sd, moment_sd, np.diag(sd**2)), rule, warnings)
+    assert force_sd is not None and moment_sd is not None  # stated, or found above
+    knowledge = Knowledge(force_sd, moment_sd, np.diag(sd**2))
+    return _PriorAndNoise(config_filled_in, knowledge, rule, warnings)
+
+
+def _stated_torque_sd(config: EstimateConfig, n: int) -> Array | None:
+    """(n,) N m, sd of the torque's error that the configuration states; None: it states none.
+
+    Raises:
+        InputError: it has neither one number nor one each joint.
+    """
+    stated_sd = np.array(config.torque_sd)
+    if stated_sd.size not in (0, 1, n):
+        problem = f"has {stated_sd.size} numbers, expected 1 or {n}"
+        raise InputError("estimate", "--torque-sd", problem, "give one for all joints or one each")
+    return np.broadcast_to(stated_sd, n) if stated_sd.size else None
 
 
 def _states_prior(reconstruction: WrenchReconstructionConfig) -> bool:
@@ -436,19 +450,22 @@ def _evidence(logs: Sequence[TorqueLog], torque_sd: Array | None) -> Knowledge:
 
 
 class _Run:
-    """Readings of one log, as its metrics and comparison need them.
+    """Readings of one log, as its metrics and comparison need them; filled by `read`.
 
     Args:
         suffix: suffix of the names of its files.
+        config: with prior and torque noise; `read` fills in the log's time step.
 
     Attributes:
         table: name of its file.
+        summary: sums over the readings.
+        touches: contacts, their places, and the torque's sign.
         sensor_log, rows: beside the sensor, as averages and row by row; None: no sensor is named.
         notices, warnings: one sentence each.
     """
 
     def __init__(self, log: TorqueLog, name: str, suffix: str, config: EstimateConfig) -> None:
-        self.name, self.suffix, self.config = name, suffix, config
+        self._log, self.name, self.suffix, self.config = log, name, suffix, config
         self.table = f"wrench{suffix}.{config.table}"
         names = [f"joint {j + 1}" for j in range(log.num_joints)]
         self.summary = EstimateSummary(names, Validity())
@@ -458,8 +475,43 @@ class _Run:
         self.notices: tuple[str, ...] = ()
         self.warnings: list[str] = []
 
-    def start(self, chunk: Recording) -> None:
-        """Fills in the time step of the log's first rows."""
+    def read(self, reading: WrenchReconstruction, robot: Robot | None, out: OutputFolder) -> None:
+        """Reads every row of the log, and writes its table, its figure and, if wanted, a bag.
+
+        Args:
+            robot: None: the log's own Jacobian is all there is, and no bag is written.
+        """
+        log, touches, reader = self._log, self.touches, self._log.reader()
+        with ExitStack() as stack:
+            writer = WrenchTableWriter(out / self.table, log.num_joints, self.config.covariance)
+            table = stack.enter_context(writer)
+            bag: WrenchBagWriter | None = None
+            if self.config.mcap:
+                bag = stack.enter_context(_bag(log, out / f"wrench{self.suffix}.mcap", robot))
+            for chunk, J, tau_ext in log.chunks(reader):
+                if not self.summary.count:  # the first rows
+                    self._start(chunk)
+                batch = reading.reconstruct(J, tau_ext)
+                detection, odds, may_be_valid = touches.take(chunk, J, tau_ext)
+                # The reading's own reasons, and two that it does not know of.
+                invalid = marked(batch.invalid, OTHER_LINK, ~may_be_valid)
+                batch = batch._replace(invalid=marked(invalid, SAMPLE_MISSING, chunk.dropout))
+                table.write(_table_rows(chunk, batch, tau_ext, detection))
+                if bag is not None and robot is not None:
+                    _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
+                    bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
+                touches.episodes.add(chunk.t, detection, batch.wrench[:, 3:], batch.valid, odds)
+                self.summary.add(chunk, batch, tau_ext, detection.contact)
+                self._add_beside_sensor(chunk, batch)
+        touches.episodes.finish()  # the last contact may be open at the log's end
+        self.notices = tuple(map(_as_external, reader.notices))  # complete after the last chunk
+        if touches.sign.contradicts:
+            self.warnings.append(touches.sign.sentence(log.path.name, log.exerted_on))
+        reads_moments = self.config.estimator.reconstruction.method != "force_only"
+        out.write_figure(f"wrench{self.suffix}", self.summary.figure(reads_moments))
+
+    def _start(self, chunk: Recording) -> None:
+        """Fills in the time step of the log's first rows, and begins what rests on it."""
         step = float(plausible_step(chunk))
         estimator = self.config.estimator
         observer = replace(estimator.observer, time_step=step)
@@ -467,11 +519,11 @@ class _Run:
         if self.config.reference.columns:
             self.sensor_log, self.rows = SensorLogCollector(step), RowsBesideSensor(_MAX_ROWS)
 
-    def add_beside_sensor(self, log: TorqueLog, chunk: Recording, batch: WrenchEstimate) -> None:
+    def _add_beside_sensor(self, chunk: Recording, batch: WrenchEstimate) -> None:
         """Takes the readings of a chunk beside the sensor's; nothing without a sensor."""
         if self.sensor_log is None or self.rows is None:
             return
-        R_WE, sensor = log.axes(chunk), chunk.extra[REFERENCE]
+        R_WE, sensor = self._log.axes(chunk), chunk.extra[REFERENCE]
         # A log without positions rests, as far as anyone knows.
         v = chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1))
         self.sensor_log.add(
@@ -491,50 +543,6 @@ class _Run:
         """The rows beside the sensor; None where no sensor is named or none is in contact."""
         reading = None if self.rows is None else self.rows.reading
         return reading if reading is not None and reading.loaded.any() else None
-
-
-def _read(
-    log: TorqueLog,
-    run: _Run,
-    reading: WrenchReconstruction,
-    robot: Robot | None,
-    out: OutputFolder,
-) -> None:
-    """Reads every row of a log, and writes its table, its figure and, if wanted, a bag.
-
-    Args:
-        run: of the log; gets its time step, notices and warnings, and its summary, contacts and
-            rows beside the sensor grow.
-        robot: None: the log's own Jacobian is all there is, and no bag is written.
-    """
-    touches, reader, config = run.touches, log.reader(), run.config
-    with ExitStack() as stack:
-        writer = WrenchTableWriter(out / run.table, log.num_joints, config.covariance)
-        table = stack.enter_context(writer)
-        bag: WrenchBagWriter | None = None
-        if config.mcap:
-            bag = stack.enter_context(_bag(log, out / f"wrench{run.suffix}.mcap", robot))
-        for chunk, J, tau_ext in log.chunks(reader):
-            if not run.summary.count:
-                run.start(chunk)
-            batch = reading.reconstruct(J, tau_ext)
-            detection, odds, may_be_valid = touches.take(chunk, J, tau_ext)
-            # The reading's own reasons, and two that it does not know of.
-            invalid = marked(batch.invalid, OTHER_LINK, ~may_be_valid)
-            batch = batch._replace(invalid=marked(invalid, SAMPLE_MISSING, chunk.dropout))
-            table.write(_table_rows(chunk, batch, tau_ext, detection))
-            if bag is not None and robot is not None:
-                _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
-                bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
-            touches.episodes.add(chunk.t, detection, batch.wrench[:, 3:], batch.valid, odds)
-            run.summary.add(chunk, batch, tau_ext, detection.contact)
-            run.add_beside_sensor(log, chunk, batch)
-    touches.episodes.finish()
-    run.notices = tuple(map(_as_external, reader.notices))
-    if touches.sign.contradicts:
-        run.warnings.append(touches.sign.sentence(log.path.name, log.exerted_on))
-    reads_moments = config.estimator.reconstruction.method != "force_only"
-    out.write_figure(f"wrench{run.suffix}", run.summary.figure(reads_moments))
 
 
 def _bag(log: TorqueLog, path: Path, robot: Robot | None) -> WrenchBagWriter:
@@ -576,30 +584,23 @@ def _compared(
 ) -> tuple[list[TorqueLogResult], tuple[str, ...]]:
     """Each log's result, compared with its sensor, and notices about the mounting.
 
-    The sensor is mounted alike in all logs; either all of them have it, or none.
+    The sensor is mounted alike in all logs; either all of them have it, or none. Each run's rows
+    beside the sensor are held against it here.
 
     Args:
         limits: those of a valid reading, for sentences.
     """
-    sensor_logs: list[SensorLog] = []  # of each run, in their order; none without a sensor
-    for run in runs:
-        if run.sensor_log is None:  # then no run has one
-            continue
-        sensor_log = run.sensor_log.log()
-        if sensor_log is None:
-            problem = f"{run.name} is shorter than {BLOCK_TIME:g} s: too short to compare with"
-            raise InputError("estimate", "--reference", problem, "record a longer log")
-        sensor_logs.append(sensor_log)
+    sensor_logs = [_sensor_log(run) for run in runs]
+    present_logs = [sensor_log for sensor_log in sensor_logs if sensor_log is not None]
     mounting: Mounting | None = None
     notices: tuple[str, ...] = ()
-    if sensor_logs:
-        mounting, notices = find_mounting(joined_logs(sensor_logs), reference)
+    if present_logs:
+        mounting, notices = find_mounting(joined_logs(present_logs), reference)
     results = []
-    for k, run in enumerate(runs):
+    for run, sensor_log in zip(runs, sensor_logs, strict=True):
         metrics = _log_metrics(run)
         comparison = None
-        if mounting is not None:
-            sensor_log = sensor_logs[k]
+        if sensor_log is not None and mounting is not None:
             log_mounting = mounting
             if reference.tare == "start":  # each log has a tare of its own
                 tare = tare_of(sensor_log.t, sensor_log.sensor, reference)
@@ -622,6 +623,21 @@ def _compared(
             )
         )
     return results, notices
+
+
+def _sensor_log(run: _Run) -> SensorLog | None:
+    """A log beside its sensor, as averages; None: no sensor is named.
+
+    Raises:
+        InputError: the log is too short for an average.
+    """
+    if run.sensor_log is None:
+        return None
+    sensor_log = run.sensor_log.log()
+    if sensor_log is None:
+        problem = f"{run.name} is shorter than {BLOCK_TIME:g} s: too short to compare with"
+        raise InputError("estimate", "--reference", problem, "record a longer log")
+    return sensor_log
 
 
 def _log_metrics(run: _Run) -> dict[str, Any]:
