@@ -84,8 +84,11 @@ def column_words_layout(
     assignments = []
     for key, signal in series.items():
         # A share of a rated value is read as a current of an unknown scale: of which value, the
-        # hypotheses find and the user must say.
+        # hypotheses find and the user must say. A torque in such shares says nothing more where
+        # there are currents.
         is_share = signal.unit in (PER_CENT, PER_MILLE)
+        if is_share and key == "motor_torque" and "current" in series:
+            continue
         columns = by_number(signal.columns, "" if is_share else signal.unit)
         setattr(form, "current" if is_share else key, columns)
         used_columns |= set(signal.columns)

@@ -125,3 +125,12 @@ def test_units_in_a_line_below_the_header(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.q, _Q, atol=1e-12)
     assert log.row is not None
     assert log.row[0] == 3  # lines as a person counts them
+
+
+def test_a_torque_in_per_cent_does_not_take_the_place_of_currents(tmp_path: Path) -> None:
+    header = ["t", *_joints("Position A{j} [rad]"), *_joints("Current A{j} [A]")]
+    header += _joints("Torque A{j} [%]")
+    path = _csv(tmp_path, header, [_T, *_Q.T, *_I.T, *(50.0 * _I).T])
+    recording = read_recording(path, check=False)
+    np.testing.assert_array_equal(recording.current, _I)
+    assert any("left out: Torque A1 [%]" in notice for notice in recording.notices)
