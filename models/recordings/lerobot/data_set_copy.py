@@ -172,7 +172,7 @@ def _write_data(data_set: DataSet, source: Path, target: Path, features: list[Ne
                 begin = 0
                 with pq.ParquetWriter(target, schema, compression="snappy") as writer:
                     for group in range(file.num_row_groups):
-                        table = file.read_row_group(group)
+                        table = _row_group(file, source, group)
                         rows = slice(begin, begin + table.num_rows)
                         for name, values in columns.items():
                             kind = schema.field(name).type
@@ -180,8 +180,24 @@ def _write_data(data_set: DataSet, source: Path, target: Path, features: list[Ne
                         writer.write_table(table.select(schema.names).cast(schema))
                         begin += table.num_rows
     except (pa.ArrowException, OSError) as error:
-        problem = f"is damaged ({error})"
-        raise InputError(source, "", problem, "copy the data set again") from error
+        raise _damaged(source, error) from error
+
+
+def _row_group(file: pq.ParquetFile, source: Path, group: int) -> pa.Table:
+    """Rows of a file; what is wrong with them is named here, as no fault of what is written.
+
+    Raises:
+        InputError: they are damaged.
+    """
+    try:
+        return file.read_row_group(group)
+    except (pa.ArrowException, OSError) as error:
+        raise _damaged(source, error) from error
+
+
+def _damaged(source: Path, error: Exception) -> InputError:
+    """The error of a file of the data set that cannot be read."""
+    return InputError(source, "", f"is damaged ({error})", "copy the data set again")
 
 
 def _file_column(feature: NewFeature, episodes: list[Episode], num_rows: int) -> NDArray[Any]:
@@ -309,5 +325,4 @@ def _write_episodes(source: Path, target: Path, features: list[NewFeature]) -> N
             target.parent.mkdir(parents=True, exist_ok=True)
             pq.write_table(table, target, compression="snappy")
     except (pa.ArrowException, OSError, KeyError) as error:
-        problem = f"is damaged ({error})"
-        raise InputError(source, "", problem, "copy the data set again") from error
+        raise _damaged(source, error) from error

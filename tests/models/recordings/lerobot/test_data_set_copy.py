@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from lerobot_data_sets import write_data_set
 
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.lerobot.data_set import Episode, load_data_set
 from wrenchsight.models.recordings.lerobot.data_set_copy import NewFeature, write_copy
 from wrenchsight.models.recordings.parquet_table import ParquetTable
@@ -145,3 +146,13 @@ def test_a_copy_of_a_copy_replaces_the_features(root: Path, features: list[NewFe
     assert names.count("observation.wrench.1") == 1
     column = names.index("observation.wrench.1")
     np.testing.assert_array_equal(values[:, column], doubled[1][:, 0])
+
+
+def test_damaged_frames_are_no_fault_of_the_copy(root: Path, features: list[NewFeature]) -> None:
+    data_set = load_data_set(root)
+    file = data_set.episodes[0].file
+    content = bytearray(file.read_bytes())
+    content[4:84] = bytes([255] * 80)  # the first page's head; the description at the end stays
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=f"{file.name}: is damaged"):
+        write_copy(data_set, root.parent / "copy", features)
