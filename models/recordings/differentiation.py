@@ -40,6 +40,8 @@ def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
     half_window: int | None = None  # samples on either side of the middle; None: not known yet
     buffer: Recording | None = None  # samples that lack later ones, and the window before them
     num_yielded = 0  # samples at the buffer's begin that were yielded: kept for later windows
+    # `_velocities` takes shorter windows near the buffer's ends. Of these only the log's own ends
+    # are yielded: at the begin of a later buffer they were before, at its end they wait.
     for chunk in chunks:
         buffer = chunk if buffer is None else concatenated([buffer, chunk])
         if half_window is None:
@@ -48,7 +50,7 @@ def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
             time_step = max(buffer.time_step, _MIN_TIME_STEP)
             half_window = max(_LEAST_HALF_WINDOW, round(HALF_WINDOW_S / time_step))
         end = buffer.num_samples - half_window  # of the samples whose window is complete
-        if end <= max(num_yielded, half_window):
+        if end <= max(num_yielded, half_window):  # none that is new, or none at all
             continue
         v = _velocities(buffer, half_window)
         yield replace(buffer[num_yielded:end], v=v[num_yielded:end])

@@ -55,8 +55,9 @@ class MatTable(NpzTable):
     def _array_shapes(self) -> dict[str, tuple[int, ...]]:
         """Reads the variables that have as many rows as most have; returns their shapes by name.
 
-        The longer side of a variable counts as its rows. `_variables` holds them, samples in rows;
-        where all are fields of one structure, under their names without it.
+        The constructor calls it. The longer side of a variable counts as its rows. `_arrays` holds
+        them for `_loaded`, samples in rows; where all are fields of one structure, under their
+        names without it.
 
         Raises:
             InputError: no MATLAB file of a version that is read, or none with arrays of numbers.
@@ -83,11 +84,11 @@ class MatTable(NpzTable):
         structure = next(iter(series)).partition(".")[0] + "."
         if all(name.startswith(structure) for name in series):  # one structure is the log
             series = {name.removeprefix(structure): x for name, x in series.items()}
-        self._variables = {name: _in_rows(x, count) for name, x in series.items()}
-        return {name: x.shape for name, x in self._variables.items()}
+        self._arrays = {name: _in_rows(x, count) for name, x in series.items()}
+        return {name: x.shape for name, x in self._arrays.items()}
 
     def _loaded(self, names: list[str]) -> dict[str, NDArray[Any]]:
-        return {name: self._variables[name].reshape(self.num_rows, -1) for name in names}
+        return {name: self._arrays[name].reshape(self.num_rows, -1) for name in names}
 
     def _damaged(self, error: BaseException) -> InputError:
         problem = f"is no MATLAB file, or a damaged one ({str(error)[:200]})"

@@ -84,8 +84,9 @@ class ParquetTable:
         file = self._opened()
         try:
             schema = file.schema_arrow
-            self.num_rows = file.metadata.num_rows
+            self.num_rows = file.metadata.num_rows  # below, of `part` alone
             self._types = dict(zip(schema.names, schema.types, strict=True))
+            # Refused where they are read (`_check_type`), as are columns that hold no numbers.
             self._repeated = {name for name in schema.names if schema.names.count(name) > 1}
             # A column of the file holds numbers, or lists of one length: its width. The table has a
             # column for each entry of the lists, and `_places` where it is in the file.
@@ -183,13 +184,15 @@ class ParquetTable:
             self._check_type(column)
         first, last = rows_within(self.path, rows, self.num_rows, "rows")
         file = self._opened()
-        begin = 1 - self._begin  # number, in this table, of the next batch's first row
+        # Number, in this table, of the next batch's first row: 0 or less before the table's part of
+        # the file. Batches are those of the row groups from the one of `first` on.
+        begin = 1 - self._begin
         try:
             groups, skipped = self._groups(file, first)
             begin += skipped
             names = list(dict.fromkeys(self._places[column].name for column in columns))
             for batch in file.iter_batches(_BATCH_ROWS, groups, columns=names):
-                end = begin + batch.num_rows
+                end = begin + batch.num_rows  # of the row behind the batch
                 self.progress = min(max(0.0, (end - 1) / self.num_rows), 1.0)
                 if begin > last:
                     break

@@ -454,9 +454,9 @@ class _LogColumns:
             scale = -scale
         shape = self._shape(entry, num_columns, place)
         if name == "t":
-            shape = ()  # time is one number, also of two columns
+            shape = ()  # time is one number, also of two columns, which the reader adds up
             self._check_time(entry, num_columns, place)
-            if num_columns == 2:  # seconds and nanoseconds
+            if num_columns == 2:  # seconds and nanoseconds, which have no unit or gain of their own
                 scale[1] = 1e-9
         signal = Signal(
             name=name,

@@ -366,15 +366,13 @@ class RecordingReader:
         if checks is not None and not self._is_described:
             self._refuse_raw_words()
         num_samples = 0
-        last: Recording | None = None
-        for chunk in self._read_motion():
-            if last is None and chunk.num_samples > 1:
-                plausible_step(chunk)
+        for chunk in self._read_motion():  # none of its chunks is empty
+            if num_samples == 0 and chunk.num_samples > 1:
+                plausible_step(chunk)  # raises where time is in another unit
             if checks is not None:
                 complete_samples = _without_gaps(chunk)
                 if complete_samples.num_samples:
                     checks.feed(complete_samples)
-            last = chunk[-1:]
             num_samples += chunk.num_samples
             yield chunk
         if num_samples < MIN_SAMPLES:
@@ -420,13 +418,14 @@ class RecordingReader:
         optional = {
             c for signal in self.layout.signals if signal.may_be_empty for c in signal.columns
         }
-        is_mandatory = np.array([column not in optional for column in used_columns])
+        is_mandatory = np.array([column not in optional for column in used_columns])  # (k,)
         position = self.layout.signal("q")
         self._num_missing = 0
         self._stamps = StampFilter()
         is_wrapped = position is not None and position.wrap != ""
         self._angles = Unwrapper(self._robot, is_wrapped)
-        # The table refuses a row without its time; what else is missing is dealt with here.
+        # The table refuses a row without its time. What else is missing is dealt with here: a
+        # sample that lacks a mandatory number is left out, of others the number stays NaN.
         may_be_empty = {*used_columns} - {*time_columns}
         for values, rows in self.table.blocks(used_columns, self._rows, may_be_empty):
             is_missing = np.isnan(values) & is_mandatory
@@ -558,9 +557,11 @@ class RecordingReader:
         container = container_of(path)
         if description is not None:
             form, form_path = load_format(description)
+            # A described file of an unknown ending is one of text.
             table = (container or TEXT).open(path, form)
             if form.rate_hz:
-                # The time is one more column, behind those of the log.
+                # The time is one more column, behind those of the log; the description is changed
+                # to one of that table. (A num_columns of 0 states none.)
                 time = by_number([table.num_columns])
                 num_columns = form.num_columns + 1 if form.num_columns else 0
                 table = RatedTable(table, form.rate_hz)
@@ -601,6 +602,7 @@ class RecordingReader:
         layout = self._recognised_layout(table)
         if layout is not None:
             form = self._in_requested_angle(self._adopt(layout))
+            # A text log without a header was opened as if its first row were one.
             return _OpenedLog(form, str(path), table if form.header else container.open(path, form))
         if table.names is None:
             problem = f"holds {table.num_columns} numbers and no names"

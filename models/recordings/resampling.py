@@ -178,6 +178,8 @@ class _Grid:
             InputError: far more points than samples.
         """
         h = self._step
+        # Up to where a grid point counts as a sample's or before it: a point at a sample's time,
+        # but for rounding, has the weight 1 or a little more, which `_between` takes as 1.
         bounds = part.t + TIME_TOLERANCE * h
         last_point = int(np.floor((bounds[-1] - self._origin) / h)) + 1
         num_points = last_point - self._next_point

@@ -55,7 +55,7 @@ class StampFilter:
         if self._history is None and (part.t == 0.0).all():
             self._pending = part
             return part[:0]
-        is_unset = self._unset(part.t)
+        is_unset = self._unset(part.t)  # which also depends on the history
         self.num_unset += int(is_unset.sum())
         stamped = part[~is_unset] if is_unset.any() else part
         if not stamped.num_samples:
@@ -72,7 +72,7 @@ class StampFilter:
         latest = np.maximum.accumulate(with_history.t)
         late = 1 + np.flatnonzero(with_history.t[1:] <= latest[:-1])
         signals = _signals(with_history)
-        for k in late[late >= begin].tolist():
+        for k in late[late >= begin].tolist():  # in their order: a repeat repeats one that is kept
             if not self._is_repeat(with_history, signals, is_kept, k):
                 raise _stamp_error(with_history, signals, k)
             is_kept[k] = False

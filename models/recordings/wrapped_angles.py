@@ -47,6 +47,7 @@ class Unwrapper:
             return chunk
         if self._offset is None or self.turns is None:
             self._offset, self.turns = np.zeros(n), np.zeros(n, np.int64)
+        # `_last` and jumps are of the raw angles; `_offset` is what a sample gains, rad.
         if not np.isfinite(chunk.q).all():  # samples that lack a position end a stretch
             self._last = None
             return replace(chunk, q=chunk.q + self._offset) if self._offset.any() else chunk

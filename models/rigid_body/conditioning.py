@@ -188,6 +188,7 @@ def _squared_singular_values(J: Array, squares: Array) -> None:
             for m in range(_NUM_LANES):
                 squares[first + m, i] = a[m]
     if grouped < J.shape[0]:
+        # The rows that `_orthogonalise` turns, as above: the first `count` of six.
         work = np.empty((6, length))
         for m in range(grouped, J.shape[0]):
             _orthogonalise(J[m], work)

@@ -193,7 +193,8 @@ class SerialChain:
         if not plant.is_finalized():
             raise InputError(name, "", "its plant is not finalized", "call Finalize() first")
         tree = _Tree(plant, model_instance, frame_E, standing)
-        chain = tree.moving_joints()  # base to tool
+        # Base to tool. First of all: it settles which joints move for what the tree says later.
+        chain = tree.moving_joints()
         position = {joint.index(): i for i, joint in enumerate(chain)}  # place on the chain
         reflected_inertia = np.zeros(len(chain))
         for actuator_index in plant.GetJointActuatorIndices():
@@ -201,7 +202,8 @@ class SerialChain:
             if actuator.joint().index() in position:
                 i = position[actuator.joint().index()]
                 reflected_inertia[i] = actuator.default_reflected_inertia()
-        # In the joint frame before, or W: what carries the joint's own frame on its parent.
+        # In the frame of the joint before, or W: `anchor` gives the joint that carries a frame, and
+        # the frame's pose in that one's.
         poses = [tree.anchor(joint.frame_on_parent())[1] for joint in chain]
         axes = [
             joint.revolute_axis() if isinstance(joint, RevoluteJoint) else joint.translation_axis()
@@ -476,7 +478,7 @@ class _Tree:
             body = self._plant.get_body(BodyIndex(index))
             inertia = body.default_spatial_inertia()
             joint, X = self.anchor(body.body_frame())
-            if joint is None:
+            if joint is None:  # fixed to the world
                 continue
             if joint.index() not in position:
                 carrier: Joint | None = joint  # the joint of the chain that carries it, if any

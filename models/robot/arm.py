@@ -100,7 +100,8 @@ class Arm(ABC):
         self.velocity_limit = frozen([joint.velocity for joint in limits])
         self.position_lower = frozen([joint.lower for joint in limits])
         self.position_upper = frozen([joint.upper for joint in limits])
-        # Of the kind of arm, whose own constructor has not run yet but for what this line needs.
+        # By the kind of arm. Its own constructor sets what its `_effort_limit` reads before it
+        # calls this one, and all else after.
         self.effort_limit = frozen(
             [self._effort_limit(d, j) for d, j in zip(ordered, limits, strict=True)]
         )

@@ -104,7 +104,9 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     has_shapes = root.find("worldbody//geom") is not None
     name = root.get("model") or path.stem
     root.set("model", name)
-    efforts = effort_limits(root)  # Drake's own are not those of MuJoCo
+    # Before `root` is changed for Drake, whose own efforts are not those of MuJoCo: it refuses
+    # bodies without mass, and knows no folder of a file that it is given as a text.
+    efforts = effort_limits(root)
     _give_mass(root)
     _find_files(root, path.parent)
     builder = DiagramBuilder()
@@ -118,7 +120,7 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
         _drop_meshes(root)
         plant, scene_graph = MultibodyPlant(0.0), None
         instance = _instance_of(Parser(plant), root)
-    robot, frames = _urdf_of_plant(plant, instance, name, efforts)
+    robot, frames = _urdf_of_plant(plant, instance, name, efforts)  # frames: X_LB by body
     for link in robot.findall("link"):
         body_name = link.get("name", "")
         if body_name not in frames:
@@ -254,6 +256,9 @@ def _frame(frame: Any) -> RigidTransform:
 
 def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: float) -> None:
     """Appends a joint of Drake's to the <robot> as URDF states it.
+
+    Its frame F on the parent is the child link's, with the joint at zero; that of a weld lies
+    where the weld holds it. Angles that the file has rounded are written as the exact ones.
 
     Args:
         X_LP: the parent body's frame in the parent link's.

@@ -44,7 +44,7 @@ def unit_doubts(robot: Robot, postures: Array) -> tuple[str, ...]:
         if unit != "metres":
             scaled = reach * _LENGTHS[unit]
             sentence += f"; in {unit} it would be {scaled:.2g} m"
-            if reach > _MAX_REACH:
+            if reach > _MAX_REACH:  # refused, since another unit explains it; else doubted alone
                 remedy = f"multiply all lengths of the file by {_LENGTHS[unit]:g}: a URDF has m"
                 raise InputError(robot.config.urdf, "", sentence, remedy)
         doubts.append(f"{sentence}: check the units of the file")

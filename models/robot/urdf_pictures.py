@@ -35,7 +35,7 @@ def drop_pictures(
     Returns:
         Sentences on the dropped shapes.
     """
-    dropped: dict[tuple[str, str], int] = {}
+    dropped: dict[tuple[str, str], int] = {}  # number of shapes by their kind and the reason
     for name, link in links.items():
         for kind in ("visual", "collision"):
             for element in link.findall(kind):
@@ -44,6 +44,8 @@ def drop_pictures(
                     continue
                 link.remove(element)
                 if kind == "collision":
+                    # None where no hull can be made: it is dropped, for a reason that says more
+                    # where the file is missing.
                     mesh, missing = _mesh_for_hull(element, urdf)
                     collisions.add(name, element, mesh, missing or reason)
                     if mesh is not None:

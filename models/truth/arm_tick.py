@@ -290,7 +290,8 @@ def arm_motion(
 
     Of the wrench on the robot at E, in W, rotation first: `wrench` is script and process, `applied`
     that with the tool's unbalance, `sensed` what the force/torque sensor reads; `torque` is what
-    `wrench` puts on the joints, J^T F.
+    `wrench` puts on the joints, J^T F. The process's part and `sensed` come from the state: the
+    tick before has left them there.
 
     Args:
         constants: of the true arm.
@@ -303,7 +304,7 @@ def arm_motion(
     arm = arm_state(state.copy(), layout, n)  # a copy: the Context's array cannot be written to
     plain(sample.q)[:] = x[:n]  # `all_terms` reads them
     plain(sample.v)[:] = x[n:]
-    all_terms(constants.chain, motion, constants.scratch)
+    all_terms(constants.chain, motion, constants.scratch)  # writes M, J, R_WE and the others
     tick = _tick_number(t, layout.time_step)
     encoders = EncoderSample(constants.on_motor, constants.seed, tick)
     q_read, v_read = plain(sample.q_read), plain(sample.v_read)
@@ -344,9 +345,10 @@ def arm_drives(
             joints' state at the tick's end.
     """
     n, time_step = constants.joints.shape[0], constants.layout.time_step
+    # Views of a copy of the state, and of `drives`, which is written through them.
     arm, out = arm_state(state.copy(), constants.layout, n), drive_parts(drives, n)
     tick, noise = _tick_number(t, time_step), np.empty(2 * n)
-    gaussian_noise(constants.seed, tick, noise)
+    gaussian_noise(constants.seed, tick, noise)  # all of it for the joints
     # Where motors are coupled, the joints' tick takes currents joint by joint, and gives them so:
     # `motors` holds the (n, n) matrices of currents from motors to joints and back.
     joint_command = command.copy()
@@ -359,7 +361,8 @@ def arm_drives(
     motor_current = out.signals[MOTOR_CURRENT]
     if constants.motors.shape[0] > 0:
         mixed_currents(constants.motors[1], motor_current.copy(), motor_current)
-    # What the drives report: the true current, or as their sensors measure it.
+    # What the drives report: the true current, or as their sensors measure it (`arm_memory` keeps
+    # the lagged one). The joints have read their noise: its memory serves again.
     if constants.current.shape[0] == 0:
         out.current[:] = motor_current
     else:

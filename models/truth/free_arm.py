@@ -153,6 +153,7 @@ def simulate_free_arm(
     state = joints.initial_state()
     if start_rise is not None:
         state[RISE] = start_rise
+    # The links, so that the encoders read the trajectory's start: `_run` changes all of these.
     memory = _Memory(
         joints=state,
         q=np.array(joints.links_at(trajectory.q[0], chain), float),
@@ -162,8 +163,8 @@ def simulate_free_arm(
     )
     times = trajectory.t[0] + time_step * np.arange(ticks)
     log = _Rows(
-        logged=np.empty((4, rows, n)),
-        truth_rows=np.empty((4, rows if whole else 0, n)),
+        logged=np.empty((_NUM_LOGGED, rows, n)),
+        truth_rows=np.empty((_NUM_TRUTHS, rows if whole else 0, n)),
         wrenches=np.zeros((rows, 6)),
     )
     arm = _Arm(
@@ -262,7 +263,7 @@ class _Memory(NamedTuple):
     """What a tick hands on to the next one; changed in place.
 
     Attributes:
-        joints: (SLIPS + 3 K, n), the state of `joint_tick`.
+        joints: (FIRST_SLIP + 3 K, n), the state of `joint_tick`.
         q, v: (n,) rad, rad/s, of the links.
         integral: (n,) rad s, of the controller.
         lagged: (n,) A, of the current sensor.
@@ -275,17 +276,17 @@ class _Memory(NamedTuple):
     lagged: Array
 
 
-_Q, _V, _CURRENT, _TAU_F = range(4)
-_Q_TRUE, _V_TRUE, _TAU_J_TRUE, _RISE_TRUE = range(4)
+_Q, _V, _CURRENT, _TAU_F, _NUM_LOGGED = range(5)
+_Q_TRUE, _V_TRUE, _TAU_J_TRUE, _RISE_TRUE, _NUM_TRUTHS = range(5)
 
 
 class _Rows(NamedTuple):
     """The rows of a log.
 
     Attributes:
-        logged: (4, rows, n) q, v, current and tau_f_true of FreeLog, by _Q to _TAU_F.
-        truth_rows: (4, rows, n) q_true, v_true, tau_J_true and rise, by _Q_TRUE to _RISE_TRUE;
-            perhaps without rows.
+        logged: (_NUM_LOGGED, rows, n) q, v, current and tau_f_true of FreeLog, by _Q to _TAU_F.
+        truth_rows: (_NUM_TRUTHS, rows, n) q_true, v_true, tau_J_true and rise, by _Q_TRUE to
+            _RISE_TRUE; perhaps without rows.
         wrenches: (rows, 6).
     """
 
@@ -323,6 +324,9 @@ def _run(
 ) -> None:
     """Ticks as many times as `reference` has rows, and writes the log's rows that fall in them.
 
+    All of a tick acts from its beginning: q, v, integral and the joints' state are changed last,
+    once everything has read them. Only the current sensor goes first: it reads the tick's current.
+
     Args:
         arm: constants of the true arm; it is logged at every `every`-th tick.
         control: constants of the controller and of the current sensor.
@@ -334,8 +338,8 @@ def _run(
     time_step, seed, state = arm.time_step, arm.seed, memory.joints
     q, v, lagged = memory.q, memory.v, memory.lagged
     n = q.shape[0]
-    # The terms of the truth are at the memory's own q and v, those of the controller at its
-    # readings: `dynamics_terms` finds them where they have moved to.
+    # `dynamics_terms` reads q and v of the bodies it is given, and writes their terms. Those of the
+    # truth are the memory's own arrays, which `_step` moves on; the controller's are its readings.
     dynamics = JointDynamics(M=np.empty((n, n)), Cv=np.empty(n), G=np.empty(n), q=q, v=v)
     q_read, v_read, tau = np.empty(n), np.empty(n), np.empty(n)
     model_dynamics = JointDynamics(
@@ -345,7 +349,7 @@ def _run(
     wander_noise = np.empty(2 * n)
     command, noise, current = np.empty(n), np.empty(n), np.empty(n)
     tau_ext, net_torque = np.zeros(n), np.empty(n)
-    wrench = np.zeros(6)
+    wrench = np.zeros(6)  # as tau_ext, zero without a script
     signals, next_state = np.empty((SIGNALS, n)), np.empty_like(state)
     motor_current = signals[MOTOR_CURRENT]  # a view, which `joint_tick` writes
     for k in range(reference.rows.shape[0]):
@@ -362,8 +366,8 @@ def _run(
         dynamics_terms(control.model, model_dynamics, scratch)
         tracking_torque(control.law, model_dynamics, reference_row, memory.integral, tau)
         for i in range(n):
-            command[i] = tau[i] / control.gain[i]
-        # Motors, gears and friction.
+            command[i] = tau[i] / control.gain[i]  # A, joint by joint, as `joint_tick` takes it
+        # Motors, gears and friction. Writes `next_state` and `signals`.
         gaussian_noise(seed + WANDER_STREAM, tick, wander_noise)
         joint_tick(
             arm.table,
@@ -372,7 +376,7 @@ def _run(
             JointInputs(command=command, tau_ext=tau_ext, noise=wander_noise),
             JointMemory(state=state, next_state=next_state, signals=signals),
         )
-        if arm.motors.shape[0] > 0:
+        if arm.motors.shape[0] > 0:  # coupled: the currents joint by joint become the motors'
             mixed_currents(arm.motors[1], motor_current.copy(), motor_current)
         # What is measured of the current, and logged at every few ticks.
         update_lag(control.bandwidth, time_step, motor_current, lagged)
@@ -382,7 +386,8 @@ def _run(
             report_current(control.noise_sd, control.resolution, motor_current, noise, current)
             measured = _Measured(q=q_read, v=v_read, current=current, wrench=wrench)
             _log_row(log, tick // arm.every, measured, memory, signals)
-        # The motion over the tick, by the torque that acts at its start.
+        # The motion over the tick, by the torque that acts at its start. `_step` leaves a factor in
+        # M, which the next tick's terms replace.
         advance_integral(control.law, q_read, reference_row, tau, memory.integral)
         for i in range(n):
             torque = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i]

@@ -212,7 +212,8 @@ def joint_tick(
     Each joint's drive gives a torque, its friction is made of slip elements and dampers, and what
     depends on position is added (`balance`); all joints' velocities at the tick's end then follow
     together, and with them friction, its heat, and the gears' deflection. The equations are in the
-    module's docstring.
+    module's docstring. Each helper writes its own rows of signals and next state; together they
+    write all.
 
     Args:
         table: (n, FIRST_ELEMENT + 3 K + 3 H), see the columns above; H stands in NUM_HARMONICS.
@@ -244,14 +245,14 @@ def joint_tick(
             - links.Cv[i]
             - links.G[i]
             - position_torque
-            - balance.damper[i] * state[RATE, i]
+            - balance.damper[i] * state[RATE, i]  # the damper follows the motor: v + d'
         )
     velocity_after(links.M, time_step, links.v, balance)  # writes balance.end_velocity
     for i in range(n):
-        dissipative = _friction_after(i, balance, memory)
+        dissipative = _friction_after(i, balance, memory)  # adds to TAU_F, writes TRANSMITTED
         motor_velocity = balance.end_velocity[i] + state[RATE, i]
         _set_rise(i, table, time_step, dissipative * motor_velocity, memory)
-        _set_deflection(i, table, time_step, links.G[i], memory)
+        _set_deflection(i, table, time_step, links.G[i], memory)  # by the new TRANSMITTED
         memory.next_state[EXTERNAL, i] = inputs.tau_ext[i]
 
 
@@ -330,16 +331,16 @@ def _set_elements(
 ) -> float:
     """Writes joint i's slip elements; returns the damper of grease, N m s/rad.
 
-    An element k is a spring that slides at its share of the dry friction. Its torque at the
-    period's end, with the velocity v+ there, is spring + stiffness v+, within low and high. Where
-    dry friction is a function of velocity, as in grease (TRANSITION > 0), it is the returned
-    damper, and no element has a share.
+    An element k is a spring that slides at its share of the dry friction. Its torque at the tick's
+    end, with the velocity v+ there, is spring + stiffness v+, within low and high; its stiffness
+    here is that over a tick, k_k h. Where dry friction is a function of velocity, as in grease
+    (TRANSITION > 0), it is the returned damper, and no element has a share.
 
     Args:
         i: index of the joint.
         table: (n, columns), one row a joint; elements begin at FIRST_ELEMENT, ELEMENT_COLUMNS each.
         time_step: s.
-        v: rad/s of the joint.
+        v: rad/s, of the link at the tick's beginning, by which the last tick moved its spring.
         limits: of its dry friction, N m.
         state: rows of the joints' memory, read.
         elements: (K, n) each, column i written.
@@ -355,7 +356,7 @@ def _set_elements(
         stiffness = table[i, column + ELEMENT_STIFFNESS] * time_step
         decay = table[i, column + ELEMENT_DECAY]
         spring = decay * spring_torque(table, time_step, state, i, k, v)
-        if decay > 0.0:  # 0: of a damper, which follows the link alone
+        if decay > 0.0:  # it follows the motor, v+ + d'; 0: a damper, which follows the link alone
             spring += stiffness * state[RATE, i]
         elements.stiffness[k, i], elements.spring[k, i] = stiffness, spring
         elements.low[k, i] = -weight * limits.backwards

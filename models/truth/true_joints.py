@@ -363,19 +363,22 @@ def _pack_elements(table: Array, slip: SlipConfig, reader: "_Reader", time_step:
         reach = displacement * slip.spread[k]
         is_rigid = reach == 0.0
         level = weight[k] * table[:, COULOMB]
-        stiffness = np.where(
+        stiffness = np.where(  # N m/rad
             is_rigid, RIGID_DAMPER / time_step, level / np.where(is_rigid, 1.0, reach)
         )
         # A damper would follow the link and turn round whenever a push bends the gear. Before a
-        # gear an element is a spring, as stiff as the tick bears.
+        # gear an element is a spring, as stiff as the tick bears: a torque of 1 N m bends the gear
+        # by (w h)^2 / stiffness in a tick (w = FREQUENCY), and the spring's torque over that way
+        # must stay below a share of it, or the two would swing.
         is_bent = is_rigid & (table[:, COMPLIANCE] > 0.0)
-        bending = (time_step * table[:, FREQUENCY]) ** 2 * table[:, COMPLIANCE]
+        bending = (time_step * table[:, FREQUENCY]) ** 2 * table[:, COMPLIANCE]  # rad per N m
         bearable = _MAX_DEFLECTION_SHARE * weight[k] / np.where(is_bent, bending, 1.0)
         stiffness = np.where(is_bent, np.minimum(stiffness, bearable), stiffness)
         element = table[:, FIRST_ELEMENT + ELEMENT_COLUMNS * k :]
         element[:, ELEMENT_WEIGHT] = weight[k]
         element[:, ELEMENT_STIFFNESS] = np.maximum(stiffness, _MIN_STIFFNESS / time_step)
         decay = math.exp(-time_step / slip.creep_time[k])
+        # A damper, and only that, has a decay of 0: its torque is that of this tick alone.
         element[:, ELEMENT_DECAY] = np.where(is_rigid & ~is_bent, 0.0, decay)
 
 

@@ -254,13 +254,14 @@ class World:
     ) -> MechanismsConfig:
         """The scenario's mechanisms, each number scaled by the world's draw of its name.
 
-        Mechanisms that the scenario lacks stay off (None). A few numbers are drawn as they are
-        instead of scaled (`drawn_or`: the draw, or the scenario's where none is drawn).
+        Mechanisms that the scenario lacks stay off (None), and fields that no line names stay as
+        they are. A few numbers are drawn as they are instead of scaled (`drawn_or`: the draw, or
+        the scenario's where none is drawn), the torque constants one for each joint (PER_JOINT).
 
         Args:
             about: mechanisms of the scenario.
-            scaled: the world's draws: scaled(name, values) multiplies a list, joint by joint, by
-                the factors of that name.
+            scaled: the world's draws: scaled(name, values) multiplies a list, all of it by the one
+                factor of that name.
             num_joints: n.
         """
 
@@ -271,7 +272,7 @@ class World:
             return replace(config, **{name: change(config) for name, change in changes.items()})
 
         def times(name: str, key: str) -> Callable[[Any], list[float]]:
-            """A change that multiplies the field `key` by the factors drawn for `name`."""
+            """A change that multiplies the list `key` by the factor drawn for `name`."""
             return lambda config: scaled(name, getattr(config, key))
 
         return replace(
@@ -331,7 +332,10 @@ class World:
 
 
 class _Scaled:
-    """Lists of numbers times a world's factors."""
+    """The draws of a world, but those of PER_JOINT: one number for all joints.
+
+    Called with a name and a list it returns the list times the factor of that name.
+    """
 
     def __init__(self, factors: dict[str, tuple[float, ...]]) -> None:
         self._factors = factors

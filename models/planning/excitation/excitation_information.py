@@ -119,7 +119,9 @@ class ExcitationInformation:
         In the two measures (see the module's docstring) W are the columns of the weighted regressor
         (N n, 14 n) that determine the base parameters, A = W D^-1 the same scaled to length 1, and
         lambda, V the eigenvalues and eigenvectors of A^T A. `by_X` is the gradient by X. A motion
-        that leaves something undetermined has a large cost, not an infinite one.
+        that leaves something undetermined has a large cost, not an infinite one: lengths and
+        eigenvalues are bounded below. The gradient is that without the bounds, so that it leads
+        away from such a motion.
         """
         n, b = self.chain.num_joints, len(self.columns)
         W = self.regressor(q, v, vdot)[:, self.columns]
@@ -142,7 +144,7 @@ class ExcitationInformation:
             by_W = -(A @ ((V / eigenvalues) @ V.T)) / lengths / b
         by_regressor = np.zeros((len(q), n, 14 * n))  # by the regressor without the weights
         by_regressor.reshape(-1, 14 * n)[:, self.columns] = by_W
-        by_regressor *= self.weight[:, None]
+        by_regressor *= self.weight[:, None]  # joint by joint, as `regressor` does
         by_q, by_v, by_vdot = self._pull_back(by_regressor, q, v, vdot)
         return float(value), by_q, by_v, by_vdot
 

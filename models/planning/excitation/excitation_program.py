@@ -56,7 +56,7 @@ _SNOPT_OPTIONS = {
 _MOST_POSTURES = 2000  # that random motions are drawn about
 UNSTATED_SPEED = 3.0  # rad/s (m/s), of a joint whose URDF states no speed limit
 MAX_SPEED = 30.0  # rad/s (m/s); a limit beyond is a placeholder, and counts as not stated
-_SLIDE_MARGIN = 0.1  # of the travel of a sliding joint, most that is kept from its ends
+_SLIDE_MARGIN = 0.1  # of a sliding joint's travel, at most, at each end: a short one keeps some way
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +73,9 @@ class MotionBounds:
     def of_robot(cls, robot: Robot, limits: ExcitationLimits) -> "MotionBounds":
         """Joint limits of a robot, reduced as `limits` says.
 
-        Positions keep `position_margin` (rad or m) from both ends; speed and torque are held to the
-        shares `velocity_share` and `torque_share` of the robot's; `acceleration` is one number for
-        all joints, or one each.
+        Positions keep `position_margin` (rad or m) from both ends, sliding joints no more than
+        _SLIDE_MARGIN of their travel; speed and torque are held to the shares `velocity_share` and
+        `torque_share` of the robot's; `acceleration` is one number for all joints, or one each.
 
         Raises:
             InputError: a limit that leaves no motion, or lists of a wrong length.
@@ -249,7 +249,7 @@ class ExcitationProgram:
         Raises:
             NoTrajectoryError: none was found; the line names the limit that most draws broke.
         """
-        num_broken = {"torque": 0, "clearance": 0}
+        num_broken = {"torque": 0, "clearance": 0}  # draws by the limit that they broke when small
         num_tried = 0
         for _ in range(_MOST_POSTURES):
             if num_tried == 2 * num_draws:
@@ -262,10 +262,10 @@ class ExcitationProgram:
                 continue
             num_tried += 1
             for _ in range(_MAX_SIZES_PATIENT if is_patient else _MAX_SIZES):
-                broken_limit = self._broken(x)
+                broken_limit = self._broken(x)  # the first that it breaks; "": none
                 if not broken_limit:
                     return self._trajectory(x)
-                x[:, 1:] *= _SHRINK_FACTOR
+                x[:, 1:] *= _SHRINK_FACTOR  # about the same centre
             num_broken[broken_limit] += 1
         worst = max(num_broken, key=lambda name: num_broken[name])
         raise NoTrajectoryError(worst, num_tried)
@@ -320,7 +320,7 @@ class ExcitationProgram:
             The motion at which SNOPT ended, converged or not (`status`); the start, where it
             returned none. The limits are not checked here.
         """
-        self._on_evaluation, self._evaluations = watch, 0
+        self._on_evaluation, self._evaluations = watch, 0  # `_cost` calls and counts
         settings = SolverOptions()
         solver = SnoptSolver()
         for name, value in {
@@ -329,6 +329,7 @@ class ExcitationProgram:
             **_SNOPT_OPTIONS,
         }.items():
             settings.SetOption(solver.solver_id(), name, value)
+        # As all that solver and program tell each other: the last bit must not decide the end.
         guess = np.round(self._coefficients(start), _MOTION_DECIMALS)
         self.program.SetInitialGuess(self._x, guess)
         result = solver.Solve(self.program, None, settings)
@@ -370,7 +371,11 @@ class ExcitationProgram:
         harmonic k as k times its amplitude. The two equalities are those of a motion that begins
         without velocity and acceleration. `_basis` times a joint's variables is its position,
         velocity and acceleration at the samples; where these keep to `share` of a limit, the motion
-        between them keeps to the limit. Torques are in shares of their limits.
+        between them keeps to the limit.
+
+        `differentiable` turns a function that returns values and their gradients by all variables
+        into what Drake calls: `_torque` (joint by joint at one sample after another, in shares of
+        the limits), `_slacks` (a posture each) and `_cost` (one value).
         """
         program, x, H = self.program, self._x, self.num_harmonics
         bounds, share = self.bounds, self._share_at_samples
@@ -400,7 +405,7 @@ class ExcitationProgram:
             no_bound = np.full(num_slacks, np.inf)
             program.AddConstraint(differentiable(self._slacks), least_slack, no_bound, all_x)
         cost = differentiable(self._cost)
-        program.AddCost(lambda x: cost(x)[0], vars=all_x)
+        program.AddCost(lambda x: cost(x)[0], vars=all_x)  # a cost is a number, not an array
 
     def _cost(self, x: Array) -> tuple[Array, Array]:
         motion = self._motion(x, slice(None))

@@ -93,7 +93,7 @@ def all_branches(
         turns_of: (n,) flags of the joints of which an angle and the same a full turn further on are
             two solutions where both lie within the limits. Of the other joints (None: of all) only
             the one nearest to the middle of the limits is a solution; of two at half a turn from
-            it the upper.
+            it the upper. (A search leaves an angle where it has found it, within the limits.)
         seeds: (S, n) or (N, S, n) starting points for an arm that is not solved in closed form, NaN
             in rows that hold none (they start at home); None: a fixed set.
 
@@ -113,7 +113,7 @@ def all_branches(
         q = _nearest_to_middle(robot, q)
         errors = approach(robot.chain, R[pose_of], p[pose_of], q, _POLISH_SETTINGS)
         q = _nearest_to_middle(robot, q)  # an angle half a turn from it may have passed it
-    else:
+    else:  # each start leads to one solution or none, within the limits
         starts = np.array(_starts(robot) if seeds is None else seeds, float)
         starts = np.broadcast_to(starts, (len(p), *starts.shape[-2:]))
         pose_of = np.repeat(np.arange(len(p)), starts.shape[1])

@@ -37,9 +37,9 @@ def narrowed_limits(
             problem = f"{robot.name} has no joint of this name"
             remedy = "copy the task's file and name this robot's joints there: "
             raise InputError(source, key, problem, remedy + ", ".join(robot.joint_names))
-        if len(limits) != 2 or not limits[0] < limits[1]:
-            raise InputError(source, key, f"{list(limits)}, expected [lower, upper] in deg")
         j = robot.joint_names.index(joint)
-        unit = 1.0 if robot.chain.prismatic[j] else math.pi / 180.0
-        lower[j], upper[j] = max(lower[j], unit * limits[0]), min(upper[j], unit * limits[1])
+        unit, factor = ("m", 1.0) if robot.chain.prismatic[j] else ("deg", math.pi / 180.0)
+        if len(limits) != 2 or not limits[0] < limits[1]:
+            raise InputError(source, key, f"{list(limits)}, expected [lower, upper] in {unit}")
+        lower[j], upper[j] = max(lower[j], factor * limits[0]), min(upper[j], factor * limits[1])
     return lower, upper

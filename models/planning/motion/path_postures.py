@@ -57,13 +57,15 @@ def track_paths(
     q[:, k // 2] = q_mid  # of an odd k replaced below
     # Even k: from the middle point outwards. Odd: the first point is half a step away.
     for side in (range(k // 2 + 1, k + 1), range((k + 1) // 2 - 1, -1, -1)):
+        # Postures (N, n) at the last two points of a side; `step_ratio` is the length of the next
+        # step by that of the last, 0 before the first.
         last_but_one, previous, step_ratio = q_mid, q_mid, 0.0
         for i in side:
-            rows = np.flatnonzero(is_reached)
+            rows = np.flatnonzero(is_reached)  # of the paths that go on, on this side or the other
             # The joints continue their last step.
             q_point = previous[rows] + step_ratio * (previous[rows] - last_but_one[rows])
             goal = p_WM[rows] + (i / k - 0.5) * path_length * n_W[rows]
-            errors = approach(chain, R_WE[rows], goal, q_point, _NEXT_POINT)
+            errors = approach(chain, R_WE[rows], goal, q_point, _NEXT_POINT)  # moves q_point
             step = np.abs(q_point - previous[rows])
             is_reached[rows] = (errors < _POSE_TOLERANCE) & np.all(step <= max_joint_step, axis=1)
             last_but_one, previous = previous, previous.copy()

@@ -96,7 +96,12 @@ def best_postures(
         else:
             rows = np.flatnonzero(np.isfinite(search.best))
             tilts, angles = _around(
-                search.tilt[rows], search.turn[rows], tilt_step, turn_step, cone.angle, turns
+                search.tilt[rows],
+                search.turn[rows],
+                size=tilt_step,
+                turn_size=turn_step,
+                limit=cone.angle,
+                turns=turns,
             )
             tilt_step, turn_step = 0.5 * tilt_step, 0.5 * turn_step
         per_block = max(1, _BLOCK_POSES // tilts.shape[1])
@@ -158,14 +163,16 @@ class _Search:
         postures = postures.reshape(len(rows), -1, self._robot.num_joints)
         if values.shape[1] == 0:
             return
-        best = self.best[rows]
+        best = self.best[rows]  # NaN where there is none yet
         self._is_reached[rows] |= np.isfinite(values).any(axis=1)
         if self._is_free is not None:
-            # Writes inf for those that hit something: they are reached, but not chosen.
+            # Writes inf for those that hit something: they are reached, but not chosen. Those that
+            # are no better than `best` are not looked at.
             _pass_over_hits(values, postures, best, self._is_free)
         choice = first_of_least(values)
         indices = np.arange(len(rows))
         lowest = values[indices, choice]
+        # By more than rounding: a later round must not change a point for nothing.
         is_better = lowest < np.where(np.isnan(best), np.inf, best * (1.0 - TIE_TOLERANCE))
         target, source = rows[is_better], indices[is_better]
         num_branches = values.shape[1] // num_tries
@@ -225,7 +232,14 @@ def _cap(count: int, angle: float) -> Array:
 def _around(
     tilt: Array, turn: Array, size: float, turn_size: float, limit: float, turns: int
 ) -> tuple[Array, Array]:
-    """Tilts (M, D, 2) and turns (M, D) near those given, the tilts within the cone."""
+    """Tilts (M, D, 2) and turns (M, D) near those given, the tilts within the cone.
+
+    Args:
+        tilt, turn: (M, 2) and (M,) rad, of which the tilt changes alone, then the turn alone.
+        size, turn_size: rad, of a change of the tilt, and twice that of the turn.
+        limit: rad, of the cone.
+        turns: number of turns that are tried; with one the turn stays.
+    """
     azimuth = np.arange(_NUM_REFINED_DIRECTIONS) * 2.0 * math.pi / _NUM_REFINED_DIRECTIONS
     offsets = size * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     tilts = tilt[:, np.newaxis] + offsets

@@ -295,7 +295,8 @@ def local_descent(problem: RedundancyProblem, q_start: Array, num_inner: int = 5
             raise InputError(
                 problem.path.source,
                 f"sample {i}",
-                "the local method cannot go on there without passing a joint limit",
+                "the local method cannot go on there without passing a joint limit or "
+                "max_joint_step",
             )
         q_last = _descend(problem, q_here[0], i, low, high, num_inner)
         q[i] = q_last
@@ -358,7 +359,7 @@ class _Quadratic:
     """
 
     def __init__(self, problem: RedundancyProblem, q: Array) -> None:
-        """Expands the objective about q (N, n)."""
+        """Expands the objective about q (N, n), which keeps to the task."""
         N, n = q.shape
         basis = null_space(task(problem, q)[1])  # (N, n, m) of each sample, m = n - 5
         m = basis.shape[2]
@@ -378,8 +379,9 @@ class _Quadratic:
         positive_values = np.clip(np.abs(values), _MIN_CURVATURE / N, None)
         curvature = (vectors * positive_values[:, np.newaxis]) @ np.swapaxes(vectors, 1, 2)
 
+        # With the cost of the steps, weight / 2 |dq|^2, these make Q and b of the class.
         self._problem, self._q, self._basis = problem, q, basis
-        # From z, sample after sample, to q (N n, N m) and to the steps of q ((N - 1) n, N m).
+        # From z, sample after sample, to dq (N n, N m) and to changes of steps ((N - 1) n, N m).
         blocks = scipy.sparse.block_diag(list(basis), format="csr")
         identity = scipy.sparse.eye(n)
         change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(N - 1, N))
@@ -406,7 +408,8 @@ class _Quadratic:
         z = program.NewContinuousVariables(len(self._b))
         program.AddQuadraticCost(self._Q, self._b, z, is_convex=True)
         program.AddBoundingBoxConstraint(-radius, radius, z)
-        # How far the trust region lets a joint move (bases are orthonormal), and a step change.
+        # How far the trust region lets a joint move at most (bases are orthonormal, so that |dq| is
+        # |z|), and a step change.
         reach = radius * math.sqrt(self._basis.shape[2])
         step_reach = 2.0 * reach
         steps = np.diff(q, axis=0)
@@ -431,6 +434,7 @@ class _Quadratic:
         solution = np.asarray(result.GetSolution(z), dtype=np.float64)
         predicted = -float(solution @ (0.5 * self._Q @ solution + self._b))
         q_step = (self._to_q @ solution).reshape(q.shape)
+        # The merit of `refine` counts the cost and, with a penalty, what is beyond the bounds.
         violation_drop = problem.violation(q) - problem.violation(q + q_step)
         return q_step, predicted + _VIOLATION_PENALTY * max(0.0, violation_drop)
 
@@ -490,7 +494,8 @@ def _cheapest(
     is_free = _turns_freely(problem.robot)
     if not is_closed_form(problem.robot):
         is_free = np.zeros(n, dtype=np.bool_)
-    # The tool turns from one sample to the next no further than all joints together.
+    # Only angles that a step can reach are compared: the tool turns from one sample to the next no
+    # further than all joints together, and psi is counted from a frame that turns with the normal.
     normals = problem.path.n_W
     largest_turn = float(np.sum(problem.max_step[~problem.robot.chain.prismatic]))
     largest_turn += float(
@@ -604,12 +609,12 @@ def _advance(
             # grid, which goes round), on any branch c.
             for d in range(-window, window + 1):
                 if K - window <= window and d + window >= K:
-                    break  # all the way round already
+                    break  # of a window of half the grid: the last angle is the first again
                 previous_angle = (k + d) % K
                 for c in range(B):
                     previous_value = value[previous_angle, c]
                     if not previous_value < best:
-                        continue
+                        continue  # a step costs nothing at the least; inf: no way leads there
                     squares = 0.0
                     for j in range(n):
                         step = q_now[k, b, j] - q_previous[previous_angle, c, j]

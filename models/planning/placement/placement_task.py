@@ -256,7 +256,7 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
         if not all(math.isfinite(value) for value in values):
             raise InputError(source, key, f"{values} is not finite")
 
-    check_numbers(task, str(source))
+    check_numbers(task, str(source))  # each number alone; below, their ranges and lengths
     if not 0.0 < task.path_length < math.inf:
         raise InputError(source, "path_length", f"{task.path_length:g}, expected m above 0")
     if not 2 <= task.num_segments <= _MAX_SEGMENTS:
@@ -291,7 +291,7 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
         if not 0.0 <= task.tool_tilt_deg <= 180.0:
             raise InputError(source, "tool_tilt_deg", f"{task.tool_tilt_deg:g}, expected 0 to 180")
     _check_path_angle(task, source, expect)
-    _check_directions(task, source)
+    _check_directions(task, source)  # of directions and angles that are checked by now
     if task.initial is not None:
         expect(task.initial.direction, 3, "initial.direction")
         expect(task.initial.midpoint, 3, "initial.midpoint")

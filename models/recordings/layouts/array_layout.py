@@ -91,11 +91,12 @@ def array_layout(
         return None
     num_joints = len(arrays[position])
     order = _order(names, arrays, num_joints, path, row_words, joint_names, words)
-    for key, array in array_of.items():
+    for key, array in array_of.items():  # no array has two keys: their words differ
         if array is not None and len(arrays[array]) == num_joints:
             columns = arrays.pop(array)  # what is left is no signal of the joints
             setattr(form, key, by_number([columns[j] for j in order.indices]))
             assignments.append(f"{array} as {key.replace('_', ' ')}")
+    # Not what `rostopic echo -p` writes beside the joints' arrays (field.header.seq and the like).
     joint_name_arrays = [name for name in arrays if _last_word(name) in _NAMES]
     form.extra = {
         re.sub(r"\W", "_", name).strip("_"): by_number(columns)

@@ -73,6 +73,8 @@ def column_words_layout(
     named = {column_name(name).quantity for name in names} - {""}  # quantities that some name has
     has_drives = not series.keys().isdisjoint(("current", "motor_torque"))
     if not named <= series.keys():
+        # Refused, unless plain names (q1..) stand among them: then the plain header's own error
+        # says what is wrong.
         _refuse_doubtful_series(names, named - series.keys(), path)
         return None
     if not ("position" in series and has_drives):

@@ -56,7 +56,9 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
     missing += [f"{x}{j}" for x in signals for j in range(1, n + 1) if j not in numbers[x]]
     for name, entries in header.extra.items():
         missing += [f"{name}.{k}" for k in range(1, max(entries) + 1) if k not in entries]
-    # Only beside a whole set, with v too, is an unknown name no misspelt signal.
+    # What is wrong, the most telling error first: an unknown name may be a signal that is missing
+    # (only beside a whole set, with v too, is it no misspelt one), and a joint too many matters
+    # only where none is missing.
     is_complete = not missing and bool(numbers["v"])
     if header.others and not is_complete:
         if not any(numbers.values()):

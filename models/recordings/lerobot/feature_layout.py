@@ -94,7 +94,7 @@ def feature_layout(
         quantity: _joints_of(
             [entry for entry in entries if entry.quantity == quantity], joint_names
         )
-        for quantity in ("position", "velocity", "motor_torque", "current")
+        for quantity in ("position", "velocity", "motor_torque", "current")  # torque first
     }
     positions = joints["position"]
     if not positions.entries:
@@ -162,16 +162,16 @@ def _entries(data_set: DataSet, columns: Sequence[str]) -> list[_Entry]:
     Args:
         columns: names of the table's columns: FEATURE, or FEATURE.1..FEATURE.k.
     """
-    column_numbers = {name: k for k, name in enumerate(columns)}
+    place_of = {name: k for k, name in enumerate(columns)}
     entries: list[_Entry] = []
     for feature in data_set.features.values():
         feature_words = _words(feature.name)
         if not feature.is_number or _NO_JOINT_FEATURE.intersection(feature_words):
             continue
         group = feature.name if feature.size > 1 else _SINGLE_NUMBERS
-        for k in range(min(feature.size, len(columns))):
+        for k in range(min(feature.size, len(columns))):  # a damaged size may be anything
             column_name = feature.name if feature.size == 1 else f"{feature.name}.{k + 1}"
-            if column_name not in column_numbers:
+            if column_name not in place_of:
                 continue
             entry_words = _words(feature.names[k]) if feature.names else []
             if _NO_JOINT_ENTRY.intersection(entry_words):
@@ -184,9 +184,17 @@ def _entries(data_set: DataSet, columns: Sequence[str]) -> list[_Entry]:
             if other_words and set(other_words) <= _POSE:
                 continue
             joint = "_".join(word for word in other_words if word not in _FILLERS)
-            column = column_numbers[column_name]
-            is_effort = not _EFFORT_WORDS.isdisjoint((*feature_words, *entry_words))
-            entries.append(_Entry(quantity, joint, group, column, feature.name, k, is_effort))
+            entries.append(
+                _Entry(
+                    quantity=quantity,
+                    joint=joint,
+                    group=group,
+                    column=place_of[column_name],
+                    feature=feature.name,
+                    index=k,
+                    is_effort=not _EFFORT_WORDS.isdisjoint((*feature_words, *entry_words)),
+                )
+            )
     return entries
 
 
@@ -250,7 +258,7 @@ def _angle_unit(
     """Unit of the positions of revolute joints, and notices of how it was decided.
 
     Beyond _LARGEST_RAD they are no radians; up to _MAX_NORMALISED they may be degrees or LeRobot's
-    -100..100.
+    -100..100. Their size is that of the data set's statistics; without these they are radians.
 
     Args:
         joints: entries of the positions.
@@ -266,9 +274,9 @@ def _angle_unit(
         return angle, [f"positions are read in {angle}{sliding}, as --log-format says"]
     largest = 0.0
     for joint, slides in zip(joints, is_prismatic, strict=False):
-        limits = data_set.largest(joint.feature)
-        if limits is not None and not slides:
-            largest = max(largest, float(limits[joint.index]))
+        magnitudes = data_set.largest(joint.feature)  # of all entries of the feature
+        if magnitudes is not None and not slides:
+            largest = max(largest, float(magnitudes[joint.index]))
     if largest <= _LARGEST_RAD:
         return "rad", []
     if largest > _MAX_NORMALISED:

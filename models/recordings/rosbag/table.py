@@ -217,11 +217,13 @@ class RosbagTable:
             for connection in bag.reader.connections:
                 kinds.add(connection.msgtype)
                 topic = connection.topic
-                is_readable = connection.msgtype in KINDS and connection.msgcount > 0
-                if is_readable and topic in self._topics:
-                    self._counts[topic] += connection.msgcount
-                if not is_readable or topic in self._topics:
+                if connection.msgtype not in KINDS or connection.msgcount == 0:
                     continue
+                if topic in self._topics:  # a further publisher of ROS 1
+                    self._counts[topic] += connection.msgcount
+                    continue
+                # What all of its publishers sent first tells its numbers: those that are not NaN in
+                # any of these messages become columns.
                 same = _connections(bag, topic, connection.msgtype)
                 probe = [data for *_, data in islice(bag.reader.messages(same), _PROBED_MESSAGES)]
                 messages = Messages(connection.msgtype, bag.deserialize, probe)
@@ -367,9 +369,9 @@ class _InterpolatedTopic:
                 self._values = numbers
             else:
                 self._values = np.concatenate([self._values, numbers])
-            if not np.isfinite(self._step) and len(self._t) > 1:
+            if not np.isfinite(self._step) and len(self._t) > 1:  # by the first messages, for good
                 self._step = float(np.median(np.diff(self._t)))
-        assert self._values is not None
+        assert self._values is not None  # a topic that has columns has messages
         if len(self._t) < 2:
             return np.full((len(t), self._values.shape[1]), np.nan)
         right = np.clip(np.searchsorted(self._t, t, side="left"), 1, len(self._t) - 1)
