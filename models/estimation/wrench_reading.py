@@ -36,7 +36,7 @@ from wrenchsight.models.estimation.wrench_kernels import (
     HAS_FULL_RANK,
     STICTION_FORCE,
 )
-from wrenchsight.models.estimation.wrench_methods import TorqueSamples, WrenchLog, reconstruct_log
+from wrenchsight.models.estimation.wrench_methods import TorqueSamples, reconstruct_log
 from wrenchsight.models.identification.torque_error_model import (
     TAU_J_ROW,
     TRANSMITTED_ROW,
@@ -45,17 +45,17 @@ from wrenchsight.models.identification.torque_error_model import (
     TorqueErrorModel,
     torque_at_unseen_rest,
 )
-from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
+from wrenchsight.models.numerics.arrays import Array, Flags, Record, contiguous, record_of
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.observers.explained_torque import (
     ONSET_SDS,
-    ExplainedConstants,
     explained_constants,
     is_explained,
     unexplained_log,
 )
 from wrenchsight.models.observers.fault_signature import (
     FaultConstants,
+    FaultNumbers,
     FaultState,
     fault_constants,
     initial_fault_state,
@@ -112,42 +112,23 @@ class ReadingSamples(NamedTuple):
     covariance: Array | None = None
 
 
-class JudgementConstants(NamedTuple):
+class JudgementNumbers(NamedTuple):
     """What `judge_rows` compares readings with.
 
     Attributes:
         max_force_sd, max_stiction_force: N, of a valid reading.
+        period: s between samples.
+        max_unexplained: bound of D, `ExplainedConstants.bound_squared`.
         lag: of `lag_settings`.
-        explained: of `explained_constants`.
         faults: of `fault_constants`.
     """
 
     max_force_sd: float
     max_stiction_force: float
+    period: float
+    max_unexplained: float
     lag: LagSettings
-    explained: ExplainedConstants
-    faults: FaultConstants
-
-
-class JudgedSamples(NamedTuple):
-    """What `judge_rows` knows of N samples beside their readings.
-
-    Attributes:
-        tau_ext, sd: (N, n) N m, the sd with what grows with the torque that is read.
-        unexplained: (N,) of `unexplained_log`, how far tau_ext is from that of any wrench at E.
-        tau_J: (N, n) N m, motor torque of the sample before.
-        q, v, is_fresh, is_corrected, fault: as ReadingSamples.
-    """
-
-    tau_ext: Array
-    sd: Array
-    unexplained: Array
-    tau_J: Array
-    q: Array
-    v: Array
-    is_fresh: Flags
-    is_corrected: Flags
-    fault: Codes
+    faults: FaultNumbers
 
 
 class WrenchReading:
@@ -203,12 +184,15 @@ class WrenchReading:
         torque_of_motors = np.eye(n) if torques is None else torques
         self.faults = fault_constants(torque_of_motors, judged_K_0, time_step, is_learnt)
         limits = self.reconstruction.limits
-        self._judgement = JudgementConstants(
-            max_force_sd=limits.max_force_sd,
-            max_stiction_force=limits.max_stiction_force,
-            lag=self.lag,
-            explained=self.explained,
-            faults=self.faults,
+        self._judgement = record_of(
+            JudgementNumbers(
+                max_force_sd=limits.max_force_sd,
+                max_stiction_force=limits.max_stiction_force,
+                period=self.explained.period,
+                max_unexplained=self.explained.bound_squared,
+                lag=self.lag,
+                faults=self.faults.numbers,
+            )
         )
 
     @classmethod
@@ -309,19 +293,24 @@ class WrenchReading:
         if samples.wrench is not None and samples.covariance is not None:
             reading = reading._replace(wrench=samples.wrench, covariance=samples.covariance)
         invalid = np.empty(len(tau_ext), np.int64)
-        judged = JudgedSamples(
-            tau_ext=tau_ext,
-            sd=sd,
-            unexplained=unexplained_log(self.explained, error.J_seen, tau_ext, sd),
-            tau_J=np.ascontiguousarray(error.rows[:, TAU_J_ROW]),
-            q=samples.q,
-            v=samples.v,
-            is_fresh=samples.is_fresh,
-            is_corrected=samples.is_corrected,
-            fault=samples.fault,
-        )
         # Writes `invalid`, and adds lag and scale to the covariance.
-        judge_rows(self._judgement, state, judged, reading, invalid)
+        judge_rows(
+            self._judgement,
+            self.faults.poles,
+            self.faults.lines,
+            *state,
+            tau_ext,
+            sd,
+            unexplained_log(self.explained, error.J_seen, tau_ext, sd),
+            np.ascontiguousarray(error.rows[:, TAU_J_ROW]),
+            samples.q,
+            samples.v,
+            samples.is_fresh,
+            samples.is_corrected,
+            samples.fault,
+            *reading,
+            invalid,
+        )
         return WrenchEstimate(
             wrench=reading.wrench,
             covariance=reading.covariance,
@@ -402,58 +391,78 @@ def load_sd_rows(read_load: float, sd: Array, tau_ext: Array, with_load: Array) 
 
 @kernel
 def judge_rows(
-    constants: JudgementConstants,
-    state: ReadingState,
-    samples: JudgedSamples,
-    reading: WrenchLog,
+    constants: Record,
+    poles: Array,
+    lines: Array,
+    lag: Array,
+    unexplained_time: Array,
+    means: Array,
+    torques: Array,
+    tau_ext: Array,
+    sd: Array,
+    unexplained: Array,
+    tau_J: Array,
+    q: Array,
+    v: Array,
+    is_fresh: Flags,
+    is_corrected: Flags,
+    fault: Codes,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
     invalid: InvalidCodes,
 ) -> None:
     """Says of N readings why they are not valid, and adds lag and scale to their covariances.
 
     Args:
-        constants: of WrenchReading.
-        state: of the sample before; changed to that after the last sample.
-        samples: N of them, in the order of their times.
-        reading: of these samples; its covariance is changed.
+        constants: of JudgementNumbers.
+        poles, lines: of FaultConstants.
+        lag, unexplained_time, means, torques: ReadingState of the sample before; changed to that
+            after the last sample.
+        tau_ext, sd: (N, n) N m, the sd with what grows with the torque that is read. Row by row in
+            the order of their times, like all that follows.
+        unexplained: (N,) of `unexplained_log`, how far tau_ext is from that of any wrench at E.
+        tau_J: (N, n) N m, motor torque of the sample before.
+        q, v, is_fresh, is_corrected, fault: as ReadingSamples.
+        wrench, covariance, quality: the readings, as WrenchLog; the covariance is changed.
         invalid: (N,) written: the reasons, a sum; 0 of a valid reading.
     """
-    lag, wrench, quality = state.lag, reading.wrench, reading.quality
-    fault_memory = FaultState(state.means, state.torques)
+    numbers = constants[0]
+    signature = FaultConstants(numbers.faults, poles, lines)
+    fault_memory = FaultState(means, torques)
     lateness = np.empty(6)  # work space of `lag_tick`
     for k in range(wrench.shape[0]):
-        tau_J = samples.tau_J[k]
-        is_fresh, is_corrected = samples.is_fresh[k], samples.is_corrected[k]
         # At the first sample, when no wrench has been low-passed (lag is NaN), no torque comes
         # before it, and none is missing.
-        lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J.sum())
-        lacks_motion = not np.isfinite(samples.q[k].sum() + samples.v[k].sum())
-        is_at_E, state.unexplained_time[0] = is_explained(
-            constants.explained, state.unexplained_time[0], samples.unexplained[k]
+        lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J[k].sum())
+        lacks_motion = not np.isfinite(q[k].sum() + v[k].sum())
+        is_at_E, unexplained_time[0] = is_explained(
+            numbers.period, numbers.max_unexplained, unexplained_time[0], unexplained[k]
         )
         is_sound = is_believed(
-            constants.faults,
+            signature,
             fault_memory,
-            samples.tau_ext[k],
-            samples.sd[k],
-            tau_J,
-            samples.unexplained[k],
-            is_fresh and is_corrected,
-            samples.fault[k] & BEYOND_LIMITS != 0,
+            tau_ext[k],
+            sd[k],
+            tau_J[k],
+            unexplained[k],
+            is_fresh[k] and is_corrected[k],
+            fault[k] & BEYOND_LIMITS != 0,
         )
         # Adds lag and scale to the covariance; the low-pass is that of the samples before.
-        keeps_pace = lag_tick(constants.lag, lag, wrench[k], reading.covariance[k], lateness)
+        keeps_pace = lag_tick(numbers.lag, lag, wrench[k], covariance[k], lateness)
         invalid[k] = invalid_reasons(
             Findings(
-                is_fresh=is_fresh,
+                is_fresh=is_fresh[k],
                 is_missing=lacks_torque or lacks_motion,
-                fault=samples.fault[k],
-                is_corrected=is_corrected,
+                fault=fault[k],
+                is_corrected=is_corrected[k],
                 has_reading=not np.isnan(quality[k, FORCE_SD]),
                 has_full_rank=quality[k, HAS_FULL_RANK] == 1.0,
                 force_sd=quality[k, FORCE_SD],
                 stiction_force=quality[k, STICTION_FORCE],
-                max_force_sd=constants.max_force_sd,
-                max_stiction_force=constants.max_stiction_force,
+                max_force_sd=numbers.max_force_sd,
+                max_stiction_force=numbers.max_stiction_force,
                 is_explained=is_at_E,
                 is_believed=is_sound,
                 keeps_pace=keeps_pace,
@@ -461,4 +470,4 @@ def judge_rows(
         )
         # A reading that is only late is a force all the same: it goes on being low-passed.
         is_force = invalid[k] in (0, LAGGING)
-        lag_update(constants.lag, lag, wrench[k], is_force)
+        lag_update(numbers.lag, lag, wrench[k], is_force)

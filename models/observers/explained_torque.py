@@ -100,12 +100,13 @@ def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd:
     if constants.explains_all:
         return np.zeros(len(J))
     D = np.empty(len(J))
+    numbers = (constants.moment_variance, constants.force_variance, constants.scale_squared)
     if len(J) <= _BLOCK_ROWS:
-        unexplained_rows(constants, J, tau_ext, sd, D)
+        unexplained_rows(*numbers, constants.correlation, J, tau_ext, sd, D)
         return D
 
     def run(rows: slice) -> None:
-        unexplained_rows(constants, J[rows], tau_ext[rows], sd[rows], D[rows])
+        unexplained_rows(*numbers, constants.correlation, J[rows], tau_ext[rows], sd[rows], D[rows])
 
     in_row_blocks(run, len(J), _BLOCK_ROWS)
     return D
@@ -113,7 +114,14 @@ def unexplained_log(constants: ExplainedConstants, J: Array, tau_ext: Array, sd:
 
 @kernel(nogil=True)
 def unexplained_rows(
-    constants: ExplainedConstants, J: Array, tau_ext: Array, sd: Array, D: Array
+    moment_variance: float,
+    force_variance: float,
+    scale_squared: float,
+    correlation: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    D: Array,
 ) -> None:
     """Writes D = tau_ext^T (Sigma + J^T P J)^-1 tau_ext of each of N samples.
 
@@ -121,7 +129,7 @@ def unexplained_rows(
     live prior covariance of the wrench, rotation first.
 
     Args:
-        constants: of `explained_constants`.
+        moment_variance, force_variance, scale_squared, correlation: of ExplainedConstants.
         J: (N, 6, n) as tau_ext saw it.
         tau_ext, sd: (N, n) N m.
         D: (N,), written; n on average where a wrench at E explains the torque.
@@ -129,7 +137,6 @@ def unexplained_rows(
     numpy on the log takes 5.5 times as long (`tests/benchmarks/bench_small_matrices.py`).
     """
     n = tau_ext.shape[1]
-    scale_squared, correlation = constants.scale_squared, constants.correlation
     covariance = np.empty((n, n))
     error_sd, floor, whitened = np.empty(n), np.empty(n), np.empty(n)
     for k in range(len(D)):
@@ -141,7 +148,7 @@ def unexplained_rows(
             for j in range(i + 1):
                 total = error_sd[i] * correlation[i, j] * error_sd[j]
                 for a in range(6):
-                    variance = constants.moment_variance if a < 3 else constants.force_variance
+                    variance = moment_variance if a < 3 else force_variance
                     total += J[k, a, i] * variance * J[k, a, j]
                 covariance[i, j] = total
         # J^T P J may be singular, and so large that rounding hides Sigma beside it.
@@ -154,21 +161,21 @@ def unexplained_rows(
 
 @kernel
 def is_explained(
-    constants: ExplainedConstants, unexplained_time: float, D: float
+    period: float, bound_squared: float, unexplained_time: float, D: float
 ) -> tuple[bool, float]:
     """Whether a reading may be valid, and for how long the next ones may not.
 
     Args:
-        constants: of `explained_constants`.
+        period, bound_squared: of ExplainedConstants.
         unexplained_time: s that remained after the sample before; NaN at the start.
         D: of `unexplained_log`; one that is not finite counts as small.
 
     Returns:
         Whether it may be valid; s after this sample in which no reading may.
     """
-    remaining_time, bound_squared = 0.0, constants.bound_squared
+    remaining_time = 0.0
     if np.isfinite(unexplained_time):
-        remaining_time = max(unexplained_time - constants.period, 0.0)
+        remaining_time = max(unexplained_time - period, 0.0)
     if bound_squared < D or (remaining_time > 0.0 and not D < RELEASE_SDS * RELEASE_SDS):
         remaining_time = RELEASE_TIME
     return remaining_time <= 0.0, remaining_time

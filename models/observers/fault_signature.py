@@ -56,8 +56,8 @@ _SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, _NUM_MEANS = range(9)
 _SEEN, _ONCE, _TWICE, _NUM_TORQUES = range(4)
 
 
-class FaultConstants(NamedTuple):
-    """Constants of the test.
+class FaultNumbers(NamedTuple):
+    """Numbers of the test.
 
     Attributes:
         period: s between samples.
@@ -65,15 +65,25 @@ class FaultConstants(NamedTuple):
             ever rejected.
         need_decay: factor per sample of the low-passes of need, of time constant MAX_LATENESS.
         late_decay: factor per sample of the means over LATE_TIME.
-        poles: (n,) of the observer; -1: it reads the wrench itself; lateness is not looked for, and
-            that a wrench explains its torque says nothing.
-        lines: (m, n) N m, along which the torque of a wrong current lies.
     """
 
     period: float
     loaded_square: float
     need_decay: float
     late_decay: float
+
+
+class FaultConstants(NamedTuple):
+    """Constants of the test.
+
+    Attributes:
+        numbers: these, or their record (`record_of`).
+        poles: (n,) of the observer; -1: it reads the wrench itself; lateness is not looked for, and
+            that a wrench explains its torque says nothing.
+        lines: (m, n) N m, along which the torque of a wrong current lies.
+    """
+
+    numbers: FaultNumbers
     poles: Array
     lines: Array
 
@@ -107,10 +117,12 @@ def fault_constants(
     poles = np.full(n, -1.0) if K_0 is None else np.exp(-np.asarray(K_0, float) * time_step)
     need_decay, late_decay = np.exp(-time_step / np.array([MAX_LATENESS, LATE_TIME]))
     return FaultConstants(
-        period=float(time_step),
-        loaded_square=MIN_LOADED_SQUARE * n if has_sd else np.inf,
-        need_decay=float(need_decay),
-        late_decay=float(late_decay),
+        numbers=FaultNumbers(
+            period=float(time_step),
+            loaded_square=MIN_LOADED_SQUARE * n if has_sd else np.inf,
+            need_decay=float(need_decay),
+            late_decay=float(late_decay),
+        ),
         poles=np.broadcast_to(poles, n).copy(),
         lines=np.array([*torques, *pairs]),
     )
@@ -149,9 +161,10 @@ def is_believed(
         is_measured: whether tau_ext is of this sample.
         is_implausible: whether the sample is beyond what the joints can do.
     """
-    if constants.loaded_square == np.inf:
+    numbers, means = constants.numbers, state.means
+    if numbers.loaded_square == np.inf:
         return True
-    n, period, means = tau_ext.shape[0], constants.period, state.means
+    n, period = tau_ext.shape[0], numbers.period
     if is_implausible:
         means[_LOST] = min(means[_LOST] + period, LOST_TIME)
         if means[_LOST] > LOST_TIME - 0.5 * period:  # LOST_TIME, whatever its sum rounds to
@@ -166,7 +179,7 @@ def is_believed(
     # Of every measured reading, whatever is suspected: it takes the reading into its means.
     late_share = _lateness(constants, state, tau_ext, sd, tau_J)
     is_free = square < MAX_FREE_SQUARE * n
-    if square > constants.loaded_square and means[_SUSPICION] <= MAX_REPORT_TIME:
+    if square > numbers.loaded_square and means[_SUSPICION] <= MAX_REPORT_TIME:
         off_line = square - _along(constants.lines, tau_ext, sd)
         on_line = off_line < min(MAX_OTHERS_SQUARE * n, ALONE_SHARE * square)
         if on_line or late_share > LATE_SHARE:
@@ -217,7 +230,8 @@ def _lateness(
             own low-pass, so that it is as late as tau_ext is.
         tau_ext, sd, tau_J: as `is_believed`, finite.
     """
-    n, need_decay = tau_ext.shape[0], constants.need_decay
+    n, numbers = tau_ext.shape[0], constants.numbers
+    need_decay = numbers.need_decay
     means, torques = state.means, state.torques
     if constants.poles[0] < 0.0:
         return 0.0
@@ -237,12 +251,12 @@ def _lateness(
         b = (torques[_ONCE, j] - torques[_TWICE, j]) / sd[j]
         zz, za, zb = zz + z * z, za + z * a, zb + z * b
         aa, ab, bb = aa + a * a, ab + a * b, bb + b * b
-    late_decay, entry = constants.late_decay, _ZZ
+    late_decay, entry = numbers.late_decay, _ZZ
     for product in (zz, za, zb, aa, ab, bb):  # in the order of the means' entries
         means[entry] = late_decay * means[entry] + (1.0 - late_decay) * product
         entry += 1
     za, zb, aa, ab, bb = means[_ZA], means[_ZB], means[_AA], means[_AB], means[_BB]
-    if means[_ZZ] < constants.loaded_square:
+    if means[_ZZ] < numbers.loaded_square:
         return 0.0
     # Least squares z = a_fit a + b_fit b over LATE_TIME. Where a and b are alike but for rounding,
     # det is that of a part in 1e9: a_fit and b_fit are then large, and no delay's.

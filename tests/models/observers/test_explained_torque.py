@@ -84,7 +84,7 @@ def test_a_force_at_E_is_explained_and_one_that_no_arm_takes_is_not() -> None:
     F, sd = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0]), np.full(N, 0.1)
     for share, explained in ((1.0, True), (4.0, True), (9.0, False)):
         D = unexplained(table(), J, J.T @ F * share * FORCE_SD, sd)
-        assert is_explained(table(), np.nan, D)[0] is explained
+        assert is_explained(T, ONSET_SDS**2, np.nan, D)[0] is explained
 
 
 def test_one_joint_s_torque_that_no_wrench_brings_is_not_explained() -> None:
@@ -92,7 +92,8 @@ def test_one_joint_s_torque_that_no_wrench_brings_is_not_explained() -> None:
     J = np.random.default_rng(1).normal(size=(6, N))
     tau = np.zeros(N)
     tau[2] = 60.0
-    assert not is_explained(table(), np.nan, unexplained(table(), J, tau, np.full(N, 0.5)))[0]
+    D = unexplained(table(), J, tau, np.full(N, 0.5))
+    assert not is_explained(T, ONSET_SDS**2, np.nan, D)[0]
 
 
 def test_doubt_lasts_until_the_torque_has_been_explained_for_a_while() -> None:
@@ -100,21 +101,20 @@ def test_doubt_lasts_until_the_torque_has_been_explained_for_a_while() -> None:
     doubt, seen = np.nan, []
     quiet = round(RELEASE_TIME / T)
     for D in [between, beyond] + [between] * 5 + [within] * (quiet + 2) + [between]:
-        explained, doubt = is_explained(table(), doubt, D)
+        explained, doubt = is_explained(T, ONSET_SDS**2, doubt, D)
         seen.append(explained)
     assert seen[0] and not any(seen[1:7])
     first = 7 + seen[7:].index(True)
     assert abs(first - (6 + quiet)) <= 1  # a tick of rounding
     assert all(seen[first:])
-    assert is_explained(table(), np.nan, np.nan)[0]
+    assert is_explained(T, ONSET_SDS**2, np.nan, np.nan)[0]
 
 
 def explained_log(table, state, J, tau, sd, explained):
     """`is_explained` of samples, one after another."""
     for k in range(len(tau)):
-        explained[k], state[0] = is_explained(
-            table, state[0], unexplained(table, J[k], tau[k], sd[k])
-        )
+        D = unexplained(table, J[k], tau[k], sd[k])
+        explained[k], state[0] = is_explained(table.period, table.bound_squared, state[0], D)
 
 
 def test_a_log_in_two_parts_gives_the_same() -> None:
