@@ -33,7 +33,8 @@ LEAST_TORQUE_SD = 1e-6  # N m
 MIN_TIME_STEP, MAX_TIME_STEP = 1e-4, 10.0  # s; finer grids only repeat the log
 PRIORS = ("live", "log")
 FLOOR_SHARE = 1.0 / 3.0
-_ANY_TIME_STEP = 1e-3  # s, for checks before the log, which gives the step, is read
+# s, for checks before the log, which gives the step, is read: their outcome is the same for any
+_ANY_TIME_STEP = 1e-3
 _POSITIVE_KEYS = (
     "force_rate",
     "across_sd",
@@ -198,7 +199,10 @@ def _check_detection(config: EstimateConfig) -> None:
 
 
 def _check_numbers(config: EstimateConfig) -> None:
-    """Raises InputError for a number out of range; 0 stands for the default of most."""
+    """Raises InputError for a number out of range.
+
+    None stands for a prior that is found, 0 for a time step or gap that the log gives.
+    """
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
     default = "leave it out for the default"
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
@@ -216,9 +220,10 @@ def _check_numbers(config: EstimateConfig) -> None:
         is_valid = times[name] == 0 or least <= times[name] <= MAX_TIME_STEP
         _require(is_valid, name, problem, default)
     if isinstance(observer, MomentumObserverConfig):
-        too_low = [K_0 for K_0 in observer.K_0 if 0.0 < K_0 < LEAST_K_0]
-        problem = f"is {min(too_low, default=0.0):g} 1/s, expected {LEAST_K_0:g} or more"
-        _require(not too_low, "K_0", problem, "20 is the default")
+        # Zero and less are refused where the observer is made.
+        for K_0 in observer.K_0:
+            problem = f"is {K_0:g} 1/s, expected {LEAST_K_0:g} or more"
+            _require(not 0.0 < K_0 < LEAST_K_0, "K_0", problem, "20 is the default")
     problem = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
     are_valid = all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd)
     _require(are_valid, "torque_sd", problem, "give N m, one for all joints or one each")
@@ -254,25 +259,30 @@ def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
         raise InputError("estimate", "observer", str(error), remedy) from None
     kind, reads_wrench = kind_name(type(made_observer)), made_observer.reads_wrench
     if config.track:
-        problem = "reads each sample with those after it"
-        _require(not config.smooth, "smooth", problem, "leave --track or --smooth out")
-        problem = "is estimated by --track"
-        _require(config.drift is None, "drift", problem, "leave --track or --drift out")
-        problem = f"is not for {robot.name}: friction of coupled joints is that of several motors"
-        _require(not robot.is_coupled, "track", problem, "leave it out")
-    for is_requested, shortcoming in (
+        _check_tracking(config, robot)
+    # Methods without a prior of the wrench: what is requested needs one.
+    has_prior = observer_prior(reconstruction) is not None
+    for needs_prior, shortcoming in (
         (config.track, "with which friction cannot be followed"),
         (config.smooth, "for which smoothing has no prior"),
         (reads_wrench, f"for which the {kind} observer has no prior"),
     ):
-        is_possible = not is_requested or observer_prior(reconstruction) is not None
         problem = f"is {reconstruction.method}, {shortcoming}"
-        _require(is_possible, "method", problem, "give bayesian, force_only or inverse")
-    if config.track:
-        problem = f"is {kind}, which estimates the wrench, not the torque"
-        _require(
-            not reads_wrench, "observer", problem, "follow friction with the momentum observer"
-        )
+        remedy = "give bayesian, force_only or inverse"
+        _require(has_prior or not needs_prior, "method", problem, remedy)
+    problem = f"is {kind}, which estimates the wrench, not the torque"
+    remedy = "follow friction with the momentum observer"
+    _require(not (config.track and reads_wrench), "observer", problem, remedy)
+
+
+def _check_tracking(config: EstimateConfig, robot: Robot) -> None:
+    """Raises InputError for what does not go with `track`, or an arm whose friction it cannot."""
+    problem, remedy = "reads each sample with those after it", "leave --track or --smooth out"
+    _require(not config.smooth, "smooth", problem, remedy)
+    problem, remedy = "is estimated by --track", "leave --track or --drift out"
+    _require(config.drift is None, "drift", problem, remedy)
+    problem = f"is not for {robot.name}: friction of coupled joints is that of several motors"
+    _require(not robot.is_coupled, "track", problem, "leave it out")
 
 
 def with_observer(config: EstimateConfig, name: str) -> EstimateConfig:

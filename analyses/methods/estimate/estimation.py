@@ -146,11 +146,12 @@ def estimate_log(
                 reference_columns(config.reference),
                 "estimate",
             )
+            # An effort that the log holds without gravity gets the gravity of the model that reads.
             reader.gravity_torque = model.chain(robot).gravity_torque
             reader.require_joint_signals()
             return reader
 
-        def read() -> LogReader:
+        def open_log() -> LogReader:
             return open_file(log) if data_set is None else episodes_reader(log, open_file)
 
         settings = EstimateSettings(
@@ -160,12 +161,13 @@ def estimate_log(
             log_format=None if log_format is None else str(log_format),
             estimate=config,
         )
-        result = estimate(read, robot, model, folder, settings, progress, draws)
+        result = estimate(open_log, robot, model, folder, settings, progress, draws)
+    # The files were written beside `out` and have come to their places with the block's end.
     return replace(result, table=out / result.table.name)
 
 
 def estimate(
-    read: Callable[[], LogReader],
+    open_log: Callable[[], LogReader],
     robot: Robot,
     model: IdentifiedModel,
     out: OutputFolder,
@@ -175,11 +177,12 @@ def estimate(
 ) -> EstimateResult:
     """As `estimate_log`, with robot and model loaded.
 
-    The log is judged first, then read twice: to find what it must give itself (the prior, friction
-    drift, the encoders' steps), and to read its wrenches with these.
+    The log is judged first, by the model as it is; then read to find what it must give itself (the
+    prior, friction drift, the encoders' steps), and once more to read its wrenches with these.
 
     Args:
-        read: opens the log for one pass.
+        open_log: opens the log for one pass.
+        model: that reads; the drift that the settings request is put on it here.
         out: folder, to be filled.
         settings: as config.yaml holds them; written with the values that the log filled in.
         progress: called with the share done, 0 to 1, and the current step.
@@ -189,19 +192,22 @@ def estimate(
         InputError: something is wrong in the log.
     """
     config = settings.estimate
-    warnings = model_warnings(robot, model, settings)
     compile_estimator(lambda share, left: progress(0.0, left))
     progress(0.0, "looking for what is wrong with the log")
-    judgement = _judgement(read, robot, model, config)
-    if judgement is not None and judgement.sentence():
-        warnings.insert(0, judgement.sentence())
-    model = with_requested_drift(model, config)
-    first_pass_result = first_pass(read, robot, model, config, progress)
+    judgement = _judgement(open_log, robot, model, config)
+    drifting_model = with_requested_drift(model, config)
+    first_pass_result = first_pass(open_log, robot, drifting_model, config, progress)
     second_pass = _read_and_write(
-        read(), robot, model, first_pass_result, settings, _Destination(out, progress), judgement
+        open_log(),
+        robot,
+        drifting_model,
+        first_pass_result,
+        settings,
+        _Destination(out, progress),
+        judgement,
     )
     outcome = _Outcome(
-        model=model,
+        model=drifting_model,
         judgement=judgement,
         first_pass_result=first_pass_result,
         second_pass=second_pass,
@@ -210,7 +216,11 @@ def estimate(
         load=first_pass_result.load(),
     )
     metrics = _metrics(outcome, robot, config)
-    warnings += outcome.warnings(settings)
+    warnings = [
+        *([judgement.sentence()] if judgement is not None and judgement.sentence() else []),
+        *model_warnings(robot, model, settings),
+        *outcome.warnings(settings),
+    ]
     is_too_short = judgement is None and _tries_hypotheses(config, robot)
     if is_too_short and not second_pass.readings.summary.valid_share:
         warnings.append(
@@ -250,14 +260,14 @@ def _tries_hypotheses(config: EstimateConfig, robot: Robot) -> bool:
 
 
 def _judgement(
-    read: Callable[[], LogReader], robot: Robot, model: IdentifiedModel, config: EstimateConfig
+    open_log: Callable[[], LogReader], robot: Robot, model: IdentifiedModel, config: EstimateConfig
 ) -> Judgement | None:
     """What the hypotheses say of the log; None where they are not tried, or it is too short."""
     if not _tries_hypotheses(config, robot):
         return None
     progress = PassProgress(lambda fraction, action: None, 0.0, 0.0, "")
     # Samples beyond the limits stay: a wrong unit puts all of them there.
-    chunks = uniform_chunks(read(), None, config.estimator, config.max_gap, progress)
+    chunks = uniform_chunks(open_log(), None, config.estimator, config.max_gap, progress)
     return judge_log(chunks, robot, model)
 
 
@@ -300,12 +310,12 @@ def _read_and_write(
 ) -> _SecondPass:
     """Second pass: reads every sample of the log, writes its wrench and sums it up.
 
-    The log is streamed: nothing is read before the loop takes the parts, and what has been tracked
-    is complete after it.
+    The log is streamed: but for the first chunk nothing is read before the loop takes the parts.
+    What the reader, the screen and the tracked estimator have to tell is complete after it.
 
     Args:
-        reader: of the log, at its begin.
-        model: as loaded; the model whose band is stated comes from the first pass.
+        reader: of the log, at its begin; it gives one chunk or more.
+        model: that reads; the model whose band is stated comes from the first pass.
         judgement: on the log; None: there is none. Where it names a fault, no reading is valid.
     """
     config = settings.estimate
@@ -321,7 +331,7 @@ def _read_and_write(
     estimator_config = completed(
         config.estimator, first_chunk, first_pass_result.resolution, first_pass_result.prior
     )
-    tracked: TrackedEstimator | None = None
+    tracked: TrackedEstimator | None = None  # in the place of both models
     if config.track:
         tracked = TrackedEstimator(robot, model, estimator_config, config.detection)
     models = ReadingModels(model, first_pass_result.model_with_drift)
@@ -337,7 +347,7 @@ def _read_and_write(
             writer = WrenchBagWriter(destination.out / "wrench.mcap", robot.config.base_link)
             bag = stack.enter_context(writer)
         for part in without_breaks(parts):
-            readings.take(part, table, bag)
+            readings.take(part, table, bag)  # judges, writes and sums up
     readings.episodes.finish()  # the last contact may be open at the log's end
     return _SecondPass(reader, screen, estimator_config, tracked, readings, path)
 

@@ -45,7 +45,7 @@ from wrenchsight.models.recordings.position_resolution import position_resolutio
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-_PRIOR_SAMPLES = 1 << 12
+_PRIOR_SAMPLES = 1 << 12  # at most: the likelihood's memory and time do not grow with the log
 _LEVER_RATIO = 1.25  # of the moment of a lever to the evidence's, above which it is the prior
 _PASS_WORK = 0.3  # share of the whole work, of one pass over the log
 
@@ -127,7 +127,7 @@ class _PassOverLog(NamedTuple):
 
 
 def first_pass(
-    read: Callable[[], LogReader],
+    open_log: Callable[[], LogReader],
     robot: Robot,
     model: IdentifiedModel,
     config: EstimateConfig,
@@ -135,35 +135,38 @@ def first_pass(
 ) -> FirstPassResult:
     """Estimates encoder resolution, load, friction drift and the prior from the whole log.
 
-    Each of friction and prior takes a pass over the log, where it is needed at all.
+    Friction and prior take a pass each, where they are looked for at all: friction of a model that
+    logs were identified from, the prior where nothing states it. Both passes have the model as it
+    is given, without the drift that the first of them shows.
 
     Args:
-        read: opens the log for one pass.
+        open_log: opens the log for one pass.
     """
-    resolution = _encoder_resolution(read, robot, config)
-    # Sds of force and moment, N and N m; None: the configuration states them, or the log tells.
+    resolution = _encoder_resolution(open_log, robot, config)
+    work_done = 0.0  # share of the whole work
+
+    def pass_over_log(title: str) -> _PassOverLog:
+        """A pass to come; its progress goes on from the work done by then."""
+        pass_progress = PassProgress(progress, work_done, work_done + _PASS_WORK, title)
+        return _PassOverLog(open_log(), robot, model, config, resolution, pass_progress)
+
+    # Sds of force and moment, N and N m; None: the configuration states both, or the log tells.
     prior, prior_rule = _prior_without_log(config, robot)
-    prior_is_open = prior is None and not _states_prior(config.estimator)
-    work_done = 0.0
     monitor: FrictionMonitor | None = None
-    # A joint's friction is that of several motors where joints are coupled.
+    # Not where joints are coupled: a joint's friction is then that of several motors. With `track`
+    # the second pass follows friction itself.
     if model.provenance.logs and not robot.is_coupled and not config.track:
-        pass_progress = PassProgress(progress, 0.0, _PASS_WORK, "estimating friction drift")
-        log_pass = _PassOverLog(read(), robot, model, config, resolution, pass_progress)
-        monitor = _monitor_friction(log_pass, prior)
-        work_done = _PASS_WORK
+        monitor = _monitor_friction(pass_over_log("estimating friction drift"), prior)
+        work_done += _PASS_WORK
     drift_shown, model_with_drift = _model_with_drift(model, monitor, config)
     ripple_shown = None if monitor is None else monitor.ripple()
     if ripple_shown is not None:
         model_with_drift = _with_ripple(model_with_drift, ripple_shown)
     warnings: tuple[str, ...] = ()
-    if prior_is_open:
-        end = work_done + _PASS_WORK
-        pass_progress = PassProgress(progress, work_done, end, "finding the prior")
-        log_pass = _PassOverLog(read(), robot, model, config, resolution, pass_progress)
-        evidence = _evidence_prior(log_pass)
+    if prior is None and not _states_prior(config.estimator):
+        evidence = _evidence_prior(pass_over_log("finding the prior"))
         prior, prior_rule, warnings = evidence.sds, evidence.rule, evidence.warnings
-        work_done = end
+        work_done += _PASS_WORK
     if ripple_shown is not None:
         warnings += (ripple_shown.sentence(model.joint_names),)
     return FirstPassResult(
@@ -180,12 +183,12 @@ def first_pass(
 
 
 def _encoder_resolution(
-    read: Callable[[], LogReader], robot: Robot, config: EstimateConfig
+    open_log: Callable[[], LogReader], robot: Robot, config: EstimateConfig
 ) -> list[float]:
     """(n,) rad: the configuration's, else the robot's, else the smallest step of the log."""
     if config.estimator.position_resolution is not None:
         return config.estimator.position_resolution
-    log_step = position_resolution(next(iter(read().chunks())).q)
+    log_step = position_resolution(next(iter(open_log().chunks())).q)
     robot_step = robot.position_resolution
     return list(np.where(np.isfinite(robot_step), robot_step, log_step).tolist())
 
@@ -236,21 +239,18 @@ def _with_ripple(model: IdentifiedModel, ripple: GearRipple) -> IdentifiedModel:
     return replace(model, torque_error=replace(error, constant=constant))
 
 
-def _monitor_friction(
-    log_pass: _PassOverLog, prior: tuple[float, float] | None
-) -> FrictionMonitor | None:
-    """Gathers friction and load from a log's contact-free stretches; None: it has no sample.
+def _monitor_friction(log_pass: _PassOverLog, prior: tuple[float, float] | None) -> FrictionMonitor:
+    """Gathers friction and load from a log's contact-free stretches.
 
     Contact is judged causally. Samples before the observer has settled do not count.
 
     Args:
-        prior: force sd in N and moment sd in N m, if they are stated; None: the rule's.
+        prior: force sd in N and moment sd in N m, for the estimator behind the contact detector;
+            None: what the configuration states, else none.
     """
     robot, model, config = log_pass.robot, log_pass.model, log_pass.config
     chunks = log_pass.chunks()
-    first_chunk = next(chunks, None)  # gives the time step
-    if first_chunk is None:
-        return None
+    first_chunk = next(chunks)  # gives the time step; a log has a sample or more
     estimator_config = completed(
         _with_torque_observer(config.estimator), first_chunk, log_pass.resolution, prior
     )
@@ -262,9 +262,11 @@ def _monitor_friction(
     for chunk in chain([first_chunk], chunks):
         batch, detection = engine.run(chunk.q, chunk.v, chunk.current)
         fault = fault_of(chunk, batch)
+        # A missing or faulty sample shows no contact: it is no reason to drop its neighbours.
         is_free = ~detection.without(chunk.dropout | (fault != 0)).contact
         first_settled = int(np.searchsorted(chunk.t, settled_from))
         is_used = is_usable(chunk, fault, batch.tau_ext, first_settled)
+        # All samples, for the monitor's low-pass; it gathers rows of the used ones alone.
         monitor.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, is_used, is_free)
     return monitor
 
@@ -291,10 +293,11 @@ class _PriorSamples(NamedTuple):
 def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
     """The prior that explains best some thousand samples of a log (`evidence_prior`).
 
-    It is raised to FLOOR_SHARE of the live prior at least. The moment's sd is that of a lever where
-    the log shows one (`find_lever`) and it exceeds the evidence's by _LEVER_RATIO. Warnings, and
-    the rule's words, are of what the configuration leaves open; of a log without a possible sample
-    the prior is the live one.
+    Both sds are found together, and raised to FLOOR_SHARE of the live prior at least. The moment's
+    sd is that of a lever where the log shows one (`find_lever`) and it exceeds the evidence's by
+    _LEVER_RATIO. An sd that the configuration states stays: `completed` fills in the open one
+    alone, and warnings and the rule's words are of that. Of a log without a possible sample the
+    prior is the live one.
     """
     samples = _prior_samples(log_pass)
     live = live_prior(log_pass.robot.payload)
@@ -313,12 +316,13 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
     force_sd, moment_sd = max(force_sd, least_force_sd), max(moment_sd, least_moment_sd)
     if stated.prior_moment_sd is None and stated.method != "force_only":
         R_WE, _ = log_pass.robot.chain.pose(samples.q)
+        # `evidence_prior` leaves out samples that are not finite itself, `find_lever` does not.
         J_seen, R_WE, tau_ext = _finite(samples.J_seen, R_WE, samples.tau_ext)
         lever = find_lever(J_seen, R_WE, tau_ext, noise, samples.duration)
         if lever is not None and lever.moment_sd > _LEVER_RATIO * moment_sd:
             moment_sd = lever.moment_sd
             warnings.append(lever.sentence())
-    rule = "evidence of the log"
+    rule = "evidence of the log"  # not both sds are stated: then no evidence is asked for
     if stated.prior_force_sd is not None:
         rule += ", force given"
     elif stated.prior_moment_sd is not None:
@@ -327,14 +331,14 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
 
 
 def _prior_samples(log_pass: _PassOverLog) -> _PriorSamples:
-    """Takes the samples of a log that were measured and are possible, with tau_ext.
+    """Takes the samples of a log that were measured and are possible, _PRIOR_SAMPLES at most.
 
     Torque, and the columns of J, are over the sds of the torque error; of a model without one they
     stay in N m, beside its residual covariance.
     """
     model, config = log_pass.model, _with_torque_observer(log_pass.config.estimator)
     chunks = log_pass.chunks()
-    first_chunk = next(chunks)  # gives the time step
+    first_chunk = next(chunks)  # gives the time step; a log has a sample or more
     completed_config = completed(config, first_chunk, log_pass.resolution, None)
     estimator = WrenchEstimator(log_pass.robot, model, completed_config)
     state = estimator.initial_state()

@@ -91,22 +91,23 @@ class FrictionMonitor:
     ) -> None:
         self._model, self._chain, self._time_step = model, chain, time_step
         n = chain.num_joints
+        # 1/s; at inf the decay over a step is 0: torque passes the pole as it is.
         self._rate = np.full(n, np.inf) if pole is None else np.asarray(pole)
         self._decay = np.exp(-self._rate * time_step)
         self._row_stride = max(1, round(ROW_TIME / time_step))
         # Of the observer's pole, for the five columns of `ResidualRows.of_law`.
         self._filter_state = np.zeros((n, 5))
-        # Of the gathered rows, chunk by chunk: friction, load, errors of the model, J, q, free.
-        self._rows: list[ResidualRows] = []
         self._robot = robot
         self._regressor: ObservedRegressor | None = None
         if robot is not None:
             self._regressor = ObservedRegressor(robot, model, pole, time_step)
-        self._load_columns: list[Array] = []
-        self._model_columns: list[Array] = []
-        self._J: list[Array] = []
-        self._q: list[Array] = []
-        self._is_free: list[Flags] = []
+        # The gathered rows: one entry a call of `add` in each list, m rows each.
+        self._rows: list[ResidualRows] = []  # friction's residual and columns
+        self._load_columns: list[Array] = []  # (m, n, 10) of a load; none without a robot
+        self._model_columns: list[Array] = []  # (m, n, c) of the model's errors; likewise
+        self._J: list[Array] = []  # (m, 6, n)
+        self._q: list[Array] = []  # (m, n)
+        self._is_free: list[Flags] = []  # (m,) whether nothing touches
         self._count = 0  # of the gathered rows
         self._judged: _JudgedRows | None = None  # of the rows gathered when it was made
         self._time_since_contact = np.inf  # s, at the last sample
@@ -121,8 +122,9 @@ class FrictionMonitor:
     ) -> None:
         """Takes the next samples, and gathers a row every ROW_TIME s of those that count.
 
-        All samples pass through the observer's pole: none may be left out between two calls. After
-        MOST_ROWS rows nothing more is taken.
+        All samples pass through the observer's pole (`_observed`, `ObservedRegressor.along`), which
+        goes on from call to call: none may be left out between two calls. From MOST_ROWS rows on
+        the monitor is full, and takes nothing more.
 
         Args:
             t: (N,) s.
@@ -135,13 +137,11 @@ class FrictionMonitor:
             return
         if self._log_begin is None:
             self._log_begin = float(t[0])
-        is_free = is_usable & self._clear_of_contact(t, is_free)
+        is_clear = is_usable & self._clear_of_contact(t, is_free)
         is_finite = np.isfinite(tau_ext).all(axis=1)
         indices = np.flatnonzero(is_usable & is_finite)[:: self._row_stride]
         self._count += len(indices)
-        # Of the rows: whether nothing touches, the torque of a load and of the model's errors, J
-        # and q, and friction's residual with its columns as the observer sees them.
-        self._is_free.append(is_free[indices])
+        self._is_free.append(is_clear[indices])
         if self._regressor is not None:
             load_columns, model_columns = self._regressor.along(q, v, indices)
             self._load_columns.append(load_columns)
@@ -369,6 +369,9 @@ class FrictionMonitor:
     ) -> list[str]:
         """Sentences for the user: each joint that contradicts, and the command that refreshes it.
 
+        The last sentence is on the stated band: what drift it allows for, or that it is too narrow.
+        Of a model that was fitted on the log one sentence names the joints: a refresh is no help.
+
         Args:
             log, robot, model: as the user named them; without a model there is no sentence.
             allowed_drift: (n,) `drifts` that the stated band includes already; None: it does not.
@@ -394,7 +397,7 @@ class FrictionMonitor:
             return sentences + self._allowance("until then ", allowed_drift)
         drift, error = self.drift(), self._model.torque_error
         if drift is not None and error is not None and drift > error.drift:
-            share = min(np.ceil(100.0 * drift) / 100.0, LARGEST_DRIFT)
+            share = min(np.ceil(100.0 * drift) / 100.0, LARGEST_DRIFT)  # whole percents, up
             sentences.append(
                 "until then the stated band is too narrow for the friction drift of the "
                 f"contact-free stretches; pass --drift {share:g}"
