@@ -75,6 +75,7 @@ SHAPE_STRETCHES = 9  # of logs of fewer motions, to choose a shape
 REST_WEIGHT = 0.01  # of the squared residuals of a joint that rests in a whole log
 HUBER_SCALES = 3.0  # scales of the residual from which it counts linearly, no longer squared
 _MIN_SCALE = 1e-9  # N m, of residuals: a log without noise has none
+_LEAST_RESIDUAL = 1e-300  # N m; any size below _MIN_SCALE gives the same weight
 MIN_RESIDUAL_SD = 1e-12  # N m, that rows are divided by
 
 
@@ -320,8 +321,12 @@ class FrictionFit:
 
         Chosen joint by joint, by the error on held-out folds: the slip elements' displacement and
         Stribeck's velocity, in turn, and then whether friction depends on the load at all.
+
+        Args:
+            structure: which terms the law has, and the shape that the choice begins with; terms may
+                be left out of it, none is added.
         """
-        if len(self.folds) < MIN_FOLDS:  # stretches of the logs are held out instead
+        if len(self.folds) < MIN_FOLDS:  # SHAPE_STRETCHES of the logs are held out instead
             one_group = [0] * len(self.regressions)
             stretched = replace(self, groups=one_group, stretches=SHAPE_STRETCHES)
             return stretched.choose(structure)
@@ -337,7 +342,9 @@ class FrictionFit:
                 structure = self._sweep(structure, "displacement", DISPLACEMENT_CHOICES, loads)
             if has_stribeck:
                 structure = self._sweep(structure, "stribeck_velocity", velocities, loads)
-        if is_elastic:  # the fit leaves out what is no property of a gear
+        # With the shape chosen, `fit` leaves out load terms that are no property of a gear; it does
+        # so in `_opposing`, too.
+        if is_elastic:
             structure = self.fit(structure).structure
         else:
             structure = self._opposing(structure, velocities)
@@ -354,7 +361,8 @@ class FrictionFit:
         """The structure whose fitted friction opposes each joint also at a crawl.
 
         Where Coulomb's and Stribeck's coefficient add up to less than zero, the next higher
-        Stribeck velocity is taken; after the highest the term is left out.
+        Stribeck velocity is taken; after the highest the term is left out. Each round fits anew and
+        raises a velocity or drops a term, so it ends. Load terms that `fit` leaves out stay out.
 
         Args:
             velocities: rad/s (m/s) to choose from, ascending.
@@ -375,12 +383,15 @@ class FrictionFit:
             if not driven:
                 return structure
             stribeck_velocity = structure.stribeck_velocity.copy()
-            is_highest = stribeck_velocity >= velocities[-1]
-            structure = structure.without("stribeck", [j for j in driven if is_highest[j]])
+            without_term = []  # joints whose velocity is the highest already
             for j in driven:
-                higher = (v for v in velocities if v > stribeck_velocity[j])
-                stribeck_velocity[j] = min(higher, default=stribeck_velocity[j])
+                higher = [v for v in velocities if v > stribeck_velocity[j]]
+                if higher:
+                    stribeck_velocity[j] = min(higher)
+                else:
+                    without_term.append(j)
             structure = replace(structure, stribeck_velocity=stribeck_velocity)
+            structure = structure.without("stribeck", without_term)
 
     def _sweep(
         self,
@@ -458,6 +469,7 @@ class FrictionFit:
         result = self
         for _ in range(HUBER_PASSES):
             solution = result.fit(structure)  # may have left out load terms of the structure
+            # Only the weights change from pass to pass: the regressions are this fit's own.
             columns = result.columns(solution.structure, result.loads(solution))
             residuals = [  # (rows, n) N m of each log
                 regression.residual(log_columns, solution.x)
@@ -465,6 +477,8 @@ class FrictionFit:
             ]
             scale = SD_PER_MEDIAN * np.median(np.abs(np.vstack(residuals)), axis=0)
             limit = HUBER_SCALES * np.maximum(scale, _MIN_SCALE)
-            weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
+            # Against a residual of zero, whose weight is 1.
+            sizes = [np.maximum(np.abs(residual), _LEAST_RESIDUAL) for residual in residuals]
+            weights = [np.minimum(1.0, limit / size) for size in sizes]
             result = replace(result, weights=self._with_rests(weights))
         return result
