@@ -74,8 +74,9 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
 def _refit(settings: IdentifySettings, out: Path) -> None:
     """`--refresh MODEL --other-specimen`: fits this robot's friction and prints it.
 
-    The metrics are lists over joints; they have a `gain` (a share, with its sd) where a force
-    sensor is in the logs, and it is 0 where the logs do not determine it.
+    The metrics are lists over joints. Where a force sensor is in the logs they also have a `gain`
+    of the torque constants (a share, with its sd; 0 where the logs do not determine it) and the
+    number of `places` along the paths at which the residual is known.
     """
     from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import refit_logs
 
@@ -135,6 +136,7 @@ def _scale(settings: IdentifySettings, out: Path) -> None:
     table = new_table("\njoint", f"torque per unit\n[{unit}]", "stated", "known torque,\nsd [N m]")
     scale = result.scale
     for j, name in enumerate(result.robot.joint_names):
+        # NaN: not known at all; what is known may yet be too uncertain to be used.
         torque_per_unit = "–"
         if not isnan(scale.torque_per_unit[j]):
             torque_per_unit = f"{scale.torque_per_unit[j]:.3g} ± {scale.standard_error[j]:.2g}"
@@ -242,7 +244,7 @@ def _print(result: "IdentificationResult", out: Path) -> None:
         fits, kind, errors_kind = result.cross_validation, "held out", "held out"
     else:
         fits, kind, errors_kind = result.fit, "fitted", "fit"
-    joined = joined_fits(fits, kind)
+    joined = joined_fits(fits, name=kind)  # all logs as one, named by what they are
     columns = {  # (n,) each, by heading
         "Coulomb\n[N m]": law.coulomb,
         "viscous\n[N m s/rad]": law.viscous,

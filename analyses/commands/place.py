@@ -37,13 +37,15 @@ def command(settings: PlaceSettings, ctx: typer.Context, out: Out = Path("out/pl
     with showing_progress("place") as progress:
         result = place_task(settings, out, progress)
     _print(result, out)
+    if result.search.interrupted:  # the best so far is printed and written
+        raise KeyboardInterrupt
 
 
 def _print(result: "PlacementResult", out: Path) -> None:
     """Prints the placements side by side, the optimised one in numbers, and the local optima.
 
     The metrics have `initial` where the task states a guess that can be followed, `unconstrained`
-    where the best placement overlaps. Raises KeyboardInterrupt after a search that was interrupted.
+    where the best placement overlaps.
     """
     metrics, key = result.metrics(), result.measure.key
     names = {"mean_jcn": "mean JCN", "max_jcn": "largest JCN"}
@@ -71,8 +73,6 @@ def _print(result: "PlacementResult", out: Path) -> None:
         *notes(result.notices),
         f"postures: {out / 'postures.csv'}, page: {out / 'recording.html'}",
     )
-    if result.search.interrupted:
-        raise KeyboardInterrupt
 
 
 def _vector(values: Iterable[float]) -> str:

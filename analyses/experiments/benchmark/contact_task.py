@@ -77,8 +77,9 @@ class ContactTask:
         """Scores of the library's own methods, by method (the module's docstring names them).
 
         Each reader takes a prepared run and returns its force along the tool, block by block. Plain
-        tools and the article have one friction law for all runs, as the data set's own check; the
-        others a model for each controller, whose tools differ.
+        tools and the article have the robot's published masses with the run's tool, and one
+        friction law for all runs, as the data set's own check; the others a refitted model for each
+        controller, whose tools differ.
         """
         law, torque_sd = plain_law(self._runs)  # Coulomb-viscous, and (6,) N m of its residual
         refits_with_tool = {
@@ -87,6 +88,7 @@ class ContactTask:
         }
 
         def read_with_plain_tools(prepared: PreparedRun) -> ForceReading:
+            # The law's own scatter, and no learnt torque error: that is another friction's.
             covariance = np.diag(torque_sd**2)
             model = replace(
                 prepared.model, friction=law, torque_error=None, residual_covariance=covariance
@@ -129,7 +131,7 @@ class ContactTask:
                 if prepared.run.name.controller == controller
             ]
             air = tuple(stretch for run in runs for stretch in _air(run.log, run.is_free))
-            # s, of all runs of a controller; three digits: a clock's are .0020001, say.
+            # s, alike in all runs; to three digits, as a clock's median step is .0020001, say.
             step = float(f"{runs[0].log.time_step:.3g}")
             made = entrant.made("contact", robot, model, air, step)
             if made is None:
@@ -139,7 +141,8 @@ class ContactTask:
         def read(prepared: PreparedRun) -> ForceReading:
             run, log = prepared.run, prepared.run.log
             reader, step = readers[run.name.controller]
-            without_gaps = CurrentLog(  # of which a reader may take every sample
+            # A method of others gets every sample: unknown angles and speeds are those before.
+            without_gaps = CurrentLog(
                 name=run.name.stem,
                 t=log.t,
                 q=_bridged(log.q),
@@ -149,12 +152,12 @@ class ContactTask:
                 resolution=np.full(log.num_joints, ANGLE_RESOLUTION),
                 used=np.ones(log.num_samples, bool),
                 time_step=step,
-                is_rebuilt=True,
+                is_rebuilt=True,  # the velocities are, and jump: no sample is to be refused
             )
             reading = reader(without_gaps)
             # What was read over filled gaps does not count.
-            is_known = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
-            return _along(prepared, reading, is_known=is_known, fresh=is_known)
+            is_read = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
+            return _along(prepared, reading, is_read)
 
         return self._scored(read)
 
@@ -199,15 +202,14 @@ def _estimated(
     estimator = WrenchEstimator(run.robot, model, config)
     batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
     states_error = method == "force_only"
-    is_known = np.asarray(np.isfinite(log.q).all(axis=1))
     reading = MethodReading(batch.wrench, batch.covariance if states_error else None)
-    return _along(run, reading, is_known, batch.fresh)
+    return _along(run, reading, np.isfinite(log.q).all(axis=1) & batch.fresh)
 
 
-def _along(run: PreparedRun, reading: MethodReading, is_known: Flags, fresh: Flags) -> ForceReading:
-    """The force along the tool over blocks, where the posture is known."""
+def _along(run: PreparedRun, reading: MethodReading, is_read: Flags) -> ForceReading:
+    """The force along the tool over blocks; NaN where `is_read` (T,) lacks any of their samples."""
     z = run.R_WE[:, :, 2]
-    force = np.where(is_known & fresh, -np.einsum("ki,ki->k", z, reading.wrench[:, 3:]), np.nan)
+    force = np.where(is_read, -np.einsum("ki,ki->k", z, reading.wrench[:, 3:]), np.nan)
     if reading.covariance is None:
         return ForceReading(block_mean(force))
     sd = np.sqrt(np.einsum("ki,kij,kj->k", z, reading.covariance[:, 3:, 3:], z))

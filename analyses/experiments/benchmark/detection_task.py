@@ -153,8 +153,9 @@ class DetectionTask:
         A statistic above 1 is an alarm, as 1 is the method's own level.
 
         Args:
-            statistic: see `Statistic`.
-            names: of the logs that the method reads; all are free of contact but collision_wrist.
+            statistic: see `Statistic`; called with a torque that is put in, and with None.
+            names: of the logs that the method reads, one or more free of contact; all are but
+                collision_wrist.
 
         Returns:
             Keys of pushes begin with `pushes_` at the method's own level, with `quiet_` at one so
@@ -180,6 +181,7 @@ class DetectionTask:
             log = self._logs[name]
             J_linear = np.asarray(self._arm.robot.chain.jacobian(log.q))[:, 3:]
             for push_round in range(self._rounds):
+                # The same pushes for every method.
                 rng = np.random.default_rng((number, push_round))
                 spans = spans_of(log.v, PUSH_TIME, push_round)
                 values = statistic(name, put_in(spans, J_linear, PUSH_FORCE, rng))
@@ -191,7 +193,8 @@ class DetectionTask:
             alarm = np.asarray(statistic("collision_wrist", None) > 1.0)
             collisions = Tally()
             _tallied(collisions, alarm, spans)
-            scores["collisions"] = _shares(collisions) | {"alarms_between": _between(alarm, spans)}
+            alarms_between = _between(alarm, spans)  # apart from every collision
+            scores["collisions"] = _shares(collisions) | {"alarms_between": alarms_between}
         return {
             **_flat(scores),
             **false_alarm_metrics(num_alarms, hours),

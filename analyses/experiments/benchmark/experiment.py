@@ -71,7 +71,7 @@ def _measured(
 
     Args:
         tasks: those of TASKS whose recordings are there; "link" stands for "touches" as well.
-        metrics: filled here, by task and method.
+        metrics: the caller's, to which the scores are added, by task and method.
 
     Returns:
         By task, the function with which a method of others enters it, "link" for "touches" too.
@@ -84,7 +84,7 @@ def _measured(
     if "link" in tasks:
         context.progress(0.03, "touches")
         touched = TouchTasks(context.data)
-        metrics |= touched.built_in()  # tasks "touches" and "link"
+        metrics.update(touched.built_in())  # tasks "touches" and "link"
         entered["link"] = touched.of
     if not {"torque", "load", "contact", "detection"} & set(tasks):  # those of the UR10e
         return entered

@@ -49,6 +49,7 @@ SCRIPTED_WRENCH = np.array([0.5, 1.5, 1.0, -3.0, 0.0, 25.0])
 AXES = ("mx_nm", "my_nm", "mz_nm", "fx_n", "fy_n", "fz_n")
 ERROR_WIDTH = 0.15  # peak to peak, as a fraction of each joint's own |torque|
 SAMPLES_ONE_WAY = 1500
+_ONE_WAY = np.linspace(0.0, 1.0, SAMPLES_ONE_WAY + 1)  # shares of the time of one way
 NUM_DRAWS, NUM_DRAWS_QUICK = 200, 40
 
 
@@ -82,35 +83,20 @@ def read_along(
 ) -> PathReadings:
     """Reads the constant wrench back on one path, on the branch of a posture at its midpoint.
 
-    The arm goes along the path and back, T samples in all. In each draw every joint's torque has an
-    error of its own at every sample, uniform within ERROR_WIDTH / 2 of that torque. The wrench that
-    is returned is that of the first draw, the errors are of all.
+    The arm goes along the path and back, T = 2 SAMPLES_ONE_WAY + 1 samples in all. In each draw
+    every joint's torque has an error of its own at every sample, uniform within ERROR_WIDTH / 2 of
+    that torque. The wrench that is returned is that of the first draw, the errors are of all.
 
     Args:
         posture: (n,) rad, at the path's midpoint, near the branch.
         num_draws: at least 1.
     """
     q_start = branch_start(robot, path, posture)
-    chain = robot.chain
-
-    def configurations(s: Array) -> Array:
-        """(K, n) rad, at the shares s (K,) of the path, 0 to 1."""
-        return follow_path(robot, *path.poses(s), q_start)
-
-    def jcn(s: Array) -> Array:
-        return np.asarray(condition_number(chain.jacobian(configurations(s))))
-
-    even_shares = np.linspace(0.0, 1.0, 10 * path.num_segments + 1)  # for integrals along the path
-    jcn_along = jcn(even_shares)
-    distance = even_shares * path.path_length  # m
-    waypoints = np.linspace(0.0, 1.0, path.num_segments + 1)  # those that the placement is given
-    one_way = np.linspace(0.0, 1.0, SAMPLES_ONE_WAY + 1)  # shares of the time of one way
-
-    q_forward = configurations(uniform_acceleration(one_way).s)
+    q_forward = _configurations(robot, path, q_start, uniform_acceleration(_ONE_WAY).s)
     q = np.concatenate([q_forward, q_forward[-2::-1]])  # the way back meets the same configurations
-    # (T,) share of the path at each row of q.
+    # (T,) share of the path at each row of q: the same motion as a function of both ways' time.
     s = there_and_back(uniform_acceleration)(np.linspace(0.0, 1.0, 2 * SAMPLES_ONE_WAY + 1)).s
-    J = chain.jacobian(q)
+    J = robot.chain.jacobian(q)
     tau_ext = np.einsum("tij,i->tj", J, SCRIPTED_WRENCH)
     half_width = 0.5 * ERROR_WIDTH * np.abs(tau_ext)  # (T, n) N m, of the uniform torque error
     # Only the stated covariance needs this; eq. 22 itself does not. 1e-12 (N m)^2 keep it regular
@@ -136,21 +122,42 @@ def read_along(
         max_error[draw] = np.max(np.abs(error), axis=0)
         rmse[draw] = np.sqrt(np.mean(error**2, axis=0))
     return PathReadings(
-        # The article does not say over what it takes its means; `_comparison` says which fits.
-        jcn={
-            "max_jcn": float(np.max(jcn_along)),
-            "mean_jcn": float(np.mean(jcn(waypoints))),
-            "mean_jcn_along_path": float(
-                np.trapezoid(jcn_along, distance) / (distance[-1] - distance[0])
-            ),
-            # Speeding up, going evenly and slowing down in a third of the time each.
-            "mean_jcn_over_time": float(np.mean(jcn(thirds(one_way).s))),
-        },
+        jcn=_condition_numbers(robot, path, q_start),
         sample_distance=s * path.path_length,
         wrench=wrench,
         max_error=max_error,
         rmse=rmse,
     )
+
+
+def _configurations(robot: Robot, path: StraightPath, q_start: Array, s: Array) -> Array:
+    """(K, n) rad at the shares s (K,) of a path, 0 to 1, on the branch of its start."""
+    return follow_path(robot, *path.poses(s), q_start)
+
+
+def _condition_numbers(robot: Robot, path: StraightPath, q_start: Array) -> dict[str, float]:
+    """The largest condition number on a path, and three means of it, as `PathReadings.jcn`.
+
+    The article does not say over what it takes its means; `_comparison` says which fits.
+    """
+
+    def jcn(s: Array) -> Array:
+        q = _configurations(robot, path, q_start, s)
+        return np.asarray(condition_number(robot.chain.jacobian(q)))
+
+    even_shares = np.linspace(0.0, 1.0, 10 * path.num_segments + 1)  # for integrals along the path
+    jcn_along = jcn(even_shares)
+    distance = even_shares * path.path_length  # m
+    waypoints = np.linspace(0.0, 1.0, path.num_segments + 1)  # those that the placement is given
+    return {
+        "max_jcn": float(np.max(jcn_along)),
+        "mean_jcn": float(np.mean(jcn(waypoints))),
+        "mean_jcn_along_path": float(
+            np.trapezoid(jcn_along, distance) / (distance[-1] - distance[0])
+        ),
+        # Speeding up, going evenly and slowing down in a third of the time each.
+        "mean_jcn_over_time": float(np.mean(jcn(thirds(_ONE_WAY).s))),
+    }
 
 
 def _metrics(readings: PathReadings) -> dict[str, Any]:
@@ -174,7 +181,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "initial": (INITIAL_PATH, INITIAL_POSTURE),
         "optimised": (OPTIMISED_PATH, OPTIMISED_POSTURE),
         "other_elbow": (OPTIMISED_PATH, OTHER_ELBOW_POSTURE),  # elbow on the other side
-        "found": found_path(robot),  # by `linear-path`; before the robot as the others
+        "found": found_path(robot),  # as `linear-path` finds it; likewise a path and its posture
     }
     readings = {}
     for k, (name, case) in enumerate(cases.items()):
@@ -183,7 +190,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics: dict[str, Any] = {
         name: _metrics(path_readings) for name, path_readings in readings.items()
     }
-    metrics["optimised"]["other_elbow"] = metrics.pop("other_elbow")
+    metrics["optimised"]["other_elbow"] = metrics.pop("other_elbow")  # of the same path
     metrics["reduction_pct"] = {
         key.removesuffix("_n"): 100.0 * (1.0 - metrics["optimised"][key] / metrics["initial"][key])
         for key in ("max_error_y_n", "mean_jcn", "max_jcn")

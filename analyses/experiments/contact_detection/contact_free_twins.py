@@ -16,7 +16,8 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-FIRST_DAY = 10  # of the twins that are read; those of the fit are 1 and on
+FIRST_DAY = 10  # of the twins that are read; those of the fit are of the days 1 and 2
+_FIRST_SEED = 1000  # of their noise; that of the fit's twins has 0, 1, 2
 
 
 def model_of_twins(recordings: Sequence[Recording], robot: Robot) -> IdentifiedModel:
@@ -64,7 +65,7 @@ def alarms_of_twins(
     hours = 0.0
     for day in range(days):
         for name, recording in recordings.items():
-            twin = twin_log(recording, robot, day=FIRST_DAY + day, seed=1000 + day)
+            twin = twin_log(recording, robot, day=FIRST_DAY + day, seed=_FIRST_SEED + day)
             log = TrialLog(twin, robot, model)
             hours += log.hours
             for rate in rates:

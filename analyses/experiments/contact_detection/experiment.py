@@ -22,6 +22,7 @@ Nobody labelled the collisions. COLLISION_TIMES are the stretches in which the c
 to 3 differs from that of `collision_free` at the same place of the path by far more than elsewhere.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,7 @@ from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
@@ -106,6 +108,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
     Pushes are put into the logs of FREE_MOTION_LOGS alone; false alarms are counted in all logs,
     the fitted ones included (each read by a model of the others).
+
+    Metrics: `levels`; false alarms by log and `contact_free`; pushes by `push_key` and by link;
+    `threshold_..._per_hour`; `collision_wrist` and `push_pose_1`, whose contacts are labelled;
+    `simulated_...`; `link_contact`.
     """
     robot, model = presliding_arm(context, 0.2)
     rounds = 1 if context.quick else NUM_ROUNDS
@@ -121,26 +127,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics: dict[str, Any] = {"levels": _levels(pushed_logs)}
     context.progress(0.35, "contact-free logs")
     metrics |= _free(all_logs)
-    kinds_of_push = [  # N, s, key of PUSHED_LINKS
-        (size, duration, place)
-        for size in PUSH_FORCES
-        for duration in PUSH_TIMES
-        for place in PUSHED_LINKS
-    ]
-    for k, (size, duration, place) in enumerate(kinds_of_push):
-        context.progress(0.4 + 0.3 * k / len(kinds_of_push), f"pushes of {size:g} N")
-        tally = _pushed(pushed_logs, size, duration, PUSHED_LINKS[place], FALSE_ALARM_RATE, rounds)
-        metrics[push_key(size, duration, place)] = tally.metrics()
-    for link in OFF_E:
-        tally = _pushed(
-            pushed_logs,
-            size=30.0,
-            duration=0.5,
-            links=(link,),
-            rate=FALSE_ALARM_RATE,
-            rounds=rounds,
-        )
-        metrics[f"link_{link}_30n"] = tally.metrics()
+    metrics |= _push_metrics(pushed_logs, rounds, context.part(0.4, 0.7))
     for rate in FALSE_ALARM_RATES:
         metrics[f"threshold_{rate:g}_per_hour"] = _at_rate(all_logs, pushed_logs, rate, rounds)
     context.progress(0.7, "hand collisions")
@@ -243,6 +230,29 @@ def _twins(
     return {"simulated_days": {**result, by_log_key: alarms.by_log}}
 
 
+def _push_metrics(
+    logs: dict[str, TrialLog], rounds: int, progress: Callable[[float, str], None]
+) -> dict[str, Any]:
+    """Pushes of every size, duration and place, by `push_key`; and of 30 N by each link off E."""
+    metrics: dict[str, Any] = {}
+    kinds_of_push = [  # N, s, key of PUSHED_LINKS
+        (size, duration, place)
+        for size in PUSH_FORCES
+        for duration in PUSH_TIMES
+        for place in PUSHED_LINKS
+    ]
+    for k, (size, duration, place) in enumerate(kinds_of_push):
+        progress(k / len(kinds_of_push), f"pushes of {size:g} N")
+        tally = _pushed(logs, size, duration, PUSHED_LINKS[place], FALSE_ALARM_RATE, rounds)
+        metrics[push_key(size, duration, place)] = tally.metrics()
+    for link in OFF_E:
+        tally = _pushed(
+            logs, size=30.0, duration=0.5, links=(link,), rate=FALSE_ALARM_RATE, rounds=rounds
+        )
+        metrics[f"link_{link}_30n"] = tally.metrics()
+    return metrics
+
+
 def _pushed(
     logs: dict[str, TrialLog],
     size: float,
@@ -264,8 +274,9 @@ def _pushed(
     for number, log in enumerate(logs.values()):
         detector = log.detector(rate)
         for turn in range(rounds):
+            # The same directions for every size, so that sizes are compared push by push.
             rng = np.random.default_rng((number, turn))
-            pushes = spans_of(log.v, duration, turn)
+            pushes = spans_of(log.v, duration, turn)  # first sample, and the one after the last
             link = links[(number + turn) % len(links)] if links else None
             J = log.J[:, 3:] if link is None else jacobian_on_link(log.J, link)
             detection = log.detect(detector, put_in(pushes, J, size, rng))
@@ -303,7 +314,8 @@ def _labelled(
 
     False alarms are those that begin apart from the labelled contacts: not within one, nor within
     _AFTER_CONTACT after it. Where the arm is free, what is valid and how large a force it reads is
-    stated as well.
+    stated as well. Lists with `_each` have an entry a contact that was detected, false ones too;
+    the tally's own counts of links and misfits are left out, as no label tells a link.
 
     Args:
         file: the log; a recording.yaml beside it describes its columns, where there is one.
@@ -315,15 +327,14 @@ def _labelled(
     detection = log.detect(log.detector(FALSE_ALARM_RATE))
     tally = Tally()
     is_free = np.ones(len(log.t), bool)
-    for begin, stop in samples_of(spans, log.t):
-        tally.add(detection, begin, stop, TIME_STEP, link=None)
-        is_free[begin : stop + round(_AFTER_CONTACT / TIME_STEP)] = False
-    begins = onsets(detection.contact)  # first sample of each contact that was detected
+    for begin, end in samples_of(spans, log.t):
+        tally.add(detection, begin, end, TIME_STEP, link=None)
+        is_free[begin : end + round(_AFTER_CONTACT / TIME_STEP)] = False
+    contacts = stretches(detection.contact)  # that were detected
+    begins = onsets(detection.contact)  # their first samples
     false_begins = begins[is_free[begins]]
-    # The first sample that is none any more; the log's length where it ends in contact.
-    ends = [k + int(np.argmin(np.append(detection.contact[k:], False))) for k in begins]
-    contacts = [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]
     counted = tally.metrics()
+    # The readings themselves: `detect` only judges them.
     batch = log.estimator.run(log.estimator.initial_state(), log.q, log.v, log.current)
     false_force = np.abs(batch.wrench[is_free & batch.valid, 3:])
     return {

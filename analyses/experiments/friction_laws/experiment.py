@@ -109,7 +109,7 @@ class LawsOnOneArm:
     Attributes:
         validation: held-out runs by law.
         near_zero: error near zero velocity of each joint.
-        edge: (n,) rad/s, up to where "near zero" goes.
+        edge: (n,) rad/s, up to where "near zero" goes: v_crit, or NEAR_ZERO.
         v_crit: (n,) rad/s, of the article's networks.
         separated: the samples that these networks were trained on.
     """
@@ -152,7 +152,8 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     """All laws on the simulated arm.
 
     Each of COMPARED is fitted to one excitation and checked on another. The article's law has its
-    networks from planned reversals; all are judged near zero on the last of these, which none saw.
+    networks from planned reversals in all postures but the last; in that one, which none saw, all
+    laws are judged near zero. All frictions are separated with one model's inertias.
 
     Args:
         share: of the experiment's progress that this takes; simulating and fitting one law takes 40
@@ -161,13 +162,14 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     robot = context.robot(ROBOT)
     plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
     context.progress(0.0, "simulated arm, identification")
+    # The article's law is built on this one: its networks add to Coulomb-viscous friction.
     plain_result, (fitted_log, validation_log) = identify_simulated_arm(
         robot, context.seed, context.quick, plain
     )
     results = {WITH_OFFSET: plain_result}
     for k, law in enumerate(COMPARED):
         context.progress(share * (0.4 + 0.03 * k), f"simulated arm, {law}")
-        if law not in results:
+        if law not in results:  # but WITH_OFFSET, which is fitted
             config = replace(plain, friction=law)
             results[law] = identify(
                 [fitted_log.recording], robot, [validation_log.recording], config
@@ -186,7 +188,7 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     article, trained = semi_parametric_model(robot, plain_result, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
     v, torque = separate([judged_log]).table()  # (N, n) each, rad/s and N m, a row a pair of passes
-    predicted = {}
+    predicted = {}  # (N, n) N m by law: the same pairs of passes, with the law's own torque
     for law, model in models.items():
         _, predicted[law] = separate([_predicted(robot, judged_log, model)]).table()
     near_zero = tuple(
@@ -214,8 +216,9 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
 def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
     """All laws on the UR10e's recordings.
 
-    In each log of SINGLE_JOINTS one joint moves. Its first half trains that joint's network of the
-    article's law; its second half judges all laws near zero.
+    In each log of SINGLE_JOINTS one joint moves, the k-th in the k-th. Its first half trains that
+    joint's network of the article's law; its second half judges all laws near zero. All laws are
+    checked on the same two held-out runs (`validation_recordings`).
 
     Args:
         start: share of the experiment's progress at which this begins; it ends at _REAL_ARM_END.
@@ -235,7 +238,7 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
         robot,
         [log[:middle] for log, middle in zip(logs, middles, strict=True)],
         plain.model,
-        joints=range(robot.num_joints),
+        joints=range(robot.num_joints),  # that each of the logs is for
     )
     article, trained = semi_parametric_model(robot, plain, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
@@ -283,22 +286,22 @@ def _one_joint(
         judge: the model whose rigid-body torque is taken off.
     """
     config = IdentificationConfig()
-    (judged,) = predict_torque([recording], robot, judge, config)
     frictionless = replace(
         judge, friction=SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     )
+    # Each at the same samples: those of the uniform grid that count. `measured` is of no model.
     (rigid,) = predict_torque([recording], robot, frictionless, config)
-    # The grid on which `predict_torque` works: the clock's step to three digits.
+    rigid_torque = rigid.predicted[:, joint]
+    predicted = {}
+    for law, model in models.items():
+        (fit,) = predict_torque([recording], robot, model, config)
+        predicted[law] = fit.predicted[:, joint] - rigid_torque
+    # The velocity at these samples, on the grid on which `predict_torque` works: the clock's step
+    # to three digits, and its filter.
     uniform = resampled(recording, float(f"{recording.time_step:.3g}"))
     v = ZeroPhaseLowPass(config.cutoff, uniform.time_step, config.filter_order)(uniform.v)
-    predicted = {
-        law: predict_torque([recording], robot, model, config)[0].predicted[:, joint]
-        - rigid.predicted[:, joint]
-        for law, model in models.items()
-    }
-    # A fit holds only the samples that count: their rows of the uniform grid.
-    rows = np.searchsorted(uniform.t, judged.t - _TIME_ROUNDING)
-    friction = judged.measured[:, joint] - rigid.predicted[:, joint]
+    rows = np.searchsorted(uniform.t, rigid.t - _TIME_ROUNDING)
+    friction = rigid.measured[:, joint] - rigid_torque
     return NearZero(v=v[rows, joint], measured=friction, predicted=predicted)
 
 

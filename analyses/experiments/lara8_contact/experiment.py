@@ -188,10 +188,11 @@ def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) ->
         the source's rows.
     """
     raw = read_recording(recording_file(data_set_folder(FOLDER, data), SWEEP), FORMAT)
-    log = readings[SWEEP, VARIANTS[0]].log
+    log = readings[SWEEP, "controller_model"].log  # which is always read; the log is the same
     R_WE, _ = log.robot.chain.pose(raw.q)
     J = log.robot.chain.jacobian(raw.q)
-    # The sensor has force first, in axes of E; J wants the moment first, in axes of W.
+    # The sensor's columns, taken as the source takes them: force first, in axes of E. J wants the
+    # moment first, in axes of W.
     moment_and_force = raw.extra["sensor"].reshape(-1, 2, 3)[:, ::-1]
     wrench = np.einsum("kij,kpj->kpi", R_WE, moment_and_force).reshape(-1, 6)
     truth = np.einsum("ki,ki->k", J[:, :, _SWEPT_JOINT], wrench)
@@ -227,7 +228,7 @@ def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]
         return by_joint(rms, log.moving, one_reading.batch.tau_ext - truth)
 
     def with_friction(**change: Any) -> list[float | None]:
-        """With one argument of `controller_friction` changed."""
+        """With one argument of `controller_friction` changed: its load's share, or its day."""
         return moving_rmse(read_log(log, "urdf", controller_friction(log.name, **change)))
 
     def rms_beside_any_law(error: Array, v: Array, load: Array) -> Any:

@@ -74,7 +74,7 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     """Runs all cases: from the article's guess, from random seeds, by PSO-GA, and with a table.
 
     Seeds are those of the study and the next ones, the same for both solvers, so that they are
-    compared start by start.
+    compared start by start. Each search begins anew: nothing passes from one to the next.
     """
     robot = Robot.load("sts_sre4_600")
     task, source = load_task("linear_path")
@@ -108,33 +108,34 @@ def linear_path(context: ExperimentContext) -> LinearPath:
         effort = replace(effort, num_rounds=2, num_solves=4)
     apart = PlacementRequest(seed=context.seed, effort=effort)  # nothing may overlap
     table = place(table_task, table_source, robot, apart)
-    # The article's optimum on both branches, at the points that the mean is taken over.
-    s = np.linspace(0.0, 1.0, OPTIMISED_PATH.num_segments + 1)
-    elbows = {"one_elbow": OPTIMISED_POSTURE, "other_elbow": OTHER_ELBOW_POSTURE}
-    postures = {
-        name: followed(robot, OPTIMISED_PATH, s, branch_start(robot, OPTIMISED_PATH, posture))
-        for name, posture in elbows.items()
-    }
-    article_jcn = {name: robot.chain.condition_number(q) for name, q in postures.items()}
-    links = Clearance(robot, margin=0.0, floor=None)
-
-    def link_distance(q: Array) -> float:
-        """m, the smallest between two links of the arm; negative where they overlap."""
-        closest = links.worst(q, influence=1.0)
-        assert closest is not None  # some links of one arm are within the influence of 1 m
-        return closest.distance
-
-    distances = {name: link_distance(q) for name, q in postures.items()}
-    distances["optimised"] = link_distance(optimised.best.fine.q)
+    postures = _article_postures(robot)
+    along = {**postures, "optimised": optimised.best.fine.q}
     context.progress(1.0, "done")
     return LinearPath(
         optimised=optimised,
         from_seeds=from_seeds,
         swarms=swarms,
         table=table,
-        article_jcn=article_jcn,
-        link_distance=distances,
+        article_jcn={name: robot.chain.condition_number(q) for name, q in postures.items()},
+        link_distance={name: _link_distance(robot, q) for name, q in along.items()},
     )
+
+
+def _article_postures(robot: Robot) -> dict[str, Array]:
+    """The article's optimum by side of the elbow: (21, n) rad, at the points of the mean's path."""
+    s = np.linspace(0.0, 1.0, OPTIMISED_PATH.num_segments + 1)
+    elbows = {"one_elbow": OPTIMISED_POSTURE, "other_elbow": OTHER_ELBOW_POSTURE}
+    return {
+        name: followed(robot, OPTIMISED_PATH, s, branch_start(robot, OPTIMISED_PATH, posture))
+        for name, posture in elbows.items()
+    }
+
+
+def _link_distance(robot: Robot, q: Array) -> float:
+    """m, the smallest between two links of the arm along q (K, n); negative where they overlap."""
+    closest = Clearance(robot, margin=0.0, floor=None).worst(q, influence=1.0)
+    assert closest is not None  # some links of one arm are within the influence of 1 m
+    return closest.distance
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -162,6 +163,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "mean_jcn": [case["mean_jcn"] for case in swarms],
             "best_mean_jcn": min(case["mean_jcn"] for case in swarms),
             "median_mean_jcn": float(np.median([case["mean_jcn"] for case in swarms])),
+            # Of each: a swarm's size and iterations are fixed.
             "evaluations": outcome.swarms[0].search.evaluations,
         },
         "with_table": table.figures(),

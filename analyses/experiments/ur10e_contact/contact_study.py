@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
@@ -19,10 +18,9 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading im
     plain_law,
     read_article,
     read_by_hand,
-    read_command,
     read_gravity,
     read_two_joints,
-    save_model,
+    read_with,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     CONTACT,
@@ -30,7 +28,6 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     INTERVALS,
     JUDGED,
     SCENES,
-    write_rounded,
 )
 from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import (
     SpecimenRefit,
@@ -122,42 +119,31 @@ def read_runs(
         The runs, read; and the fits to the motion in the air, by controller.
     """
     law, torque_sd = plain_law(prepared)
-    robots = {run.run.name.controller: run.robot for run in prepared}
     air_fits = air_refits(prepared, identified)
     carried_model = replace(identified, friction=carried_over(presliding_of(identified)))
     runs = []
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        for controller, robot in robots.items():
-            save_model(folder / f"{controller}_other", robot, carried_model)
-        for k, (run, file) in enumerate(zip(prepared, files, strict=True)):
-            progress(k / len(prepared))
-            controller, log = run.run.name.controller, folder / file.name
-            write_rounded(run.run, file, log)
-            others = [other for other in of_controller(prepared, controller) if other is not run]
-            sensor_fit = air_fits[controller]
-            if others:  # else there is nothing to calibrate on
-                other_rows = [other.sensor_rows for other in others]
-                sensor_fit = refit_rows(other_rows, run.robot, identified)
-            calibrated_model = folder / f"{file.stem}_once"
-            # The fit's robot has the torque constants that the sensor showed, where it did.
-            save_model(calibrated_model, sensor_fit.robot or run.robot, sensor_fit.model)
-            command = command_reading(run, file, air_fits[controller].model)
-            readings = {
-                "no_sensor": command,
-                "command": command,
-                "calibrated": read_command(
-                    run, log, calibrated_model, folder / f"{file.stem}_calibrated"
-                ),
-                "article": read_article(run, law, torque_sd),
-                "by_hand": read_by_hand(run),
-                "two_joints": read_two_joints(run),
-                "gravity": read_gravity(run),
-                "carried_over": read_command(
-                    run, log, folder / f"{controller}_other", folder / f"{file.stem}_other"
-                ),
-            }
-            runs.append(ReadRun(run, readings))
+    for k, (run, file) in enumerate(zip(prepared, files, strict=True)):
+        progress(k / len(prepared))
+        controller = run.run.name.controller
+        others = [other for other in of_controller(prepared, controller) if other is not run]
+        sensor_fit = air_fits[controller]
+        if others:  # else there is nothing to calibrate on
+            other_rows = [other.sensor_rows for other in others]
+            sensor_fit = refit_rows(other_rows, run.robot, identified)
+        # The fit's robot has the torque constants that the sensor showed, where it did.
+        calibrated_robot = sensor_fit.robot or run.robot
+        command = command_reading(run, file, air_fits[controller].model)
+        readings = {
+            "no_sensor": command,
+            "command": command,
+            "calibrated": read_with(run, file, calibrated_robot, sensor_fit.model),
+            "article": read_article(run, law, torque_sd),
+            "by_hand": read_by_hand(run),
+            "two_joints": read_two_joints(run),
+            "gravity": read_gravity(run),
+            "carried_over": read_with(run, file, run.robot, carried_model),
+        }
+        runs.append(ReadRun(run, readings))
     return runs, air_fits
 
 
@@ -173,7 +159,7 @@ def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
 
     "settled": the runs on which the constants were chosen; "checked": the others.
     """
-    # `_paths` lists those that a table always has, whether or not a run has them.
+    # `_paths` lists those that a table always has; without a judgement their figures are None.
     judged: dict[tuple[str, ...], list[ForceJudgement]] = {path: [] for path in _paths()}
     for read in runs:
         name = read.prepared.run.name

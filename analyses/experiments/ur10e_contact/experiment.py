@@ -162,7 +162,7 @@ def _force_figure(reads: Sequence[ReadRun]) -> Figure:
 
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
-    """Rows for what there is; the other figure is that of K (i - i_target), joints 2 and 3.
+    """Rows for the figures that there are, beside the data set's check, a subtraction or 95 %.
 
     Args:
         metrics: of `contact_metrics`, which says how its keys are built. `{}` below is the method.
@@ -179,59 +179,66 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         "ramp slide in force mode at 0.25 m/s": ("ramp_ur.v25.slide.{}.rmse_n", 11.8),
     }
     rows = []
-    for kind, (key_of_method, rmse) in rmse_of_check.items():
-        for method, label in _SHOWN.items():
-            key = key_of_method.format(method)
-            if look_up(metrics, key) is not None:
-                text = f"RMSE of the force, {kind}, {label}"
-                share = look_up(metrics, key.replace("rmse_n", "share_valid_pct"))
-                valid = "" if share is None else f"; {share:.0f} % of the readings are valid"
-                remark = f"the check reads K (i - i_target){valid}"
-                rows.append(ComparisonRow(text, key, article=rmse, remark=remark, source=_CHECK))
+    for (kind, (key_of_method, rmse)), (method, label) in product(
+        rmse_of_check.items(), _SHOWN.items()
+    ):
+        key = key_of_method.format(method)
+        share = look_up(metrics, key.replace("rmse_n", "share_valid_pct"))
+        valid = "" if share is None else f"; {share:.0f} % of the readings are valid"
+        remark = f"the check reads K (i - i_target){valid}"
+        text = f"RMSE of the force, {kind}, {label}"
+        rows.append(ComparisonRow(text, key, article=rmse, remark=remark, source=_CHECK))
     # Two decimals, as the figures of others have.
     rmse_of_subtraction = round(metrics["summary"]["gravity"]["rest"]["rmse_n"], 2)
+    rows += [
+        ComparisonRow(
+            f"RMSE of the force at rest, {label}",
+            f"summary.{method}.rest.rmse_n",
+            article=rmse_of_subtraction,
+            remark="K i - gravity",
+            source="plain subtraction",
+        )
+        for method, label in _SHOWN.items()
+    ]
+    rows += _band_rows(metrics)
+    rows += [
+        ComparisonRow(
+            f"ramp slide in force mode, share of its readings that are valid, at 0.{speed[1:]} m/s",
+            f"ramp_ur.{speed}.slide.command.share_valid_pct",
+            remark="elsewhere the force changes faster than the filters assume",
+            more_is_better=True,
+        )
+        for speed in ("v10", "v25")
+    ]
+    return [row for row in rows if look_up(metrics, row.key) is not None]
+
+
+def _band_rows(metrics: dict[str, Any]) -> list[ComparisonRow]:
+    """Shares of the true force inside the 95 % band: at rest, sliding, and from touch to lift."""
+    claim = "the band's own claim"
+    states = (("rest", "at rest"), ("slide", "sliding"))
+    rows = [
+        ComparisonRow(
+            f"share of the true force inside the 95 % band, {words}, {label}",
+            f"summary.{method}.{state}.inside_95_pct",
+            article=95.0,
+            remark="wanted",
+            source=claim,
+        )
+        for (method, label), (state, words) in product(_SHOWN.items(), states)
+    ]
     for method, label in _SHOWN.items():
-        text = f"RMSE of the force at rest, {label}"
-        key = f"summary.{method}.rest.rmse_n"
+        share = metrics["summary"][method][CONTACT]["share_valid_pct"]
+        valid = "" if share is None else f"; {share:.0f} % of the readings are valid"
         rows.append(
             ComparisonRow(
-                text,
-                key,
-                article=rmse_of_subtraction,
-                remark="K i - gravity",
-                source="plain subtraction",
+                f"share of the true force inside the band of valid readings, every 20 ms, {label}",
+                f"summary.{method}.{CONTACT}.inside_95_valid_pct",
+                article=95.0,
+                remark=f"from the touch to the lift{valid}",
+                source=claim,
             )
         )
-    states = (("rest", "at rest"), ("slide", "sliding"))
-    for (method, label), (state, words) in product(_SHOWN.items(), states):
-        key = f"summary.{method}.{state}.inside_95_pct"
-        if look_up(metrics, key) is not None:
-            text = f"share of the true force inside the 95 % band, {words}, {label}"
-            rows.append(
-                ComparisonRow(
-                    text, key, article=95.0, remark="wanted", source="the band's own claim"
-                )
-            )
-    for method, label in _SHOWN.items():
-        key = f"summary.{method}.{CONTACT}.inside_95_valid_pct"
-        if look_up(metrics, key) is not None:
-            share = metrics["summary"][method][CONTACT]["share_valid_pct"]
-            text = (
-                f"share of the true force inside the band of valid readings, every 20 ms, {label}"
-            )
-            remark = f"from the touch to the lift; {share:.0f} % of the readings are valid"
-            rows.append(
-                ComparisonRow(text, key, article=95.0, remark=remark, source="the band's own claim")
-            )
-    for speed in ("v10", "v25"):
-        key = f"ramp_ur.{speed}.slide.command.share_valid_pct"
-        if look_up(metrics, key) is not None:
-            text = (
-                "ramp slide in force mode, share of its readings that are valid, at "
-                f"0.{speed[1:]} m/s"
-            )
-            remark = "elsewhere the force changes faster than the filters assume"
-            rows.append(ComparisonRow(text, key, remark=remark, more_is_better=True))
     return rows
 
 

@@ -108,16 +108,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
         recording = read_recording(log_file(context.data, log), robot=robot)
         log_metrics = _log_metrics(recording, mass, robot, _Reader(model), END_MARGIN_SAMPLES)
         moves = "sliding" in log_metrics
-        refreshed_from = END_MARGIN_SAMPLES  # what renewed the model does not judge it
-        if mass == 0.0 and moves:
+        renews = mass == 0.0 and moves  # a model, by its first seconds
+        if renews:
             config = RefreshConfig(part=[0.0, REFRESH_SECONDS])
             renewed_models[log] = refresh_model(recording, robot, model, config).model
-            refreshed_from += round(REFRESH_SECONDS / TIME_STEP)
             drift = _shown_drift(recording, robot, model)
             if drift is not None and model.torque_error is not None:
                 error = replace(model.torque_error, drift_shown=drift)
-                model_with_drift = replace(model, torque_error=error)
-                reader = _Reader(model, model_with_drift)
+                reader = _Reader(model, replace(model, torque_error=error))
                 widened = _log_metrics(recording, mass, robot, reader, END_MARGIN_SAMPLES)
                 log_metrics["widened"] = {"drift": drift, **widened}
         if moves:
@@ -127,7 +125,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
         renewing_log = REFRESHED_BY.get(log, log)
         if renewing_log in renewed_models:
             reader = _Reader(renewed_models[renewing_log])
-            log_metrics["refreshed"] = _log_metrics(recording, mass, robot, reader, refreshed_from)
+            # What renewed the model does not judge it.
+            first = END_MARGIN_SAMPLES + (round(REFRESH_SECONDS / TIME_STEP) if renews else 0)
+            log_metrics["refreshed"] = _log_metrics(recording, mass, robot, reader, first)
         metrics[log] = log_metrics
     context.progress(0.95, "figure")
     not_read = {"all": {"inside_95_pct": [np.nan] * 3}}
@@ -281,7 +281,7 @@ def _log_metrics(
     """The error and the stated band of a log, by method and regime of motion.
 
     The log is read at the point at which the load acts, so that the truth is a force alone; without
-    a load at E.
+    a load at E. One observer's readings give the point, and are what both methods read.
 
     Args:
         recording: the log, at its own rate.
@@ -300,28 +300,29 @@ def _log_metrics(
     is_judged = ~uniform.dropout
     is_judged[:begin] = False
     is_judged[-END_MARGIN_SAMPLES:] = False
+    estimator = WrenchEstimator(robot, reader.model, _config(recording))
+    if not estimator.learnt:
+        raise ValueError("the model has no torque error")
+    # As any method would have it: the observer comes before the wrench is read.
+    observation = estimator.observe(uniform.q, uniform.v, uniform.current)
+    if mass == 0.0:
+        J_at_point = observation.J  # at E
+        true_force = np.zeros((len(observation.J), 3))
+    else:
+        point, true_force = force_of_load(
+            robot,
+            uniform,
+            observation.J,
+            observation.tau_ext,
+            reader.model.residual_covariance,
+            mass,
+        )
+        R_WE, _ = robot.chain.pose(uniform.q)
+        J_at_point = jacobian_at(observation.J, R_WE, point)
+    log = _PointLog(uniform, observation, J_at_point)
     metrics: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
-        config = _config(recording, method)
-        estimator = WrenchEstimator(robot, reader.model, config)
-        if not estimator.learnt:
-            raise ValueError("the model has no torque error")
-        observation = estimator.observe(uniform.q, uniform.v, uniform.current)
-        if mass == 0.0:  # read at E
-            J_at_point = observation.J
-            true_force = np.zeros((len(observation.J), 3))
-        else:
-            point, true_force = force_of_load(
-                robot,
-                uniform,
-                observation.J,
-                observation.tau_ext,
-                reader.model.residual_covariance,
-                mass,
-            )
-            R_WE, _ = robot.chain.pose(uniform.q)
-            J_at_point = jacobian_at(observation.J, R_WE, point)
-        reading = _read(_PointLog(uniform, observation, J_at_point), robot, reader, config)
+        reading = _read(log, robot, reader, _config(recording, method))
         error = reading.wrench[:, 3:] - true_force
         sd = np.sqrt(np.diagonal(reading.covariance, axis1=1, axis2=2))[:, 3:]
         by_regime = {}

@@ -50,15 +50,15 @@ from wrenchsight.models.numerics.arrays import Array
 
 QUICK_SHARE = 1.0 / 15.0  # of each of FEED_TIMES, in a shortened run
 _AIR_SEED = 1000  # apart from the runs' own
+_PAGE = "recording.html"
 _MODELS_SHARE, _RUNS_SHARE = 0.1, 0.85  # of the progress, for the models and for the runs
 
 
 def study_machining(context: ExperimentContext, task: MachiningTask) -> ExperimentResult:
     """The experiments `polishing` and `grinding` of `study`.
 
-    At each feed the work is done twice: with the estimate and with a sensor in the force loop. Plan
-    and air passes, which know of no force loop, are the same for both. All methods read the run
-    with the sensor; both runs show how well the force is held.
+    All methods read the run with a sensor in the force loop; both runs of a feed show how well the
+    force is held.
 
     Raises:
         RuntimeError: a pass ended before its feed was steady.
@@ -71,46 +71,17 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         for feedback, name in zip(FEEDBACKS, (task.scenario, task.sensorless), strict=True)
     }
     feeds = FEED_TIMES[:1] if context.fastest_feed else FEED_TIMES
-    # A run takes about as long as its feed: progress goes by s of one way, planned and done.
-    planned_time = 2.0 * sum(feeds)
-    done_time = 0.0
     metrics: dict[str, Any] = {}
     # By feed: the run with a sensor and its readings by method and component; the run without.
     shown: dict[float, tuple[MachiningRun, dict[str, dict[str, Array]]]] = {}
     without_sensor: dict[float, MachiningRun] = {}
-    picture = context.out / "recording.html"
-    for feed in feeds:
-        one_way = feed * (QUICK_SHARE if context.quick else 1.0)
-        runs: dict[str, MachiningRun] = {}  # by feedback
-        plan, air_passes = None, None  # of this feed
-        for feedback, scenario in scenarios.items():
-            at_feed = _at_feed(scenario, one_way, context.seed)
-            start, end = (
-                _MODELS_SHARE + _RUNS_SHARE * time / planned_time
-                for time in (done_time, done_time + feed)
-            )
-            report = context.part(start, end, f"{feed:g} s one way: ")
-            if plan is None or air_passes is None:
-                plan = make_machining_path(at_feed, robot)
-                air_passes = learn_air_passes(
-                    at_feed, robot, models.models[OURS], plan, _AIR_SEED + context.seed
-                )
-            with_picture = context.draws and feedback == "estimate" and feed == FEED_TIMES[0]
-            runs[feedback] = run_machining(
-                at_feed,
-                models,
-                plan,
-                air_pass=air_passes.correction,
-                reads=air_passes.model,
-                page=picture if with_picture else None,
-                progress=report,
-            )
-            done_time += feed
-            if not runs[feedback].steady.any():
-                reason = FAULT_SENTENCES.get(runs[feedback].fault, "no steady feed")
-                raise RuntimeError(
-                    f"{feedback} feedback, {feed:g} s: the pass ended early: {reason}"
-                )
+    for k, feed in enumerate(feeds):
+        # A run takes about as long as its feed.
+        start, end = (
+            _MODELS_SHARE + _RUNS_SHARE * sum(done) / sum(feeds)
+            for done in (feeds[:k], feeds[: k + 1])
+        )
+        runs = _runs_at_feed(context, feed, scenarios, models, start, end)
         readings = read_all(runs["sensor"], models)
         metrics[feed_key(feed)] = feed_metrics(task, runs, readings)
         shown[feed] = (runs["sensor"], readings)
@@ -119,7 +90,7 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     metrics["sources"] = sources(models, {feed: run for feed, (run, _) in shown.items()})
     context.progress(0.96, "figures")
     page = FigureFile(
-        Path("recording.html"),
+        Path(_PAGE),
         f"The arm at work without a sensor, one way in {FEED_TIMES[0]:g} s: true force black, "
         "estimated force blue.",
     )
@@ -133,6 +104,57 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
         notes=[*machining_notes(task), *broken_off(metrics)],
         configuration={"scenarios": scenarios, "feeds_s": feeds, "K_0": K_0},
     )
+
+
+def _runs_at_feed(
+    context: ExperimentContext,
+    feed: float,
+    scenarios: Mapping[str, Scenario],
+    models: ArmModels,
+    start: float,
+    end: float,
+) -> dict[str, MachiningRun]:
+    """The work at one feed by feedback: with a sensor in the force loop, and with the estimate.
+
+    Plan and air passes, which know of no force loop, are those of the scenario with the sensor in
+    both runs. The page of the experiment shows the fastest feed without a sensor.
+
+    Args:
+        feed: s, one way, of FEED_TIMES; shorter in a shortened run.
+        scenarios: by feedback.
+        start, end: of the experiment's progress.
+
+    Raises:
+        RuntimeError: a pass ended before its feed was steady.
+    """
+    one_way = feed * (QUICK_SHARE if context.quick else 1.0)
+    at_feed = {
+        feedback: _at_feed(scenario, one_way, context.seed)
+        for feedback, scenario in scenarios.items()
+    }
+    with_sensor = at_feed["sensor"]
+    plan = make_machining_path(with_sensor, models.robot)
+    air_passes = learn_air_passes(
+        with_sensor, models.robot, models.models[OURS], plan, _AIR_SEED + context.seed
+    )
+    middle = 0.5 * (start + end)
+    runs = {}
+    for feedback, begin, stop in (("sensor", start, middle), ("estimate", middle, end)):
+        is_shown = context.draws and feedback == "estimate" and feed == FEED_TIMES[0]
+        run = run_machining(
+            at_feed[feedback],
+            models,
+            plan,
+            air_pass=air_passes.correction,
+            reads=air_passes.model,
+            page=context.out / _PAGE if is_shown else None,
+            progress=context.part(begin, stop, f"{feed:g} s one way: "),
+        )
+        if not run.steady.any():
+            reason = FAULT_SENTENCES.get(run.fault, "no steady feed")
+            raise RuntimeError(f"{feedback} feedback, {feed:g} s: the pass ended early: {reason}")
+        runs[feedback] = run
+    return runs
 
 
 def _at_feed(scenario: Scenario, one_way: float, seed: int) -> Scenario:
@@ -162,8 +184,8 @@ def feed_metrics(
         By method, while the tool works: the errors of the article's component, with `steady` and
         `within_ways`, and those of each component; the article's `correlation` and `rmse_n` stand
         on top as well. Then, by feedback: bands, shares of valid readings and reasons in percent by
-        part of the work, regulation, vibration and fault. A part that a run did not have is left
-        out.
+        part of the work (`MachiningRun.parts`), regulation, vibration and fault. A part that a run
+        did not have is left out.
     """
     out = _errors_by_method(task, runs["sensor"], readings)
     for key in ("correlation", "rmse_n"):
@@ -257,12 +279,12 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
     """
 
     def collect(*path: str) -> list[float]:
-        """The figure at this path of keys below each feed."""
+        """The figure at this path of keys below each feed; NaN where it is None, too."""
         values = []
         for feed in FEED_TIMES:
             value: Any = metrics.get(feed_key(feed))
             if value is not None:
-                for key in path:
+                for key in path:  # every run has them: "steady" is the one part that it must have
                     value = value[key]
             values.append(float("nan") if value is None else value)
         return values
@@ -313,7 +335,7 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
     feeds = ", ".join(f"{feed:g}" for feed in FEED_TIMES)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
     held = f"True normal force held {{}} a sensor, {feeds} s: {{}} error"
-    ours = "with the air-pass correction"
+    corrected = "with the air-pass correction"
     inside = f"Inside the stated 95 % band, {{}}, {feeds} s: least share of an axis"
     within = f"{force}: correlation within a way, its mean taken off"
     parts = {"steady": "steady feed", "ends": "starts and stops", "turns": "turns of the feed"}
@@ -332,8 +354,8 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
             remark=task.remark,
             ours="ours.rmse_n",
         ),
-        ComparisonRow(f"{force}: correlation, ours", "ours.correlation", remark=ours),
-        ComparisonRow(f"{force}: RMSE, ours", "ours.rmse_n", article=task.rmse_n, remark=ours),
+        ComparisonRow(f"{force}: correlation, ours", "ours.correlation", remark=corrected),
+        ComparisonRow(f"{force}: RMSE, ours", "ours.rmse_n", article=task.rmse_n, remark=corrected),
         ComparisonRow(within, "article.within_ways.correlation"),
         ComparisonRow(f"{within}, ours", "ours.within_ways.correlation"),
         ComparisonRow(held.format("without", "RMS"), "regulation.estimate.rms_n"),
@@ -359,7 +381,7 @@ def machining_notes(task: MachiningTask) -> list[str]:
     """Notes for the report, to be filled by the metrics.
 
     `<a.b:spec>` stands for entry b of entry a of the metrics, written with a format; "100 .0f" is
-    a hundred times it.
+    a hundred times it. The report leaves out a note whose metric is absent, as with one feed alone.
     """
 
     def each(path: str, spec: str = ".2f") -> str:

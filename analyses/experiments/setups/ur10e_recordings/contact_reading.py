@@ -110,7 +110,10 @@ class PreparedRun:
 def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> PreparedRun:
     """Evaluates kinematics, and collects the rows for friction fits.
 
-    Where an angle is not known, J and what rests on it are NaN, and no row is collected.
+    Where an angle is not known, J and the torque are NaN, `torque_per_newton` is zero, and no row
+    is collected. Two models take part: readings and `unexplained_torque` have the published masses
+    of the robot's file, which are those of any specimen; the rows for fits of friction the
+    identified masses of another specimen, with this run's tool put on.
 
     Args:
         robot: carries the tool of the run's controller.
@@ -124,17 +127,16 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
     # The tool's z axis points out of it, at the surface, which pushes it back.
     push_W = -R_WE[:, :, 2]
     torque_per_newton = np.nan_to_num(np.einsum("kaj,ka->kj", J[:, 3:], push_W))
-    # The masses that the robot states are those of any specimen, the identified ones are not.
     published = replace(identified, inertial_parameters=robot.chain.inertial_parameters)
     terms = joint_torques(run.log, robot, published)
-    # M vdot + C v + G = tau_J + tau_ext - tau_f
+    # M vdot + C v + G = tau_J + tau_ext - tau_f: rigid body's less motors' is tau_ext - tau_f.
     unexplained_torque = np.where(terms.is_known[:, None], terms.rigid - terms.tau_J, np.nan)
     is_slide = np.zeros(len(run.t), np.bool_)
     if "slide" in run.intervals:
         begin, end = run.intervals["slide"]
         is_slide = (run.t >= begin) & (run.t <= end) & ~run.corners
-    # A fit of friction rests on the identified masses; they lack this run's tool.
     with_tool = with_tool_of(identified, robot)
+    # N m, of the sensor's force on the joints; of no posture there is no row that it would enter.
     external = torque_per_newton * run.sensor_force[:, None]
     return PreparedRun(
         run=run,
@@ -261,13 +263,13 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
     log = prepared.run.log
     config = WrenchEstimatorConfig(
         MomentumObserverConfig([OBSERVER_GAIN], log.time_step, torque_samples="trapezoidal"),
-        WrenchReconstructionConfig(),  # not used: `observe` ends with tau_ext
+        WrenchReconstructionConfig(),  # any: `observe` ends with tau_ext
         position_resolution=[ANGLE_RESOLUTION] * prepared.robot.num_joints,
         check_samples=False,  # velocities are rebuilt, and jump
     )
     estimator = WrenchEstimator(prepared.robot, model, config)
     observation = estimator.observe(log.q, log.v, log.current)
-    force_per_torque = _normal_rows(prepared)  # (T, 6) 1/m
+    force_per_torque = _normal_rows(prepared)  # (T, 6) 1/m, the row of J^-T along the tool
     force = np.einsum("kj,kj->k", force_per_torque, observation.tau_ext)
     sd = np.sqrt(np.einsum("kj,j->k", force_per_torque**2, torque_sd**2))
     valid = block_mean((observation.fresh & np.isfinite(force)).astype(float)) == 1.0
@@ -314,7 +316,7 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
     config = EstimateConfig(
         contact=ContactConfig(axis=AXIS), tool=True, table="parquet", covariance=True, check=False
     )
-    config.estimator.check_samples = False
+    config.estimator.check_samples = False  # of this configuration's own estimator
     robot_file, model_file = model / "robot.yaml", model / "model.yaml"
     result = estimate_log(log, robot_file, model_file, out, log_format=FORMAT, config=config)
     table = pq.read_table(result.table)
@@ -326,6 +328,7 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
         for j, b in enumerate(axes[i:], start=i):
             covariance[:, i, j] = covariance[:, j, i] = column[f"cov_{a}_{b}"]
     # The tool's z axis points at the surface; its force on the robot, along -z, counts as positive.
+    # The table has a row a sample of the run: the log's clock is even.
     z_W = prepared.R_WE[:, :, 2]
     pressing_force = -np.einsum("ki,ki->k", z_W, force)
     sd = np.sqrt(np.einsum("ki,kij,kj->k", z_W, covariance, z_W))
@@ -338,17 +341,19 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
 
 
 def command_reading(run: PreparedRun, file: Path, model: IdentifiedModel) -> ForceReading:
-    """`read_command` of a run's file with the model of its motion in the air; once in a study."""
+    """`read_with` the model of the run's motion in the air; once in a study."""
+    arguments = (str(file), run.robot, model)
+    return shared("contact-by-command", arguments, lambda: read_with(run, file, run.robot, model))
 
-    def read() -> ForceReading:
-        with TemporaryDirectory() as name:
-            folder = Path(name)
-            log = folder / file.name
-            write_rounded(run.run, file, log)
-            save_model(folder / "model", run.robot, model)
-            return read_command(run, log, folder / "model", folder / "out")
 
-    return shared("contact-by-command", (str(file), run.robot, model), read)
+def read_with(run: PreparedRun, file: Path, robot: Robot, model: IdentifiedModel) -> ForceReading:
+    """`read_command` of a run's file, its velocities rounded, with a robot and its model."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        log = folder / file.name
+        write_rounded(run.run, file, log)
+        save_model(folder / "model", robot, model)
+        return read_command(run, log, folder / "model", folder / "out")
 
 
 def _excess_torque(prepared: PreparedRun) -> Array:

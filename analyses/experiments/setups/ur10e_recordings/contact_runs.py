@@ -213,6 +213,7 @@ def _intervals(
     }
     for key, (samples, begin_margin, end_margin) in rules.items():
         rows = np.flatnonzero(samples)
+        # `direct` presses in one place: what its phases call a slide is none.
         if not len(rows) or (key == "slide" and name.scene == "direct"):
             continue
         begin, end = float(t[rows[0]]) + begin_margin, float(t[rows[-1]]) - end_margin
@@ -230,13 +231,14 @@ def rounded_corners(
 ) -> tuple[Array, Flags]:
     """Rounds the corners of a path off as the robot does.
 
-    From the beginning of a blend to its corner the velocity runs linearly from one to the other; a
-    blend that is longer than the path before its corner begins where the path does.
+    A corner is where joint velocity per tool speed jumps. From the beginning of a blend to its
+    corner the velocity runs linearly from one to the other; a blend that is longer than the path
+    before its corner begins where the path does.
 
     Args:
-        v: (T, n) rad/s along the path with corners.
+        v: (T, n) rad/s along the path with corners; NaN where it is not known.
         speed: (T,) m/s of the tool.
-        where: (T,) samples of the path.
+        where: (T,) samples of the path; the arm rests before the first.
         step: s between samples.
         blends: m before each corner, in their order; further corners take the last.
 
@@ -244,7 +246,8 @@ def rounded_corners(
         The velocity, and (T,) True from _BEFORE_CORNER before a corner to _AFTER_CORNER after.
     """
     direction = v / np.maximum(speed, _MIN_SPEED)[:, None]  # (T, n) rad/m
-    jump = np.nan_to_num(np.abs(np.diff(direction, axis=0)).sum(axis=1))  # from sample k to k + 1
+    # (T - 1,) rad/m, all joints together, from sample k to k + 1.
+    jump = np.nan_to_num(np.abs(np.diff(direction, axis=0)).sum(axis=1))
     jumps = np.flatnonzero((jump > _CORNER_JUMP) & where[1:] & (speed[1:] > _MIN_CORNER_SPEED))
     # Jumps of a few samples one after another are one corner.
     apart = np.flatnonzero(np.diff(jumps) >= _CORNER_STEPS) + 1
@@ -255,8 +258,10 @@ def rounded_corners(
     for number, corner in enumerate(corners):
         end = int(corner[-1]) + 1  # first sample behind the corner
         blend = blends[min(number, len(blends) - 1)]
-        start = min(int(np.searchsorted(travelled, travelled[end] - blend)), int(corner[0]))
-        start = max(start, int(np.flatnonzero(where[: end + 1])[0]))  # at rest before its path
+        blend_start = int(np.searchsorted(travelled, travelled[end] - blend))
+        path_start = int(np.flatnonzero(where)[0])
+        # Not behind the corner's first jump, not before the path.
+        start = max(min(blend_start, int(corner[0])), path_start)
         share = np.linspace(0.0, 1.0, end - start + 1)[:, None]
         rounded[start : end + 1] = v[start] + (v[end] - v[start]) * share
         begin_near = max(end - round(_BEFORE_CORNER / step), 0)

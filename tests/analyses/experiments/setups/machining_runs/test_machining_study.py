@@ -77,9 +77,8 @@ def studied(monkeypatch, tmp_path):
             assert list(shown) == list(without) == list(FEED_TIMES)
             return ["figures"]
 
-        monkeypatch.setattr(
-            module, "identify_arm", lambda *_: SimpleNamespace(models={OURS: "the model of ours"})
-        )
+        arm = SimpleNamespace(models={OURS: "the model of ours"}, robot="the arm")
+        monkeypatch.setattr(module, "identify_arm", lambda *_: arm)
         monkeypatch.setattr(
             module, "make_machining_path", lambda scenario, robot: scenario.machining.one_way
         )
