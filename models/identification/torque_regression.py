@@ -41,6 +41,9 @@ _LEAST_LENGTH = 1e-300  # of a column of zeros, for a division
 # Prior of what a robot's file does not state.
 _LEAST_HALF_LENGTH = 0.01  # m, of a link
 _LEAST_MEAN_MASS = 1e-3  # kg, of the links
+# kg/m^2, moving mass over the square of the stretched arm's length, of an arm that states no mass:
+# Panda 9, UR10e 10, UR5e 12, LR Mate 27, KR210 80
+_MASS_PER_LENGTH = 20.0
 _LIGHT_LINK_SHARE = 0.1  # of the links' mean mass, for one without a mass
 _FRICTION_SHARE = 0.01  # of the effort limit: sd of each friction coefficient
 
@@ -391,7 +394,8 @@ def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[
     """Prior of all parameters: the values in the robot's files, and their plausible errors (sds).
 
     A link's error is as large as the link itself: its mass m, m times its size, m times its size
-    squared; its size is half of a link's mean length. A rotor's is as large as the rotor, or as a
+    squared; its size is half of a link's mean length. Of an arm that states no mass at all, it is
+    as large as a link of an arm of that length. A rotor's is as large as the rotor, or as a
     link of that size. Friction has the prior zero, and a hundredth of the joint's effort limit for
     its error.
 
@@ -407,8 +411,10 @@ def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[
     reach = np.linalg.norm(chain.p_PJ, axis=1).sum() + float(np.linalg.norm(chain.p_LE))
     half_length = max(0.5 * float(reach) / n, _LEAST_HALF_LENGTH)  # m
     stated_mass = np.maximum(chain.inertial_parameters[:, 0], 0.0)
-    mean_mass = max(float(stated_mass.mean()), _LEAST_MEAN_MASS)
-    mass = np.maximum(stated_mass, _LIGHT_LINK_SHARE * mean_mass)
+    likely_mass = 0.0 if stated_mass.any() else _MASS_PER_LENGTH * float(reach) ** 2 / n
+    mean_mass = max(float(stated_mass.mean()), likely_mass, _LEAST_MEAN_MASS)
+    light_link_share = _LIGHT_LINK_SHARE if stated_mass.any() else 1.0
+    mass = np.maximum(stated_mass, light_link_share * mean_mass)
     spread = np.empty((n, _INERTIAL))  # columns: mass, m c (3), inertia (6)
     spread[:, 0] = mass
     spread[:, 1:4] = (mass * half_length)[:, None]

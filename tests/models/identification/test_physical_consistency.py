@@ -1,5 +1,7 @@
 """The consistent fit: what a body is, what the program returns, what the data still decide."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -112,6 +114,19 @@ def test_what_the_data_determine_comes_from_them_and_the_rest_from_the_file(prob
     # The first link turns about a vertical axis: nothing feels its mass. 1 %: a heavier or lighter
     # link with the moment of inertia that is felt may be the nearer body.
     assert fit.x[0] == pytest.approx(prior[0], rel=0.01)
+
+
+def test_an_arm_that_states_no_masses_gets_them_from_the_data(problem):
+    robot, structure, _, _, truth, R, v_max = problem
+    bare = copy.copy(robot)
+    bare.__dict__["chain"] = robot.chain.with_inertial_parameters(np.zeros((6, 10)))
+    prior, spread = parameter_prior(bare)
+    fit = fit_consistent(R[:, :-1], R[:, -1], prior, spread, structure, v_max)
+    base = find_base_parameters(R[:, :-1], parameter_names(robot.joint_names, structure.terms))
+    W = R[:, base.independent]
+    sd = np.sqrt(np.diag(np.linalg.inv(W.T @ W)))
+    deviation = base.combination @ (fit.x - truth) / sd
+    assert np.sqrt(np.mean(deviation**2)) < 1.5  # as above, from a prior that knows less
 
 
 def test_the_length_of_the_log_does_not_matter_once_it_is_reduced(problem):
