@@ -22,6 +22,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, PrismaticJoint, RevoluteJoint, WeldJoint
 from pydrake.systems.framework import DiagramBuilder
 
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.limited_child import limit_process
 from wrenchsight.models.robot.mjcf_efforts import effort_limits
@@ -35,6 +36,9 @@ _SHAPES = ("visual", "collision")
 _NEGLIGIBLE_MASS = 1e-9  # kg, of a body without one
 _NEGLIGIBLE_INERTIA = 1e-12  # kg m^2
 _MAX_NUMBER = 1e6  # of a number of a pose, m or rad
+_MAX_INCLUDES = 100  # files of an MJCF
+_LARGEST_RAD = 2.01 * np.pi  # of a range of an arm's joint that does not turn without end
+_MIN_RANGES = 3  # of joints, whose unit is judged
 
 
 def main(words: list[str]) -> int:
@@ -101,6 +105,9 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     Raises:
         RuntimeError, ValueError: Drake cannot read it, or it holds no model or several.
     """
+    _include_files(root, path)
+    _check_depth(root)
+    _check_angles(root)
     has_shapes = root.find("worldbody//geom") is not None
     name = root.get("model") or path.stem
     root.set("model", name)
@@ -134,6 +141,73 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     return robot
 
 
+def _include_files(root: ET.Element, path: Path) -> None:
+    """Puts the content of each <include> in its place, as MuJoCo does.
+
+    Files are searched for beside the MJCF, whichever file includes them, then beside that.
+
+    Raises:
+        ValueError: a file is missing, is no XML, or too many are included.
+    """
+    count = 0
+
+    def expand(parent: ET.Element, source: Path) -> None:
+        nonlocal count
+        for child in list(parent):
+            if child.tag != "include":
+                expand(child, source)
+                continue
+            name = child.get("file", "")
+            places = (path.parent / name, source.parent / name)
+            file = next((place for place in places if place.is_file()), None)
+            if file is None:
+                raise ValueError(f'<include file="{name}">: no such file beside {path.name}')
+            count += 1
+            if count > _MAX_INCLUDES:
+                raise ValueError(f"includes more than {_MAX_INCLUDES} files, or a file itself")
+            try:
+                included, _ = parse_document(file.read_bytes(), file)
+            except InputError as error:
+                raise ValueError(str(error)) from error
+            _check_depth(included)
+            expand(included, file)
+            place = list(parent).index(child)
+            parent[place : place + 1] = list(included)
+
+    expand(root, path)
+
+
+def _check_angles(root: ET.Element) -> None:
+    """Refuses a file that has its angles in radians and does not say so.
+
+    Fragments that a program puts under a <compiler angle="radian"> of its own are such files.
+
+    Raises:
+        ValueError: no joint turns by more than 6.3 degrees, of an arm that has some.
+    """
+    if any(compiler.get("angle") for compiler in root.iter("compiler")):
+        return
+    largest = [
+        max(map(abs, _floats(joint.get("range", ""))), default=0.0)
+        for joint in root.iter("joint")
+        if joint.get("type", "hinge") == "hinge"
+    ]
+    ranges = [angle for angle in largest if angle > 0.0]
+    if len(ranges) >= _MIN_RANGES and max(ranges) < _LARGEST_RAD:
+        raise ValueError(
+            f"its joints turn by {max(ranges):.3g} degrees at most, as an MJCF has degrees where "
+            'nothing else is stated; if they are radians, write <compiler angle="radian"/> into '
+            "its <mujoco>"
+        )
+
+
+def _floats(text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return []  # Drake says what is wrong with it
+
+
 def _give_mass(root: ET.Element) -> None:
     """Gives bodies without mass a negligible one, which Drake needs and MuJoCo does not.
 
@@ -155,12 +229,13 @@ def _is_zero(text: str) -> bool:
 
 def _find_files(root: ET.Element, folder: Path) -> None:
     """Makes the paths of meshes absolute: what Drake reads as a text has no folder."""
+    mesh_folder = folder
     for compiler in root.iter("compiler"):
         place = compiler.attrib.pop("meshdir", compiler.get("assetdir"))
-        folder = folder if place is None else folder / place
+        mesh_folder = mesh_folder if place is None else folder / place
     for mesh in root.iter("mesh"):
         if mesh.get("file"):
-            mesh.set("file", str(folder / mesh.get("file", "")))
+            mesh.set("file", str(mesh_folder / mesh.get("file", "")))
 
 
 def _instance_of(parser: Parser, root: ET.Element) -> ModelInstanceIndex:

@@ -253,3 +253,56 @@ def test_rounded_quaternions_of_an_mjcf_are_right_angles(tmp_path):
     expected = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
     np.testing.assert_allclose(robot.chain.R_PJ[0], expected, atol=1e-15)
     assert any("taken as exact: shoulder" in notice for notice in robot.notices)
+
+
+_LINKS = """<body name="upper" pos="0 0 .3"><joint name="shoulder" axis="0 1 0" range="-2 2"/>
+<inertial pos="0 0 .1" mass="2" diaginertia=".02 .02 .01"/>
+<body name="lower" pos="0 0 .4"><joint name="elbow" axis="0 1 0" range="-1 1.5"/>
+<inertial pos="0 0 .1" mass="1" diaginertia=".01 .01 .005"/>
+<body name="hand" pos="0 0 .3"><joint name="wrist" axis="0 0 1" range="-3.1 3.1"/>
+<inertial pos="0 0 .05" mass=".5" diaginertia=".001 .001 .001"/></body></body></body>"""
+
+
+def test_the_files_that_an_mjcf_includes_are_read_beside_it(tmp_path, monkeypatch):
+    """Whichever folder the command runs in; their one outer element is left out."""
+    monkeypatch.chdir("/")
+    (tmp_path / "parts").mkdir()
+    arm = tmp_path / "arm.xml"
+    arm.write_text(
+        '<mujoco model="arm"><include file="parts/common.xml"/><worldbody><body name="base">'
+        '<include file="parts/links.xml"/></body></worldbody></mujoco>'
+    )
+    common = '<mujoco><compiler angle="radian"/><include file="options.xml"/></mujoco>'
+    (tmp_path / "parts" / "common.xml").write_text(common)
+    (tmp_path / "parts" / "options.xml").write_text('<mujoco><size njmax="500"/></mujoco>')
+    (tmp_path / "parts" / "links.xml").write_text(f"<mujocoinclude>{_LINKS}</mujocoinclude>")
+    root, _ = read_document(arm)
+    limits = {
+        j.get("name"): j.find("limit").attrib
+        for j in root.iter("joint")
+        if j.find("limit") is not None
+    }
+    assert float(limits["elbow"]["upper"]) == 1.5
+    assert list(limits) == ["shoulder", "elbow", "wrist"]
+    (tmp_path / "parts" / "links.xml").unlink()
+    with pytest.raises(InputError, match=r'include file="parts/links.xml">: no such file'):
+        read_document(arm.rename(tmp_path / "other.xml"))  # the first is remembered
+    (tmp_path / "parts" / "links.xml").write_text('<m><include file="parts/links.xml"/></m>')
+    with pytest.raises(InputError, match="or a file itself"):
+        read_document(tmp_path / "other.xml")
+
+
+def test_an_mjcf_with_radians_that_it_does_not_state_is_refused(tmp_path):
+    arm = tmp_path / "arm.xml"
+    text = (
+        f'<mujoco model="arm">{{}}<worldbody><body name="base">{_LINKS}</body></worldbody></mujoco>'
+    )
+    arm.write_text(text.format(""))
+    with pytest.raises(
+        InputError, match=r'turn by 3.1 degrees at most.*<compiler angle="radian"/>'
+    ):
+        read_document(arm)
+    arm.write_text(text.format('<compiler angle="radian"/>'))
+    read_document(arm)
+    arm.write_text(text.format("").replace("-2 2", "-115 115"))  # degrees
+    read_document(arm)
