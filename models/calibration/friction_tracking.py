@@ -30,6 +30,7 @@ samples: the filter learns from the last sample of a step, whose S and v `correc
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -118,20 +119,7 @@ class FrictionTracker:
         self._coulomb = np.maximum(np.abs(plain.coulomb), sd)
         self._viscous = np.maximum(np.abs(plain.viscous), sd)
         self._prior_sd = FrictionDrift().of(self._coulomb, self._viscous)
-        slow_force = FORCE_SHARE * force_sd
-        state_sd = np.concatenate(
-            [
-                self._prior_sd.ravel(),
-                np.ones(n),
-                np.full(3, FORCE_LEVER * slow_force),
-                np.full(3, slow_force),
-            ]
-        )
-        # Each entry fades within its time; the variance added keeps it at its prior's.
-        times = np.array([DRIFT_TIME, residual_noise.CORRELATION_TIME, FORCE_TIME])
-        self._fade = np.repeat(np.exp(-period / times), [3 * n, n, 6])
-        self._prior_variance = state_sd**2
-        self._added_variance = self._prior_variance * (1.0 - self._fade**2)
+        self._prediction = _Prediction.of(self._prior_sd, FORCE_SHARE * force_sd, period)
         # N of `share`: an error that fades within a time is seen anew every two of it.
         self._share_noise = sd**2 * max(1.0, 2.0 * residual_noise.CORRELATION_TIME / period)
         self._share_fade = float(np.exp(-period / FORCE_TIME))
@@ -141,7 +129,7 @@ class FrictionTracker:
     def reset(self) -> None:
         """Returns to the model's friction and its prior."""
         n = self._n
-        self._x, self._P = np.zeros(4 * n + 6), np.diag(self._prior_variance)
+        self._x, self._P = np.zeros(4 * n + 6), np.diag(self._prediction.prior_variance)
         self._covariances = self._joint_covariances()  # of _P, for every sample until it changes
         self._surprise_ratio = np.ones(n)  # mean square of a step's surprise over its variance
         # Sums of -tau_ext S x and (S x)^2, over N.
@@ -244,9 +232,10 @@ class FrictionTracker:
         if self._samples_left > 0:
             return
         self._samples_left = self._samples_per_step
-        self._x *= self._fade
-        self._P *= np.outer(self._fade, self._fade)
-        self._P[np.diag_indices_from(self._P)] += self._added_variance
+        fade = self._prediction.fade
+        self._x *= fade
+        self._P *= np.outer(fade, fade)
+        self._P[np.diag_indices_from(self._P)] += self._prediction.added_variance
         if (
             self.learning
             and self._contact_free >= CONTACT_MARGIN
@@ -357,6 +346,37 @@ class FrictionTracker:
                     "`wrenchsight identify --refresh` shows whether friction or a load has changed"
                 )
         return lines
+
+
+class _Prediction(NamedTuple):
+    """What happens to the state (4 n + 6,) from one step to the next, entry by entry.
+
+    Attributes:
+        prior_variance: before the first step, and at which it stays.
+        fade: factor on the state, which fades within DRIFT_TIME (friction's drift),
+            CORRELATION_TIME (slow errors) and FORCE_TIME (the wrench).
+        added_variance: what then keeps the variance at its prior's.
+    """
+
+    prior_variance: Array
+    fade: Array
+    added_variance: Array
+
+    @classmethod
+    def of(cls, drift_sd: Array, slow_force: float, period: float) -> "_Prediction":
+        """The prediction over a step.
+
+        Args:
+            drift_sd: (n, 3) of each joint's dry, viscous and offset coefficient.
+            slow_force: N, sd of a force that no detector sees.
+            period: s between steps.
+        """
+        n = len(drift_sd)
+        wrench_sd = [np.full(3, FORCE_LEVER * slow_force), np.full(3, slow_force)]
+        state_sd = np.concatenate([drift_sd.ravel(), np.ones(n), *wrench_sd])
+        times = np.array([DRIFT_TIME, residual_noise.CORRELATION_TIME, FORCE_TIME])
+        fade = np.repeat(np.exp(-period / times), [3 * n, n, 6])
+        return cls(state_sd**2, fade, state_sd**2 * (1.0 - fade**2))
 
 
 def _bare(law: FrictionLaw) -> FrictionLaw:

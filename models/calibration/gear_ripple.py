@@ -318,18 +318,33 @@ def _joint_ripple(
     cleared -= basis @ (basis.T @ cleared)
     num_seen = len(seen)
     cosine, sine = cleared[:, :num_seen], cleared[:, num_seen : 2 * num_seen]
-    residual = cleared[:, -1]
-    # G, g, S and log B of the module, for each number: (K, 2, 2) and (K, 2).
+    of_seen = _of_waves(cosine, sine, cleared[:, -1], sd)
+    log_factor[is_seen] = of_seen.log_factor
+    amplitude_square[is_seen] = of_seen.amplitude_square
+    variance[is_seen] = of_seen.variance
+    return _JointRipple(log_factor, amplitude_square, variance)
+
+
+def _of_waves(cosine: Array, sine: Array, residual: Array, sd: float) -> _JointRipple:
+    """The ripple by each of K waves in rows that are clear of all else, in closed form.
+
+    Args:
+        cosine, sine: (m, K) the columns of a and b, whitened; the scatter of the rows is 1.
+        residual: (m,) likewise.
+        sd: N m, of the prior of a and b.
+    """
+    # For each number of periods G, S (K, 2, 2) and g (K, 2).
     product = (cosine * sine).sum(axis=0)
     G = np.array([[(cosine**2).sum(axis=0), product], [product, (sine**2).sum(axis=0)]]).T
     g = np.array([residual @ cosine, residual @ sine]).T
     S = np.linalg.inv(G + np.eye(2) / sd**2)
-    mean = np.einsum("kab,kb->ka", S, g)
+    mean = np.einsum("kab,kb->ka", S, g)  # of a and b, given the rows
     total_variance = np.trace(S, axis1=1, axis2=2)
-    log_factor[is_seen] = 0.5 * ((g * mean).sum(axis=1) + np.log(np.linalg.det(S / sd**2)))
-    amplitude_square[is_seen] = (mean**2).sum(axis=1) + total_variance
-    variance[is_seen] = 0.5 * total_variance
-    return _JointRipple(log_factor, amplitude_square, variance)
+    return _JointRipple(
+        log_factor=0.5 * ((g * mean).sum(axis=1) + np.log(np.linalg.det(S / sd**2))),
+        amplitude_square=(mean**2).sum(axis=1) + total_variance,
+        variance=0.5 * total_variance,
+    )
 
 
 def _can_show(q: Array, v: Array, periods: Array) -> tuple[Flags, Flags]:

@@ -633,15 +633,11 @@ class WrenchEstimator:
         else:
             tau_J = transmitted = known_tau_J
         rows = self.error.follow(state.error, q, v)
-        # Friction: as it is known, at the planned speed, or by the law, which is told what rests.
-        # A known one is taken off the motor torque, so that the stages see an arm without friction.
-        if known_friction is not None:
+        if known_friction is None:
+            friction = self._friction_torque(state.friction, q, v, tau_J, rows, correction)
+        else:  # it is taken off the motor torque: the stages see an arm without friction
             tau_J, friction = tau_J - known_friction, np.zeros_like(tau_J)
             transmitted = tau_J
-        elif correction is not None and self.friction.is_of_speed_alone:
-            friction = self.friction.feedforward.torque(correction.v_planned)
-        else:
-            friction = self.friction.run(state.friction, q, v, tau_J, self._rest(rows))
         # The torque error, which holds what a correction does not know.
         error = self.error.sds(state.error, rows, q, v, transmitted, friction, J)
         if correction is not None:
@@ -711,6 +707,23 @@ class WrenchEstimator:
         if not self.error.may_rest_unseen:
             return reading
         return with_unseen_rests(reading, self.error.table, taken.error.rows, taken.tau_ext)
+
+    def _friction_torque(
+        self,
+        friction_state: Array,
+        q: Array,
+        v: Array,
+        tau_J: Array,
+        rows: Array,
+        correction: Correction | None,
+    ) -> Array:
+        """tau_f (N, n) by the law, which is told what rests (`rows`); its state is changed.
+
+        A law without memory is taken at the planned speed where an air pass has a correction.
+        """
+        if correction is not None and self.friction.is_of_speed_alone:
+            return self.friction.feedforward.torque(correction.v_planned)
+        return self.friction.run(friction_state, q, v, tau_J, self._rest(rows))
 
     def _check_shapes(
         self,

@@ -253,25 +253,28 @@ class Case:
         load_sd = 0.5 * self.robot.payload  # kg: two of them are the rated payload
         link_sd[-1] += load_sd * np.array([1.0, *[LOAD_LEVER] * 3])
         friction, coulomb_sd, viscous_sd = self._friction(rows, rigid)
-        one_each = np.eye(n)  # a column a joint
-        # Behind the links' columns, dry friction first: `View.sliding_columns`; sds in this order.
-        drives = [one_each * x[:, :, None] for x in (rows.sliding, rows.v)]
-        drives.append(np.broadcast_to(one_each, (len(rows.t), n, n)))
         # A joint that rests carries one torque of its stiction band, not a new one each moment.
         resting = 1.0 - np.minimum(np.abs(rows.sliding[self.at]), 1.0).mean(axis=0)
         offset_sd = np.hypot(OFFSET_SHARE * self.effort_limit, resting * self._coulomb)
-        sds = [link_sd.ravel(), coulomb_sd, viscous_sd, offset_sd]
+        one_each = np.eye(n)  # a column a joint
+        # Columns and sds. Behind the links' comes dry friction: `View.sliding_columns`.
+        parts = [
+            (links, link_sd.ravel()),
+            (one_each * rows.sliding[:, :, None], coulomb_sd),
+            (one_each * rows.v[:, :, None], viscous_sd),
+            (np.broadcast_to(one_each, (len(rows.t), n, n)), offset_sd),
+        ]
         if not is_fitted:
-            drives.append(one_each * rows.vdot[:, :, None])
             speed = np.where(np.isfinite(self.robot.velocity_limit), self.robot.velocity_limit, 1.0)
             # kg m^2: with it the effort limit takes ROTOR_RISE_TIME to the speed limit.
             rotor = ROTOR_RISE_TIME * self.effort_limit / speed
-            sds.append(np.maximum(self.robot.reflected_inertia, rotor))
+            rotor_sd = np.maximum(self.robot.reflected_inertia, rotor)
+            parts.append((one_each * rows.vdot[:, :, None], rotor_sd))
         return _Expected(
             rigid=rigid,
             friction=friction,
-            columns=np.concatenate([links, *drives], axis=2),
-            prior_sd=np.concatenate(sds),
+            columns=np.concatenate([columns for columns, _ in parts], axis=2),
+            prior_sd=np.concatenate([sd for _, sd in parts]),
         )
 
     def _friction(self, rows: LogRows, rigid: Array) -> tuple[Array, Array, Array]:

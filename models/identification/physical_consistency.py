@@ -98,12 +98,7 @@ def fit_consistent(
     program.AddL2NormCostUsingConicConstraint(rows / length, -right / length, y)
     for i in range(n):
         link_columns = slice(_NUM_INERTIAL * i, _NUM_INERTIAL * (i + 1))
-        link_spread = spread[link_columns]
-        S = _scaling(link_spread)
-        # The pseudo-inertia, scaled to mass and size of its prior, less its bound, is semidefinite:
-        # F[0] + sum y_k F[k + 1] of the link's ten y_k.
-        F = [S @ pseudo_inertia(prior[link_columns]) @ S - MIN_EIGENVALUE * np.eye(4)]
-        F += [S @ _BASIS[k] @ S * link_spread[k] for k in range(_NUM_INERTIAL)]
+        F = _scaled_pseudo_inertia(prior[link_columns], spread[link_columns])
         program.AddLinearMatrixInequalityConstraint([(f + f.T) / 2 for f in F], y[link_columns])
     for bound in _friction_bounds(structure, v_max, p):
         at_prior = float(bound.weights @ prior)
@@ -121,6 +116,19 @@ def fit_consistent(
     inertial = x[: _NUM_INERTIAL * n].reshape(n, _NUM_INERTIAL)
     inertial_spread = spread[: _NUM_INERTIAL * n].reshape(n, _NUM_INERTIAL)
     return ConsistentFit(x=x, least_eigenvalue=least_eigenvalues(inertial, inertial_spread))
+
+
+def _scaled_pseudo_inertia(prior: Array, spread: Array) -> list[Array]:
+    """F (4, 4), of which F[0] + sum y_k F[k + 1] must be semidefinite for prior + spread y.
+
+    It is a link's pseudo-inertia, scaled to mass and size of its prior, less MIN_EIGENVALUE.
+
+    Args:
+        prior, spread: (10,) of the link.
+    """
+    S = _scaling(spread)
+    at_prior = S @ pseudo_inertia(prior) @ S - MIN_EIGENVALUE * np.eye(4)
+    return [at_prior, *(S @ _BASIS[k] @ S * spread[k] for k in range(_NUM_INERTIAL))]
 
 
 class _Bound(NamedTuple):
