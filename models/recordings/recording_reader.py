@@ -289,7 +289,10 @@ class RecordingReader:
         self.layout = replace(self.layout, signals=tuple(s for s in signals if s is not None))
 
     def _settle_effort_unit(self) -> None:
-        """Decides whether the log's effort is torque or current, and adds a notice."""
+        """Decides whether the log's effort is torque or current, and adds a notice.
+
+        An effort in A becomes the current; beside currents of the log's own it is left out.
+        """
         unit, robot = self._words.effort, self._robot
         if unit:
             self._notices.append(f"effort is read in {unit}, as --log-format says")
@@ -306,12 +309,14 @@ class RecordingReader:
             unit = decision.unit
             self.effort_holds_gravity = not decision.without_gravity
             self._notices.append(decision.sentence(robot))
-        if unit == "A":
-            current = [
-                replace(signal, name="current") if signal.name == "tau_J" else signal
-                for signal in self.layout.signals
-            ]
-            self.layout = replace(self.layout, signals=tuple(current))
+        effort = self.layout.signal("tau_J")
+        if unit != "A" or effort is None:
+            return
+        if self.layout.signal("current") is None:
+            self._replace_signals({"tau_J": replace(effort, name="current")})
+        else:
+            self._replace_signals({"tau_J": None})
+            self._notices.append("the effort is left out: the log has currents of its own")
 
     @property
     def num_joints(self) -> int:

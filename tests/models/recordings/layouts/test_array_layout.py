@@ -102,3 +102,14 @@ def test_joints_that_the_rows_name_are_put_in_the_robots_order(tmp_path: Path, k
         path.write_text("\n".join(lines) + "\n")
         with pytest.raises(InputError, match="line 3: names shoulder, elbow, but the first row"):
             read_recording(path, robot=robot)  # type: ignore[arg-type]
+
+
+def test_an_effort_in_amperes_does_not_take_the_place_of_currents(tmp_path: Path) -> None:
+    t = 0.01 * np.arange(50)
+    q = np.sin(t[:, None] + np.arange(3))
+    path = tmp_path / "log.npz"
+    np.savez(path, t=t, positions=q, velocities=np.gradient(q, t, axis=0), currents=q, efforts=-q)
+    log = read_recording(path, "effort-in-amperes", check=False)
+    np.testing.assert_array_equal(log.current, q)
+    assert log.tau_J is None
+    assert "the effort is left out: the log has currents of its own" in log.notices
