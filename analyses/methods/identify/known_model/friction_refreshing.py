@@ -135,7 +135,8 @@ def refresh_model(
     config = _checked(config or RefreshConfig())
     refuse_coupling(robot.coupling, robot.source, "a refresh of friction")
     if config.part:
-        logs = [(_part(log, config), where) for log, where in as_logs(logs)]
+        parts = [(log, where, _part(log, config)) for log, where in as_logs(logs)]
+        logs = [(log[part], None if where is None else where[part]) for log, where, part in parts]
     old_residuals = residuals_of(logs, robot, model)
     rows_before = ResidualRows.joined([residual.rows() for residual in old_residuals])
     if (rows_before.moving_share == 0.0).all():
@@ -222,9 +223,10 @@ def friction_figure(result: RefreshResult) -> "Figure":
     return figure
 
 
-def _part(recording: Recording, config: RefreshConfig) -> Recording:
+def _part(recording: Recording, config: RefreshConfig) -> slice:
+    """The samples of a recording in the part that the configuration states."""
     t = recording.t - recording.t[0]
-    begin, end = config.part or (0.0, float(t[-1]))
+    begin, end = config.part
     chosen = np.flatnonzero((t >= begin) & (t <= end))
     if len(chosen) < 2:
         raise InputError(
@@ -233,7 +235,7 @@ def _part(recording: Recording, config: RefreshConfig) -> Recording:
             f"holds no samples from {begin:g} to {end:g} s; it lasts {t[-1]:.3g} s",
             "choose another part with --part",
         )
-    return recording[chosen[0] : chosen[-1] + 1]
+    return slice(int(chosen[0]), int(chosen[-1]) + 1)
 
 
 def _checked(config: RefreshConfig) -> RefreshConfig:

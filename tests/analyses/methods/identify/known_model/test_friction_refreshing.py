@@ -125,6 +125,16 @@ def test_short_logs_and_stretches_are_taken_together(ur10e, model, tmp_path):
     assert [source.log.name, *(log.name for log in source.further)] == ["a.csv", "b.csv"]
 
 
+def test_of_a_part_only_the_stretches_inside_it_count(ur10e, model):
+    log = recording(ur10e, 1)
+    counts = (log.t - log.t[0] < 2.5) | (log.t - log.t[0] > 4.5)
+    result = refresh_model([(log, counts)], ur10e, model, RefreshConfig(part=[0.0, 4.0]))
+    cut = log[log.t - log.t[0] <= 4.0]
+    inside = cut.t - cut.t[0] < 2.5
+    of_cut = refresh_model([(cut, inside)], ur10e, model)
+    np.testing.assert_array_equal(result.refresh.change, of_cut.refresh.change)
+
+
 def test_two_and_a_half_seconds_are_enough(ur10e, model):
     log = recording(ur10e, 1, viscous=1.2 * VISCOUS)
     result = refresh_model(log, ur10e, model, RefreshConfig(part=[0.0, 2.5]))
