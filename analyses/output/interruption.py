@@ -93,6 +93,7 @@ def signals_are_interrupts() -> Iterator[list[int]]:
         return
     interrupter = _Interrupter()
     handlers = {number: signal.getsignal(number) for number in _END_SIGNALS}
+    # Python's own handler of SIGINT is what raises KeyboardInterrupt without us.
     taken_over = [
         number
         for number, handler in handlers.items()
@@ -104,6 +105,7 @@ def signals_are_interrupts() -> Iterator[list[int]]:
         with interrupter.raising_dropped() if taken_over else nullcontext():
             yield interrupter.received
     finally:
+        # All of them: what the block itself has set is undone, too.
         for number, handler in handlers.items():
             if handler is not None:  # None: it was not set by Python, which cannot set it again
                 signal.signal(number, handler)

@@ -66,10 +66,11 @@ def open_results(out: Path, command: str) -> Iterator["ResultFolder"]:
             command did not write.
     """
     created = [path for path in (out, *out.parents) if not os.path.lexists(path)]
-    # Signals act in the block alone: locking and cleaning up, around it, are done whole.
+    # Signals act in the block alone: locking and cleaning up, around it, are done whole. From the
+    # inside to the outside: what was staged goes, the lock, and then the folder if it is empty.
     with uninterrupted() as interruptible:
         try:
-            OutputFolder(out)  # makes it
+            OutputFolder(out)  # makes the folder
             with _locked(out):
                 try:
                     with interruptible():

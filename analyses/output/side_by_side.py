@@ -123,7 +123,7 @@ def run_side_by_side(
                 with for_this_process_alone():
                     executor, future = submit(task)
                     under_way[future] = _Call(task, attempt, executor)
-                started(task)
+                started(task)  # which may raise: the call is in `under_way`, and killed at the end
             ended = wait(under_way, timeout=_LOOK_PERIOD, return_when=FIRST_COMPLETED).done
             tick()
             for future in ended:
@@ -141,6 +141,6 @@ def run_side_by_side(
                     # joblib's message ends with the exit codes in braces.
                     codes = re.search(r"\{(.+)\}", str(future.exception()))
                     yield call.task, Died(codes.group(1) if codes else "exit code unknown")
-    finally:
+    finally:  # the end, an exception, or the generator is closed
         for executor in (*idle, *(call.executor for call in under_way.values())):
             executor.shutdown(wait=True, kill_workers=True)

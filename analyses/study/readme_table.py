@@ -19,14 +19,19 @@ table, do not pass.
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from wrenchsight.analyses.output.outputs import OutputFolder, json_text
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.analyses.study.registry import REGISTRY
-from wrenchsight.analyses.study.report import comparisons, decimals_of_three_digits, number
+from wrenchsight.analyses.study.report import (
+    Comparison,
+    comparisons,
+    decimals_of_three_digits,
+    number,
+)
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file
 
@@ -66,7 +71,7 @@ def collect(study: Path) -> dict[str, Any]:
     metrics = _read(study / "metrics.json")
     shown = shown_rows()
     experiments = []
-    # A study's metrics.json has results of the same seed and length alone; see `run_study`.
+    # Of any experiment: a study's metrics.json has results of one seed and length (`run_study`).
     quick = False
     seed: int | None = None
     for name in sorted(metrics, key=_place):  # metrics.json itself is sorted by name
@@ -74,7 +79,7 @@ def collect(study: Path) -> dict[str, Any]:
         rows = []
         for row in stored["comparison"]:
             figure = look_up(metrics[name], row["key"])
-            if figure is not None:
+            if figure is not None:  # NaN or infinite
                 in_readme = row["key"] in shown.get(name, ())
                 rows.append(row | {"here": figure, "readme": in_readme})
         if rows:
@@ -159,30 +164,19 @@ def results_table(
         figures_over_worlds = campaign.get(experiment["name"], {})  # by key
         for index, row in enumerate(shown):
             (row_text,) = comparisons({row["key"]: row["here"]}, [row])
-            stated = " ".join(row_text.stated)
-            if row_text.source != "article":
-                stated = f"{stated} ({row_text.source})"
-            label = f"{row_text.label} [{row_text.unit}]" if row_text.unit else row_text.label
-            title = experiment["title"] if index == 0 else ""
-            median, ours_ahead = _over_worlds(
-                figures_over_worlds,
-                row["key"],
-                row["here"],
-                one_run=["–"] * len(row_text.measured) if whole else row_text.measured,
-                fewest=fewest_worlds,
-            )
-            moved_by = _moved_by(figures_over_worlds, row["key"])
-            figures = [" ".join(row_text.measured)]
-            remarks = [row_text.remark]
+            worlds_text = _of_worlds(row, row_text, figures_over_worlds, fewest_worlds, whole)
             if worlds_head:
-                figures.append(", ".join(part for part in (median, ours_ahead) if part))
-                remarks = [moved_by, row_text.remark]
-            elif median:
+                beside = _joined((worlds_text.median, worlds_text.ours_ahead), ", ")
+                figures = [" ".join(row_text.measured), beside]
+                remarks = [worlds_text.moved_by, row_text.remark]
+            elif worlds_text.median:
                 has_ranges = True
-                figures = [median]
-                remarks = [ours_ahead, moved_by, row_text.remark]
-            remark = "; ".join(part for part in remarks if part)
-            cells = (title, label, stated, *figures, remark)
+                figures = [worlds_text.median]
+                remarks = [worlds_text.ours_ahead, worlds_text.moved_by, row_text.remark]
+            else:
+                figures, remarks = [" ".join(row_text.measured)], [row_text.remark]
+            title = experiment["title"] if index == 0 else ""
+            cells = (title, _label(row_text), _stated(row_text), *figures, _joined(remarks, "; "))
             lines.append("| " + " | ".join(_cell(cell) for cell in cells) + " |")
     note = (
         f"\nWith a range: median of {world_count} and, in brackets, 5 to 95 % of them, by "
@@ -192,6 +186,57 @@ def results_table(
     )
     table = "\n".join(lines) + "\n"
     return (_QUICK if results["quick"] else "") + table + (note if has_ranges else "")
+
+
+class _WorldsText(NamedTuple):
+    """What worlds say of a row's figure, as text; each part "" where there is none.
+
+    Attributes:
+        median: median and range of its numbers.
+        ours_ahead: the share of worlds in which our method is ahead.
+        moved_by: the drawn parameters that move it.
+    """
+
+    median: str
+    ours_ahead: str
+    moved_by: str
+
+
+def _of_worlds(
+    row: Mapping[str, Any],
+    row_text: Comparison,
+    spread: Mapping[str, Any],
+    fewest: int,
+    whole: bool,
+) -> _WorldsText:
+    """What worlds say of a row.
+
+    Args:
+        row: of `collect`.
+        row_text: the same as text.
+        spread: the experiment's figures over worlds, by key.
+        fewest: worlds of which a number counts.
+        whole: whether the one run's figure stands beside: of a list, what no world has is a dash
+            then; else it is the one run's.
+    """
+    one_run = ["–"] * len(row_text.measured) if whole else row_text.measured
+    median, ours_ahead = _over_worlds(spread, row["key"], row["here"], one_run, fewest)
+    return _WorldsText(median, ours_ahead, _moved_by(spread, row["key"]))
+
+
+def _label(row: Comparison) -> str:
+    return f"{row.label} [{row.unit}]" if row.unit else row.label
+
+
+def _stated(row: Comparison) -> str:
+    """The stated figures, with their source where that is not the article."""
+    stated = " ".join(row.stated)
+    return stated if row.source == "article" else f"{stated} ({row.source})"
+
+
+def _joined(parts: Iterable[str], separator: str) -> str:
+    """The parts that are not empty."""
+    return separator.join(part for part in parts if part)
 
 
 def _counted(worlds: Mapping[str, Any], fewest: int) -> str:

@@ -176,7 +176,8 @@ def _literals(path: Path, changed: int) -> Mapping[str, Any]:
     if not isinstance(call, ast.Call):
         raise ValueError(f"{path}: its {_STATEMENT} is not Experiment(...)")
     fields = [field.name for field in dataclasses.fields(Experiment)]
-    arguments = dict(zip(fields, call.args, strict=False))  # those without a keyword come first
+    # Those without a keyword are the first fields, as many as there are.
+    arguments = dict(zip(fields, call.args, strict=False))
     arguments |= {word.arg: word.value for word in call.keywords if word.arg is not None}
     literals: dict[str, Any] = {}
     for key in ENTRY_FIELDS:

@@ -126,14 +126,13 @@ def number(value: Any, decimals: int | None = None) -> str:
         return "yes" if value else "no"
     if not isinstance(value, int | float):
         return str(value)
-    smallest = 0.0 if decimals is None else 0.5 * 10.0**-decimals  # of which a digit is left
-    has_no_decimals = isinstance(value, int) or (
-        abs(value) < _MAX_WRITTEN_OUT
-        and (value == round(value) or abs(value) >= _MAX_UNGROUPED + 0.5)
-    )
-    if decimals is not None and (value == 0 or smallest < abs(value) < _MAX_WRITTEN_OUT):
-        text = f"{value:.{decimals}f}"
-    elif has_no_decimals:
+    size, is_written_out = abs(value), abs(value) < _MAX_WRITTEN_OUT
+    if decimals is not None:
+        leaves_a_digit = value == 0 or size > 0.5 * 10.0**-decimals
+        if leaves_a_digit and is_written_out:
+            return f"{value:.{decimals}f}".replace("-", "\u2212")
+    has_five_digits = size >= _MAX_UNGROUPED + 0.5  # before the point, once it is rounded
+    if isinstance(value, int) or (is_written_out and (has_five_digits or value == round(value))):
         whole = round(value)
         text = f"{whole:,}".replace(",", "\u202f") if abs(whole) > _MAX_UNGROUPED else str(whole)
     else:

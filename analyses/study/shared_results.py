@@ -93,6 +93,8 @@ def _parts(value: Any) -> Iterator[bytes]:
     The order of a mapping's keys, of a set and of an object's attributes does not count. What is
     neither a container nor has attributes counts by its pickle. A change here makes all digests
     others, and so all shared results anew.
+
+    The kinds are tried in this order: an XML element and a mapping may have attributes, too.
     """
     kind = type(value)
     yield f"{kind.__module__}.{kind.__qualname__}(".encode()
@@ -116,6 +118,7 @@ def _parts(value: Any) -> Iterator[bytes]:
             if hasattr(value, "__dataclass_fields__")
             else list(vars(value))
         )
+        # A cached property is in `vars` once it was read: it follows from the rest.
         stored_names = (n for n in names if not isinstance(getattr(kind, n, None), cached_property))
         yield from _unordered({name: getattr(value, name) for name in stored_names})
     else:

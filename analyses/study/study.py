@@ -117,10 +117,11 @@ def run_study(
     if truth not in TRUTHS:
         raise InputError("--truth", "", f"is {truth!r}, expected {', '.join(TRUTHS)}")
     with signals_are_interrupts(), open_results(out, COMMAND) as folder:
-        runs = _Runs(folder, settings, _due(folder, settings, fresh, watch), watch)
+        due = _due(folder, settings, fresh, watch)
+        runs = _Runs(folder, settings, due, watch)
         try:
             with writing_to(out):
-                folder.work(_SHARED_FOLDER).mkdir()
+                folder.work(_SHARED_FOLDER).mkdir()  # gone at the end, with all of the staging
             runs.run(jobs)
         except BaseException:
             # The user should see the cause, not an error that follows from it.
@@ -226,7 +227,8 @@ class _Runs:
         Raises:
             InputError: the disk is full.
         """
-        threads = max(1, available_cores() // jobs)  # numba's loops write each element once
+        # Of numba, whose loops write each element once: their number changes no figure.
+        threads = max(1, available_cores() // jobs)
         ends = run_side_by_side(
             _run_task,
             map(self._task, _in_order(self.outcomes, self._folder.path)),
@@ -288,6 +290,7 @@ class _Runs:
         failure = f"failures/{name}.txt"
         if end.state == "done":
             earlier = [file for file in folder.files if file.startswith(f"{name}/")]
+            # These, and an old failure, go when the block's new files come into their place.
             with folder.changing([*earlier, failure]) as new, writing_to(folder.path):
                 task.result.rename(new / name)
             result = read_result(folder, name)
@@ -378,7 +381,7 @@ def _run_experiment(task: _Task) -> _End:
         with suppress(OSError, InputError), whole_file(task.progress) as partial:
             partial.write_text(f"{fraction:.6g} {action}", encoding="utf-8")
 
-    if "numba" in sys.modules:
+    if "numba" in sys.modules:  # else the experiment has no kernel to compile
         on_first_compilation(lambda action: write_progress(0.0, action))
     next_write = 0.0  # s of the monotonic clock
 
@@ -461,7 +464,7 @@ def _summarise(
                 "seconds": round(outcome.seconds, 1),
                 "processor_seconds": round(outcome.processor_seconds or 0.0, 1),
             }
-        elif outcome.state == "earlier":
+        elif outcome.state == "earlier":  # for the report
             outcome.seconds = timings.get(outcome.name, {}).get("seconds")
     with folder.changing() as new:
         new.write_text("metrics.json", json_text(metrics))

@@ -178,6 +178,7 @@ def train_networks(
     band_rows = [_band(v[:, j], torque[:, j], float(edge[j]), names[j]) for j in range(n)]
     group = np.zeros(len(v), int) if groups is None else np.asarray(groups)
     rng = np.random.default_rng(config.seed)
+    # (n, K) each: v over the edge, torque, and weights whose sum is 1 a joint (`_BandSamples`).
     x, y, fitted, held_out = _band_samples(v, torque, edge, band_rows, group, rng)
     # The networks are trained on torques of mean zero and unit sd, and scaled back below.
     mean = (fitted * y).sum(axis=1)
@@ -244,11 +245,14 @@ def _band_samples(
 ) -> _BandSamples:
     """Takes MOST_SAMPLES of each joint's band at most, and holds some of them out.
 
+    Joints with fewer samples than K, the most of any, have zeros at the end: of weight 0.
+
     Args:
         v, torque: (N, n) rad/s and N m.
         edge: (n,) rad/s, of the bands.
         band_rows: of each joint the rows in its band.
         group: (N,) which run a row is of.
+        rng: draws what is held out, joint by joint in their order.
     """
     size = min(MOST_SAMPLES, max(len(rows) for rows in band_rows))
     x, y, fitted, held_out = np.zeros((4, len(edge), size))

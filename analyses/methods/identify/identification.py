@@ -99,12 +99,13 @@ from wrenchsight.models.identification.identified_model import (
 from wrenchsight.models.identification.identified_urdf import identified_urdf
 from wrenchsight.models.identification.physical_consistency import unphysical_links
 from wrenchsight.models.identification.rests import unseen_rests
-from wrenchsight.models.identification.torque_error_fit import HeldOutReading
 from wrenchsight.models.identification.torque_regression import TorqueEstimate
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import beyond_rounding
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
+
+_PIVOT_ROUNDING = 1e-12  # relative: pivots of columns that depend on others, which are 0 but for it
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +128,7 @@ class IdentificationResult:
         solution: all parameters, before they became a model.
         robot: whose model it is.
         zeros: offsets of the joints' zeros that the logs ask for.
-        notices: what reading the logs involved, one sentence each.
+        notices: what reading the logs involved, one sentence each; in no file.
     """
 
     model: IdentifiedModel
@@ -154,7 +155,7 @@ class IdentificationResult:
         model, base = self.model, self.base
         law = model.friction.coulomb_viscous
         table = model.base_parameters
-        # Errors of each law: the held-out one, and of laws that were compared the two extrapolated.
+        # Errors of each law: the held-out one, and then those of `extrapolated`, in its order.
         error_keys = ("rmse_nm", "fastest_rmse_nm", "slowest_rmse_nm")
         is_uncertain = np.array(table.standard_deviations) > 0.5 * np.abs(table.values)
         return {
@@ -172,7 +173,7 @@ class IdentificationResult:
                 "without_effect": list(base.without_effect),
                 "condition_number": base.condition_number,
                 "smallest_pivot_kept": base.smallest_kept,
-                "largest_pivot_dropped": beyond_rounding(base.largest_dropped, 1e-12),
+                "largest_pivot_dropped": beyond_rounding(base.largest_dropped, _PIVOT_ROUNDING),
             },
             "friction": {
                 "law": self.law,
@@ -183,7 +184,7 @@ class IdentificationResult:
             },
             "coupling": self.robot.coupling if self.robot.is_coupled else None,
             "law_cross_validation": {
-                law_name: dict(
+                law_name: dict(  # of a law that stood alone, the first key only
                     zip(error_keys, (rmse, *self.extrapolated.get(law_name, ())), strict=False)
                 )
                 for law_name, rmse in self.held_out.items()
@@ -299,10 +300,12 @@ def _identify(
     observer's error is learnt on folds that a model was not fitted on, where there are any.
 
     Args:
-        config: checked; a time step of 0 is filled in here.
+        config: checked; a time step of 0 is filled in here, and cross-validation is switched off
+            where no part of the logs can be held out.
     """
     _check_recordings(recordings, validation, robot)
     config = _with_time_step(config, recordings)
+    # All that the logs to be fitted depend on: the keys of what is shared.
     sources = (tuple(recordings), robot)
     filters = (config.time_step, config.cutoff, config.filter_order, config.filter_regressor)
     logs = shared(
@@ -312,8 +315,8 @@ def _identify(
     )
     progress(0.9, "solving")
     test = held_out_test(_friction_problem(logs, robot, config))
-    problem = test.problem  # with folds of which each can be predicted from the others
-    if not test.is_possible:
+    problem = test.problem  # with folds of which each can be predicted from the others, if any
+    if not test.is_possible:  # no held-out error would mean anything
         config = replace(config, cross_validate=False)
     law_fits = LawFits(problem, config, digest((*sources, filters)))
     candidates = _fitted_laws(law_fits, config)
@@ -321,18 +324,9 @@ def _identify(
     model = _model_of(choice, robot, logs.fitted, config)
     if config.cross_validate:
         progress(0.95, "learning the torque error")
-        readings = held_out_readings(
-            recordings,
-            logs.fitted,
-            logs.regressions,
-            law_fits.held_out_models(choice.law),
-            robot,
-            model,
+        model = _with_held_out_errors(
+            model, robot, recordings, logs, law_fits, choice, contact_noise
         )
-        model = _with_observer_error(model, robot, recordings, readings, law_fits, choice.law)
-        if contact_noise:
-            noise = fit_contact_noise(readings, model, choice.chain)
-            model = replace(model, contact_noise=noise)
     zeros = zero_offsets(problem)
     result = IdentificationResult(
         model=model,
@@ -418,21 +412,37 @@ def _best_fit(candidates: Sequence[LawFit]) -> LawFit:
     return next(candidate for candidate in candidates if candidate.law == law)
 
 
-def _with_observer_error(
+def _with_held_out_errors(
     model: IdentifiedModel,
     robot: Robot,
     recordings: Sequence[Recording],
-    readings: Sequence[HeldOutReading],
+    logs: LowPassedLogs,
     law_fits: LawFits,
-    law: str,
+    choice: LawFit,
+    contact_noise: bool,
 ) -> IdentifiedModel:
-    """The model with the observer's error, which held-out readings and rests show."""
-    error = learn_torque_error(readings, robot)
+    """The model with what readings of each fold, by a fit of the others, show.
+
+    That is the observer's error, to which the logs' rests are added, and with `contact_noise` what
+    a contact statistic reads without contact, which needs that error.
+    """
+    readings = held_out_readings(
+        recordings,
+        logs.fitted,
+        logs.regressions,
+        law_fits.held_out_models(choice.law),
+        robot,
+        model,
+    )
+    error = learn_torque_error(readings, robot)  # None: the logs are too short
     if error is not None:
-        error = gravity_spread(law_fits.gravity_without_a_fold(law), robot, error, readings)
+        error = gravity_spread(law_fits.gravity_without_a_fold(choice.law), robot, error, readings)
         rests = rests_of(recordings, robot, model)
         error = error.with_rests(rests.count, rests.held)
-    return replace(model, torque_error=error)
+    model = replace(model, torque_error=error)
+    if contact_noise:
+        model = replace(model, contact_noise=fit_contact_noise(readings, model, choice.chain))
+    return model
 
 
 def _all_warnings(
@@ -498,8 +508,14 @@ def identify_logs(
 ) -> IdentificationResult:
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
 
+    Only the logs to be fitted are held against the robot, and lose their short episodes: a faulty
+    or short one would spoil the model. One to validate on shows as its error, or is refused.
+
     Args:
         settings: its robot, its logs, those to validate on, and how they are read and fitted.
+
+    Returns:
+        The result with its notices, which no file has.
 
     Raises:
         InputError: as `Robot.load`, `read_recording`, `result_folder` and `identify`.

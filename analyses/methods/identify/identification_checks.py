@@ -41,7 +41,7 @@ def gain_ratios(
     Args:
         factors: reduced rows of the logs (`TorqueFactors`): 10 n inertial columns, then rotor and
             friction of each joint, torque last.
-        x: all parameters of the fit without a factor on a joint.
+        x: all parameters of the fit without a factor on a joint, in the columns' order.
         residual_sd: (n,) N m.
         oversampling: rows per independent sample.
 
@@ -49,7 +49,7 @@ def gain_ratios(
         (n,) factors and their sds; NaN and infinity where a factor is not determined.
     """
     n = len(factors[0].R)
-    # Rows of each joint from all logs, over the sd of its residual.
+    # Rows of each joint from all logs, reduced to one factor, over the sd of its residual.
     stacked = [
         triangular_factor(np.vstack([f.R[j] for f in factors])) / residual_sd[j] for j in range(n)
     ]
@@ -69,22 +69,27 @@ def _gain_ratio(
 ) -> tuple[float, float]:
     """The factor on one joint's rigid-body torque, fitted with all parameters, and its sd.
 
+    With factor f on the inertial columns C, the joint's torque is f C p + (friction's part). About
+    f and p it is f C p' + (f' - f) C p: linear in the new parameters p' and the factor's change.
+
     Args:
         rows: of all joints, torque last, over the sd of their residual.
         of_joint: those of the joint.
+        inertial_columns: columns of all links' inertial parameters.
         x: all parameters of the fit without the factor, from which the steps begin.
 
     Returns:
-        NaN and infinity where the factor is not determined; the sd is that of white residuals.
+        Those of the last step that determines the factor; NaN and infinity where the first one
+        does not. The sd is that of white residuals.
     """
     column_norms = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), _MIN_LENGTH)
     result = (np.nan, np.inf)
     ratio, parameters = 1.0, x
     for _ in range(GAUSS_NEWTON_STEPS):
-        # Linearised: columns of all parameters, and last that of the factor's change.
+        # Columns of all parameters, and last that of the factor's change.
         A = np.column_stack([rows[:, :-1], np.zeros(len(rows))])
         A[of_joint, -1] = rows[of_joint, inertial_columns] @ parameters[inertial_columns]
-        A[of_joint, inertial_columns] *= ratio
+        A[of_joint, inertial_columns] *= ratio  # after C p, which is without the factor
         factor_norm = float(np.linalg.norm(A[:, -1]))
         if not factor_norm > 0.0:  # the joint feels no mass
             break
@@ -132,17 +137,17 @@ def payload_differences(
         on the last link.
     """
     n = len(factors[0].R)
-    # Columns of the last link's mass and first moments.
+    # Columns of the last link's mass and first moments, which are its first four (INERTIAL_NAMES).
     last = slice(_INERTIAL * (n - 1), _INERTIAL * (n - 1) + 4)
     masses: list[float] = []
     sds: list[float] = []
     for factor in factors:
         rows = np.vstack([R / residual_sd[j] for j, R in enumerate(factor.R)])
         A, residual = rows[:, last], rows[:, -1] - rows[:, :-1] @ x
-        covariance = np.linalg.pinv(A.T @ A)
+        covariance = np.linalg.pinv(A.T @ A)  # pinv: a moment may not show at all
         payload = covariance @ (A.T @ residual)
         masses.append(payload[0])
-        # Of the whitened residual, at least the stated one.
+        # Of the residual over its sd: 1 if the payload explains it; no less counts.
         variance = float(np.sum((residual - A @ payload) ** 2)) / max(1, factor.num_rows * n)
         sds.append(np.sqrt(covariance[0, 0] * max(1.0, variance) * oversampling))
     return np.array(masses), np.array(sds)
@@ -186,7 +191,8 @@ def contradictions(
     Different payloads make the drives look wrong: where payloads differ, that alone is said.
 
     Args:
-        problem: without groups of logs, so that of several logs each is a fold.
+        problem: without groups of logs, so that of several logs each is a fold, and its factors are
+            those of the logs.
         solution: fit of all logs.
         runs: the logs, in the problem's order.
         of_torque: whether the logs carry torque, so that no current is spoken of.
@@ -206,7 +212,7 @@ def contradictions(
             ]
     ratios, ratio_sds = gain_ratios(factors, solution.x, sd, problem.oversampling)
     difference = np.abs(ratios - 1.0)  # NaN where it is not determined
-    # What friction's law misses may be as large as all that masses do at a wrist.
+    # At a wrist, masses may do no more than what friction's law misses: their ratio says nothing.
     is_significant = rigid_torque(factors, solution.x) > sd
     is_sure = (difference > GAIN_DIFFERENCE) & (difference > SURE_SDS * ratio_sds)
     wrong = np.flatnonzero(is_sure & is_significant)
@@ -234,6 +240,9 @@ def warnings_of(
     highest speed; by less, it counts as none, which is said as well.
 
     Args:
+        fit: fit of each log that the model was fitted on.
+        base: combinations of parameters that they determine.
+        model: what is judged; its friction, and the speeds of its validity.
         of_torque: whether the logs carry torque, so that no current is spoken of.
     """
     suspects = "unit and signs of the torques" if of_torque else "current gains and signs"

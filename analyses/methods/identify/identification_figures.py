@@ -40,8 +40,9 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> Figu
             label="its mean ± 1 sd",
         )
         figures = f"{fit.rmse[j]:.2f} N m ({100 * fit.relative[j]:.0f} %)"
-        one_line = len(joint_names[j]) + len(figures) <= TITLE_LETTERS
-        axis.set_title(f"{joint_names[j]}:{' ' if one_line else chr(10)}{figures}")
+        fits_one_line = len(joint_names[j]) + len(figures) <= TITLE_LETTERS
+        separator = " " if fits_one_line else "\n"
+        axis.set_title(f"{joint_names[j]}:{separator}{figures}")
     legend_below(figure, panels[0], 4)
     figure.suptitle(f"{fit.name} ({kind}): RMSE, and its share of the torque's RMS")
     return figure

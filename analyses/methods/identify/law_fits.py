@@ -94,6 +94,7 @@ class LawFits:
     def __init__(self, problem: FrictionFit, config: IdentificationConfig, logs: str) -> None:
         """Args: `logs` is a digest of the logs, their robot and the filters."""
         self._problem, self._logs, self._config = problem, problem.runs, config
+        # All that a fit depends on beside its law: the key of what is shared within a study.
         self._source = (
             logs,
             config.num_passes,
@@ -106,11 +107,12 @@ class LawFits:
     def candidate(self, law: str) -> LawFit:
         """Fits one of LAWS, and cross-validates it where the configuration states so.
 
-        A law with a network is the linear law below it, fitted, with networks trained on top.
+        A law with a network is the linear law below it, fitted, with networks trained on top: its
+        `weights` and `solution` are the linear law's, its `friction` has the networks.
 
-        Its `extrapolated` holds the RMSE (n,) in N m of each joint's fastest and slowest samples,
-        beyond FAST_SHARE and 1 - FAST_SHARE of them. Fits without these samples predict them. It is
-        empty where nothing is cross-validated, or a single law is requested.
+        Its `extrapolated` holds the RMSE (n,) in N m of each joint's fastest samples, then that of
+        its slowest ones, beyond FAST_SHARE and 1 - FAST_SHARE of them. Fits without these samples
+        predict them. It is empty where nothing is cross-validated, or a single law is requested.
         """
         linear_fit = self._linear_fit(_linear_law(law))
         realised = self._realised(law, linear_fit.solution, range(len(self._logs)))
@@ -249,7 +251,8 @@ class LawFits:
     def _realised(self, law: str, solution: LawSolution, logs: Sequence[int]) -> _Realised:
         """The arm and the friction of a solution.
 
-        Friction is held constant beyond the motors' highest speed in any of the logs.
+        Friction is held constant beyond the motors' highest speed in any of the logs, also in those
+        that the solution was not fitted on: a held-out log is judged by the law's own course.
 
         Args:
             law: whose networks, if it has some, are trained.
@@ -267,6 +270,8 @@ class LawFits:
             friction = CoupledFriction(friction, robot.motor_rates)
         if law in WITH_NETWORK:
             training_logs = [self._logs[k] for k in logs]
+            # `chain`, `coefficients` and `friction` follow from solution and robot, which are in
+            # the key.
             friction = shared(
                 "friction_networks",
                 (*self._source, tuple(logs), solution.structure, solution.x, self._config.seed),
@@ -309,9 +314,12 @@ def _with_networks(
     """Trains near-zero networks on the friction that the model separates from the logs.
 
     Args:
+        structure: the law's terms, with the shape of its slip elements.
         coefficients: of each joint's terms in the structure.
         friction: the law that they make, without networks.
         chain: with the fitted inertias.
+        logs: to train on.
+        config: only its seed counts.
     """
     # Of the used samples of each log; a group is a log.
     v: list[Array] = []
@@ -323,6 +331,7 @@ def _with_networks(
         # The network replaces a function of velocity; the slip part stays as it is.
         slip = all_friction - friction.velocity_law.torque(log.v)
         v.append(log.v[log.used])
+        # `match`: the measured torque is low-passed.
         torque.append((log.tau - log.match(rigid + slip))[log.used])
         groups.append(np.full(int(log.used.sum()), k))
     trained = train_networks(

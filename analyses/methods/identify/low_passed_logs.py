@@ -22,7 +22,7 @@ from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import LogSource
 from wrenchsight.models.identification.rests import arm_rests
 from wrenchsight.models.identification.torque_regression import JointMotion, RegressionRows
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.lerobot.data_set import episode_paths, file_of, root_of
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
@@ -139,7 +139,10 @@ def missing_time(recording: Recording, needed: float) -> float:
 
 
 def _refuse_short(recording: Recording, cutoff: float, periods: float) -> None:
-    """Raises InputError for a log shorter than `periods` of the low-pass's cutoff in Hz."""
+    """Raises InputError for a log shorter than `periods` of the low-pass's cutoff in Hz.
+
+    The message states length, needed length and difference in decimals that add up.
+    """
     needed = periods / cutoff
     missing = missing_time(recording, needed)
     if missing == 0.0:
@@ -157,7 +160,8 @@ def _refuse_short(recording: Recording, cutoff: float, periods: float) -> None:
     length, least = seconds(actual_units), seconds(needed_units)
     short = seconds(needed_units - actual_units)
     remedy = "record a longer log"
-    if periods == SHORTEST_LOG and recording.duration > 0.0:  # else the cutoff is the model's
+    # Callers that need other than SHORTEST_LOG take a model's cutoff, which no option changes.
+    if periods == SHORTEST_LOG and recording.duration > 0.0:
         higher = _rounded_up(periods / recording.duration)
         if recording.time_step * higher <= LARGEST_CUTOFF:
             remedy += f", or raise --cutoff-hz to {higher:g}"
@@ -212,6 +216,29 @@ def log_names(recordings: Sequence[Recording]) -> list[str]:
     return names
 
 
+def _refuse_slow(recording: Recording, cutoff: float, step: float) -> None:
+    """Raises InputError for a time step in s that is too long for the cutoff in Hz."""
+    if step * cutoff > LARGEST_CUTOFF:
+        raise InputError(
+            recording.source,
+            "",
+            f"a cutoff of {cutoff:g} Hz needs {cutoff / LARGEST_CUTOFF:g} samples a second or "
+            f"more, there are {1 / step:.4g}",
+            f"add --cutoff-hz {LARGEST_CUTOFF / step:.2g}",
+        )
+
+
+def _clear_samples(dropout: Flags, step: float, cutoff: float) -> Flags:
+    """(T,) samples clear of the filter's transients at both ends, and of drop-outs around them."""
+    trim = int(np.ceil(TRIM_PERIODS / cutoff / step))  # samples, as the window
+    window = max(1, round(DROPOUT_WINDOW / cutoff / step))
+    missing_share = np.convolve(dropout, np.full(window, 1.0 / window), "same")
+    clear = missing_share <= DROPOUT_SHARE
+    clear[:trim] = False
+    clear[len(clear) - trim :] = False
+    return np.asarray(clear)
+
+
 def low_pass_log(
     name: str,
     recording: Recording,
@@ -233,14 +260,7 @@ def low_pass_log(
             everywhere.
     """
     step, cutoff = config.time_step, config.cutoff
-    if step * cutoff > LARGEST_CUTOFF:
-        raise InputError(
-            recording.source,
-            "",
-            f"a cutoff of {cutoff:g} Hz needs {cutoff / LARGEST_CUTOFF:g} samples a second or "
-            f"more, there are {1 / step:.4g}",
-            f"add --cutoff-hz {LARGEST_CUTOFF / step:.2g}",
-        )
+    _refuse_slow(recording, cutoff, step)
     _refuse_short(recording, cutoff, shortest)
     uniform = resampled(recording, step)
     tau = uniform.tau_J
@@ -249,12 +269,7 @@ def low_pass_log(
     low_pass = ZeroPhaseLowPass(cutoff, step, config.filter_order)
     q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
     vdot = derivative(v, step)
-    trim = int(np.ceil(TRIM_PERIODS / cutoff / step))  # samples, as the window
-    window = max(1, round(DROPOUT_WINDOW / cutoff / step))
-    missing_share = np.convolve(uniform.dropout, np.full(window, 1.0 / window), "same")
-    used = missing_share <= DROPOUT_SHARE
-    used[:trim] = False
-    used[len(used) - trim :] = False
+    used = _clear_samples(uniform.dropout, step, cutoff)
     if not used.any():
         raise InputError(recording.source, "", "no stretch of the log is free of drop-outs")
     # The signals hold nothing above the cutoff any more: a coarser grid loses nothing.
@@ -276,6 +291,7 @@ def low_pass_log(
         vdot=vdot[decimated].copy(),
         tau=tau[decimated].copy(),
         used=used[decimated],
+        # For what is computed from these signals, at their rate.
         low_pass=replace(low_pass, time_step=step * decimated.step),
         filter_regressor=config.filter_regressor,
     )
@@ -341,6 +357,7 @@ def low_pass_logs(
         recordings: to be fitted.
         validation: to be predicted alone.
         config: with the time step of the grid.
+        progress: called with the share of these steps done, 0 to 1.
 
     Returns:
         Logs of which the arm's rests are not used, where anything else is.
@@ -358,7 +375,7 @@ def low_pass_logs(
         low_passed.append(replace(log, used=_informative(log)))
     fitted, validated = low_passed[: len(recordings)], low_passed[len(recordings) :]
     _check_motion(fitted, robot)
-    row_step = decimation(fitted[0].low_pass)
+    row_step = decimation(fitted[0].low_pass)  # all have one cutoff and grid
     regressions = []
     for k, log in enumerate(fitted):
         progress((len(logs) + k) / steps, f"regressor of {log.name}")

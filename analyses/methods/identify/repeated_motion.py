@@ -42,8 +42,8 @@ def motion_groups(runs: Sequence[LowPassedLog]) -> tuple[int, ...]:
     for b in range(1, len(runs)):
         for a in range(b):
             if groups[a] != groups[b] and _repeats(points[a], points[b]):
-                joined, left = sorted((groups[a], groups[b]))
-                groups = [joined if group == left else group for group in groups]
+                kept, dissolved = sorted((groups[a], groups[b]))
+                groups = [kept if group == dissolved else group for group in groups]
     order = {group: k for k, group in enumerate(dict.fromkeys(groups))}
     return tuple(order[group] for group in groups)
 

@@ -59,8 +59,7 @@ def held_out_readings(
         One reading for each part of each fold. It is of the whole log, so that friction and
         observer have their memory; only the part counts, from its first row to its last.
     """
-    time_step, n = model.provenance.time_step, robot.num_joints
-    gain = np.full(n, MomentumObserverConfig().K_0[0])
+    gain = _default_gain(robot)
     readings = []
     for held_out_model in held_out:
         fold_model = replace(
@@ -68,39 +67,57 @@ def held_out_readings(
             inertial_parameters=held_out_model.chain.inertial_parameters,
             reflected_inertia=held_out_model.chain.reflected_inertia,
             friction=held_out_model.friction,
-            torque_error=unit_torque_error(n, gain),  # the torque is read, not its sd
+            # The torque is read, not its sd.
+            torque_error=unit_torque_error(robot.num_joints, gain),
         )
         for part in held_out_model.fold:
-            position_step = position_resolution(recordings[part.log].q)
-            log = resampled(recordings[part.log], time_step)
-            current = log.current
-            if log.tau_J is not None:  # what the identification takes, too
-                current = robot.motor_current(log.tau_J)
-            config = WrenchEstimatorConfig(
-                observer=MomentumObserverConfig(time_step=time_step),
-                position_resolution=position_step.tolist(),
-            )
-            observed = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
-            t_of_rows = runs[part.log].t[regressions[part.log].rows[part.rows]]
-            is_in_part = (log.t >= t_of_rows[0]) & (log.t <= t_of_rows[-1])
-            # Of a whole log the rows leave out the low-pass's ends alone: all of it is read.
-            if part.rows == slice(None):
-                is_in_part[:] = True
-            is_settled = log.t - log.t[0] > SETTLING_TIME_CONSTANTS / gain[0]
-            readings.append(
-                HeldOutReading(
-                    tau_ext=observed.tau_ext,
-                    q=log.q,
-                    v=log.v,
-                    transmitted=observed.tau_J - observed.tau_f,
-                    used=is_in_part & observed.fresh & ~log.dropout & is_settled,
-                    friction=held_out_model.friction,
-                    time_step=time_step,
-                    K_0=gain,
-                    resolution=position_step,
-                )
-            )
+            # Of a whole log the rows leave out the low-pass's ends alone: all of it counts.
+            begin, end = -np.inf, np.inf
+            if part.rows != slice(None):
+                t_of_rows = runs[part.log].t[regressions[part.log].rows[part.rows]]
+                begin, end = t_of_rows[0], t_of_rows[-1]
+            readings.append(_reading(recordings[part.log], robot, fold_model, begin, end))
     return readings
+
+
+def _default_gain(robot: Robot) -> Array:
+    """(n,) 1/s, K_0 of the default observer, which reads the folds."""
+    (gain,) = MomentumObserverConfig().K_0
+    return np.full(robot.num_joints, gain)
+
+
+def _reading(
+    recording: Recording, robot: Robot, model: IdentifiedModel, begin: float, end: float
+) -> HeldOutReading:
+    """The default observer's reading of a whole log, on the grid of the model's time step.
+
+    Samples from `begin` to `end`, s by the log's clock, count: those after the observer has
+    settled, where the reading is fresh and no drop-out was bridged.
+    """
+    gain, time_step = _default_gain(robot), model.provenance.time_step
+    position_step = position_resolution(recording.q)  # as logged: the grid's q is interpolated
+    log = resampled(recording, time_step)
+    current = log.current
+    if log.tau_J is not None:  # what the identification takes, too
+        current = robot.motor_current(log.tau_J)
+    config = WrenchEstimatorConfig(
+        observer=MomentumObserverConfig(time_step=time_step),
+        position_resolution=position_step.tolist(),
+    )
+    observed = WrenchEstimator(robot, model, config).observe(log.q, log.v, current)
+    is_in_part = (log.t >= begin) & (log.t <= end)
+    is_settled = log.t - log.t[0] > SETTLING_TIME_CONSTANTS / gain[0]
+    return HeldOutReading(
+        tau_ext=observed.tau_ext,
+        q=log.q,
+        v=log.v,
+        transmitted=observed.tau_J - observed.tau_f,
+        used=is_in_part & observed.fresh & ~log.dropout & is_settled,
+        friction=model.friction,
+        time_step=time_step,
+        K_0=gain,
+        resolution=position_step,
+    )
 
 
 def rests_of(recordings: Sequence[Recording], robot: Robot, model: IdentifiedModel) -> Rests:

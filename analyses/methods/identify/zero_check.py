@@ -70,6 +70,7 @@ def zero_offsets(problem: FrictionFit) -> ZeroOffsets:
     if problem.robot.is_coupled:
         return ZeroOffsets(np.zeros(n), np.full(n, np.inf))
     structure = FrictionStructure.of(LAW, n)
+    # Plain least squares, not made physical, to which the offsets are added; the weights are LAW's.
     problem = replace(problem, consistent=False).reweighed(structure)
     rows = _rows_with_offsets(problem, problem.fit(structure))
     # What all other parameters explain is projected out of offsets and torque; then each offset is
@@ -106,7 +107,8 @@ def _rows_with_offsets(problem: FrictionFit, solution: LawSolution) -> _OffsetRo
     """The rows of all logs, reduced to factors, with a column for the offset of each joint.
 
     An offset changes the torque of every joint. So each joint's rows get n columns of offsets,
-    which go through the reduction as if they were further terms of that joint's friction.
+    which go through the reduction as if they were further terms, the last ones, of that joint's
+    friction.
 
     Args:
         solution: fit whose inertias give the torque of an offset, and whose residuals the weights.
@@ -124,6 +126,7 @@ def _rows_with_offsets(problem: FrictionFit, solution: LawSolution) -> _OffsetRo
     torque: list[Array] = []
     for k, (log, regression) in enumerate(zip(problem.runs, problem.regressions, strict=True)):
         slope = _slope(chain, log.q, log.v, log.vdot)
+        # Of each joint (m, n), low-passed and at the rows, as friction's columns are.
         slopes_of_joints = regression.friction_rows([slope[:, j] for j in range(n)])
         friction_and_offsets = [
             np.hstack(columns) for columns in zip(friction_by_log[k], slopes_of_joints, strict=True)
@@ -141,7 +144,8 @@ def zero_warnings(zeros: ZeroOffsets, names: Sequence[str], q_offset: Array) -> 
     """A sentence on the joint whose zero is off, with its offset; empty where none surely is.
 
     Other joints whose zero explains the logs nearly as well (ALIKE_SHARE) are named beside it. A
-    zero is off by minus what is to be added to the logged positions.
+    zero that is off by +0.1 rad makes the logged positions 0.1 too large: the offset, which is
+    added to them, is -0.1.
 
     Args:
         names: of the joints.

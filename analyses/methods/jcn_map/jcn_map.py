@@ -18,7 +18,7 @@ from wrenchsight.analyses.methods.jcn_map.jcn_map_settings import (
     SliceConfig,
 )
 from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, new_figure, save_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.distances.clearance import Clearance
@@ -39,6 +39,7 @@ _CHUNK_SAMPLES = 250_000  # samples between two reports of progress
 _COLOUR_RANGE = (9.0, 100.0)  # of the colours
 _CLOUD_POINTS, _SCATTER_POINTS = 40_000, 20_000  # points that a picture shows
 _CELLS_ACROSS, _MIN_CELL_SAMPLES = 70, 5  # of the picture of medians: fewer samples show no median
+_HIT_GREY = "#b8b8b8"  # in the legend: about that of 1.0 in the map, which goes to 2.5
 _PLANES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -181,7 +182,8 @@ def slice_plane(
         progress=lambda fraction: progress(fraction, "slice"),
         is_free=is_free,
     )
-    return Slice(config=config, axes=("xyz"[i], "xyz"[j]), u=u, v=u, postures=postures)
+    axes = ("xyz"[i], "xyz"[j])
+    return Slice(config=config, axes=axes, u=u, v=u, postures=postures)  # v: a square
 
 
 def _check_slice(config: SliceConfig) -> None:
@@ -236,7 +238,7 @@ def _map_into(
     robot, config = Robot.load(settings.robot), settings.slice
     seed, within_limits = settings.seed, settings.within_limits
     if config is not None:
-        _check_slice(config)
+        _check_slice(config)  # before the samples, which take time
     samples = sample(
         robot,
         settings.num_samples,
@@ -245,8 +247,7 @@ def _map_into(
         progress=lambda fraction, message: progress(0.2 * fraction, message),
     )
     metrics: dict[str, Any] = {**samples.metrics(), "seed": seed, "within_limits": within_limits}
-    notices: list[str] = []
-    clearance = _clearance(robot, notices)
+    clearance, notices = _clearance(robot)
     if clearance is not None:
         metrics["free"] = free_figures(samples, clearance)
     _write_samples(folder, robot, samples)
@@ -260,6 +261,7 @@ def _map_into(
         plane = slice_plane(
             robot,
             config,
+            # How far the samples went: the square holds what the arm reaches, nearly.
             reach=np.max(np.abs(samples.p_WE), axis=0),
             progress=lambda fraction, message: progress(0.2 + 0.8 * fraction, message),
             is_free=None if clearance is None else clearance.is_free,
@@ -298,21 +300,18 @@ def _write_slice(folder: OutputFolder, plane: Slice) -> None:
     draw_slice(plane, folder / "figures" / "slice.png")
 
 
-def _clearance(robot: Robot, notices: list[str]) -> Clearance | None:
-    """Distances of the arm; None where they cannot be checked. Notices on that are added."""
+def _clearance(robot: Robot) -> tuple[Clearance | None, list[str]]:
+    """Distances of the arm, None where they cannot be checked; and sentences on what is not."""
     if robot.unusable_collisions:
         links = ", ".join(robot.unusable_collisions)
-        notices.append(f"no usable collision shape for {links}: collisions are not checked")
-        return None
+        return None, [f"no usable collision shape for {links}: collisions are not checked"]
     clearance = Clearance(robot, 0.0, robot.floor)
     if not clearance.has_shapes:
-        notices.append(f"{robot.name} has no collision shapes: collisions are not checked")
-        return None
-    notices += [
+        return None, [f"{robot.name} has no collision shapes: collisions are not checked"]
+    return clearance, [
         f"{pair} overlap at home: contact between them is not checked"
         for pair in clearance.overlapping
     ]
-    return clearance
 
 
 def free_figures(samples: Samples, clearance: Clearance) -> dict[str, Any]:
@@ -347,8 +346,8 @@ def draw_cloud(samples: Samples, path: Path) -> None:
     """Draws where the samples are and what they attain, in space and by distance and height."""
     from matplotlib.colors import LogNorm
 
-    figure, _ = new_figure(1, 2, height=4.0)
-    figure.clear()  # its plain panels: one of the two is in space
+    figure, _ = new_figure(1, 2, height=4.0)  # for its style; its panels are replaced by ours,
+    figure.clear()  # of which one is in space
     norm = LogNorm(*_COLOUR_RANGE)
     ax = figure.add_subplot(1, 2, 1, projection="3d")
     shown = slice(0, _SCATTER_POINTS)
@@ -420,12 +419,10 @@ def draw_slice(plane: Slice, path: Path) -> None:
     if plane.postures.hits.any():
         hit = np.where(plane.postures.hits.reshape(plane.jcn.shape), 1.0, np.nan)  # NaN: not drawn
         ax.pcolormesh(plane.u, plane.v, hit, cmap="Greys", vmin=0.0, vmax=2.5, shading="nearest")
-        ax.plot([], [], "s", color="#b8b8b8", label="no collision-free posture")
-    if (
-        np.nanmin(plane.jcn, initial=np.inf)
-        < GOOD_CONDITION_NUMBER
-        < np.nanmax(plane.jcn, initial=-np.inf)
-    ):
+        ax.plot([], [], "s", color=_HIT_GREY, label="no collision-free posture")
+    least = np.nanmin(plane.jcn, initial=np.inf)  # of the points within reach, if any
+    largest = np.nanmax(plane.jcn, initial=-np.inf)
+    if least < GOOD_CONDITION_NUMBER < largest:
         ax.contour(
             plane.u,
             plane.v,
@@ -437,7 +434,7 @@ def draw_slice(plane: Slice, path: Path) -> None:
     if np.any(np.isfinite(plane.postures.best)):
         p = plane.postures.p_WE[plane.best_point()]
         i, j = ("xyz".index(name) for name in plane.axes)
-        ax.plot(p[i], p[j], "o", color="#d55e00", label=f"best: {np.nanmin(plane.jcn):.2f}")
+        ax.plot(p[i], p[j], "o", color=SERIES[1], label=f"best: {least:.2f}")
     if ax.get_legend_handles_labels()[0]:
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center")
     ax.set_aspect("equal")

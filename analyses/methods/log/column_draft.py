@@ -47,6 +47,8 @@ _UNIT_QUESTIONS = {
     "current": "? A or mA; or motor_torque, in per mille of each drive's rated torque (gain)",
     "motor_torque": "? N m on the joint side; if these are currents in A, call the key current",
 }
+_SAME_SCALE = 1e-9  # relative, of two scales that differ by rounding
+_LEAST_GAIN = 1e-8  # from 1, from which a gain is stated; less is rounding of the units
 _FIRST_LINE = (
     "# Draft of `wrenchsight log`: check it, and read the log with --log-format.\n"
     "# What only the owner of the log can know has a question mark.\n"
@@ -87,10 +89,9 @@ def draft_of_log(
     """
     table = reader.table
     lines = [_FIRST_LINE]
-    fault = None if judgement is None else judgement.fault
-    if judgement is not None and fault is not None:
+    if judgement is not None and judgement.fault is not None:
         lines.append(f"# ? {judgement.problem()}: {judgement.remedy()}\n")
-    rated_torque = None if fault is None else fault.values.get("rated_torque_nm")
+    rated = _rated_torque_keys(judgement)
     lines += _text_keys(table)
     further_lines = []  # of signals without a key of their own
     for signal in reader.layout.signals:
@@ -101,14 +102,9 @@ def draft_of_log(
             lines.append(f"rate_hz: {table.rate_hz:g}\n")
             continue
         entry = _entry(signal, key, table, words.get(signal.name))
-        if key == "current" and fault is not None and isinstance(rated_torque, list):
-            unit = RATED_UNITS[float(fault.values["parts_of_rated"])]  # type: ignore[arg-type]
-            values = {
-                "columns": entry.values["columns"],
-                "unit": unit,
-                "gain": numbers_text(rated_torque),
-            }
+        if key == "current" and rated:
             question = "? gain: rated torque of each drive at its joint, N m, by its data sheet"
+            values = {"columns": entry.values["columns"], **rated}
             entry = _Entry("motor_torque", values, question)
         elif key in ("current", "motor_torque") and not knows_robot:
             entry = replace(entry, question=entry.question or _UNIT_QUESTIONS[key])
@@ -119,6 +115,20 @@ def draft_of_log(
     if further_lines:
         lines += ["extra:\n", *further_lines]
     return "".join(lines)
+
+
+def _rated_torque_keys(judgement: Judgement | None) -> dict[str, str]:
+    """Unit and gain of currents that the hypotheses found to be parts of rated torques, as YAML.
+
+    Empty where they found no such thing.
+    """
+    fault = None if judgement is None else judgement.fault
+    if fault is None:
+        return {}
+    rated_torque, parts = fault.values.get("rated_torque_nm"), fault.values.get("parts_of_rated")
+    if not isinstance(rated_torque, list) or not isinstance(parts, int | float):
+        return {}
+    return {"unit": RATED_UNITS[float(parts)], "gain": numbers_text(rated_torque)}
 
 
 def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
@@ -132,11 +142,11 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
     lines = [_FIRST_LINE, *_text_keys(table)]
     series = _series(table, joint_names)
     time = None if table.names is None else time_columns(table.names)
-    if time is not None and table.names is not None:
+    if table.names is None:
+        lines.append(_Entry("time", {"columns": "1", "unit": "s"}, "? its column and unit").line())
+    elif time is not None:
         indices = [int(number) - 1 for number in str(time.columns).split(",")]  # stated from 1
         lines.append(_Entry("time", {"columns": _columns_text(indices, table)}).line())
-    elif table.names is None:
-        lines.append(_Entry("time", {"columns": "1", "unit": "s"}, "? its column and unit").line())
     else:
         lines.append('rate_hz: "?"  # samples a second; or time: {columns: NAME, unit: s}\n')
     for key in ("position", "velocity", "current", "motor_torque"):
@@ -176,22 +186,8 @@ def _entry(signal: Signal, key: str, table: LogTable, words: RawWords | None) ->
         words: encoding that its numbers seem to have; None: as the layout has it.
     """
     values = {"columns": _columns_text(signal.columns, table)}
-    # SI units per number of the log, without the sign that `exerted_on` states.
-    scale = -signal.scale if signal.exerted_on == ENVIRONMENT else signal.scale
     if not (signal.name == "t" and len(signal.columns) > 1):  # s and ns, which have no one unit
-        # The unit of this size; with none, the first of the signal's units and a gain.
-        units = UNITS.get(key, {"1": 1.0})
-        size = float(np.abs(scale[0]))
-        unit = next((name for name, si in units.items() if abs(si / size - 1.0) < 1e-9), "")
-        if not unit or not np.allclose(np.abs(scale), size, rtol=1e-9):
-            unit = next(iter(units))
-        gain = scale / units[unit]
-        if key:
-            values["unit"] = unit
-        if not np.allclose(gain, 1.0, rtol=1e-12):
-            values["gain"] = _numbers_text(gain)
-        if signal.offset.any():
-            values["offset"] = _numbers_text(signal.offset)
+        values |= _scaling(signal, key)
     if not key and signal.shape != (len(signal.columns),):
         values["shape"] = str(list(signal.shape))
     encoding = words or (RawWords(signal.encoding, signal.bits) if signal.encoding else None)
@@ -200,13 +196,38 @@ def _entry(signal: Signal, key: str, table: LogTable, words: RawWords | None) ->
         values |= {"encoding": encoding.encoding, "bits": str(encoding.bits)}
         if words is not None:
             question = "? gain: the unit of one count"
-    for name in ("wrap", "exerted_on"):
-        value = getattr(signal, name)
-        if value and value != ROBOT:
-            values[name] = value
+    if signal.wrap:
+        values["wrap"] = signal.wrap
+    if signal.exerted_on and signal.exerted_on != ROBOT:  # the default
+        values["exerted_on"] = signal.exerted_on
     if signal.may_be_empty:
         values["may_be_empty"] = "true"
     return _Entry(key or signal.name, values, question)
+
+
+def _scaling(signal: Signal, key: str) -> dict[str, str]:
+    """Unit, gain and offset of a signal, as YAML; a gain of 1 and an offset of 0 are left out.
+
+    The unit is the one of the signal's size in SI, where all columns have one size; else it is the
+    first of the key's units, and a gain does the rest, which also has the sign.
+
+    Args:
+        key: of the description; empty: the signal has none, and no unit is stated.
+    """
+    # SI units per number of the log, without the sign that `exerted_on` states.
+    scale = -signal.scale if signal.exerted_on == ENVIRONMENT else signal.scale
+    units = UNITS.get(key, {"1": 1.0})
+    sizes = np.abs(scale)
+    of_this_size = [name for name, si in units.items() if abs(si / sizes[0] - 1.0) < _SAME_SCALE]
+    have_one_size = np.all(np.abs(sizes / sizes[0] - 1.0) < _SAME_SCALE)
+    unit = of_this_size[0] if of_this_size and have_one_size else next(iter(units))
+    values = {"unit": unit} if key else {}
+    gain = scale / units[unit]
+    if np.any(np.abs(gain - 1.0) > _LEAST_GAIN):
+        values["gain"] = _numbers_text(gain)
+    if signal.offset.any():
+        values["offset"] = _numbers_text(signal.offset)
+    return values
 
 
 def _numbers_text(values: Array) -> str:

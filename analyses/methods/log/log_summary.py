@@ -111,7 +111,8 @@ def summarised(chunks: Iterable[Recording]) -> LogSummary:
     """The figures of a log's successive parts.
 
     Extremes, efforts and rests are of the samples without drop-outs. Of the samples every
-    stride-th is kept for a figure; the stride doubles when they become too many.
+    stride-th is kept for a figure; the stride doubles when they become too many. The times are all
+    kept, for the median step.
 
     Raises:
         InputError: as the chunks.
@@ -138,6 +139,7 @@ def summarised(chunks: Iterable[Recording]) -> LogSummary:
     step = float(np.median(steps)) if len(steps) else 0.0
     gaps = steps[steps > DROPOUT_STEPS * step]
     least, most = np.quantile(steps, _STEP_SHARES) if len(steps) else (0.0, 0.0)
+    num_judged = max(joints.num_samples, 1)  # without drop-outs; 1: all sums are 0 anyway
     return LogSummary(
         num_samples=num_samples,
         duration=float(t[-1] - t[0]),
@@ -148,7 +150,7 @@ def summarised(chunks: Iterable[Recording]) -> LogSummary:
         q_min=joints.lowest,
         q_max=joints.highest,
         v_max=joints.fastest,
-        effort_rms=np.sqrt(joints.effort_squares / max(joints.num_samples, 1)),
-        rest=joints.num_resting / max(joints.num_samples, 1),
+        effort_rms=np.sqrt(joints.effort_squares / num_judged),
+        rest=joints.num_resting / num_judged,
         drawn=concatenated(kept),
     )

@@ -186,7 +186,7 @@ def identify_payload(
 
     The load's torque makes friction larger: the residual is formed NUM_PASSES times, each with the
     friction that the load of the pass before causes. A centre of mass that the motion does not
-    determine is put at the flange, along that axis, in what is written.
+    determine is put at the flange, along that axis, in what is written (`model` and `tool`).
 
     Args:
         logs: motion with the load, without contact: one recording, or several with the samples
@@ -211,6 +211,7 @@ def identify_payload(
     parameters = np.zeros(10)  # of the load: mass, mass times centre of mass, inertia
     for k in range(NUM_PASSES):
         progress((k + 0.5) / NUM_PASSES, "finding the load")
+        # The load's own torque stays in the residual; only the friction that it causes leaves it.
         load_rows = LoadRows.joined([residual.load_rows(parameters) for residual in residuals])
         load = estimate_load(load_rows, law, prior, empty_rows)
         parameters = load.parameters
@@ -221,7 +222,7 @@ def identify_payload(
         load=load,
         model=_with_load(model, robot, body, log_names),
         tool=_tool(body, robot, config.name),
-        rows=load_rows.rows,
+        rows=load_rows.rows,  # of the last pass
         torque=np.concatenate([residual.torque_of(parameters) for residual in residuals]),
         warnings=(),
         config=config,

@@ -17,6 +17,7 @@ import numpy as np
 from wrenchsight.analyses.methods.place.placement_search import SearchResult, coarse_stride
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.placement.placement_task import PlacementTask
 from wrenchsight.models.planning.placement.placements import (
     Placement,
@@ -92,36 +93,34 @@ def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
     placement = end.placement
     # Of each point of the path: rotation error, rad, then position error, m.
     errors = np.abs(pose_errors(program.robot.chain, placement, program.path_length))
-    k = len(errors) - 1
-    shortfalls: list[tuple[float, str]] = []
     turn, offset = np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)
-    if offset.max() > _CONSTRAINT_TOLERANCE:
-        share = 100.0 * float(np.argmax(offset)) / k  # % of the path, from its start
-        shortfalls.append(
-            (float(offset.max()),
-             f"the path (position of E) by {1e3 * offset.max():.0f} mm at {share:.0f} % of it")
-        )  # fmt: skip
-    if turn.max() > _CONSTRAINT_TOLERANCE:
-        share = 100.0 * float(np.argmax(turn)) / k
-        shortfalls.append(
-            (float(turn.max()),
-             f"the tool's rotation by {math.degrees(turn.max()):.1f} degrees at {share:.0f} % "
-             "of the path")
-        )  # fmt: skip
-    bounds = _coarse_bounds(program, program.bounds)
+    shortfalls: list[tuple[float, str]] = []
+
+    def lacks(amount: float, text: str) -> None:
+        """Adds a constraint that is missed by an amount, rad or m."""
+        if amount > _CONSTRAINT_TOLERANCE:
+            shortfalls.append((amount, text))
+
+    def percent_of_path(sizes: Array) -> str:
+        """Where along the path the largest one is."""
+        return f"{100.0 * float(np.argmax(sizes)) / (len(sizes) - 1):.0f} %"
+
+    far, turned = float(offset.max()), float(turn.max())
+    lacks(far, f"the path (position of E) by {1e3 * far:.0f} mm at {percent_of_path(offset)} of it")
+    lacks(
+        turned,
+        f"the tool's rotation by {math.degrees(turned):.1f} degrees at {percent_of_path(turn)} "
+        "of the path",
+    )
+    bounds = _coarse_bounds(program, program.bounds)  # as the end's own program had
     for key, value in bounds.violations(placement).items():
-        if value > _CONSTRAINT_TOLERANCE:
-            amount = f"{math.degrees(value):.1f} degrees"
-            if key.startswith("midpoint"):
-                amount = f"{1e3 * value:.0f} mm"
-            shortfalls.append((value, f"{key} by {amount}"))
-    if program.cell is not None:
-        pair = program.cell.closest(placement)
-        if pair is not None and pair.slack < -_CONSTRAINT_TOLERANCE:
-            shortfalls.append(
-                (-pair.slack,
-                 f"clearance by {-1e3 * pair.slack:.0f} mm ({pair.first} and {pair.second})")
-            )  # fmt: skip
+        is_length = key.startswith("midpoint")  # all others are angles
+        amount = f"{1e3 * value:.0f} mm" if is_length else f"{math.degrees(value):.1f} degrees"
+        lacks(value, f"{key} by {amount}")
+    pair = None if program.cell is None else program.cell.closest(placement)
+    if pair is not None:
+        missing = -pair.slack
+        lacks(missing, f"clearance by {1e3 * missing:.0f} mm ({pair.first} and {pair.second})")
     return [text for _, text in sorted(shortfalls, reverse=True)]
 
 
@@ -203,7 +202,10 @@ def _loosenings(task: PlacementTask, program: PlacementProgram) -> Iterator[_Loo
         def coarse_program(amount: float) -> PlacementProgram:
             return _coarse(program, loosened(amount), program.path_length, with_cell=True)
 
-        return _Loosening(key, coarse_program, math.inf, violation, unit)
+        # As far as one likes: `loosened` itself stops where nothing is bounded any more.
+        return _Loosening(
+            key=key, program=coarse_program, largest=math.inf, violation=violation, unit=unit
+        )
 
     if task.limit_margin_deg > 0.0:
         yield of_bounds(
@@ -226,7 +228,7 @@ def _loosenings(task: PlacementTask, program: PlacementProgram) -> Iterator[_Loo
         if key in _stated(task):
             yield of_bounds(key, key, "degrees", partial(_moved, bounds, name, end))
     if bounds.in_surface and (task.clearance is None or task.clearance.workpiece is None):
-        key = "path_in_surface"
+        key = "path_in_surface"  # yes or no: without an amount
         yield of_bounds(key, "", "", lambda amount: replace(bounds, in_surface=False))
     key = "midpoint_lower, midpoint_upper"
     yield of_bounds(
@@ -243,7 +245,7 @@ def _loosenings(task: PlacementTask, program: PlacementProgram) -> Iterator[_Loo
     yield _Loosening(
         "path_length",
         lambda amount: _coarse(program, bounds, program.path_length - amount, with_cell=True),
-        0.5 * program.path_length,
+        largest=0.5 * program.path_length,
         unit="mm",
     )
 

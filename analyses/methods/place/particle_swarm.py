@@ -73,8 +73,8 @@ def place_by_swarm(
         progress: called with the share done and the best cost so far.
 
     Returns:
-        One optimum, whose `starts` is the number of particles that reached a path; none where no
-        particle did. `evaluations` counts particles.
+        One optimum, whose `starts` is the number of particles whose best place is a path that can
+        be followed; none where no particle found one. `evaluations` counts particles.
     """
     config = config or SwarmConfig()
     cost = ParticleCost(robot, program)
@@ -88,10 +88,10 @@ def place_by_swarm(
     result = SearchResult(num_starts=count)
     began = time.perf_counter()
     best_x, best_cost = x.copy(), np.full(count, np.inf)
-    leader = _Leader(math.inf, None)
+    leader = _Leader(math.inf, None)  # kept by `evaluate`, so that an interrupt finds it
 
     def evaluate(points: Array) -> Array:
-        """The costs (N,) of particles (N, 10); the best of all so far leads."""
+        """The costs (N,) of particles (N, 10), also of children; the best of all so far leads."""
         nonlocal leader
         costs, placement_of = cost(points)
         result.evaluations += len(points)
@@ -106,7 +106,7 @@ def place_by_swarm(
             costs = evaluate(x)
             is_better = costs < best_cost
             best_x[is_better], best_cost[is_better] = x[is_better], costs[is_better]
-            # GA: children of the best places take those of the worst, in place.
+            # GA: children of the best places take those of the worst, in `best_x` and `best_cost`.
             _breed(rng, config, evaluate, best_x, best_cost, cost)
             # PSO: each is drawn to its best place, a child's perhaps, and to the swarm's.
             share = iteration / max(1, config.num_iterations - 1)
@@ -208,8 +208,8 @@ class ParticleCost:
         costs = np.full(len(x), UNREACHED_COST)
         chosen = np.zeros(len(x), dtype=int)  # each particle's path, its place in the batch
         # The best path first, so that each particle takes its first path that does not collide.
-        # Costs that differ by rounding alone are equal: the one of the lower branch comes first,
-        # and a path that is not better than the chosen one is not even checked for collisions.
+        # Costs that differ by rounding alone are equal: that of the path with the lower index comes
+        # first. A path that is not better than the chosen one is not even checked for collisions.
         for path in in_order(path_costs):
             particle = particle_of[path]
             if not better(path_costs[path], costs[particle]):

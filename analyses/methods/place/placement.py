@@ -121,7 +121,8 @@ def place(
 
     Without a clearance in the task the arm may come as near to itself and to the floor as it likes,
     and may not overlap them, unless the request lets it. Where the best placement does, another one
-    is searched that does not, and the best one is only there to compare with.
+    is searched that does not, and the best one is only there to compare with. An interrupted search
+    gives what it has found, overlap or not, and no second one begins.
 
     Args:
         task: as read from `source`, which error messages name.
@@ -147,15 +148,20 @@ def place(
     search = _search(task, robot, program, request, progress)
     best = _best_profile(task, source, robot, program, cell, search)
     unconstrained: Profile | None = None
+    # With a clearance in the task, the first search has kept it already.
     may_overlap = request.may_overlap or task.clearance is not None
     if best.is_overlapping and not may_overlap and not search.interrupted:
-        unconstrained, others = best, search.optima
+        unconstrained = best
+        first_optima = tuple(optimum.placement for optimum in search.optima)
         program = program_with(cell)
         search = _search(
-            task, robot, program, request,
+            task,
+            robot,
+            program,
+            request,
             lambda fraction, message: progress(fraction, f"without overlap: {message}"),
-            tuple(optimum.placement for optimum in others),
-        )  # fmt: skip
+            others=first_optima,
+        )
         best = _best_profile(task, source, robot, program, cell, search)
         notices.append(
             "unconstrained, the arm would overlap: "
@@ -201,7 +207,8 @@ def _best_profile(
     """The best optimum of a search.
 
     Raises:
-        InputError: the search found none.
+        InputError: the search found none, or one that no branch follows from end to end.
+        KeyboardInterrupt: it was interrupted before it found any.
     """
     if search.best is None:
         if search.interrupted:
@@ -233,7 +240,11 @@ def _search(
     progress: ProgressCallback,
     others: tuple[Placement, ...] = (),
 ) -> SearchResult:
-    """Searches with the solver that is requested; all but pso-ga also start from a guess."""
+    """Searches with the solver that is requested; all but pso-ga also start from a guess.
+
+    Args:
+        others: placements to start from, before any other; pso-ga takes none.
+    """
     if request.solver == "pso-ga":
         swarm = request.swarm or (QUICK_SWARM if request.quick else SwarmConfig())
         return place_by_swarm(robot, program, request.seed, swarm, progress)
@@ -347,7 +358,7 @@ def _initial_profile(
     path = task.initial_path()
     if path is None or task.initial is None:
         return None
-    # q (B, k + 1, n): one path, on each branch.
+    # q (B, k + 1, n): one path, on each of B branches.
     branches, reached, _ = on_all_branches(
         robot,
         path.n_W[np.newaxis],
@@ -363,7 +374,7 @@ def _initial_profile(
         (q >= bounds.q_lower - CONSTRAINT_TOLERANCE) & (q <= bounds.q_upper + CONSTRAINT_TOLERANCE),
         axis=(1, 2),
     )
-    followed = np.flatnonzero(reached & within)  # branches
+    followed = np.flatnonzero(reached & within)  # indices of branches
     if len(followed) == 0:
         return None
     if task.initial.posture is not None:

@@ -79,6 +79,7 @@ def draw_profiles(
     figure, axes = new_figure(rows, 1, height=2.5 * rows, share_x=True)
     cases = [("initial", initial, COLOUR["before"])] if initial is not None else []
     cases.append(("optimised", best, COLOUR["after"]))
+    # Parts of the path at the fine points, of which every profile has as many (FINE_POINTS).
     fine = np.linspace(0.0, 1.0, len(best.fine.q))
     for label, profile, colour in cases:
         mean, largest = np.mean(profile.jcn), np.max(profile.fine_jcn)

@@ -58,10 +58,11 @@ def finished(
         constraints and costs no more is found, the standard member of the solution's family.
     """
     refined_placement, evaluations = refined(program, solution.placement)
-    placement = corrected(refined_placement)
-    if placement is None or program.cost(placement.q) > solution.cost * (1.0 + _NO_WORSE):
-        placement = solution.placement
-    placement = corrected(standard_member(robot, program, placement)) or placement
+    exact = corrected(refined_placement)
+    if exact is None or program.cost(exact.q) > solution.cost * (1.0 + _NO_WORSE):
+        exact = solution.placement
+    # The standard member was checked at the points of the path; `corrected` checks between them.
+    placement = corrected(standard_member(robot, program, exact)) or exact
     return replace(
         solution,
         placement=placement,

@@ -67,8 +67,9 @@ class Profile:
         scalar, vector = self.placement.quaternion[0], self.placement.quaternion[1:]
         w = min(1.0, abs(float(scalar)))
         theta = 2.0 * math.acos(w)
+        # Quaternions of both signs are one rotation: of that with w > 0, theta is at most pi.
         axis = vector * (1.0 if scalar >= 0 else -1.0)
-        if w < _HALF_TURN:  # both ways round are one rotation: its largest component is positive
+        if w < _HALF_TURN:  # so are both axes of half a turn: the largest component is positive
             axis = axis * np.sign(axis[int(first_of_least(-np.abs(axis)))])
         length = float(np.linalg.norm(axis))
         metrics: dict[str, Any] = {

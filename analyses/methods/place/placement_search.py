@@ -271,6 +271,7 @@ class PlacementSearch:
         finished_solutions: list[PlacementSolution] = []
         try:
             progress(0.02, "looking at random placements")
+            # The best first: both stages that begin from them take those at the front.
             starts = [*self._others, *self.starts(seed, effort, result)]
             progress(0.04, "looking for a placement that keeps the constraints")
             _collect(self._feasibility(starts[: effort.num_feasibility]), feasibility_ends)
@@ -286,12 +287,13 @@ class PlacementSearch:
             _collect(self._finished(kinds, result, clock), finished_solutions)
         except KeyboardInterrupt:
             result.interrupted = True
+        # From here on nothing is solved; what an interrupt has left is put in order.
         result.num_starts = len(ends)
         result.nearest = self._nearest(ends, fine_solves)
         # Of the kinds, best first, those that were taken to the last digits stand for themselves.
         unfinished = self._kinds(_solutions(fine_solves))[len(finished_solutions) :]
         result.optima = self._optima([*finished_solutions, *unfinished])
-        self._count_starts(ends, fine_solves, result)
+        self._count_starts(ends, fine_solves, result)  # of these optima
         if not result.optima:
             # Interrupted early, or no fine solve kept all constraints: the best rough end. The
             # search for any placement ended with the first that keeps them.
@@ -344,7 +346,7 @@ class PlacementSearch:
                 end = self._coarse.solve(self._at_coarse_points(start), options=_ROUGH_OPTIONS)
                 result.evaluations += end.evaluations
                 ends.append(end)
-                yield end
+                yield end  # first of all: whoever takes it has it when an interrupt comes
                 fraction = (number + count / len(starts)) / (1 + effort.num_rounds)
                 message = f"round {number + 1}, start {count + 1}/{len(starts)}"
                 progress(0.05 + 0.65 * fraction, message)
@@ -462,7 +464,8 @@ class PlacementSearch:
         bins = self._bins(candidates)
         count = max(effort.num_starts, effort.num_feasibility)
         if self.program.cell is not None:
-            tried = best_of_each(bins, costs, _TRIED_PER_START * count)  # distances take time
+            # Distances take time: only of the most promising.
+            tried = best_of_each(bins, costs, _TRIED_PER_START * count)
             candidates, bins, costs = candidates[tried], bins[tried], costs[tried]
             costs = costs * (1.0 + _DEFICIT_WEIGHT * self._deficits(candidates))
         chosen = best_of_each(bins, costs, count)
@@ -553,10 +556,14 @@ class PlacementSearch:
     ) -> PlacementBatch:
         """The paths that can be followed from their postures at the midpoint, counted.
 
-        Those of a part of the path's length are not counted: they are no candidates.
+        Those of a part of the path's length are not counted: they are no candidates, but guesses
+        that the solver stretches.
 
         Args:
             q_mid: (N, n) rad (m).
+            n_W, p_WM, R_WE: (N, ...) of the paths, see `Placement`.
+            result: its counts grow.
+            path_length: m, the program's or a part of it.
         """
         program = self.program
         q, is_reached = track_paths(
@@ -614,6 +621,8 @@ class PlacementSearch:
         within the bounds elsewhere. A joint without limits is drawn over one turn.
         """
         bounds, chain = self.program.bounds, self._robot.chain
+        # Each draw is for all rows, used or not: which rows the bounds move changes no number of
+        # the others.
         lower = np.where(np.isfinite(bounds.q_lower), bounds.q_lower, -math.pi)
         upper = np.where(np.isfinite(bounds.q_upper), bounds.q_upper, math.pi)
         q = rng.uniform(lower, upper, (count, len(lower)))
@@ -684,6 +693,7 @@ class PlacementSearch:
         different_ends = self._different(kept, effort.num_kinds, _VARIED_END_TOLERANCE)
         kinds = [end.placement for end in different_ends]
         angles = np.linspace(0.0, 2.0 * math.pi, effort.num_turns, endpoint=False)
+        # A row for each end and angle, those of one end together; R_WE turned about the row's n_W.
         n_W = np.repeat([kind.n_W for kind in kinds], len(angles), axis=0)
         turns = Rotation.from_rotvec(np.tile(angles, len(kinds))[:, np.newaxis] * n_W)
         R_WE = turns.as_matrix() @ np.repeat([kind.R_WE for kind in kinds], len(angles), axis=0)
@@ -692,7 +702,7 @@ class PlacementSearch:
         result.evaluations += len(varied)
         costs = self._costs(varied)
         varied, costs = varied[np.isfinite(costs)], costs[np.isfinite(costs)]
-        # Compared at the coarse points, at which the ends are solved.
+        # Compared at the coarse points, at which the ends are solved: every stride-th.
         profiles = self._measure.values(varied.q)[:, :: self._stride]
         known = [self._measure.values(end.placement.q) for end in kept]
         starts: list[Placement] = []
@@ -813,7 +823,8 @@ class PlacementSearch:
             fine_solves: of the ends that differ.
         """
         profiles = [optimum.values for optimum in result.optima]
-        # Values where a fine solve began (at the coarse points), and the optimum it came to.
+        # Values where a fine solve began (at the coarse points), and the index of the optimum that
+        # it came to.
         came_to: list[tuple[Array, int]] = []
         for end, solution in fine_solves:
             if solution is not None:

@@ -134,8 +134,8 @@ def best_free(
         progress: called with the share done.
     """
     q = _coarsely_free(cell, grid, lambda fraction: progress(0.6 * fraction))
-    # The best way through what is left is looked at sample by sample; what collides goes, until
-    # nothing does.
+    # The best way through what is left is looked at sample by sample; what collides becomes NaN in
+    # q, until nothing does.
     for number in range(_MOST_ROUNDS):
         if not np.isfinite(q[..., 0]).any(axis=(1, 2)).all():  # a sample without postures
             return None

@@ -6,7 +6,7 @@ refined continuously).
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -187,7 +187,9 @@ def find_redundancy(
     grid = candidates(problem, lambda f: progress(0.6 * f, "postures on the grid"))
     progress(0.6, "dynamic programming")
     on_grid = best_on_grid(problem, grid)
-    initial, local = _baselines(problem, config, grid, notices, progress)
+    baselines = _baselines(problem, config, grid, progress)
+    initial, local = baselines.initial, baselines.local
+    notices += baselines.notices
     try:
         optimised = _refined(problem, on_grid, local, progress)
     except KeyboardInterrupt:
@@ -196,10 +198,11 @@ def find_redundancy(
     first_postures = grid.q[0][np.isfinite(grid.q[0, :, :, 0])]  # at the first sample of the path
     if np.ptp(problem.measure.values(first_postures)) < _SAME_MEASURE:
         notices.append(f"{problem.measure.label} is the same at all angles and branches")
-    ways = {"initial": initial, "optimised": optimised}
-    clearance, free = _check_clearance(problem, config, grid, ways, notices, progress)
-    closest = clearance.get("optimised")  # pair of shapes; None: nothing near, or not checked
-    if free is None and closest is not None and closest.distance < 0.0:
+    check = _check_clearance(problem, config, grid, initial, optimised, progress)
+    notices += check.notices
+    closest = check.pairs.get("optimised")  # None: nothing near, or not checked
+    # Without a free way, the optimum may come nearer than it should, but not overlap anything.
+    if check.free is None and closest is not None and closest.distance < 0.0:
         raise InputError(
             source or "task",
             "",
@@ -217,35 +220,35 @@ def find_redundancy(
         constant_angles=_constant_angles(problem, grid),
         workpiece=workpiece,
         notices=tuple(notices),
-        clearance=clearance,
-        free=free,
+        clearance=check.pairs,
+        free=check.free,
     )
 
 
 class _Baselines(NamedTuple):
-    """Ways to compare the optimum with; None where a method fails."""
+    """Ways to compare the optimum with; None where a method fails, of which a notice says why."""
 
     initial: Trajectory | None
     local: Trajectory | None
+    notices: list[str]
 
 
 def _baselines(
     problem: RedundancyProblem,
     config: RedundancyTask,
     grid: Candidates,
-    notices: list[str],
     progress: Callable[[float, str], None],
 ) -> _Baselines:
-    """The ways at a constant angle and by the local method, to compare with; None where they fail.
+    """The ways at a constant angle and by the local method, which starts where the first one does.
 
-    Args:
-        notices: gets a sentence where one fails, or another angle than the task's is kept.
+    A notice says where one fails, or another angle than the task's is kept.
     """
+    notices: list[str] = []
     try:
         initial = at_constant_angle(problem, grid, np.array(problem.robot.home))
     except InputError as error:
         notices.append(f"no initial trajectory to compare with: {error}")
-        return _Baselines(None, None)
+        return _Baselines(None, None, notices)
     offset = math.degrees(abs(initial.psi[0] - problem.first_angle))
     if offset > _SAME_ANGLE_DEG:
         notices.append(
@@ -257,8 +260,8 @@ def _baselines(
         local = local_descent(problem, initial.q[0])
     except InputError as error:
         notices.append(str(error))
-        return _Baselines(initial, None)
-    return _Baselines(initial, local)
+        return _Baselines(initial, None, notices)
+    return _Baselines(initial, local, notices)
 
 
 class _ClearanceCheck(NamedTuple):
@@ -267,55 +270,54 @@ class _ClearanceCheck(NamedTuple):
     Attributes:
         pairs: of each checked way, by its name, the pair of shapes with the least slack; None
             where nothing is near. Empty where nothing was checked.
-        free: the best way that is free, where the optimum is not.
+        free: the best way that is free, where the optimum is not; None where none was found either.
+        notices: sentences on what is not checked, and what is too near.
     """
 
     pairs: dict[str, ClosestPair | None]
     free: Trajectory | None
+    notices: list[str]
 
 
 def _check_clearance(
     problem: RedundancyProblem,
     config: RedundancyTask,
     grid: Candidates,
-    ways: Mapping[str, Trajectory | None],
-    notices: list[str],
+    initial: Trajectory | None,
+    optimised: Trajectory,
     progress: Callable[[float, str], None],
 ) -> _ClearanceCheck:
-    """Checks the ways for collisions; searches a free way where "optimised" is none.
+    """Checks two ways for collisions; searches a free one where the optimised one is not.
 
     Nothing is checked of an arm without usable collision shapes.
-
-    Args:
-        ways: by name, "optimised" among them; None: there is none.
-        notices: gets sentences on what is not checked, and what is too near.
     """
     robot = problem.robot
     # A task that asks for no clearance may come as near as it likes, and not through anything.
     clearance = config.clearance or RedundancyClearance(distance=0.0, approach=0.0)
     if robot.unusable_collisions:
-        notices.append(
-            f"no usable collision shape for {', '.join(robot.unusable_collisions)}: "
-            "clearance is not checked"
-        )
-        return _ClearanceCheck({}, None)
+        links = ", ".join(robot.unusable_collisions)
+        sentence = f"no usable collision shape for {links}: clearance is not checked"
+        return _ClearanceCheck({}, None, [sentence])
     cell = surroundings(robot, config, clearance)
     if not cell.clearance.has_shapes:
-        notices.append(f"{robot.name} has no collision shapes: clearance is not checked")
-        return _ClearanceCheck({}, None)
+        sentence = f"{robot.name} has no collision shapes: clearance is not checked"
+        return _ClearanceCheck({}, None, [sentence])
+    notices: list[str] = []
     if config.surface is None:
         notices.append(
             "the shape of a CSV's workpiece is unknown: clearance from it is not checked"
         )
     progress(0.95, "clearance")
-    checks = {
-        name: clear_of_all(cell, problem, way) for name, way in ways.items() if way is not None
-    }
-    closest_pairs = {name: check.worst for name, check in checks.items()}
-    if checks["optimised"].is_free:
-        return _ClearanceCheck(closest_pairs, None)
-    pair, shapes = checks["optimised"].worst, ""
-    if pair is not None:
+    closest_pairs: dict[str, ClosestPair | None] = {}
+    if initial is not None:
+        closest_pairs["initial"] = clear_of_all(cell, problem, initial).worst
+    check = clear_of_all(cell, problem, optimised)
+    closest_pairs["optimised"] = check.worst
+    if check.is_free:
+        return _ClearanceCheck(closest_pairs, None, notices)
+    shapes = ""
+    if check.worst is not None:  # else E cannot come or go, and nothing is near
+        pair = check.worst
         shapes = f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
     ends = ", approach and retreat included" if clearance.approach > 0.0 else ""
     notices.append(
@@ -329,7 +331,7 @@ def _check_clearance(
         )
     else:
         closest_pairs["free"] = clear_of_all(cell, problem, free_way).worst
-    return _ClearanceCheck(closest_pairs, free_way)
+    return _ClearanceCheck(closest_pairs, free_way, notices)
 
 
 def _refined(
@@ -338,7 +340,9 @@ def _refined(
     local: Trajectory | None,
     progress: Callable[[float, str], None],
 ) -> Trajectory:
-    """The best of both starts; in its mean measure never worse than the local method.
+    """The best way refined from the grid's and the local one, by the problem's cost.
+
+    In its mean measure it is never worse than the local method.
 
     Args:
         local: counts only where it keeps all constraints.
@@ -403,7 +407,7 @@ def make_problem(
         path = SurfacePath.read_csv(folder / config.csv, R_WP, p_WP)
     else:
         patch = config.surface
-        assert patch is not None
+        assert patch is not None  # `_check_task`: one of csv and surface
         surface = _surface(patch, name)
         start, end = (patch.start[0], patch.start[1]), (patch.end[0], patch.end[1])
         path = SurfacePath.on_surface(
@@ -411,7 +415,8 @@ def make_problem(
         )
         vertices, triangles = mesh(surface)
         workpiece = TriangleMesh(vertices @ R_WP.T + p_WP, triangles)
-    # rad; a joint that slides may move by the same number of m, but has no margin: that is an angle
+    # rad; a joint that slides may move by the same number of m, but has no margin, which is an
+    # angle.
     step = math.radians(config.max_joint_step_deg)
     margins = np.where(robot.chain.prismatic, 0.0, math.radians(config.limit_margin_deg))
     lower, upper = robot.position_lower + margins, robot.position_upper - margins

@@ -33,7 +33,11 @@ _DRAWN_AXIS_SHARE = 0.14  # of the path's largest extent
 
 
 def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[FigureFile]]:
-    """Writes figures and the recording below `out`; returns both lists, relative to `out`."""
+    """Writes figures and the recording below `out`.
+
+    Returns:
+        Figures and pages, with paths relative to `out` and captions, for an experiment's report.
+    """
     figures = [
         FigureFile(path.relative_to(out), caption)
         for path, caption in (
@@ -127,6 +131,7 @@ def _draw_poses(result: RedundancyResult, path: Path) -> tuple[Path, str]:
             ax.set_ylabel(f"{'xyz'[j]} [m]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     save_figure(figure, path)
+    # Every twelfth: _NUM_DRAWN_POSES less one.
     return path, "The tool's axes at every twelfth of the path, before and after (Fig. 12)."
 
 

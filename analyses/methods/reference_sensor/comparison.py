@@ -129,7 +129,7 @@ def compare_with_sensor(
 
     Args:
         log: N samples of the reading and of the sensor's k columns: 1 (a force along an axis), 3
-            (a force) or 6 (a wrench).
+            (a force) or 6 (a wrench, force first).
         config: configuration of the sensor.
         mounted: its mounting, where another log has given it; None: it is found.
 
@@ -139,13 +139,13 @@ def compare_with_sensor(
     k = log.sensor.shape[1]
     mounting, notices = find_mounting(log, config) if mounted is None else (mounted, ())
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
-    reading = mounting.compared(log.reading, log.R_WE, k)
+    reading = mounting.compared(log.reading, log.R_WE, k)  # (N, k): what the sensor measures of it
     sd, axes = log.sd[:, :k], AXES[:k]
     if k == 1:
         # The largest sd along an axis: the components' errors may not be independent.
         sd = np.sum(np.abs(mounting.direction(log.R_WE)) * log.sd[:, :3], axis=1)[:, None]
         axes = (ALONG,)
-    force = _averages(sensor[:, : min(k, 3)])
+    force = _averages(sensor[:, : min(k, 3)])  # (M, 1) or (M, 3): of a wrench the first three
     valid = _averages(log.valid.astype(float)) == 1.0
     contact = np.linalg.norm(force, axis=1) > config.contact_force
     moving = _averages(log.speed) > config.rest_speed

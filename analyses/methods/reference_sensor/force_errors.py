@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _MIN_REFERENCE_RANGE = 1e-9  # N, from which on a reference varies: below is rounding
+_BAR_STEP, _BAR_HEIGHT = 0.27, 0.25  # of a row of bars: three with gaps, and room to the next row
 _GOOD_SHARES = (0.90, 0.98)  # of samples in the 95 % band, shaded: near 95 %
 FIGURE_COLUMNS = 1500  # of a figure: a longer signal is drawn as its extremes, column by column
 
@@ -163,7 +164,8 @@ def variants_figure(metrics: Mapping[str, Any], labels: Mapping[str, str], title
     for panel, (key, label) in zip(axes[0], columns, strict=True):
         for k, axis in enumerate(AXES):
             values = [variant[key.format(axis)] for variant in metrics_of_variants]
-            panel.barh(rows + 0.27 * (k - 1), values, 0.25, color=SERIES[k], label=f"f{axis}")
+            places = rows + _BAR_STEP * (k - 1)  # X, Y, Z around the row
+            panel.barh(places, values, _BAR_HEIGHT, color=SERIES[k], label=f"f{axis}")
         panel.set_xlabel(label)
     axes[0, 2].axvspan(*_GOOD_SHARES, color=COLOUR["reference"], alpha=0.25, lw=0)
     axes[0, 2].set_xlim(0.0, 1.0)

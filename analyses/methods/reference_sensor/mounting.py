@@ -97,8 +97,8 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
 
     Each mounting that is left open turns the sensor's numbers into forces; the one whose forces are
     nearest to the reading, over some thousand rows of the log (_SEARCH_ROWS), is taken, of several
-    as near the simplest. A delay is found with that one, and all are compared again at this delay.
-    The tare is fitted last.
+    as near the simplest. A delay is found with the one that is best without, and all are compared
+    again at this delay. The tare is fitted last.
 
     Args:
         log: N samples of the reading and of the sensor's k columns.
@@ -123,28 +123,22 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
     )
     coarse = log.every(max(1, len(log.t) // _SEARCH_ROWS))
     candidates = _candidates(unturned, config, k)
-    finds_delay = config.delay == FOUND
-    if not finds_delay:
-        candidates = [replace(mounting, delay=float(config.delay)) for mounting in candidates]
-    best, is_frame_open = _best(coarse, candidates, config)
     notices = []
-    if finds_delay:
-        delay = _found_delay(coarse, best, config)
-        if delay is None:
-            notices.append(
-                "the log does not determine the sensor's delay: taken as zero; state it with "
-                "--reference-delay"
-            )
-        elif delay != 0.0:
-            candidates = [replace(mounting, delay=delay) for mounting in candidates]
-            best, is_frame_open = _best(coarse, candidates, config)
-    if is_frame_open:
+    delay = _delay(coarse, candidates, config)
+    if delay is None:
+        notices.append(
+            "the log does not determine the sensor's delay: taken as zero; state it with "
+            "--reference-delay"
+        )
+    candidates = [replace(mounting, delay=delay or 0.0) for mounting in candidates]
+    best, is_open = _best(coarse, candidates, config)
+    if is_open:
         notices.append(
             "the log's forces leave the sensor's axes or sign open: the simplest that agree are "
             "taken; state them with --reference-frame and --reference-sign"
         )
     if config.tare == "fit":
-        # (k,) reading less sensor, in the sensor's axes: its reading times the sign, less the tare
+        # (k,) reading less sign * (sensor - tare), in the sensor's axes; with the new tare it is 0.
         mean_error = _error(coarse, best, k).mean(axis=0)
         best = replace(best, tare=best.tare - best.sign * mean_error)
     if len(candidates) > 1:
@@ -183,7 +177,7 @@ def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -
     )
     R_WE, _ = robot.chain.pose(q)
     sensed = mounting.on_robot(recording.t, sensor, R_WE)  # (N, 1), (N, 3) or (N, 6), force first
-    wrench = np.zeros((len(sensed), 6))  # moment first
+    wrench = np.zeros((len(sensed), 6))  # at E in axes of W, moment first, as the Jacobian's rows
     wrench[:, 3:] = sensed * mounting.direction(R_WE) if sensed.shape[1] == 1 else sensed[:, :3]
     if sensed.shape[1] == 6:
         wrench[:, :3] = sensed[:, 3:]
@@ -302,6 +296,14 @@ def _turned(R: Array, x: Array) -> Array:
     """R (N, 3, 3) times each three columns of x (N, k)."""
     parts = [np.einsum("kij,kj->ki", R, x[:, s : s + 3]) for s in range(0, x.shape[1], 3)]
     return np.concatenate(parts, axis=1)
+
+
+def _delay(log: SensorLog, candidates: list[Mounting], config: ReferenceConfig) -> float | None:
+    """s, stated or found with the best of the candidates; None where the log does not tell it."""
+    if config.delay != FOUND:
+        return float(config.delay)
+    best, _ = _best(log, candidates, config)
+    return _found_delay(log, best, config)
 
 
 def _found_delay(log: SensorLog, mounting: Mounting, config: ReferenceConfig) -> float | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -94,31 +95,75 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     Args:
         arm: the robot's joints, in its order.
     """
-    n = robot.num_joints
     q = postures(robot)  # (N, n)
     if not robot.has_inertias:
         payload = _PAYLOAD_PER_REACH * reach_of(robot, q) ** 2
         return replace(Assumed.nothing(arm), payload=_rounded(max(payload, _MIN_PAYLOAD)))
-    still = np.zeros_like(q)
-    gravity = robot.chain.inverse_dynamics(q, still, still)
-    needed = np.abs(gravity).max(axis=0)
-    carried = needed.copy()
-    for j in range(n):
-        acceleration = still.copy()
-        acceleration[:, j] = _BRISK_ACCELERATION
-        torque = robot.chain.inverse_dynamics(q, still, acceleration)
-        brisk_start = float(np.abs(torque - gravity)[:, j].max())
-        carried[j] += brisk_start
-        slow_start = _SLOW_ACCELERATION / _BRISK_ACCELERATION * brisk_start
-        needed[j] = max(needed[j], slow_start)
+    gravity, brisk_start = _gravity_and_start(robot, q)
+    slow_start = _SLOW_ACCELERATION / _BRISK_ACCELERATION * brisk_start
+    needed = np.maximum(gravity, slow_start)
+    carried = gravity + brisk_start
     for kind in (robot.chain.prismatic, ~robot.chain.prismatic):
         carried[kind] = np.maximum(carried[kind], _LEAST_CARRIED * carried[kind].max(initial=0.0))
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
     payload = _rounded(max(_PAYLOAD_SHARE * mass, _MIN_PAYLOAD))
     weight = payload * robot.gravity
     J_linear = robot.chain.jacobian(q)[:, 3:]
-    payload_torque = np.abs(np.einsum("kij,i->kj", J_linear, weight)).max(axis=0)
+    efforts = _efforts(arm, needed, carried, weight, J_linear)
+    return Assumed(
+        payload=payload,
+        carried=carried,
+        needed=needed,
+        effort=efforts.assumed,
+        is_excessive=efforts.is_excessive,
+        rotor_inertia=_rotor_inertia(robot, q, efforts.limits),
+    )
+
+
+def _gravity_and_start(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """The most, over postures q (N, n), that gravity asks of each joint, and a brisk start of it.
+
+    Returns:
+        (n,) and (n,) N m (N); the start is that of the joint alone, without gravity.
+    """
+    still = np.zeros_like(q)
+    torque_at_rest = robot.chain.inverse_dynamics(q, still, still)
+    start = np.zeros(robot.num_joints)
+    for j in range(robot.num_joints):
+        acceleration = still.copy()
+        acceleration[:, j] = _BRISK_ACCELERATION
+        torque = robot.chain.inverse_dynamics(q, still, acceleration)
+        start[j] = np.abs(torque - torque_at_rest)[:, j].max()
+    return np.abs(torque_at_rest).max(axis=0), start
+
+
+class _Efforts(NamedTuple):
+    """Effort limits of an arm's n joints.
+
+    Attributes:
+        assumed: (n,) N m (N); 0 where the stated one stands.
+        limits: (n,) N m (N), the assumed ones, and the stated ones where these stand.
+        is_excessive: (n,) which stated limits are of no drive of the arm's size.
+    """
+
+    assumed: Array
+    limits: Array
+    is_excessive: Flags
+
+
+def _efforts(
+    arm: Sequence[DescribedJoint], needed: Array, carried: Array, weight: Array, J_linear: Array
+) -> _Efforts:
+    """Effort limits for joints whose own is not stated, or no drive's of such an arm.
+
+    Args:
+        needed: (n,) N m (N), as `Assumed`; far smaller limits are placeholders.
+        carried: (n,) N m (N), as `Assumed`.
+        weight: (3,) N, of the payload.
+        J_linear: (N, 3, n) of E in the postures that are looked at.
+    """
     stated = _stated(arm)
+    payload_torque = np.abs(np.einsum("kij,i->kj", J_linear, weight)).max(axis=0)
     likely = np.array([_rounded(value) for value in _EFFORT_MARGIN * (carried + payload_torque)])
     # What carries the arm and resists a push of the payload's weight in any direction.
     push_torque = np.linalg.norm(weight) * np.linalg.norm(J_linear, axis=1).max(axis=0)
@@ -127,16 +172,11 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     # An exporter writes one number for several joints: where it is wrong for one, it is for all.
     is_wrong = is_placeholder(stated, needed) | is_excessive
     unknown = ~(stated > 0.0) | np.isin(stated, np.unique(stated[is_wrong]))
-    effort = np.where(is_excessive, bearing, np.maximum(likely, stated))
-    effort = np.where(unknown, effort, 0.0)
-    limits = np.where(unknown, effort, stated)
-    return Assumed(
-        payload=payload,
-        carried=carried,
-        needed=needed,
-        effort=effort,
+    assumed = np.where(is_excessive, bearing, np.maximum(likely, stated))
+    return _Efforts(
+        assumed=np.where(unknown, assumed, 0.0),
+        limits=np.where(unknown, assumed, stated),
         is_excessive=is_excessive,
-        rotor_inertia=_rotor_inertia(robot, q, limits),
     )
 
 
@@ -212,7 +252,7 @@ def good_posture(
         clearance = Clearance(robot, floor=floor)
         for rank, candidate in enumerate(candidates):
             if rank >= _BEST_CONDITIONED and largest_slack > _CLEARANCE_SLACK:
-                break
+                break  # enough room; the others are worse conditioned
             if floor is not None and clearance.reaches_floor(candidate):
                 continue
             slack = clearance.slack(candidate)
@@ -221,7 +261,7 @@ def good_posture(
             if slack > _AMPLE_SLACK:
                 break
         if largest_slack > 0.0:
-            break
+            break  # free above this floor: the next one is less likely
     return best, best_floor
 
 

@@ -81,7 +81,7 @@ class DraftText:
             "# tool: {mass: kg, com: [x, y, z], inertia: [ixx, iyy, izz, ixy, ixz, iyz]}  "
             "# what is mounted there, in axes of the flange",
             self._gravity_line(),
-            f"floor: {floor + 0.0:.4g}  # m, its height in W; null where there is none"
+            f"floor: {floor + 0.0:.4g}  # m, its height in W; null where there is none"  # not -0
             if floor is not None
             else "floor: null  # none is known near the arm; else the floor's height in W, m",
             f"payload: {assumed.payload:g}  # {FILL_IN}: kg, rated (data sheet)",

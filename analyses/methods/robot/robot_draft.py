@@ -89,8 +89,7 @@ def draft_robot(
             and `unit_doubts` find.
     """
     is_xacro = is_xacro_file(description)
-    if os.path.lexists(out):
-        raise InputError(out, "", "exists already", "name another file with --out")
+    _refuse_existing(out)
     if not is_xacro:
         if xacro.arguments:
             problem = f"is for a xacro file; {description.name} is none"
@@ -99,8 +98,7 @@ def draft_robot(
     if not xacro.is_trusted:
         raise untrusted_xacro(description)
     urdf = out.with_suffix(".urdf")
-    if os.path.lexists(urdf):
-        raise InputError(urdf, "", "exists already", "name another file with --out")
+    _refuse_existing(urdf)
     with writing_to(urdf):
         urdf.parent.mkdir(parents=True, exist_ok=True)
     renamed = renamed_packages(description)
@@ -118,6 +116,12 @@ def draft_robot(
         urdf.unlink()
         raise
     return draft._replace(notes=notes + draft.notes)
+
+
+def _refuse_existing(path: Path) -> None:
+    """Raises InputError where there is a file, or a link to none."""
+    if os.path.lexists(path):
+        raise InputError(path, "", "exists already", "name another file with --out")
 
 
 def _with_meshes(urdf: bytes, description: Path, renamed: Mapping[str, Path]) -> bytes:
@@ -149,15 +153,11 @@ def _draft(
     root, _ = read_document(urdf)
     drop_commas(root)  # the robot's reader says so
     structure = ArmStructure(root, urdf)
-    for link in (base, flange):
-        if link is not None:
-            structure.require_link(link)
-    # Each may be found from the other; the base depends on the arm that the flange chooses.
-    flange = flange or structure.flange(base or structure.base(None))
-    base = base or structure.base(flange)
+    base, flange = _ends(structure, base, flange)
     way = structure.joints_between(base, flange)
+    # Joints that follow another one (mimic), and those that are followed, are none of the arm's.
     followed = {joint.leader for joint in way if joint.leader}
-    # Where nothing else is left, the robot's reader says what is wrong.
+    # Where no joint is left, all stay: the robot's reader says what is wrong.
     arm = [joint for joint in way if not joint.leader and joint.name not in followed] or way
     locked = structure.at_rest(arm)
     gravity, floors, mounting_note = _mounting(structure, base)
@@ -182,10 +182,11 @@ def _draft(
             with writing_to(out):
                 partial.write_text(text, encoding="utf-8")
 
-        # Loaded with numbers that mean nothing, to find those that the draft is to have.
+        # The file is written as a draft, loaded, and written again with what the loaded robot
+        # shows: first with numbers that mean nothing, to find those that it is to have.
         write(draft.text(middle, 0.0, Assumed.nothing(arm)))
         robot = Robot.load(partial)
-        if robot.inertias_may_be_mended:
+        if robot.inertias_may_be_mended:  # by `possible_inertias`, which the draft then has
             draft = replace(draft, mends_inertias=True)
             write(draft.text(middle, 0.0, Assumed.nothing(arm)))
             robot = Robot.load(partial)
@@ -207,6 +208,20 @@ def _draft(
         in_the_way(robot, *structure.sides(base, arm)),
     ]
     return DraftedRobot(robot, marked_keys(text), tuple(note for note in notes if note))
+
+
+def _ends(structure: ArmStructure, base: str | None, flange: str | None) -> tuple[str, str]:
+    """The links at both ends of the arm: those that are named, the others found.
+
+    Raises:
+        InputError: no link has a name that is given; there is no arm, or several.
+    """
+    for link in (base, flange):
+        if link is not None:
+            structure.require_link(link)
+    # The flange first: which base is the arm's depends on it, where none is named.
+    flange = flange or structure.flange(base or structure.base(None))
+    return base or structure.base(flange), flange
 
 
 def _mounting(

@@ -66,6 +66,7 @@ def export_robot(
     if robot.is_coupled and form == "mjcf":
         problem = "has motors that move several joints, for which MJCF has no element"
         raise InputError(robot.source, "coupling", problem, "export --to urdf")
+    # Coulomb and viscous, all that these files have a place for.
     friction = simulator_friction(model.friction, _largest_speed(model, robot))
     chain = model.chain(robot)
     rotors = np.asarray(chain.rotor_matrix.diagonal())

@@ -100,9 +100,9 @@ def record_air_pass(
     )
     nominal = IdentifiedModel.nominal(robot)
     if is_free(free):
-        t, signals = run_free(free, robot, nominal, motion)
+        times, signals = run_free(free, robot, nominal, motion)
         progress(1.0, "air pass")
-        return _recorded(t, signals)
+        return _recorded(times, signals)
     loop = make_closed_loop(
         free,
         robot,
@@ -118,7 +118,8 @@ def record_air_pass(
         even_stretches(free.duration, _PROGRESS_PERIOD),
         lambda share: progress(share, "air pass"),
     )
-    return _recorded(*loop.logged(simulator.get_context()))
+    times, signals = loop.logged(simulator.get_context())
+    return _recorded(times, signals)
 
 
 def _recorded(t: Array, signals: Mapping[str, Array]) -> Recording:
@@ -146,7 +147,7 @@ def learn_air_passes(
         seed: of the noise of the first pass.
     """
     assert scenario.machining is not None
-    height = scenario.machining.air_pass
+    height = scenario.machining.air_pass  # m above the surface
     passes = []
     for k in range(2):
         motion = raised_motion(robot, plan.trajectory, (1 + k) * height)
@@ -190,8 +191,9 @@ def learn_correction(
     is_steady = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
     law_is_right = is_steady.copy()
     steady_samples = np.flatnonzero(is_steady)
-    if not reading.estimator.friction.is_of_speed_alone and len(steady_samples):
-        law_is_right[steady_samples[0] : steady_samples[-1]] = True
+    has_memory = not reading.estimator.friction.is_of_speed_alone
+    if has_memory and len(steady_samples):
+        law_is_right[steady_samples[0] : steady_samples[-1]] = True  # the last one is so anyway
     tau_ext = reading.batch.tau_ext[feed_start:]
     return AirPassCorrection(t, tau_ext, law_is_right.astype(np.float64))
 
@@ -220,7 +222,7 @@ def learn_error(
     correction = _read(reference, robot, model, config).batch
     reading_of_held_out = _read(held_out, robot, model, config)
     estimator, batch = reading_of_held_out.estimator, reading_of_held_out.batch
-    K_0 = getattr(estimator.observer, "K_0", None)
+    K_0 = getattr(estimator.observer, "K_0", None)  # (n,) 1/s of a momentum observer
     if K_0 is None:
         return None
     log = held_out.log
@@ -238,7 +240,8 @@ def learn_error(
         resolution=position_resolution(log.q),
     )
     error = fit_torque_error([reading], rest=AIR_PASS_REST)
-    # Both passes rest at the same places: what friction holds there is in the correction.
+    # Counted as one rest of each joint: both passes rest at the same places, and what friction
+    # holds there is in the correction.
     return replace(error, read_load=BEYOND_LOAD, rests=np.ones(error.num_joints))
 
 

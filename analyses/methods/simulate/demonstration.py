@@ -113,7 +113,7 @@ def demonstrate(
         scenario = load_scenario(SCENARIO)
         robot = Robot.load(scenario.robot)
         model = known_model(robot, scenario)
-        progress(0.6, "simulating")
+        progress(0.6, "simulating")  # the first 0.6 are compilation, where there is any
         t, signals = _logged(scenario, robot, model, partial(_part, progress))
         progress(0.8, "reading the wrench")
         batch = _read(scenario, robot, model, signals)
@@ -128,6 +128,7 @@ def demonstrate(
         folder.write_json("metrics.json", result.metrics())
         folder.write_figure("force", result.figure())
         _write_page(folder / "push.html", scenario, robot, t, signals, batch)
+    # They were written into a folder beside `out`, whose files are in `out` since the block's end.
     return replace(result, files=(out / "figures" / "force.png", out / "push.html"))
 
 
@@ -192,8 +193,9 @@ def _write_page(
     for k, row in enumerate(rows.tolist()):
         picture.show(q[k], float(t[row]))
         context.SetTime(t[row])
-        # In the place of the RigidBodyTerms: p_WE is all that the arrows read of them.
-        terms = AbstractValue.Make(object())  # the type of the port's value
+        # In the place of the RigidBodyTerms: p_WE is all that the arrows read of them. A Value of
+        # the port's type, `object`, which `Make` of the namespace itself would not give.
+        terms = AbstractValue.Make(object())
         terms.set_value(SimpleNamespace(p_WE=p_WE[k]))
         arrows.GetInputPort("terms").FixValue(context, terms)
         arrows.GetInputPort("force true").FixValue(context, signals["wrench_true"][row])

@@ -62,7 +62,7 @@ def run_free(
         seed=scenario.seed,
         wrench=WrenchScript(scenario.wrench, scenario.seed, "scenario"),
         duration=scenario.duration,
-        whole=False,
+        whole=False,  # without signals that only studies of the truth read
     )
     signals = {  # as the log has them: (T, n) but for the wrench, (T, 6) with its moment first
         "q": log.q,

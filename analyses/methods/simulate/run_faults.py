@@ -38,10 +38,11 @@ def require_controllable(
             direction of motion, or many times the arm's.
     """
     ratios = _inertia_ratios(robot, model, trajectory)
-    if ratios.least > 0.0 and ratios.largest < _MAX_RATIO:
+    is_indefinite = ratios.least <= 0.0  # a direction in which force would brake the motion
+    if not is_indefinite and ratios.largest < _MAX_RATIO:
         return
-    ratio = ratios.least if ratios.least <= 0.0 else ratios.largest
-    if ratios.least <= 0.0 or unphysical_links(model.inertial_parameters, robot.joint_names):
+    ratio = ratios.least if is_indefinite else ratios.largest
+    if is_indefinite or unphysical_links(model.inertial_parameters, robot.joint_names):
         problem, remedy = "the model's mass matrix is no body's", "identify again with --consistent"
     else:
         names = " and ".join(robot.joint_names[j] for j in ratios.joints)

@@ -111,9 +111,10 @@ def _simulate_into(
             f"{robot.name} has no tool: the scenario's force/torque sensor, which sits under the "
             "tool, is left out",
         )
-    if settings.scenario == SimulateSettings.scenario and settings.robot is not None:
-        scenario, fitted = fitted_to(scenario, robot)
-        notices += fitted
+    is_default = settings.scenario == SimulateSettings.scenario
+    if is_default and settings.robot is not None:
+        scenario, fitting_notices = fitted_to(scenario, robot)
+        notices += fitting_notices
     check_scenario(scenario, settings.scenario)
     try:
         result = simulate(
@@ -148,7 +149,7 @@ def _requested_scenario(settings: SimulateSettings) -> _RequestedScenario:
     The scenario is named by NAME (bundled), FILE or FILE:NAME. With another motion the default
     scenario loses its push and its sensor.
     """
-    file_name, _, name_in_file = settings.scenario.rpartition(":")
+    file_name, _, name_in_file = settings.scenario.rpartition(":")  # without a colon: "", "", all
     if file_name:
         scenario, name = load_scenario(file_name, name_in_file), name_in_file
     else:
@@ -161,6 +162,7 @@ def _requested_scenario(settings: SimulateSettings) -> _RequestedScenario:
         duration=scenario.duration if duration is None else duration,
     )
     if settings.motion is not None:
+        # Lasts a period of the motion where no duration is asked for, whatever the scenario has.
         scenario = _in_motion(scenario, Path(settings.motion), duration)
         if settings.scenario == SimulateSettings.scenario:
             scenario = replace(scenario, wrench=[], force_torque_sensor=None)
@@ -288,16 +290,15 @@ def simulate(
             effort limit for long.
     """
     robot.require_inertias("simulate")
-    work = _planned(scenario, robot)
+    work = _planned(scenario, robot)  # from here on its scenario, which may be shorter
     scenario, notices = work.scenario, work.notices
     if model is None:
         model = known_model(robot, scenario, work.trajectory)
         notices.append(_known_model_notice(scenario))
     else:
         require_controllable(robot, model, work.trajectory, model_source)
-    # The estimator's model is the controller's, unless air passes teach it their error.
     learnt = _learnt_correction(work, robot, model, progress)
-    estimator = LoopEstimator()
+    estimator = LoopEstimator()  # with the controller's model, unless air passes teach their error
     if learnt is not None:
         estimator = replace(estimator, model=learnt.model, air_pass=learnt.correction)
     meshcat = None if page is None else _make_meshcat(work, robot)
@@ -325,11 +326,13 @@ def simulate(
     t, signals = recorder.logged()
     # Of a machining pass neither a joint at its limit nor one that stands still is refused: it ends
     # by its own faults, and departs from its plan by design.
+    is_machining = work.plan is not None
     notices += _retreat_notices(t, signals)
-    notices += saturation_notices(robot, signals, refuses=work.plan is None)
-    if work.plan is None:
+    notices += saturation_notices(robot, signals, refuses=not is_machining)
+    if not is_machining:
         require_following(robot, work.trajectory.sample(t)[0], signals["q"])
-    result = _result_of(scenario, robot, t, signals, float(t[-1]) / elapsed)
+    real_time_factor = float(t[-1]) / elapsed
+    result = _result_of(scenario, robot, t, signals, real_time_factor)
     if result.valid.mean() < _FEW_VALID:
         notices += _why_not_valid(result, estimator.model or model)
     return replace(result, notices=tuple(notices), files=tuple(files))
@@ -435,10 +438,10 @@ def known_model(
 ) -> IdentifiedModel:
     """The best Coulomb-viscous model of the arm: true inertias and a fit of the true friction.
 
-    The fit is over the velocities and loads of the scenario's motion, from 0.02 rad/s (_FIT_RANGE)
-    on, as an identification along it would find on the same day. A joint that is never so fast is
-    fitted over the whole range, 0.02 to 0.5 rad/s one way. The fit does not hold stiction, ripple
-    and the curvature of friction.
+    The fit is over the velocities and loads of the scenario's motion, from the lower end of
+    _FIT_RANGE on, as an identification along it would find on the same day. A joint that is never
+    so fast is fitted over the whole range, one way. The fit does not hold stiction, ripple and the
+    curvature of friction.
 
     Args:
         trajectory: of the scenario; None: it is made.
@@ -449,10 +452,10 @@ def known_model(
     trajectory = trajectory or make_trajectory(scenario, robot)
     q, v, vdot = trajectory.sample(np.linspace(0.0, scenario.duration, _FIT_SAMPLES))
     is_fitted = np.abs(v) > _FIT_RANGE[0]  # (T, n) samples
-    stays_at_rest = ~is_fitted.any(axis=0)  # joints
-    speeds_at_rest = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
-    v[:, stays_at_rest] = speeds_at_rest[:, np.newaxis]
-    is_fitted[:, stays_at_rest] = True
+    is_slow = ~is_fitted.any(axis=0)  # (n,) joints that are never fast enough
+    speeds_in_place = np.linspace(*_FIT_RANGE, _FIT_SAMPLES)
+    v[:, is_slow] = speeds_in_place[:, np.newaxis]
+    is_fitted[:, is_slow] = True
     joints = TrueJoints.of(with_true_friction(robot, scenario.friction), scenario.time_step)
     torque = joints.sliding_torque(v, robot.chain.inverse_dynamics(q, v, vdot))
     coulomb, viscous = np.zeros((2, robot.num_joints))
@@ -499,7 +502,7 @@ def _advance(
     num_passed = 0  # ends that were reached
 
     def judge(share: float) -> None:
-        """Called at each end."""
+        """Called at each end, in their order; what it raises ends the run."""
         nonlocal num_passed
         velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))[joints]
         # Not `>`: what is not a number is too fast as well.
@@ -512,7 +515,7 @@ def _advance(
 
     try:
         advance(simulator, ends, judge)
-    except RuntimeError:  # from above, or the contact solver gives up
+    except RuntimeError:  # from `judge`, or Drake's contact solver gives up
         raise InputError(
             "scenario",
             "",

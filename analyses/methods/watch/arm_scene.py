@@ -37,6 +37,7 @@ class ArmScene:
     """
 
     def __init__(self, robot: Robot) -> None:
+        # A plant of the arm alone, never simulated: step 0, and a context that `placed` moves.
         builder = DiagramBuilder()
         self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         parts = robot.add_to_plant(self._plant)
@@ -46,7 +47,8 @@ class ArmScene:
         self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._instance, self._frame_E = parts.model_instance, parts.frame_E
         self._bodies = [self._plant.get_body(i) for i in self._plant.GetBodyIndices(self._instance)]
-        # What links look like is one role of shapes in Drake, what they collide with another.
+        # What links look like is one role of shapes in Drake, what they collide with another; only
+        # the first has colours.
         inspector = scene_graph.model_inspector()
         has_looks = inspector.NumGeometriesWithRole(Role.kIllustration) > 0
         role = Role.kIllustration if has_looks else Role.kProximity

@@ -110,8 +110,9 @@ class LcmSource:
     def _sample(self, data: bytes, now: float) -> Sample:
         """The sample of a message; a Panda states its external torque with the other sign.
 
-        Its effort is the joint torque, and the external torque comes with it; or, if the source was
-        opened so, the effort is the external torque.
+        Its effort is the joint torque, and the external torque comes with it, with its sign as
+        sent; or, if the source was opened so, the effort is the external torque, positive along the
+        motion that it causes.
 
         Args:
             now: s, when it was received.

@@ -82,18 +82,15 @@ class LoadSearch:
         """Begins a look where one is due; `result` gives what it finds.
 
         A look hands the speeds and readings gathered since the last one to the monitor, and weighs
-        all that the monitor has. Another estimator than before means that reading began anew: so
-        does the search.
+        all that the monitor has. None is due before `result` has given what the last one found.
 
         Args:
             t: s, of the stream.
-            estimator: that gives the readings.
+            estimator: that gives the readings; another one than before means that reading began
+                anew.
         """
         if self._estimator is not estimator:
-            if self._estimator is not None:  # not the first: reading began anew
-                self._begin, self._readings, self._monitor = t, [], None
-                self._running = None  # what it finds is of the readings before
-            self._estimator = estimator
+            self._read_by(estimator, t)
         if self._begin is None or not self._looks or self._running is not None:
             return
         if t - self._begin < self._looks[0]:  # not due
@@ -115,6 +112,15 @@ class LoadSearch:
         else:
             self._running = Future()
             self._running.set_result(self._judge(*arguments))
+
+    def _read_by(self, estimator: WrenchEstimator, t: float) -> None:
+        """Forgets the readings of another estimator, and the look at them that may run.
+
+        From t on, s of the stream, the looks that were not held yet are due after their times.
+        """
+        if self._estimator is not None:
+            self._begin, self._readings, self._monitor, self._running = t, [], None, None
+        self._estimator = estimator
 
     def result(self) -> LoadOrDrift | None:
         """The load, once, where a look that is over has shown one."""

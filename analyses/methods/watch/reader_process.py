@@ -68,6 +68,7 @@ def read_stream(
         for item in items:
             if isinstance(item, Sample):
                 sample = item
+                # A sample of another size is refused by the estimator.
                 if q_offset is not None and sample.q.shape == q_offset.shape:
                     sample = replace(sample, q=sample.q + q_offset)
                 results = live.take(sample)  # before the checks, which ask it what is possible
@@ -125,9 +126,9 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
         readings, events: rings of shared memory, which the process that started this one reads.
         wake: file descriptor of a pipe; a byte in it says that there is something to read.
     """
-    settings: WatchSettings = pickle.load(sys.stdin.buffer)  # of the process that started this one
+    requested: WatchSettings = pickle.load(sys.stdin.buffer)  # of the process that started this one
     numba.set_num_threads(1)  # samples come one by one
-    os.set_blocking(wake, False)
+    os.set_blocking(wake, False)  # a full pipe wakes the reader anyway
     publishers: list[Publisher] = []
 
     def emit(item: Reading | StreamEvent) -> None:
@@ -149,11 +150,13 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
     source: Source | None = None
     checks: StartChecks | None = None
     try:
-        settings, robot, model = load_watched(settings)
+        settings, robot, model = load_watched(requested)
         source = open_source(settings.source, robot)
-        publishers += [open_publisher(url, robot) for url in settings.publish]
+        # One by one: of those before one that cannot be opened, all are closed.
+        publishers.extend(open_publisher(url, robot) for url in settings.publish)
         warm_up(settings, robot, model)
         if settings.watch.check:
+            # As fast as samples are read, they wait for the checks: a log gives the same each time.
             checks = StartChecks(robot, model, settings.watch, in_background=source.rate > 0.0)
         live = make_live(settings, robot, model, source)
         # What lives until the end need not be gone through at each collection between samples.

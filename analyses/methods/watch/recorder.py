@@ -81,31 +81,37 @@ class Recorder:
         """
         message = ""
         for row in rows:
-            t = row[0]
-            if t == self._last:  # the same reading, no longer valid
-                continue
-            self._last = t
-            if self._form == "mcap" and not 0.0 <= t < LAST_STAMP:
-                if not self.lost:
-                    message = (
-                        f"readings before t = 0 or from {LAST_STAMP:.0f} s on are left out: a ROS "
-                        "time stamp holds no such time"
-                    )
-                self.lost += 1
-                continue
-            # Full, or the readings' clock has gone back.
-            is_full = self._rows and not 0.0 <= t - self._rows[0][0] < SEGMENT_TIME
-            if is_full and not self._failed:
-                message = self._save() or message
-                if not self._failed:
-                    self._begin_segment()
-            self._rows.append(row)
+            message = self._add(row) or message  # the latest one
         if time.monotonic() - self._saved < SAVE_TIME:
             return message
         was_failed = self._failed
         message = self._save() or message
         if was_failed and not self._failed:  # a segment that has become long ends here
             self._begin_segment()
+        return message
+
+    def _add(self, row: Array) -> str:
+        """Adds a row to the segment, or to a new one where that is full; returns a message."""
+        t = row[0]
+        if t == self._last:  # the same reading, no longer valid
+            return ""
+        self._last = t
+        if self._form == "mcap" and not 0.0 <= t < LAST_STAMP:
+            self.lost += 1
+            if self.lost > 1:  # said already
+                return ""
+            return (
+                f"readings before t = 0 or from {LAST_STAMP:.0f} s on are left out: a ROS time "
+                "stamp holds no such time"
+            )
+        message = ""
+        # Full, or the readings' clock has gone back.
+        is_full = self._rows and not 0.0 <= t - self._rows[0][0] < SEGMENT_TIME
+        if is_full and not self._failed:  # after a failure it grows on, and ends in `take`
+            message = self._save()
+            if not self._failed:
+                self._begin_segment()
+        self._rows.append(row)
         return message
 
     def _begin_segment(self) -> None:
@@ -120,7 +126,10 @@ class Recorder:
         return f"{self.lost} readings are not in the recording" if self.lost else message
 
     def _save(self) -> str:
-        """Writes the segment's file anew; returns a message where that fails or works again."""
+        """Writes the segment's file anew; returns a message where that fails or works again.
+
+        `_failed` says whether it failed. More than MOST_ROWS rows that no file takes are given up.
+        """
         self._saved = time.monotonic()
         if not self._rows:
             return ""
@@ -181,7 +190,7 @@ class Recorder:
                         flags=flags,
                     )
                 )
-        if self._files and self._files[-1].name == name:
+        if self._files and self._files[-1].name == name:  # an earlier state of this file
             self._files.pop()
         self._files.append(_File(name, len(rows), float(t[0]), float(t[-1])))
         if self._form == "mcap":

@@ -6,6 +6,7 @@ Options: `rate`, seconds of the log in one of this computer's (1; 0: as fast as 
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -18,7 +19,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.robot.robot import Robot
 
-_AT_ONCE = 64  # samples of one call without a rate
+_AT_ONCE = 64  # samples of one call without a rate: few, so that events come in between
 
 
 class ReplaySource:
@@ -42,8 +43,8 @@ class ReplaySource:
         reader.require_joint_signals()
         self._name = printable(path.name)
         self._samples = _samples(reader.chunks())
-        self._next: Sample | None = next(self._samples)
-        self._begin: float | None = None
+        self._next: Sample | None = next(self._samples)  # None: the log is over, or closed
+        self._begin: float | None = None  # s by `time.monotonic`, of the log's zero; None: not read
 
     @classmethod
     def open(cls, address: SourceAddress, robot: Robot) -> "ReplaySource":
@@ -58,7 +59,7 @@ class ReplaySource:
 
         The first call starts the clock, and says so. With a rate of 0 every sample is due.
         """
-        if self._next is None:  # the log is over
+        if self._next is None:
             time.sleep(timeout)
             return []
         now = time.monotonic()
@@ -77,12 +78,9 @@ class ReplaySource:
         most = MOST_ITEMS if self.rate else _AT_ONCE
         try:
             while self._next is not None and len(items) < most and self._due(self._next) <= now:
-                sample = self._next
-                items.append(
-                    Sample(sample.t, now, sample.q, sample.v, sample.effort, more=sample.more)
-                )
+                items.append(replace(self._next, received=now))
                 self._next = next(self._samples, None)
-        except InputError as error:
+        except InputError as error:  # of the log's reader: what comes is damaged
             self._next = None
             items.append(StreamEvent(EventKind.GARBAGE, str(error), now))
         if self._next is None:
@@ -94,11 +92,13 @@ class ReplaySource:
         self._next = None
 
     def _due(self, sample: Sample) -> float:
+        """When it is played, s by `time.monotonic`; without a rate at once."""
         assert self._begin is not None
         return self._begin + sample.t / self.rate if self.rate else -np.inf
 
 
 def _samples(chunks: Iterator[Recording]) -> Iterator[Sample]:
+    """The samples of a log, not received yet; efforts are currents, of torques by the drives."""
     for chunk in chunks:
         targets = {
             CONTROLLER_SIGNALS.get(name, name): signal

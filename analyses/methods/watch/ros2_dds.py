@@ -108,8 +108,9 @@ def join(address: SourceAddress) -> Any:
     """Joins the domain that an address asks for, as a participant.
 
     The domain is that of the address, else of ROS_DOMAIN_ID, else 0; the network is this computer
-    alone unless the address names an interface. A process opens a domain once: where the address
-    names no network, and the user has configured DDS himself, his configuration counts.
+    alone unless the address names an interface. A process opens a domain once, with one
+    configuration: ours, or, where the address names no network and the user has configured DDS
+    himself, his, which `_domains` does not hold.
 
     Raises:
         InputError: a domain or a network that is none, or that DDS cannot open.
@@ -128,7 +129,8 @@ def join(address: SourceAddress) -> Any:
     config = _CONFIG.format(interface=interface, multicast=multicast, peers=peers)
     opened_config, _ = _domains.get(domain, (None, None))
     try:
-        if opened_config is None and ("network" in address.options or not _is_configured()):
+        is_ours = "network" in address.options or not _is_configured()
+        if opened_config is None and is_ours:
             _domains[domain] = config, Domain(domain, config)
         elif opened_config not in (None, config):
             problem = f"domain {domain} is open on another network already"

@@ -52,11 +52,11 @@ def play_joint_states(
         base_link = robot.config.base_link
         return joint_state(header(base_link, stamp), names, numbers, numbers, numbers)
 
-    layout = Layout(JOINT_STATE, message)
+    layout = Layout(JOINT_STATE, message)  # encodes (stamps, values); values are q, v, effort
     tell(f"plays {recording.duration:.1f} s once a client reads {topic}; Ctrl-C ends it")
     while not writer.is_read:
         time.sleep(_POLL_PERIOD)
-    begin, elapsed = time.time(), recording.t - recording.t[0]  # s
+    begin, elapsed = time.time(), recording.t - recording.t[0]  # s, by the clock of the stamps
     stamps = nanoseconds(begin + elapsed)
     for k, due in enumerate(elapsed.tolist()):
         time.sleep(max(0.0, begin + due - time.time()))

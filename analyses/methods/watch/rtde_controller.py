@@ -71,10 +71,11 @@ class RtdeController:
         tamper: Tamper | None = None,
     ) -> None:
         # A thread accepts clients, one each answers them, another plays to all that have asked.
+        # They start last: they use all that is set here.
         self.robot_mode, self.safety_mode, self.payload = ROBOT_RUNS, 1, 0.0  # 1: normal
         self._parts, self._rate, self._tamper = parts, rate, tamper
         self._clients: list[_Client] = []
-        self._lock = threading.Lock()  # of the clients
+        self._lock = threading.Lock()  # of the list of clients
         # Set when a client has asked for data, when `close` was called, when all is played.
         self._started, self._closing = threading.Event(), threading.Event()
         self.ended = threading.Event()

@@ -62,7 +62,7 @@ class StartChecks:
         self._checks = RecordingChecks(robot)
         self._judgement = StreamJudgement(robot, model, in_background)
         self._samples: list[Sample] = []  # since the last check
-        self._begin: float | None = None  # s, of the stream; None: no sample has come
+        self._has_begun = False  # whether a sample has come
         self._last_check = 0.0  # s, of the stream
         self._events: deque[StreamEvent] = deque()  # one is returned a sample
         self._agrees = False  # whether robot and stream were found to agree
@@ -98,42 +98,53 @@ class StartChecks:
     def _take(self, sample: Sample, live: LiveEstimator) -> None:
         """Takes a sample; every CHECK_PERIOD s the samples since then are judged.
 
-        Where the clock jumps, all begins anew. The checks are over when the stream agrees with
-        robot and model, no load is searched any more and all gains were compared; or with the first
-        contradiction. Findings become events; a contradiction is noted in `live`.
+        Where the clock jumps, all begins anew. Of an external torque, and while the robot does not
+        run, nothing is checked. Findings become events; a contradiction is noted in `live`.
         """
         if self._is_over or sample.is_external or not (sample.running and np.isfinite(sample.t)):
             return
         shapes = {array.shape for array in (sample.q, sample.v, sample.effort)}
         if shapes != {(self._robot.num_joints,)}:
             return  # the estimator reports it
-        if self._begin is None or self._jumped(sample.t):
-            if self._begin is None and live.lacks_model:
-                self._say(
-                    "no --model: the masses of the robot's files are used, without friction, and "
-                    "no reading is valid; identify a model with `wrenchsight identify`"
-                )
-            self._begin = self._last_check = sample.t
-            self._samples, self._previous = [], []
-            self._judgement.restart()
-            if self._search is not None:
-                self._search.restart()
+        if not self._has_begun and live.lacks_model:
+            self._say(
+                "no --model: the masses of the robot's files are used, without friction, and "
+                "no reading is valid; identify a model with `wrenchsight identify`"
+            )
+        if not self._has_begun or self._jumped(sample.t):
+            self._restart(sample.t)
         if self._samples and sample.t <= self._samples[-1].t:
             return  # the estimator leaves it out, too
         self._samples.append(sample)
         if self._search is not None and sample.t not in live.impossible_times:
             self._search.add_sample(sample)
-        if sample.t - self._last_check < CHECK_PERIOD:
-            return
-        self._last_check = sample.t
+        if sample.t - self._last_check >= CHECK_PERIOD:
+            self._judge(sample.t, live)
+
+    def _restart(self, t: float) -> None:
+        """All that the samples showed is forgotten; the first check is CHECK_PERIOD after t, s."""
+        self._has_begun = True
+        self._last_check = t
+        self._samples, self._previous = [], []
+        self._judgement.restart()
+        if self._search is not None:
+            self._search.restart()
+
+    def _judge(self, t: float, live: LiveEstimator) -> None:
+        """Judges the samples since the last check; the newest, at t in s, begins the next ones.
+
+        The checks are over when the stream agrees with robot and model, no load is searched any
+        more and all gains were compared; or with the first contradiction.
+        """
+        self._last_check = t
         samples = self._samples_to_judge(live)
-        self._samples = [sample]
-        for judged_sample in samples:
-            self._judgement.add(judged_sample)
-        self._judge_stream(samples, live)
+        self._samples = self._samples[-1:]
+        for sample in samples:
+            self._judgement.add(sample)
+        self._judge_stream(samples, live)  # a contradiction ends the checks
         if not self._is_over:
-            self._judge_load(sample.t, live)
-            self._judge_gains(samples)
+            self._judge_load(t, live)  # ends the search when it is over
+            self._judge_gains(samples)  # takes those that were compared from the open ones
             is_judged = self._agrees and self._judgement.is_over
             self._is_over = is_judged and self._search is None and not self._open_gains
 

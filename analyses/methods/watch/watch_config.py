@@ -101,7 +101,7 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
     )
     checked = checked_config(estimate_config, robot)
     prior = stated_prior(checked, robot)
-    assert prior is not None
+    assert prior is not None  # it is None of "log" alone
     estimator = checked.estimator
     reconstruction = estimator.reconstruction.with_prior(*prior)
     estimator = replace(estimator, reconstruction=reconstruction)

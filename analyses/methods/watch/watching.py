@@ -231,7 +231,7 @@ def watch(settings: WatchSettings, console: Console) -> int:
         def report(text: str) -> None:
             sink_events.append(StreamEvent(EventKind.SINK, text, time.monotonic()))
 
-        sinks = _sinks(settings, session.robot, report)
+        sinks = _sinks(settings, session.robot, report)  # each is made in its thread
         threads = [SinkThread(make, session.follow(), report) for make in sinks]
         screen = _Screen(settings, session, threads, sink_events, console)
         try:
@@ -241,7 +241,7 @@ def watch(settings: WatchSettings, console: Console) -> int:
                 thread.finish()
             for event in sink_events:
                 say_event(console, event)
-        session.check()
+        session.check()  # raises where the process that reads the robot ended by an error
         return screen.summary.count
 
 

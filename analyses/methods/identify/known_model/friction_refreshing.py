@@ -151,12 +151,14 @@ def refresh_model(
     renewed = model_with_friction(model, with_sliding(model.friction, refresh.after))
     renewed = replace(
         renewed,
+        # The new coefficients are uncertain, too.
         torque_error=_with_drift(model.torque_error, refresh),
         provenance=replace(
             model.provenance,
             refreshes=[*model.provenance.refreshes, _source(old_residuals, refresh)],
         ),
     )
+    # Of the same low-passed logs: the filter is the model's, and the two models' is one.
     rows_after = ResidualRows.joined(
         [ModelResidual(residual.log, robot, renewed).rows() for residual in old_residuals]
     )
@@ -165,7 +167,7 @@ def refresh_model(
         refresh=refresh,
         residual_before=rows_before,
         residual_after=rows_after,
-        warnings=(),
+        warnings=(),  # below: they are of the result
         config=config,
     )
     return replace(result, warnings=tuple(_warnings(result, robot)))
@@ -279,7 +281,8 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     """What the log does not determine, or friction does not explain, in sentences."""
     refresh, names = result.refresh, robot.joint_names
     warnings = []
-    # Coulomb and viscous; the offset, which is third, may be known of a joint that hardly moves.
+    # Of TERMS: Coulomb and viscous. The third, the offset, may be known of a joint that hardly
+    # moves.
     shares_of_sliding = refresh.determined_share[:, :2]
     is_open = (shares_of_sliding < MIN_VARIANCE_SHARE).all(axis=1)
     hardly_moved = [names[j] for j in np.flatnonzero(is_open)]

@@ -1,11 +1,10 @@
 """Torque constants from a weighed load: logs without and with it in, torque per ampere out.
 
-The logs without a load are identified as usual. With these friction terms a
-second fit, of all logs together, determines torque per ampere, masses, friction and the loads'
-centres of mass (`models.calibration.gain_calibration`). The model is then identified again with
-the new torque constants. Where friction depends on the load, that dependence is the second fit's,
-whose logs have more load. Coulomb friction is lowered by what it adds at the unloaded logs' mean
-load.
+The logs without a load are identified as usual. With these friction terms a second fit, of all logs
+together, determines torque per ampere, masses, friction and the loads' centres of mass
+(`models.calibration.gain_calibration`). The model is then identified again with the new torque
+constants. Where friction depends on the load, that dependence is the second fit's, whose logs have
+more load. Coulomb friction is lowered by what it adds at the unloaded logs' mean load.
 """
 
 from collections.abc import Sequence
@@ -160,23 +159,21 @@ def calibrate(
         recordings, robot, (), config, lambda share, message: progress(0.35 * share, message)
     )
     progress(0.35, "fitting torque per ampere")
-    all_recordings = [*recordings, *loaded_recordings]
-    runs = [
-        low_pass_log(name, recording, robot, stated_model.config)
-        for name, recording in zip(log_names(all_recordings), all_recordings, strict=True)
-    ]
-    unloaded_runs = runs[: len(recordings)]
-    calibration = _calibrated_gains(stated_model, robot, runs, loads)
+    unloaded_runs = _low_passed(recordings, robot, stated_model)
+    loaded_runs = _low_passed(loaded_recordings, robot, stated_model)
+    calibration = _calibrated_gains(stated_model, robot, unloaded_runs, loaded_runs, loads)
+    # Constants that the logs leave open stay as stated.
     ratio = np.where(gains_determined(calibration), calibration.ratio, 1.0)
     renewed = robot.with_torque_per_ampere((ratio * robot.torque_per_ampere).tolist())
     identification = identify(
         recordings,
         renewed,
         validation,
-        replace(config, friction=stated_model.law),
+        replace(config, friction=stated_model.law),  # also of "best": chosen once
         lambda share, message: progress(0.6 + 0.4 * share, message),
     )
-    model = _with_load_dependence(identification.model, calibration, unloaded_runs, renewed, loaded)
+    model = _with_load_dependence(identification.model, calibration, unloaded_runs, renewed)
+    model = _with_weights_named(model, loaded)
     result = CalibrationResult(
         identification=replace(identification, model=model),
         calibration=calibration,
@@ -202,22 +199,40 @@ def _check_currents(recordings: Sequence[Recording], robot: Robot) -> None:
             )
 
 
+def _low_passed(
+    recordings: Sequence[Recording], robot: Robot, identified: IdentificationResult
+) -> list[LowPassedLog]:
+    """The logs on the grid and behind the filter of an identification."""
+    return [
+        low_pass_log(name, recording, robot, identified.config)
+        for name, recording in zip(log_names(recordings), recordings, strict=True)
+    ]
+
+
 def _calibrated_gains(
     stated_model: IdentificationResult,
     robot: Robot,
-    runs: Sequence[LowPassedLog],
+    unloaded: Sequence[LowPassedLog],
+    loaded: Sequence[LowPassedLog],
     loads: Sequence[KnownLoad],
 ) -> GainCalibration:
-    """Fits torque constants, masses and friction to all logs; those with a load come last."""
+    """Fits torque constants, masses and friction to all logs.
+
+    Args:
+        stated_model: fit of the unloaded logs, with the stated constants: where the fit begins.
+        robot: with the constants as stated.
+        loads: load of each loaded log.
+    """
     structure, start = _with_load_terms(stated_model.solution)
-    load_of_run = [*[None] * (len(runs) - len(loads)), *range(len(loads))]  # index of its load
+    logs = [_log(run, None) for run in unloaded]
+    logs += [_log(run, index) for index, run in enumerate(loaded)]
     problem = GainProblem(
         robot,
-        [_log(run, load) for run, load in zip(runs, load_of_run, strict=True)],
+        logs,
         loads,
         structure,
         start,
-        np.sqrt(np.diag(stated_model.model.residual_covariance)),
+        residual_sd=np.sqrt(np.diag(stated_model.model.residual_covariance)),
     )
     return problem.solve()
 
@@ -331,36 +346,39 @@ def _with_load_terms(solution: LawSolution) -> tuple[FrictionStructure, Array]:
     return replace(structure, terms=tuple(all_terms)), np.concatenate([inertial.ravel(), *blocks])
 
 
+def _with_weights_named(
+    model: IdentifiedModel, loaded: Sequence[tuple[Recording, KnownLoad]]
+) -> IdentifiedModel:
+    """The model whose provenance names the logs and weights that gave the torque constants."""
+    provenance = model.provenance
+    weights = ", ".join(f"{Path(log.source).name} {load.mass:g} kg" for log, load in loaded)
+    method = f"{provenance.method}; torque per ampere from {weights}"
+    return replace(model, provenance=replace(provenance, method=method))
+
+
 def _with_load_dependence(
     model: IdentifiedModel,
     calibration: GainCalibration,
     runs: Sequence[LowPassedLog],
     robot: Robot,
-    loaded: Sequence[tuple[Recording, KnownLoad]],
 ) -> IdentifiedModel:
     """The model with the load dependence of friction that the loaded logs show.
 
     Coulomb friction is changed by as much as the load that the joints carry without a weight makes
     up now, so that friction at this mean load stays. Joints whose dependence the logs do not
-    determine (NaN) keep the model's.
+    determine (NaN) keep the model's. A law without load terms stays as it is.
 
     Args:
+        model: identified from the logs without a load, with the torque constants found.
+        calibration: of all logs.
         runs: the logs without a load.
         robot: with the torque constants found.
-        loaded: each log with its load, for the provenance.
     """
-    provenance = model.provenance
-    weights = ", ".join(f"{Path(log.source).name} {load.mass:g} kg" for log, load in loaded)
-    model = replace(
-        model,
-        provenance=replace(
-            provenance, method=f"{provenance.method}; torque per ampere from {weights}"
-        ),
-    )
     law = model.friction
     dependence, _ = calibration.load_dependence  # (n,) N m per N m
     if not isinstance(law, PreslidingFriction) or np.isnan(dependence).all():
         return model
+    # Within the bounds of a gear's, as every fit of it.
     load = np.clip(np.where(np.isnan(dependence), law.load, dependence), 0.0, LARGEST_LOAD)
     chain = model.chain(robot)
     carried_torque = [  # (n,) N m, mean of each log
@@ -417,7 +435,6 @@ def _warnings(result: CalibrationResult) -> list[str]:
         if vague:
             warnings.append(
                 f"load dependence of friction within {SURE_STANDARD_ERRORS:g} standard errors of "
-                "zero on "
-                f"{', '.join(vague)}; log a heavier load to find it"
+                f"zero on {', '.join(vague)}; log a heavier load to find it"
             )
     return warnings

@@ -70,10 +70,10 @@ class ModelResidual:
         """Low-passes a recording as the model's own logs were; of a model without logs, as usual.
 
         Near a sample that does not count (EDGE_PERIODS of the cutoff), none counts: the filter
-        carries it there.
+        carries it there. A log may be as short as MIN_PERIODS: it does not determine a model alone.
 
         Args:
-            where: (N,) samples that count; None: all.
+            where: (N,) samples of the recording that count; None: all.
 
         Raises:
             InputError: a log of another robot, too short, or of a rate too low; a model of another
@@ -82,7 +82,7 @@ class ModelResidual:
         check_recording(recording, robot)
         model.check_robot(robot, "model")
         config = IdentificationConfig(time_step=median_step([recording]))
-        if model.provenance.cutoff > 0.0:
+        if model.provenance.cutoff > 0.0:  # else it has no logs, and the filter is the usual one
             config = replace(
                 config,
                 cutoff=model.provenance.cutoff,

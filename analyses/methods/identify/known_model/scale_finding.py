@@ -95,7 +95,8 @@ def find_scale(
             if weight.com is None:
                 notices.append(_WEIGHT_AT_FLANGE)
             com = np.zeros(3) if weight.com is None else np.array(weight.com)
-            weight_parameters = body_parameters(weight.mass, com, np.zeros((3, 3)))
+            point = np.zeros((3, 3))  # of gravity alone, in which inertia has no part
+            weight_parameters = body_parameters(weight.mass, com, point)
             laden = _read([path], settings, robot)
         progress(0.5, "comparing with gravity")
         if laden:
@@ -105,12 +106,12 @@ def find_scale(
         all_logs = (*recordings, *laden)
         are_torques = _are_torques(all_logs)
         if are_torques:
-            scaled_robot, scale_in_robot_yaml = robot, np.ones(robot.num_joints)
+            # A log states torque in N m; the factor goes into its description, not into robot.yaml.
+            scaled_robot, stated = robot, np.ones(robot.num_joints)
         else:
             scaled_robot = _with_scale(robot, scale)
-            scale_in_robot_yaml = robot.torque_per_ampere * robot.current_sign
+            stated = np.asarray(robot.torque_per_ampere * robot.current_sign)
         notices += dict.fromkeys(notice for log in all_logs for notice in log.notices)
-        stated = np.asarray(scale_in_robot_yaml)
         result = ScaleResult(
             scale=scale,
             robot=scaled_robot,

@@ -58,7 +58,7 @@ ROW_TIME = 0.05  # s that a row averages
 SLIDING_SPEED = 0.02  # rad/s, above which a joint in the air slides
 SLIDING_SIDE = 0.99  # of the slip, above which a joint in contact slides
 CRAWL_SPEED = 0.1  # rad/s, a Stribeck velocity below which the part acts only at a crawl
-K_0 = 20.0  # 1/s; undone again
+K_0 = 20.0  # 1/s, of an observer whose low-pass is undone again
 # Rows in contact are of many postures and forces: they err less alike than those in the air.
 _SENSOR_PRIOR = SpecimenPrior(dependence=3.0, offset=1.0)
 
@@ -86,6 +86,8 @@ class JointTorques:
 def joint_torques(recording: Recording, robot: Robot, model: IdentifiedModel) -> JointTorques:
     """Evaluates the rigid body along a log on a uniform grid.
 
+    By way of a momentum observer, which needs no acceleration: its low-pass is undone.
+
     Args:
         recording: may have gaps, where q is not finite.
         robot: with the tool that it carried.
@@ -93,12 +95,14 @@ def joint_torques(recording: Recording, robot: Robot, model: IdentifiedModel) ->
     """
     bare = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     step = recording.time_step
-    config = WrenchEstimatorConfig(MomentumObserverConfig([K_0], step, "trapezoidal"))
+    observer = MomentumObserverConfig(K_0=[K_0], time_step=step, torque_samples="trapezoidal")
+    config = WrenchEstimatorConfig(observer=observer)
     estimator = WrenchEstimator(robot, replace(model, friction=bare, torque_error=None), config)
     reading = estimator.observe(recording.q, recording.v, recording.current)
     finite = np.asarray(np.isfinite(recording.q + recording.v + reading.tau_J).all(axis=1))
     pole = np.full(robot.num_joints, np.exp(-K_0 * step))
-    # Without a friction law the observer reads the rigid body's torque less the motor's, late.
+    # Without a friction law the observer reads the rigid body's torque less the motor's, through
+    # K_0 / (s + K_0). Undone, it is known where the sample before is finite, too.
     excess, is_known = undone_low_pass(reading.tau_ext, pole, finite)
     rows = is_known[:, None]
     tau_J = np.where(rows, reading.tau_J, 0.0)
@@ -118,9 +122,9 @@ class Rows(NamedTuple):
     Attributes:
         q: (R, n) rad, as v in rad/s.
         side: (R, n) of the friction, -1 to 1.
-        load: (R, n) N m, that the gear transmits.
-        torque: (R, n) N m, of the motor without rigid body and external torque.
-        external: (R, n) N m.
+        load: (R, n) N m, that the gear transmits: rigid body's less external torque.
+        torque: (R, n) N m, of the motor less `load`: friction, where the law is right.
+        external: (R, n) N m, positive along the motion it causes.
         slides: (R, n) whether the joint slides all through.
     """
 
@@ -136,11 +140,11 @@ class Rows(NamedTuple):
         """Those in which the joint slides."""
         where = self.slides[:, j]
         return SlidingRows(
-            self.side[where, j],
-            self.v[where, j],
-            self.load[where, j],
-            self.torque[where, j],
-            self.external[where, j],
+            side=self.side[where, j],
+            v=self.v[where, j],
+            load=self.load[where, j],
+            torque=self.torque[where, j],
+            external=self.external[where, j],
         )
 
     def residual(self, law: PreslidingFriction, gain: float) -> Array:
@@ -170,8 +174,8 @@ def rows_of(
     Returns:
         Of each stretch its whole periods; what is left of it at its end is not used.
     """
-    # The side of the friction, -1 to 1, and whether a joint slides (N, n): in contact joints creep,
-    # and the law's elements say it; in the air the velocity does.
+    # The side of the friction, -1 to 1, and whether a joint slides, both (N, n): in contact joints
+    # creep, and the law's elements say it; in the air the velocity does.
     if external is None:
         external = np.zeros_like(terms.v)
         side, sliding = np.sign(terms.v), np.abs(terms.v) >= SLIDING_SPEED
@@ -370,8 +374,8 @@ def refit_specimen(
     Args:
         recordings: logs, each with the samples (N,) in which nothing touches the arm, or the torque
             from outside is known.
-        robot: with the tool that it carried.
-        model: model of another specimen; its tool is replaced by the robot's.
+        robot: with the tool that it carried, which the logs are read with.
+        model: model of another specimen, with that tool or the one of its own logs.
         external: (N, n) N m of each log; None: nothing touches the arm.
 
     Raises:
@@ -383,7 +387,7 @@ def refit_specimen(
         LogRows.of(log, where, robot, tooled, torque)
         for (log, where), torque in zip(recordings, external, strict=True)
     ]
-    return refit_rows(rows, robot, model)
+    return refit_rows(rows, robot, model)  # which decides on the tool of the model that it returns
 
 
 def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) -> SpecimenRefit:
@@ -391,8 +395,16 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
 
     Without a force sensor only the friction changes; the tool stays the model's. Where a force
     sensor is in the logs, the drives' gain is fitted with the friction: the model's torques, and
-    the robot's torque constants, are all scaled by it. What then remains along the paths of these
-    logs becomes part of the friction, by place.
+    the robot's torque constants, are all scaled by 1 + gain, and the tool becomes the robot's. What
+    then remains along the paths of these logs becomes part of the friction, by place.
+
+    Args:
+        rows: in torques by the robot's present torque constants.
+        robot: with the tool that it carried.
+        model: as `refit_specimen`.
+
+    Raises:
+        InputError: as `refit_specimen`.
     """
     prior_law = carried_over(presliding_of(model))
     places = [log.places for log in rows if log.places is not None]
@@ -406,13 +418,9 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
             model=replace(model, friction=fit.law), carried_law=prior_law, fit=fit, robot=None
         )
     scale = 1.0 + fit.gain  # of all torques
-    residual = np.concatenate([log.residual(fit.law, fit.gain) for log in places])
-    q = np.concatenate([log.q for log in places])
-    v = np.concatenate([log.v for log in places])
-    slides = np.concatenate([log.slides for log in places])
-    friction = PathFriction(_scaled(fit.law, scale), PathPlaces.of(q, v, scale * residual, slides))
     renewed = robot.with_torque_per_ampere(
-        (scale * robot.torque_per_ampere).tolist(), at_rest=robot.rest_torque_per_ampere.tolist()
+        (scale * robot.torque_per_ampere).tolist(),
+        at_rest=robot.rest_torque_per_ampere.tolist(),  # sliding says nothing of rest
     )
     tooled = with_tool_of(model, robot)
     torque_per_ampere = renewed.torque_per_ampere.tolist()
@@ -420,14 +428,30 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
         tooled,
         inertial_parameters=scale * tooled.inertial_parameters,
         reflected_inertia=scale * tooled.reflected_inertia,
-        friction=friction,
+        friction=_along_paths(fit, places, scale),
         fitted_robot=replace(tooled.fitted_robot, torque_per_ampere=torque_per_ampere),
     )
     return SpecimenRefit(model=calibrated, carried_law=prior_law, fit=fit, robot=renewed)
 
 
+def _along_paths(fit: SpecimenFit, places: Sequence[Rows], scale: float) -> PathFriction:
+    """The fitted law, with what it leaves of the rows as a part by place; larger by `scale`.
+
+    Args:
+        places: rows of each log, in torques before the scale.
+    """
+    residual = np.concatenate([log.residual(fit.law, fit.gain) for log in places])
+    q = np.concatenate([log.q for log in places])
+    v = np.concatenate([log.v for log in places])
+    slides = np.concatenate([log.slides for log in places])
+    return PathFriction(_scaled(fit.law, scale), PathPlaces.of(q, v, scale * residual, slides))
+
+
 def _scaled(law: PreslidingFriction, scale: float) -> PreslidingFriction:
-    """The law of torques that are larger by `scale`."""
+    """The law of torques that are larger by `scale`; what has no torque in its unit stays.
+
+    A network near zero velocity is left out, as in the fit.
+    """
     sliding = law.coulomb_viscous
     none = np.zeros(law.num_joints)
     return replace(
