@@ -281,7 +281,8 @@ def payload_log(
             loaded_logs, robot, model, settings.payload, empty_logs or None, progress
         )
         result.write(folder, settings)
-    notices = [line for log, _ in loaded_logs for line in log.notices]
+    all_logs = [log for log, _ in (*loaded_logs, *empty_logs)]
+    notices = dict.fromkeys(line for log in all_logs for line in log.notices)  # each once
     return replace(result, warnings=(*notices, *result.warnings))
 
 

@@ -156,6 +156,18 @@ def test_logs_without_the_load_are_checked_where_those_with_it_are(ur10e, model,
     payload_log(replace(given, check=False), tmp_path / "unchecked")
 
 
+def test_what_reading_a_log_without_the_load_involved_is_said_too(ur10e, model, tmp_path):
+    model.save(tmp_path / "model.yaml")
+    write_recording(recording(ur10e, 1, duration=6.0), tmp_path / "laden.csv")
+    log = recording(ur10e, 2, np.zeros(10), duration=6.0)
+    header = "t," + ",".join(f"{key}{j}" for key in "qi" for j in range(1, 7))  # no velocities
+    columns = np.c_[log.t, log.q, log.current]
+    np.savetxt(tmp_path / "empty.csv", columns, "%.12g", ",", header=header, comments="")
+    given = settings(tmp_path, str(tmp_path / "laden.csv"))
+    result = payload_log(replace(given, empty=[str(tmp_path / "empty.csv")]), tmp_path / "out")
+    assert any("no velocities" in line for line in result.warnings)
+
+
 @pytest.mark.parametrize(
     ("config", "message"),
     [(PayloadConfig(gain_sd=-1.0), "gain_sd"), (PayloadConfig(name="my tool"), "link's name")],
