@@ -138,11 +138,16 @@ def uninterrupted() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     held = [number for number in restorable if handlers[number] != signal.SIG_IGN]
 
     def let_act() -> None:
-        """Restores the handlers, then passes the first signal that waits to its own."""
+        """Restores the handlers, then passes the first signal that waits to its own.
+
+        Those behind it are dropped, before it acts: it may raise.
+        """
         for number in restorable:
             signal.signal(number, handlers[number])
-        if waiting:
-            signal.raise_signal(waiting.pop(0))
+        first = waiting[:1]
+        waiting.clear()
+        for signum in first:
+            signal.raise_signal(signum)
 
     @contextmanager
     def interruptible() -> Iterator[None]:

@@ -115,6 +115,21 @@ def test_an_interrupt_acts_where_it_may_and_leaves_what_is_around_whole(when):
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
+def test_of_several_interrupts_that_wait_only_the_first_acts():
+    came = []
+    earlier = signal.signal(signal.SIGTERM, lambda number, frame: came.append(number))
+    try:
+        with uninterrupted() as interruptible:
+            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), signal.SIGINT)
+            with interruptible():
+                pass
+    finally:
+        signal.signal(signal.SIGTERM, earlier)
+    assert came == [signal.SIGTERM]
+
+
 def test_without_a_signal_nothing_happens():
     before = signal.getsignal(signal.SIGINT)
     with uninterrupted():
