@@ -1,7 +1,7 @@
 """Looks at logs: what each file is, whether it is read and how, and what contradicts the robot."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ from wrenchsight.models.robot.robot import Robot
 
 _ENCODING_ROWS = 50_000  # in which encodings of words are looked for
 _PRINTED_COLUMNS = 40
+_DRAFT_NAME = "columns.yaml"  # of a single log; of several each has its own (`_told_apart`)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +52,8 @@ class InspectedLog:
         notices: what reading involved, one sentence each.
         draft: description of its columns.
         draft_name: file name of the draft.
+        name: what its draft and figure are called after: the file's name without the endings, and
+            with a number where an earlier log of the same run has that.
     """
 
     path: Path
@@ -63,11 +66,7 @@ class InspectedLog:
     notices: tuple[str, ...]
     draft: str
     draft_name: str
-
-    @property
-    def name(self) -> str:
-        """The log's own name, without the endings."""
-        return self.path.name.partition(".")[0] or self.path.name
+    name: str
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""
@@ -97,9 +96,24 @@ def inspect_logs(
         logs = []
         for k, text in enumerate(settings.logs):
             progress(k / len(settings.logs), Path(text).name)
-            logs.append(_inspected(Path(text), settings, robot, len(settings.logs) > 1))
+            logs.append(_inspected(Path(text), settings, robot))
+        logs = _told_apart(logs)
         _write(logs, folder, settings)
     return logs
+
+
+def _told_apart(logs: Sequence[InspectedLog]) -> list[InspectedLog]:
+    """The logs, each with a name and a draft of its own: of a repeated name, NAME_2 and so on."""
+    if len(logs) == 1:
+        return list(logs)
+    named: dict[str, InspectedLog] = {}
+    for log in logs:
+        name, count = log.name, 1
+        while name in named:
+            count += 1
+            name = f"{log.name}_{count}"
+        named[name] = replace(log, name=name, draft_name=f"columns_{name}.yaml")
+    return list(named.values())
 
 
 def _write(logs: Sequence[InspectedLog], folder: OutputFolder, settings: LogSettings) -> None:
@@ -109,18 +123,22 @@ def _write(logs: Sequence[InspectedLog], folder: OutputFolder, settings: LogSett
             title = f"{log.path.name}: {log.summary.duration:.4g} s at {log.summary.rate_hz:.4g} Hz"
             figure = log_figure(log.summary, list(log.joint_names), title)
             folder.write_figure(f"log_{log.name}", figure)
-    folder.write_json("metrics.json", {log.path.name: log.metrics() for log in logs})
+    file_names = [log.path.name for log in logs]
+    keys = [
+        log.path.as_posix() if file_names.count(log.path.name) > 1 else log.path.name
+        for log in logs
+    ]
+    figures = {key: log.metrics() for key, log in zip(keys, logs, strict=True)}
+    folder.write_json("metrics.json", figures)
     folder.write_settings("config.yaml", settings)
 
 
-def _inspected(
-    path: Path, settings: LogSettings, robot: Robot | None, is_one_of_several: bool
-) -> InspectedLog:
+def _inspected(path: Path, settings: LogSettings, robot: Robot | None) -> InspectedLog:
     """Reads a log as the commands would, and describes what is in it; nothing is written.
 
     Args:
+        path: of a file; or of a data set of episodes, whose first one is read.
         robot: None: it is read without one, and only by itself.
-        is_one_of_several: whether its draft needs a name of its own.
 
     Returns:
         With a `problem` in words where the log contradicts the robot, by the checks of a reader or
@@ -132,13 +150,11 @@ def _inspected(
         if len(episodes) > 1:
             notices.append(f"a data set of {len(episodes)} episodes, of which the first is shown")
         path = episodes[0]
-    stem = path.name.partition(".")[0]
-    draft_name = f"columns_{stem}.yaml" if is_one_of_several else "columns.yaml"
     try:
         reader = RecordingReader(path, settings.log_format, robot, check=False)
         summary = summarised(reader.chunks())
     except InputError as error:
-        return _unread(path, str(error), robot, draft_name, tuple(notices))
+        return _unread(path, str(error), robot, tuple(notices))
     words = _encodings(reader)
     read_columns = {column for signal in reader.layout.signals for column in signal.columns}
     names = reader.layout.column_names
@@ -166,15 +182,20 @@ def _inspected(
         problem=problem,
         notices=(*notices, *reader.notices),
         draft=draft_of_log(reader, words, robot is not None, judgement),
-        draft_name=draft_name,
+        draft_name=_DRAFT_NAME,
+        name=_own_name(path),
     )
+
+
+def _own_name(path: Path) -> str:
+    """A file's name without the endings; that of a file ".csv" is whole."""
+    return path.name.partition(".")[0] or path.name
 
 
 def _unread(
     path: Path,
     problem: str,
     robot: Robot | None,
-    draft_name: str,
     notices: tuple[str, ...],
 ) -> InspectedLog:
     """A log whose columns are not recognised, or whose content is damaged.
@@ -202,7 +223,8 @@ def _unread(
         problem=problem,
         notices=notices,
         draft=draft_of_columns(table, None if robot is None else robot.joint_names),
-        draft_name=draft_name,
+        draft_name=_DRAFT_NAME,
+        name=_own_name(path),
     )
 
 

@@ -150,3 +150,20 @@ def test_several_files_have_a_draft_each_and_no_table_is_refused(tmp_path: Path)
     (tmp_path / "four.mcap").write_bytes(b"nothing")
     with pytest.raises(InputError, match="no bag, or a damaged one"):
         _inspected(tmp_path, tmp_path / "four.mcap")
+
+
+def test_files_of_one_name_have_a_draft_a_figure_and_figures_each(tmp_path: Path) -> None:
+    (tmp_path / "day").mkdir()
+    paths = [tmp_path / "run.csv", tmp_path / "day" / "run.csv", tmp_path / "run.2.csv"]
+    for count, path in zip((300, 200, 100), paths, strict=True):
+        write_recording(_log()[:count], path)
+    logs = _inspected(tmp_path, *paths)
+    assert [log.name for log in logs] == ["run", "run_2", "run_3"]
+    out = tmp_path / "out"
+    for log in logs:
+        assert log.draft_name == f"columns_{log.name}.yaml"
+        assert (out / log.draft_name).read_text() == log.draft
+        assert (out / "figures" / f"log_{log.name}.png").is_file()
+    figures = json.loads((out / "metrics.json").read_text())
+    assert [figures[key]["log"]["samples"] for key in map(str, paths[:2])] == [300, 200]
+    assert figures["run.2.csv"]["log"]["samples"] == 100
