@@ -56,6 +56,7 @@ class Ros2Source:
         self._counts: Counter[str] = Counter()
         self._event_times: dict[str, float] = {}
         self._begin = 0.0  # s, from which on a publisher is waited for
+        self._left: list[Sample | StreamEvent] = []  # of the last `read`, beyond MOST_ITEMS
 
     @classmethod
     def open(cls, address: SourceAddress, robot: Robot) -> "Ros2Source":
@@ -71,6 +72,9 @@ class Ros2Source:
         """
         if self._closed:
             return []
+        if self._left:
+            first, self._left = self._left[:MOST_ITEMS], self._left[MOST_ITEMS:]
+            return first
         items: list[Sample | StreamEvent] = []
         try:
             if self._reader is None:
@@ -92,6 +96,8 @@ class Ros2Source:
             self._begin = now
             text = "no publisher of JointStates: check topic, domain and network; waiting for one"
             self._say(items, EventKind.REFUSED, text)
+        # Once the unit is known, all that waited for it comes beside the newest messages.
+        self._left = items[MOST_ITEMS:]
         return items[:MOST_ITEMS]
 
     def close(self) -> None:

@@ -4,6 +4,7 @@ import os
 import threading
 import time
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ from wrenchsight.analyses.methods.watch.sources import open_source
 from wrenchsight.models.estimation.wrench_bag import COVARIANCE, TF
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.reading import Reading
-from wrenchsight.models.live.samples import EventKind
+from wrenchsight.models.live.samples import EventKind, Sample
 from wrenchsight.models.live.source import MOST_ITEMS
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.rosbag.messages import JOINT_STATE, WRENCH, typestore
@@ -298,6 +299,20 @@ def test_a_subscriber_that_reads_nothing_makes_nobody_wait(ur10e, url):
 def test_addresses_are_checked(ur10e, wrong):
     with pytest.raises(InputError, match="ros2://"):
         open_source(f"ros2://{wrong}", ur10e)
+
+
+def test_what_one_call_cannot_give_comes_with_the_next(ur10e, url):
+    source = open_source(f"{url}&effort=current", ur10e)
+    count = MOST_ITEMS + 20
+    batch = [state(ur10e.joint_names, 1.0 + 0.002 * k).serialize() for k in range(count)]
+    batches = iter([batch])
+    source._reader = SimpleNamespace(take=lambda timeout: next(batches, []))
+    first, second = source.read(0.0), source.read(0.0)
+    assert len(first) == MOST_ITEMS
+    times = [item.t for item in (*first, *second) if isinstance(item, Sample)]
+    np.testing.assert_allclose(times, 1.0 + 0.002 * np.arange(count), atol=1e-8)
+    assert not source.read(0.0)
+    source.close()
 
 
 def test_faults_without_end_are_not_all_remembered(ur10e, url):
