@@ -51,6 +51,7 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
@@ -349,7 +350,7 @@ def refit_logs(
             "--other-specimen",
             lambda path: read_log(path, settings, robot),
         )
-        logs = [(log, np.ones(len(log.t), bool) if at is None else at) for log, at in requested]
+        logs = [_on_grid(log, where) for log, where in requested]
         external = [
             sensor_torque(log, robot, sensor) if sensor.columns else None for log, _ in logs
         ]
@@ -363,6 +364,22 @@ def refit_logs(
     return refit
 
 
+def _on_grid(log: Recording, where: Flags | None) -> tuple[Recording, Flags]:
+    """The log on a uniform grid, and the samples (N,) that count there.
+
+    A sample counts where both of the log's that it lies between do, and no gap was bridged.
+
+    Args:
+        where: samples of the log that count; None: all.
+
+    Raises:
+        InputError: as `resampled`.
+    """
+    uniform = resampled(log)
+    counts = np.ones(len(log.t)) if where is None else where.astype(float)
+    return uniform, (np.interp(uniform.t, log.t, counts) == 1.0) & ~uniform.dropout
+
+
 def refit_specimen(
     recordings: Sequence[tuple[Recording, Flags]],
     robot: Robot,
@@ -372,8 +389,8 @@ def refit_specimen(
     """Finds the level of another specimen's friction, and puts it into the model.
 
     Args:
-        recordings: logs, each with the samples (N,) in which nothing touches the arm, or the torque
-            from outside is known.
+        recordings: logs on uniform grids, each with the samples (N,) in which nothing touches the
+            arm, or the torque from outside is known.
         robot: with the tool that it carried, which the logs are read with.
         model: model of another specimen, with that tool or the one of its own logs.
         external: (N, n) N m of each log; None: nothing touches the arm.

@@ -184,6 +184,25 @@ def test_the_command_takes_stretches_of_several_logs(ur10e, model, tmp_path):
             refit_logs(settings, tmp_path / "wrong")
 
 
+def test_samples_that_a_log_lacks_leave_the_fit_as_it_is(ur10e, model, tmp_path):
+    model.save(tmp_path / "model.yaml")
+    scatter = []
+    for name, lost in (("whole", 0), ("gaps", 20)):
+        logs = [tmp_path / f"{name}_{way}.csv" for way in ("up", "down")]
+        for log, sign in zip(logs, (1.0, -1.0), strict=True):
+            is_logged = np.arange(1000) % 60 >= lost
+            write_recording(_recording(ur10e, sign)[np.flatnonzero(is_logged)], log)
+        settings = IdentifySettings(
+            robot="ur10e", logs=list(map(str, logs)), refresh=str(tmp_path / "model.yaml")
+        )
+        fit = refit_logs(settings, tmp_path / name).fit
+        level = fit.law.coulomb_viscous.coulomb + 0.25 * fit.law.coulomb_viscous.viscous
+        np.testing.assert_allclose(level[_MOVING], (_TRUE + 0.25 * _VISCOUS)[_MOVING], atol=0.15)
+        scatter.append(fit.scatter[_MOVING])
+    # Of 40 ms across a gap nothing is known: 14 times the scatter where it is read as one step.
+    assert (scatter[1] < 2.0 * scatter[0]).all()
+
+
 def test_a_log_that_contradicts_itself_is_taken_where_that_is_asked_for(ur10e, model, tmp_path):
     model.save(tmp_path / "model.yaml")
     log = _recording(ur10e, 1.0)
