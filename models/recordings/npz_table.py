@@ -70,11 +70,13 @@ class NpzTable:
 
     An array (T,) is a column. Arrays (T, n) that are called q, v, qd or dq, i or current, tau or
     tau_J are the columns q1..qn and so on; any other array is the columns NAME.1..NAME.k. Arrays
-    (n, T) are turned where the file's vectors have T numbers.
+    (n, T) are turned where the file's vectors have T numbers. Arrays of fewer rows than others, of
+    words, or that are too large, are left out, with a notice.
+
+    A subclass for another kind of file has its own `_array_shapes`, `_loaded` and `_damaged`.
 
     Raises:
-        InputError: no such file, no npz file or a damaged one, arrays of different lengths, words
-            instead of numbers.
+        InputError: no such file, no npz file or a damaged one, no arrays of numbers, no rows.
     """
 
     row_word = "row"

@@ -227,7 +227,8 @@ def _pair(motion: FilteredMotion, joint: int, first: slice, second: slice, spaci
     Args:
         motion: the log.
         joint: index.
-        first, second: rows of the passes; in each the joint moves one way.
+        first, second: rows of the passes, of `_passes`: some samples each, in which the joint moves
+            one way, so that its position tells the sample.
         spacing: rad, of the positions.
 
     Returns:

@@ -118,7 +118,7 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     without_gravity = _without_gravity(sums, robot)
     if without_gravity:
         return replace(unknown, without_gravity=without_gravity)
-    ratio = np.abs(sums.ratio())
+    ratio = np.abs(sums.ratio())  # of effort to G, by least squares; its cosine: how it follows G
     is_loaded = sums.gravity() > LEAST_GRAVITY
     is_telling = is_loaded & telling_joints(robot) & (np.abs(sums.cosine()) > MIN_COSINE)
     if not is_telling.any():
