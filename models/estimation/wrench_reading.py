@@ -182,7 +182,9 @@ class WrenchReading:
             max_sds,
         )
         torque_of_motors = np.eye(n) if torques is None else torques
-        self.faults = fault_constants(torque_of_motors, judged_K_0, time_step, is_learnt)
+        self.faults = fault_constants(
+            torque_of_motors, judged_K_0, time_step, is_learnt, error.correlation, error.scale
+        )
         limits = self.reconstruction.limits
         self._judgement = record_of(
             JudgementNumbers(
@@ -298,6 +300,7 @@ class WrenchReading:
             self._judgement,
             self.faults.poles,
             self.faults.lines,
+            self.faults.correlation,
             *state,
             tau_ext,
             sd,
@@ -394,6 +397,7 @@ def judge_rows(
     constants: Record,
     poles: Array,
     lines: Array,
+    correlation: Array,
     lag: Array,
     unexplained_time: Array,
     means: Array,
@@ -416,7 +420,7 @@ def judge_rows(
 
     Args:
         constants: of JudgementNumbers.
-        poles, lines: of FaultConstants.
+        poles, lines, correlation: of FaultConstants.
         lag, unexplained_time, means, torques: ReadingState of the sample before; changed to that
             after the last sample.
         tau_ext, sd: (N, n) N m, the sd with what grows with the torque that is read. Row by row in
@@ -428,7 +432,7 @@ def judge_rows(
         invalid: (N,) written: the reasons, a sum; 0 of a valid reading.
     """
     numbers = constants[0]
-    signature = FaultConstants(numbers.faults, poles, lines)
+    signature = FaultConstants(numbers.faults, poles, lines, correlation)
     fault_memory = FaultState(means, torques)
     lateness = np.empty(6)  # work space of `lag_tick`
     for k in range(wrench.shape[0]):

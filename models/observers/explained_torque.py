@@ -137,16 +137,13 @@ def unexplained_rows(
     numpy on the log takes 5.5 times as long (`tests/benchmarks/bench_small_matrices.py`).
     """
     n = tau_ext.shape[1]
-    covariance = np.empty((n, n))
-    error_sd, floor, whitened = np.empty(n), np.empty(n), np.empty(n)
+    covariance, floor, whitened = np.empty((n, n)), np.empty(n), np.empty(n)
     for k in range(len(D)):
-        for i in range(n):
-            error_sd[i] = np.sqrt(sd[k, i] * sd[k, i] + scale_squared * tau_ext[k, i] ** 2)
-            floor[i] = _FLOOR_SHARE * (error_sd[i] * error_sd[i])
-            whitened[i] = tau_ext[k, i]
+        _write_error(scale_squared, correlation, tau_ext[k], sd[k], covariance, floor)
+        whitened[:] = tau_ext[k]
         for i in range(n):
             for j in range(i + 1):
-                total = error_sd[i] * correlation[i, j] * error_sd[j]
+                total = covariance[i, j]
                 for a in range(6):
                     variance = moment_variance if a < 3 else force_variance
                     total += J[k, a, i] * variance * J[k, a, j]
@@ -157,6 +154,66 @@ def unexplained_rows(
         D[k] = 0.0
         for i in range(n):
             D[k] += whitened[i] * whitened[i]
+
+
+@kernel
+def _write_error(
+    scale_squared: float,
+    correlation: Array,
+    tau_ext: Array,
+    sd: Array,
+    covariance: Array,
+    floor: Array,
+) -> None:
+    """Writes Sigma, the covariance of a torque's error, and what its pivots are at least.
+
+    Args:
+        scale_squared, correlation: as `unexplained_rows`.
+        tau_ext, sd: (n,) N m.
+        covariance: (n, n) N^2 m^2, whose lower triangle is written.
+        floor: (n,) N^2 m^2, written.
+    """
+    n, error_sd = tau_ext.shape[0], floor  # which holds the sds until the covariance is written
+    for i in range(n):
+        error_sd[i] = np.sqrt(sd[i] * sd[i] + scale_squared * tau_ext[i] ** 2)
+        for j in range(i + 1):
+            covariance[i, j] = error_sd[i] * correlation[i, j] * error_sd[j]
+    for i in range(n):
+        floor[i] = _FLOOR_SHARE * (error_sd[i] * error_sd[i])
+
+
+@kernel
+def beside_lines(
+    scale_squared: float, correlation: Array, lines: Array, tau_ext: Array, sd: Array
+) -> float:
+    """The least of (tau_ext - a line)^T Sigma^-1 (tau_ext - a line) over a and all lines.
+
+    Sigma is the covariance that D has without a wrench: what a torque along one of the lines leaves
+    is so compared with what a wrench at E leaves.
+
+    Args:
+        scale_squared, correlation: as `unexplained_rows`.
+        lines: (m, n) N m, of any length.
+        tau_ext, sd: (n,) N m.
+    """
+    n = tau_ext.shape[0]
+    covariance, floor, whitened = np.empty((n, n)), np.empty(n), tau_ext.copy()
+    _write_error(scale_squared, correlation, tau_ext, sd, covariance, floor)
+    factorise_with_floor(covariance, n, floor)
+    solve_lower(covariance, n, whitened)
+    square = 0.0
+    for i in range(n):
+        square += whitened[i] * whitened[i]
+    largest, line = 0.0, np.empty(n)
+    for k in range(lines.shape[0]):
+        line[:] = lines[k]
+        solve_lower(covariance, n, line)
+        along, length = 0.0, 0.0
+        for i in range(n):
+            along += line[i] * whitened[i]
+            length += line[i] * line[i]
+        largest = max(largest, along * along / length)
+    return square - largest
 
 
 @kernel

@@ -7,17 +7,22 @@ contact hardly ever leaves. With z = tau_ext / sd, joint by joint,
     two exchanged          z lies along one ampere more in one motor and one less in another
     all late by d          z is need(t) - need(t - d), where need = tau_J + tau_ext is the torque
                            that an arm that nothing touches takes
+    all early by d         z is tau_J(t - d) - tau_J(t), as need(t) is tau_J(t - d)
 
 z lies along such a line where |z|^2 > MIN_LOADED_SQUARE n and its part beside the line is below
-MAX_OTHERS_SQUARE n and ALONE_SHARE of it. Late currents are recognised by means over LATE_TIME.
-`once` and `twice` are need behind one and two low-passes of time constant MAX_LATENESS. a (need -
-once) + b (once - twice) must be LATE_SHARE of |z|^2. a and b must be those of a delay of .1 to .5
-s, within LATE_SUM and LATE_SECOND.
+MAX_OTHERS_SQUARE n and ALONE_SHARE of it. Late and early currents are recognised by means over
+LATE_TIME. `once` and `twice` are need, or tau_J, behind one and two low-passes of time constant
+MAX_LATENESS. a (need - once) + b (once - twice) must be LATE_SHARE of |z|^2. a and b must be those
+of a delay of .1 to .5 s, within LATE_SUM and LATE_SECOND. A push, too, changes tau_J by -z while it
+begins. So currents count as early only where need has changed as well, by MIN_NEED_SHARE of what
+tau_J has: need does not change by a push.
 
 Suspicion is counted in seconds, up to MAX_REPORT_TIME. From REPORT_TIME on a reading is not valid,
 unless it is free of force: |z|^2 < MAX_FREE_SQUARE n, as without any contact or fault. Where a
-wrench at E leaves less of z than the line of a wrong current does, it is likelier a push that
-crosses the line: suspicion then grows by AMBIGUOUS_SHARE of the time. While z lies on none of these
+wrench at E leaves less of the torque than the line of a wrong current does, both by the same
+covariance, it is likelier a push that crosses the line: suspicion then grows by AMBIGUOUS_SHARE of
+the time, and by EARLY_AMBIGUOUS_SHARE where currents look early. Late currents do as a wrench does,
+and no push looks late for long: there it grows by all of the time. While z lies on none of these
 lines, as in a contact, suspicion falls as fast as it rose. While readings are free, it falls by
 FORGETTING_SHARE of the time.
 
@@ -26,8 +31,10 @@ possible again: two exchanged joints, or an encoder that slipped, give possible 
 have been PROBATION_TIME seconds of free readings, only these are valid.
 
 Faults with another trace are not detected: a fault while something pushes, one below
-MIN_LOADED_SQUARE, a wrong position without a jump. The constants were chosen on one half of the
-motions of a simulated and of the real UR10e, and checked on the other half.
+MIN_LOADED_SQUARE, a wrong position without a jump. A delay or a lead that begins has its trace only
+after its own length: the currents before it were right. The constants were chosen on one half of
+the motions of a simulated and of the real UR10e, and checked on the other half; MIN_LOADED_SQUARE
+and those of early currents on faults and pushes put into one recording, checked on five others.
 """
 
 from typing import NamedTuple
@@ -37,23 +44,28 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.observers.explained_torque import beside_lines
 
-MIN_LOADED_SQUARE, MAX_FREE_SQUARE, MAX_OTHERS_SQUARE = 8.0, 3.0, 2.5  # of |z|^2, by joint
+MIN_LOADED_SQUARE, MAX_FREE_SQUARE, MAX_OTHERS_SQUARE = 4.5, 3.0, 2.5  # of |z|^2, by joint
 ALONE_SHARE = 0.12
 LATE_SHARE, CONTACT_SHARE = 0.8, 0.5
 MAX_LATENESS, LATE_TIME = 0.15, 0.15  # s
 LATE_SUM, LATE_SECOND = (1.0, 3.0), (-1.5, 5.0)  # of a + b / 2, of b
+MIN_NEED_SHARE = 0.5  # of the mean square by which tau_J changes
 REPORT_TIME, MAX_REPORT_TIME = 0.05, 0.5  # s
-FORGETTING_SHARE, AMBIGUOUS_SHARE = 0.2, 0.2
+FORGETTING_SHARE, AMBIGUOUS_SHARE, EARLY_AMBIGUOUS_SHARE = 0.2, 0.2, 0.5
 LOST_TIME, PROBATION_TIME = 0.05, 5.0  # s
 
 _MAX_SQUARE = 1e50  # of |z|^2; beyond, nothing is known
 
 # Entries of FaultState.means: suspicion and time of impossible samples, s; then the means over
-# LATE_TIME of the products of z with itself, of z with a and b, and of a and b.
-_SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, _NUM_MEANS = range(9)
-# Rows of FaultState.torques: tau_J as the observer saw it; need behind one and two low-passes.
-_SEEN, _ONCE, _TWICE, _NUM_TORQUES = range(4)
+# LATE_TIME of |z|^2, and of the products of z with a and b, and of a and b: of late currents, then
+# of early ones.
+_SUSPICION, _LOST, _ZZ, _LATE, _EARLY, _NUM_MEANS = 0, 1, 2, 3, 8, 13
+_ZA, _ZB, _AA, _AB, _BB = range(5)  # from _LATE or _EARLY on
+# Rows of FaultState.torques: tau_J as the observer saw it; need behind one and two low-passes, and
+# tau_J behind them.
+_SEEN, _ONCE, _TWICE, _SEEN_ONCE, _SEEN_TWICE, _NUM_TORQUES = range(6)
 
 
 class FaultNumbers(NamedTuple):
@@ -63,14 +75,17 @@ class FaultNumbers(NamedTuple):
         period: s between samples.
         loaded_square: bound of |z|^2, above which z may be the trace of a fault; inf: no reading is
             ever rejected.
-        need_decay: factor per sample of the low-passes of need, of time constant MAX_LATENESS.
+        need_decay: factor per sample of the low-passes of need and tau_J, of time constant
+            MAX_LATENESS.
         late_decay: factor per sample of the means over LATE_TIME.
+        scale_squared: square of the relative sd of the reading's scale.
     """
 
     period: float
     loaded_square: float
     need_decay: float
     late_decay: float
+    scale_squared: float
 
 
 class FaultConstants(NamedTuple):
@@ -78,14 +93,16 @@ class FaultConstants(NamedTuple):
 
     Attributes:
         numbers: these, or their record (`record_of`).
-        poles: (n,) of the observer; -1: it reads the wrench itself; lateness is not looked for, and
-            that a wrench explains its torque says nothing.
+        poles: (n,) of the observer; -1: it reads the wrench itself; late and early currents are not
+            looked for, and that a wrench explains its torque says nothing.
         lines: (m, n) N m, along which the torque of a wrong current lies.
+        correlation: (n, n) of the joints' errors.
     """
 
     numbers: FaultNumbers
     poles: Array
     lines: Array
+    correlation: Array
 
 
 class FaultState(NamedTuple):
@@ -93,7 +110,8 @@ class FaultState(NamedTuple):
 
     Attributes:
         means: (_NUM_MEANS,) suspicion and time of impossible samples, s; means over LATE_TIME.
-        torques: (3, n) N m, tau_J as the observer saw it; need through one pole and two.
+        torques: (5, n) N m, tau_J as the observer saw it; need through one pole and two; tau_J
+            through one and two.
     """
 
     means: Array
@@ -101,15 +119,23 @@ class FaultState(NamedTuple):
 
 
 def fault_constants(
-    torques: ArrayLike, K_0: ArrayLike | None, time_step: float, has_sd: bool = True
+    torques: ArrayLike,
+    K_0: ArrayLike | None,
+    time_step: float,
+    has_sd: bool = True,
+    correlation: ArrayLike | None = None,
+    scale: float = 0.0,
 ) -> FaultConstants:
     """Returns the constants that the kernel reads.
 
     Args:
         torques: (n, n) N m on the joints, a row for one ampere in each motor.
-        K_0: (n,) 1/s of the observer; None for one without such a lag: lateness is not looked for.
+        K_0: (n,) 1/s of the observer; None for one without such a lag: late and early currents are
+            not looked for.
         time_step: s.
         has_sd: whether sds are known; if not, no reading is rejected.
+        correlation, scale: as `models.observers.explained_torque.explained_constants`; None:
+            independent errors.
     """
     torques = np.atleast_2d(np.asarray(torques, float))
     n = len(torques)
@@ -122,9 +148,11 @@ def fault_constants(
             loaded_square=MIN_LOADED_SQUARE * n if has_sd else np.inf,
             need_decay=float(need_decay),
             late_decay=float(late_decay),
+            scale_squared=float(scale**2),
         ),
         poles=np.broadcast_to(poles, n).copy(),
         lines=np.array([*torques, *pairs]),
+        correlation=np.eye(n) if correlation is None else np.array(correlation, float),
     )
 
 
@@ -177,15 +205,20 @@ def is_believed(
     if not (is_measured and square < _MAX_SQUARE):  # NaN, too: nothing is known
         return True
     # Of every measured reading, whatever is suspected: it takes the reading into its means.
-    late_share = _lateness(constants, state, tau_ext, sd, tau_J)
+    late_share, early_share = _time_shares(constants, state, tau_ext, sd, tau_J)
     is_free = square < MAX_FREE_SQUARE * n
     if square > numbers.loaded_square and means[_SUSPICION] <= MAX_REPORT_TIME:
         off_line = square - _along(constants.lines, tau_ext, sd)
         on_line = off_line < min(MAX_OTHERS_SQUARE * n, ALONE_SHARE * square)
-        if on_line or late_share > LATE_SHARE:
+        is_late, is_early = late_share > LATE_SHARE, early_share > LATE_SHARE
+        if on_line or is_late or is_early:
+            share = 1.0
             # An observer that reads the wrench (no poles) has no torque but that of a wrench.
-            is_push = constants.poles[0] >= 0.0 and unexplained < off_line
-            share = AMBIGUOUS_SHARE if is_push and late_share <= LATE_SHARE else 1.0
+            if constants.poles[0] >= 0.0 and not is_late:
+                scale_squared, correlation = numbers.scale_squared, constants.correlation
+                left = beside_lines(scale_squared, correlation, constants.lines, tau_ext, sd)
+                if unexplained < left:
+                    share = EARLY_AMBIGUOUS_SHARE if is_early else AMBIGUOUS_SHARE
             means[_SUSPICION] = min(means[_SUSPICION] + share * period, MAX_REPORT_TIME)
         elif off_line > MAX_OTHERS_SQUARE * n and late_share < CONTACT_SHARE:
             # As in a contact. In between, suspicion stays.
@@ -214,53 +247,80 @@ def _along(lines: Array, tau_ext: Array, sd: Array) -> float:
 
 
 @kernel
-def _lateness(
+def _time_shares(
     constants: FaultConstants, state: FaultState, tau_ext: Array, sd: Array, tau_J: Array
-) -> float:
-    """The share of |z|^2 over LATE_TIME that late currents explain; 0 where they do not.
+) -> tuple[float, float]:
+    """The shares of |z|^2 over LATE_TIME that late and that early currents explain.
 
-    A delay leaves z = a_fit a + b_fit b, all divided by sd, joint by joint:
+    Late currents leave z = a_fit a + b_fit b, all divided by sd, joint by joint:
 
         need = tau_J + tau_ext, the torque of an arm that nothing touches
         a = need - once,  b = once - twice,  once and twice need behind one and two low-passes
 
+    Early currents leave the same of -tau_J in the place of need.
+
     Args:
-        constants: as `is_believed`; a first pole below 0: lateness is not looked for.
+        constants: as `is_believed`; a first pole below 0: neither is looked for.
         state: its torques and its means of products are updated. tau_J goes through the observer's
             own low-pass, so that it is as late as tau_ext is.
         tau_ext, sd, tau_J: as `is_believed`, finite.
+
+    Returns:
+        Each 0 where it does not explain z.
     """
     n, numbers = tau_ext.shape[0], constants.numbers
-    need_decay = numbers.need_decay
+    decay, late_decay = numbers.need_decay, numbers.late_decay
     means, torques = state.means, state.torques
     if constants.poles[0] < 0.0:
-        return 0.0
-    zz, za, zb, aa, ab, bb = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0
+    for entry in range(_ZZ, _NUM_MEANS):
+        means[entry] *= late_decay
+    entry_share = 1.0 - late_decay
     for j in range(n):
         if not np.isfinite(torques[_SEEN, j]):
-            torques[_SEEN, j] = tau_J[j]
+            torques[_SEEN, j] = torques[_SEEN_ONCE, j] = torques[_SEEN_TWICE, j] = tau_J[j]
             torques[_ONCE, j] = torques[_TWICE, j] = tau_J[j] + tau_ext[j]
         pole = constants.poles[j]
         torques[_SEEN, j] = pole * torques[_SEEN, j] + (1.0 - pole) * tau_J[j]
-        need = torques[_SEEN, j] + tau_ext[j]
-        torques[_ONCE, j] = need_decay * torques[_ONCE, j] + (1.0 - need_decay) * need
-        torques[_TWICE, j] = (
-            need_decay * torques[_TWICE, j] + (1.0 - need_decay) * torques[_ONCE, j]
-        )
-        z, a = tau_ext[j] / sd[j], (need - torques[_ONCE, j]) / sd[j]
-        b = (torques[_ONCE, j] - torques[_TWICE, j]) / sd[j]
-        zz, za, zb = zz + z * z, za + z * a, zb + z * b
-        aa, ab, bb = aa + a * a, ab + a * b, bb + b * b
-    late_decay, entry = numbers.late_decay, _ZZ
-    for product in (zz, za, zb, aa, ab, bb):  # in the order of the means' entries
-        means[entry] = late_decay * means[entry] + (1.0 - late_decay) * product
-        entry += 1
-    za, zb, aa, ab, bb = means[_ZA], means[_ZB], means[_AA], means[_AB], means[_BB]
+        z, need = tau_ext[j] / sd[j], torques[_SEEN, j] + tau_ext[j]
+        means[_ZZ] += entry_share * (z * z)
+        for first, once, value, sign in (
+            (_LATE, _ONCE, need, 1.0),
+            (_EARLY, _SEEN_ONCE, torques[_SEEN, j], -1.0),
+        ):
+            twice = once + 1
+            torques[once, j] = decay * torques[once, j] + (1.0 - decay) * value
+            torques[twice, j] = decay * torques[twice, j] + (1.0 - decay) * torques[once, j]
+            a = sign * (value - torques[once, j]) / sd[j]
+            b = sign * (torques[once, j] - torques[twice, j]) / sd[j]
+            means[first + _ZA] += entry_share * (z * a)
+            means[first + _ZB] += entry_share * (z * b)
+            means[first + _AA] += entry_share * (a * a)
+            means[first + _AB] += entry_share * (a * b)
+            means[first + _BB] += entry_share * (b * b)
     if means[_ZZ] < numbers.loaded_square:
-        return 0.0
+        return 0.0, 0.0
+    need_change = means[_LATE + _AA] + means[_LATE + _BB]
+    change = means[_EARLY + _AA] + means[_EARLY + _BB]
+    early_share = _delay_share(means, _EARLY) if need_change > MIN_NEED_SHARE * change else 0.0
+    return _delay_share(means, _LATE), early_share
+
+
+@kernel
+def _delay_share(means: Array, first: int) -> float:
+    """The share of |z|^2 that a and b explain; 0 where they are not those of a delay.
+
+    Args:
+        means: of `FaultState`.
+        first: entry of the products' means: _LATE or _EARLY.
+    """
+    za, zb = means[first + _ZA], means[first + _ZB]
+    aa, ab, bb = means[first + _AA], means[first + _AB], means[first + _BB]
     # Least squares z = a_fit a + b_fit b over LATE_TIME. Where a and b are alike but for rounding,
     # det is that of a part in 1e9: a_fit and b_fit are then large, and no delay's.
     det = max(aa * bb - ab * ab, 1e-9 * aa * bb)
+    if det <= 0.0:
+        return 0.0
     a_fit, b_fit = (bb * za - ab * zb) / det, (aa * zb - ab * za) / det
     # Whether it is the fit of a delay of .1 to .5 s.
     fit_sum = a_fit + 0.5 * b_fit

@@ -78,6 +78,7 @@ FAULTS: dict[str, Callable[[Log], None]] = {
     "drift of 1 A/s": _current(3, lambda i: i + T * np.arange(len(i))),
     "drift of 1 A/s of joint 1": _current(0, lambda i: i + T * np.arange(len(i))),
     "all currents .5 s late": lambda x: _late(x, 0.5),
+    "all currents .5 s early": lambda x: _late(x, -0.5),
 }
 
 

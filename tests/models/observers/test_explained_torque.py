@@ -11,6 +11,7 @@ from wrenchsight.models.observers.explained_torque import (
     RELEASE_SDS,
     RELEASE_TIME,
     ExplainedConstants,
+    beside_lines,
     explained_constants,
     is_explained,
     unexplained_log,
@@ -46,6 +47,18 @@ def test_the_square_is_that_of_the_normal_law(seed: int) -> None:
     law = multivariate_normal(cov=covariance + J.T @ P @ J)
     square = 2.0 * (law.logpdf(np.zeros(N)) - law.logpdf(tau))
     np.testing.assert_allclose(unexplained(table(correlated()), J, tau, sd), square, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_left_beside_lines_is_that_of_generalised_least_squares(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lines, tau, sd = rng.normal(size=(5, N)), 20.0 * rng.normal(size=N), rng.uniform(0.2, 2.0, N)
+    torque_sd = np.sqrt(sd**2 + (SCALE * tau) ** 2)
+    whitening = np.linalg.inv(np.linalg.cholesky(torque_sd[:, None] * correlated() * torque_sd))
+    left = [np.linalg.lstsq(whitening @ line[:, None], whitening @ tau)[1].item() for line in lines]
+    assert beside_lines(SCALE**2, correlated(), lines, tau, sd) == pytest.approx(
+        min(left), rel=1e-9
+    )
 
 
 def test_a_log_has_the_square_of_each_of_its_samples() -> None:
