@@ -47,6 +47,9 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
     if settings.refreshing.reference.columns:
         problem = "applies to --refresh MODEL --other-specimen only"
         raise InputError("identify", "--reference", problem, "add these, or leave it out")
+    if settings.refreshing.part and settings.refresh is None:
+        problem = "applies to --refresh MODEL only"
+        raise InputError("identify", "--part", problem, "add it, or leave --part out")
     if settings.scale:
         _scale(settings, out)
         return
@@ -80,9 +83,12 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
     """
     from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import refit_logs
 
-    if settings.refresh is None or settings.load or settings.validate:
-        problem = "needs --refresh MODEL, and takes neither --load nor --validate"
+    if settings.refresh is None or settings.load or settings.validate or settings.scale:
+        problem = "needs --refresh MODEL, and takes none of --load, --validate and --scale"
         raise InputError("identify", "--other-specimen", problem, "give the other robot's model")
+    if settings.refreshing.part:
+        problem = "does not go with --other-specimen"
+        raise InputError("identify", "--part", problem, "give LOG=BEGIN,END[,BEGIN,END...] each")
     with showing_progress("identify") as progress:
         refit = refit_logs(settings, out, progress)
     metrics = refit.metrics()

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from wrenchsight.models.robot.robot import Robot
 
 ORDER = 5
+_FORM = "urdf"  # that `robot export` writes where none is given
 
 
 def command(
@@ -42,7 +43,7 @@ def command(
     model: Annotated[
         Path | None, typer.Option(help="With `export`: the model.yaml of `identify`.")
     ] = None,
-    to: Annotated[str, typer.Option(help="With `export`: urdf or mjcf (MuJoCo).")] = "urdf",
+    to: Annotated[str, typer.Option(help="With `export`: urdf or mjcf (MuJoCo).")] = _FORM,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -56,11 +57,20 @@ def command(
     `robot show ROBOT` prints and draws it; `robot export [ROBOT] --model MODEL --to mjcf` writes
     inertias, rotors and friction of a model as a file for simulators.
     """
+    of_export = {"--model": model is not None, "--to": to != _FORM}
+    of_draft = {
+        "--base": base is not None,
+        "--flange": flange is not None,
+        "--xacro-arg": bool(xacro_arg),
+        "--trust-xacro": trust_xacro,
+    }
+    if source != "export":
+        _refuse(of_export, "`robot export`")
+    if source in ("export", "show"):
+        _refuse(of_draft, "`robot URDF`")
     if source == "export":
         _export(robot, model, to, out)
         return
-    if model is not None:
-        raise InputError("robot", "--model", "belongs to `robot export`", "write `robot export`")
     if source == "show":
         if robot is None:
             raise InputError("robot show", "", "names no robot", "give a name or a robot.yaml")
@@ -86,6 +96,15 @@ def command(
         "simulated_truth"
     )
     show(f"note: {note}", f"robot: {path}; look for {FILL_IN}: {', '.join(draft.places)}")
+
+
+def _refuse(given: dict[str, bool], form: str) -> None:
+    """Raises InputError for the first option that is given and belongs to another form."""
+    for option, is_given in given.items():
+        if is_given:
+            raise InputError(
+                "robot", option, f"belongs to {form}", f"write {form}, or leave it out"
+            )
 
 
 def _arguments(words: list[str]) -> dict[str, str]:

@@ -22,6 +22,10 @@ from wrenchsight.models.files.input_error import InputError
 
 ROOT = Path(study.__file__).resolve().parents[2]
 COMMANDS = ("study", "identify", "estimate", "simulate")
+_OTHER_SPECIMEN = (
+    *("identify", "a.csv", "--robot", "ur10e"),
+    *("--refresh", "model.yaml", "--other-specimen"),
+)
 
 
 def _run(*arguments, python=("-m", "analyses"), **options):
@@ -100,6 +104,14 @@ def test_version_and_list():
         (("estimate", "a.csv", "--robot", "ur10e", "--method", "best"), ("best", "bayesian")),
         (("robot", "export", "--to", "mjcf"), ("--model", "is missing")),
         (("robot", "arm.urdf", "--model", "model.yaml"), ("--model", "robot export")),
+        # What another form of the command would take was ignored.
+        (("robot", "arm.urdf", "--to", "mjcf"), ("--to", "robot export")),
+        (("robot", "show", "ur10e", "--flange", "tool0"), ("--flange", "robot URDF")),
+        (("robot", "show", "ur10e", "--xacro-arg", "a:=1"), ("--xacro-arg", "robot URDF")),
+        (("robot", "export", "--model", "model.yaml", "--base", "b"), ("--base", "robot URDF")),
+        (("identify", "a.csv", "--robot", "ur10e", "--part", "0,5"), ("--part", "--refresh")),
+        ((*_OTHER_SPECIMEN, "--scale"), ("--other-specimen", "--scale")),
+        ((*_OTHER_SPECIMEN, "--part", "0,5"), ("--part", "LOG=BEGIN,END")),
         (("simulate", "--scenario", "Defalt"), ("Defalt", "Default")),
         (("simulate", "--scenario", "nowhere.yaml"), ("nowhere.yaml",)),
         (("simulate", "--duration", "-1"), ("duration",)),
