@@ -191,6 +191,9 @@ def _unit(axis: str) -> str:
 def _print_comparison(comparison: "SensorComparison", out: Path, W: str = "world") -> None:
     """Prints the errors by phase, and the sensor's mounting that they are computed with.
 
+    Forces come first: where a phase has no moments to compare, its forces alone are printed. With a
+    positive delay of the mounting the sensor is late.
+
     Args:
         W: words for W, in whose axes the wrench is.
     """
@@ -206,7 +209,7 @@ def _print_comparison(comparison: "SensorComparison", out: Path, W: str = "world
         table.add_row(phase.replace("_", ", "), f"{errors['share_pct']:.0f} %", rmse, bias)
     mounting = comparison.mounting
     frame = W if mounting.frame == "world" else mounting.frame
-    rows = mounting.R.round(6) + 0.0
+    rows = mounting.R.round(6) + 0.0  # no -0
     rotation = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in rows)
     side = "late" if mounting.delay >= 0.0 else "early"
     sign = "force on the robot" if mounting.sign > 0 else "force on the environment"

@@ -41,6 +41,7 @@ OPTIONS = (
 @with_settings(IdentifySettings, OPTIONS)
 def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
+    # Four forms; each refuses the options of the others.
     if settings.refreshing.other_specimen:
         _refit(settings, out)
         return

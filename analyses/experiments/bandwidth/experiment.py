@@ -23,7 +23,7 @@ degrees at 80 Hz and 1 ms.)
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -226,12 +226,23 @@ def measure_response(
     return responses
 
 
-def measure_signals(
-    robot: Robot,
-    duration: float,
-    seed: int,
-    progress: Progress,
-) -> tuple[Array, Array, dict[float, Array], dict[float, dict[str, Any]]]:
+class Signals(NamedTuple):
+    """A step, a ramp and a sine, and what they are read as.
+
+    Attributes:
+        t: (T,) s.
+        true: (T, 3) N, the force.
+        noisy: (T, 3) N, as it is read under noise, by K_0.
+        metrics: by K_0.
+    """
+
+    t: Array
+    true: Array
+    noisy: dict[float, Array]
+    metrics: dict[float, dict[str, Any]]
+
+
+def measure_signals(robot: Robot, duration: float, seed: int, progress: Progress) -> Signals:
     """Lets a step, a ramp and a sine act, each along an axis of its own, without and with noise.
 
     The controller does not see the current, so that the arm moves, and the true force is, alike in
@@ -241,10 +252,6 @@ def measure_signals(
         robot: held at its home posture.
         duration: s of the forces, after a second of rest.
         seed: seed of the current noise.
-
-    Returns:
-        t (T,) s, the true force (T, 3) N, and for each of OBSERVER_GAINS the force (T, 3) N that is
-        read under noise, and its metrics.
     """
     segments: list[WrenchSegment] = [
         WrenchStep(start=SIGNAL_START, force=[STEP_FORCE, 0.0, 0.0]),
@@ -274,7 +281,7 @@ def measure_signals(
     metrics = {
         K_0: _signal_metrics(robot, K_0, t, true, clean[K_0], noisy[K_0]) for K_0 in OBSERVER_GAINS
     }
-    return t, true, noisy, metrics
+    return Signals(t, true, noisy, metrics)
 
 
 def _signal_metrics(
@@ -403,12 +410,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
     responses = measure_response(
         robot, OBSERVER_GAINS, lowest, seed=context.seed, progress=context.part(0.0, 0.6, "sweep: ")
     )
-    t, true, forces, signals = measure_signals(
-        robot, duration, context.seed, context.part(0.6, 0.95, "signals: ")
-    )
+    signals = measure_signals(robot, duration, context.seed, context.part(0.6, 0.95, "signals: "))
     metrics: dict[str, Any] = {}
     for response in responses:
-        metrics[_name(response.K_0)] = response.metrics() | signals[response.K_0]
+        metrics[_name(response.K_0)] = response.metrics() | signals.metrics[response.K_0]
     for key in ("amplitude_error_pct", "phase_error_deg", "deviation_from_sampled_pct"):
         metrics[f"max_{key}"] = max(metrics[_name(K_0)][f"max_{key}"] for K_0 in OBSERVER_GAINS)
     return ExperimentResult(
@@ -422,7 +427,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             ),
             (
                 "signals",
-                _signals_figure(t, true, forces),
+                _signals_figure(signals.t, signals.true, signals.noisy),
                 "A step, a ramp and a sine read with several gains under the current's noise "
                 "(Fig. 23).",
             ),

@@ -88,8 +88,8 @@ def _kind_metrics(
         out: folder in which they are written and read.
 
     Returns:
-        `named` is the share of logs recognised; `recognised_after_s` the time of a log, from its
-        begin, that sufficed for all of those (None: none was recognised).
+        `named` is the share of logs recognised when they are whole; `recognised_after_s` the time
+        of a log, from its begin, that sufficed for each of those (None: none was recognised).
     """
     recognised_after: list[float] = []  # s, of each log that is recognised
     results: list[_Wrongness] = []  # of each log
@@ -99,6 +99,7 @@ def _kind_metrics(
         parts = [log[log.t - log.t[0] <= length] for length in lengths]
         are_recognised = [_is_named(part, robot, model) for part in (*parts, log)]
         if are_recognised[-1]:
+            # The shortest part that suffices; a longer one may show the fault less clearly.
             recognised_after.append([*lengths, log.duration][are_recognised.index(True)])
             codes = np.full(log.num_samples, WRONG_LOG)
             results.append(_Wrongness(time=0.0, excess=0.0, valid_share=0.0, invalid=codes))

@@ -22,7 +22,7 @@ halves of those recordings. (`identify` trains it on the residuals of the fitted
 less slow motion.) `presliding+network` trains on the residuals of the fitted logs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -187,18 +187,6 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     separated = separate(training_logs)
     article, trained = semi_parametric_model(robot, plain_result, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
-    v, torque = separate([judged_log]).table()  # (N, n) each, rad/s and N m, a row a pair of passes
-    predicted = {}  # (N, n) N m by law: the same pairs of passes, with the law's own torque
-    for law, model in models.items():
-        _, predicted[law] = separate([_predicted(robot, judged_log, model)]).table()
-    near_zero = tuple(
-        NearZero(
-            v=v[:, j],
-            measured=torque[:, j],
-            predicted={law: torques[:, j] for law, torques in predicted.items()},
-        )
-        for j in range(robot.num_joints)
-    )
     validation = {law: result.validation for law, result in results.items()}
     validation[ARTICLE] = predict_torque(
         [validation_log.recording], robot, article, plain_result.config
@@ -206,10 +194,35 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     return LawsOnOneArm(
         joint_names=robot.joint_names,
         validation={law: validation[law] for law in LAWS},
-        near_zero=near_zero,
+        near_zero=_all_joints(robot, judged_log, models, separate),
         edge=trained.v_crit,
         v_crit=trained.v_crit,
         separated=separated,
+    )
+
+
+def _all_joints(
+    robot: Robot,
+    judged_log: Recording,
+    models: Mapping[str, IdentifiedModel],
+    separate: Callable[[Sequence[Recording]], SeparatedFriction],
+) -> tuple[NearZero, ...]:
+    """Friction of each joint by pairs of passes in a log, as it was measured and by each law.
+
+    A law's friction is separated like the measured one, from the torque that it predicts along the
+    same motion: row by row it is that of the same pair of passes.
+    """
+    v, torque = separate([judged_log]).table()  # (N, n) each, rad/s and N m, a row a pair of passes
+    predicted = {}
+    for law, model in models.items():
+        _, predicted[law] = separate([_predicted(robot, judged_log, model)]).table()
+    return tuple(
+        NearZero(
+            v=v[:, j],
+            measured=torque[:, j],
+            predicted={law: torques[:, j] for law, torques in predicted.items()},
+        )
+        for j in range(robot.num_joints)
     )
 
 

@@ -73,7 +73,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     Metrics are by recording, state ("moving" or "rest") and variant; the figures of a joint count
     its own rows in that state (`_judged`). "target_less_motor" is the source's own method, and
     "invalid" holds the shares of readings that are not valid. "parts", "load_share" and "stiction"
-    look into the errors of the variant "urdf", "source" repeats the source's figures of SWEEP.
+    look into the errors of the variant "urdf", "source" repeats the source's figures of SWEEP, and
+    "summary" has joint 3 of it; what needs an absent recording or description is left out.
     """
     context.progress(0.0, "reading the recordings")
     logs = read_logs(context.data)

@@ -216,18 +216,7 @@ def estimate(
         load=first_pass_result.load(),
     )
     metrics = _metrics(outcome, robot, config)
-    warnings = [
-        *([judgement.sentence()] if judgement is not None and judgement.sentence() else []),
-        *model_warnings(robot, model, settings),
-        *outcome.warnings(settings),
-    ]
-    is_too_short = judgement is None and _tries_hypotheses(config, robot)
-    if is_too_short and not second_pass.readings.summary.valid_share:
-        warnings.append(
-            "no reading is valid, and the log is too short to try what may be wrong with it "
-            f"(order, signs, units and others): that takes {SHORTEST_LOG:g} s and {MIN_SAMPLES} "
-            "samples without gaps; record a longer log"
-        )
+    warnings = _warnings(outcome, robot, model, settings)
     used_settings = replace(
         settings, estimate=replace(config, estimator=second_pass.estimator_config)
     )
@@ -252,6 +241,28 @@ def estimate(
         _metrics=metrics,
         comparison=outcome.comparison,
     )
+
+
+def _warnings(
+    outcome: "_Outcome", robot: Robot, model: IdentifiedModel, settings: EstimateSettings
+) -> list[str]:
+    """What makes the result doubtful, one sentence each: the log, the model, the readings.
+
+    Args:
+        model: as loaded.
+    """
+    judgement = outcome.judgement
+    warnings = [*model_warnings(robot, model, settings), *outcome.warnings(settings)]
+    if judgement is not None and judgement.sentence():
+        warnings.insert(0, judgement.sentence())
+    is_too_short = judgement is None and _tries_hypotheses(settings.estimate, robot)
+    if is_too_short and not outcome.second_pass.readings.summary.valid_share:
+        warnings.append(
+            "no reading is valid, and the log is too short to try what may be wrong with it "
+            f"(order, signs, units and others): that takes {SHORTEST_LOG:g} s and {MIN_SAMPLES} "
+            "samples without gaps; record a longer log"
+        )
+    return warnings
 
 
 def _tries_hypotheses(config: EstimateConfig, robot: Robot) -> bool:

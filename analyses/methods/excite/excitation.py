@@ -234,7 +234,7 @@ def excite(
     exact = replace(information, friction_velocity=0.0)
     condition_of_starts = np.array([exact.condition_number(*_period(start)) for start in starts])
     ranked = [starts[i] for i in np.argsort(condition_of_starts, kind="stable")]
-    # The later programs are built when they are needed: most searches end with the first.
+    # The later programs are built when they are needed.
     programs = chain([first_program], map(program, SOLVE_RESERVES[1:]))
     candidates = _candidates(programs, ranked, config, progress)
     checked = _first_within_limits(robot, clearance, bounds, candidates, config.time_step)

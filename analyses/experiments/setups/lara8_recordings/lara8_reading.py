@@ -296,7 +296,7 @@ def stated_model(robot: Robot, friction: PreslidingFriction) -> IdentifiedModel:
     every = np.ones(NUM_JOINTS)
     error = TorqueErrorModel(
         constant=np.array(_CONSTANT_SD),
-        speed=0.0 * every,  # from here: by the term of the error that it scales
+        speed=0.0 * every,
         load=_LOAD_ERROR * every,
         acceleration=0.0 * every,
         reversal=_REVERSAL_SHARE * every,
