@@ -33,8 +33,10 @@ from wrenchsight.models.robot.urdf_elements import add_inertial, fixed_joint, se
 _MEMORY_LIMIT = 2 << 30  # bytes
 _MAX_DEPTH = 100  # of nested elements
 _SHAPES = ("visual", "collision")
+_SDF_LINK_PARTS = ("pose", "frame", "inertial")  # others, also those that SDF has not, are no arm's
 _NEGLIGIBLE_MASS = 1e-9  # kg, of a body without one
 _NEGLIGIBLE_INERTIA = 1e-12  # kg m^2
+_ENDLESS_SLIDE = 10.0  # m either way, of a slide without limits
 _MAX_NUMBER = 1e6  # of a number of a pose, m or rad
 _MAX_INCLUDES = 100  # files of an MJCF
 _LARGEST_RAD = 2.01 * np.pi  # of a range of an arm's joint that does not turn without end
@@ -78,9 +80,10 @@ def urdf_of_sdf(root: ET.Element, path: Path) -> ET.Element:
         raise ValueError(f"holds {len(models)} models, expected one; split the file")
     shapes: dict[str, list[ET.Element]] = {}
     for link in root.iter("link"):
-        for kind in _SHAPES:
-            for element in link.findall(kind):
+        for element in list(link):
+            if element.tag in _SHAPES:
                 shapes.setdefault(link.get("name", ""), []).append(element)
+            if element.tag not in _SDF_LINK_PARTS:
                 link.remove(element)
     plant = MultibodyPlant(0.0)
     instance = add_model(plant, ET.tostring(root, encoding="unicode"), "sdf")
@@ -362,6 +365,8 @@ def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: floa
         if kind == "revolute" and not (math.isfinite(lower) and math.isfinite(upper)):
             kind = "continuous"
         limit = ET.SubElement(element, "limit")
+        if kind == "prismatic":  # as a URDF has no slide without an end
+            lower, upper = max(lower, -_ENDLESS_SLIDE), min(upper, _ENDLESS_SLIDE)
         if kind != "continuous":
             limit.set("lower", repr(float(lower)))
             limit.set("upper", repr(float(upper)))

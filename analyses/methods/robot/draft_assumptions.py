@@ -36,7 +36,8 @@ _LEAST_CARRIED = 0.1  # of the joint that carries most
 _PAYLOAD_SHARE = 0.3  # of the moving mass: UR5 .27, iiwa .31, UR10e .38
 _PAYLOAD_PER_REACH = 7.0  # kg/m^2 of an arm without masses: UR5e 6.9, UR10e 7.4, Panda 4.1
 _MIN_PAYLOAD = 0.01  # kg, of which robot.yaml takes no zero
-_EFFORT_MARGIN = 1.5  # of an effort limit that is not known over what the joint carries
+_EFFORT_MARGIN = 1.5  # of an effort limit that is not known over what the joint must hold
+_LOAD_OFFSET = 0.05  # m, of a payload's centre of mass beside E
 _PLACEHOLDER_SHARE = 0.6  # of what gravity asks at most; Talos' shoulder has .8
 _NUM_MASS_POSTURES = 40  # in which the inertia about each joint is looked at
 # rad/s^2, of a joint by its drive alone. Most wrists of public files reach 1e4 to 1e5 without their
@@ -89,7 +90,8 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
 
     What a joint carries is, in the worst of many postures, the weight of the links beyond it and
     what a brisk start of that joint alone takes, and at least a share of what the strongest joint
-    of its kind (rotary or sliding) carries: seals turn with any load. Without inertias only the
+    of its kind (rotary or sliding) carries: seals turn with any load. A limit that is not known
+    also holds a push of the payload's weight beside E, in any direction. Without inertias only the
     payload is assumed, from the arm's reach, and limits for joints that state none.
 
     Args:
@@ -107,9 +109,10 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
         carried[kind] = np.maximum(carried[kind], _LEAST_CARRIED * carried[kind].max(initial=0.0))
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
     payload = _rounded(max(_PAYLOAD_SHARE * mass, _MIN_PAYLOAD))
-    weight = payload * robot.gravity
-    J_linear = robot.chain.jacobian(q)[:, 3:]
-    efforts = _efforts(arm, needed, carried, weight, J_linear)
+    J = robot.chain.jacobian(q)  # (N, 6, n)
+    lever = np.linalg.norm(J[:, 3:], axis=1) + _LOAD_OFFSET * np.linalg.norm(J[:, :3], axis=1)
+    weight = payload * float(np.linalg.norm(robot.gravity))
+    efforts = _efforts(arm, needed, carried + weight * lever.max(axis=0))
     return Assumed(
         payload=payload,
         carried=carried,
@@ -151,28 +154,20 @@ class _Efforts(NamedTuple):
     is_excessive: Flags
 
 
-def _efforts(
-    arm: Sequence[DescribedJoint], needed: Array, carried: Array, weight: Array, J_linear: Array
-) -> _Efforts:
+def _efforts(arm: Sequence[DescribedJoint], needed: Array, held: Array) -> _Efforts:
     """Effort limits for joints whose own is not stated, or no drive's of such an arm.
 
     Args:
         needed: (n,) N m (N), as `Assumed`; far smaller limits are placeholders.
-        carried: (n,) N m (N), as `Assumed`.
-        weight: (3,) N, of the payload.
-        J_linear: (N, 3, n) of E in the postures that are looked at.
+        held: (n,) N m (N), what a joint carries with a push of the payload's weight.
     """
     stated = _stated(arm)
-    payload_torque = np.abs(np.einsum("kij,i->kj", J_linear, weight)).max(axis=0)
-    likely = np.array([_rounded(value) for value in _EFFORT_MARGIN * (carried + payload_torque)])
-    # What carries the arm and resists a push of the payload's weight in any direction.
-    push_torque = np.linalg.norm(weight) * np.linalg.norm(J_linear, axis=1).max(axis=0)
-    bearing = np.array([_rounded(value) for value in _EFFORT_MARGIN * (carried + push_torque)])
-    is_excessive = stated > MAX_EFFORT_RATIO * bearing.max(initial=0.0)
+    likely = np.array([_rounded(value) for value in _EFFORT_MARGIN * held])
+    is_excessive = stated > MAX_EFFORT_RATIO * likely.max(initial=0.0)
     # An exporter writes one number for several joints: where it is wrong for one, it is for all.
     is_wrong = is_placeholder(stated, needed) | is_excessive
     unknown = ~(stated > 0.0) | np.isin(stated, np.unique(stated[is_wrong]))
-    assumed = np.where(is_excessive, bearing, np.maximum(likely, stated))
+    assumed = np.where(is_excessive, likely, np.maximum(likely, stated))
     return _Efforts(
         assumed=np.where(unknown, assumed, 0.0),
         limits=np.where(unknown, assumed, stated),

@@ -93,6 +93,23 @@ def test_an_sdf_that_drake_cannot_read_is_one_line(tmp_path, text, expected):
     assert "\n" not in str(error.value)
 
 
+def test_parts_of_a_link_that_sdf_has_not_are_passed_over(tmp_path):
+    """PyBullet's files state contact properties there, which Drake's parser refuses."""
+    path = tmp_path / "arm.sdf"
+    path.write_text(SDF.replace('<link name="base"/>', '<link name="base"><contact/></link>'))
+    root, _ = read_document(path)
+    assert [link.get("name") for link in root.iter("link")][:2] == ["base", "upper"]
+
+
+def test_a_slide_without_an_end_gets_one(tmp_path):
+    path = tmp_path / "arm.sdf"
+    path.write_text(SDF.replace("<lower>-.1</lower><upper>.3</upper>", ""))
+    root, _ = read_document(path)
+    (slide,) = [joint for joint in root.iter("joint") if joint.get("name") == "slide"]
+    assert slide.find("limit").get("lower") == "-10.0"
+    assert slide.find("limit").get("upper") == "10.0"
+
+
 def test_an_sdf_that_breaks_the_parser_is_one_line(tmp_path):
     """It includes the folder that holds it: Drake's parser goes round until its stack ends."""
     (tmp_path / "model.config").write_text(

@@ -258,6 +258,19 @@ def test_efforts_that_no_drive_of_the_arm_has_are_filled_in(tmp_path: Path) -> N
     assert (robot.effort_limit < 10.0 * holding.max()).all()
 
 
+def test_an_unknown_effort_limit_holds_a_push_across_gravity(tmp_path: Path) -> None:
+    """A joint about the vertical and a wrist through E carry no weight of the payload."""
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    urdf.write_text(urdf.read_text().replace("effort='10'", "effort='0'"))
+    robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml")
+    weight = robot.payload * 9.81
+    q = np.random.default_rng(2).uniform(-1.9, 1.9, (500, 5))
+    J = robot.chain.jacobian(q)
+    reach = np.linalg.norm(J[:, 3:], axis=1).max(axis=0)
+    assert (robot.effort_limit > 1.2 * weight * reach).all()
+    assert (robot.effort_limit > 1.4 * weight * 0.05).all()  # of a load 5 cm beside E
+
+
 def test_a_strong_drive_is_no_placeholder(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")  # 10 N m: some five times what is needed
     robot, places, _ = draft_robot(urdf, tmp_path / "robot.yaml")
