@@ -117,6 +117,8 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     # Before `root` is changed for Drake, whose own efforts are not those of MuJoCo: it refuses
     # bodies without mass, and knows no folder of a file that it is given as a text.
     efforts = effort_limits(root)
+    for joint in root.iter("joint"):
+        joint.attrib.pop("damping", None)  # is not taken; Drake refuses a negative one
     _give_mass(root)
     _find_files(root, path.parent)
     builder = DiagramBuilder()

@@ -323,3 +323,15 @@ def test_an_mjcf_with_radians_that_it_does_not_state_is_refused(tmp_path):
     read_document(arm)
     arm.write_text(text.format("").replace("-2 2", "-115 115"))  # degrees
     read_document(arm)
+
+
+def test_damping_of_an_mjcf_does_not_count(tmp_path):
+    """Fitted to measurements, it may be negative."""
+    arm = tmp_path / "arm.xml"
+    links = _LINKS.replace('name="elbow"', 'name="elbow" damping="-.01"')
+    arm.write_text(
+        '<mujoco model="arm"><compiler angle="radian"/><worldbody><body name="base">'
+        f"{links}</body></worldbody></mujoco>"
+    )
+    root, _ = read_document(arm)
+    assert sum(joint.find("limit") is not None for joint in root.iter("joint")) == 3
