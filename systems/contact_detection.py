@@ -82,7 +82,7 @@ class ContactDetection(SampledBlock):
         self._sliding = self.DeclareVectorInputPort("sliding", sliding_size(n))
 
         # The ContactDetector with pole and friction as they are now: made anew when one of these
-        # inputs changes, not at every tick.
+        # inputs changes, not at every tick. Only `_calc_detector` reads the two.
         self._tuned_detector = declare_cached(
             self, "detector", self._calc_detector, {self._pole.ticket(), self._sliding.ticket()}
         )
@@ -98,7 +98,8 @@ class ContactDetection(SampledBlock):
         # does not feed through from the motors.
         if detector.reads_present_torque:
             ports_of_sample += [self._tau_J, self._tau_f]
-        self._no_torque = np.zeros((1, n))  # N m
+        self._no_torque = np.zeros((1, n))  # N m, of a log of one sample, as detectors read them
+        # Depends on time and memory as well: `declare_held_output` adds these.
         self._detection = self.declare_held_output(
             "detection",
             len(DETECTION),

@@ -114,8 +114,11 @@ def declare_outputs(
     Returns:
         The port `all`.
     """
+    # One ticket in the place of all: Drake has an edge from each ticket to each port.
     joined = joined_ticket(block, tickets)
     port = block.DeclareVectorOutputPort("all", sum(sizes.values()), calc, joined)
+    # A part evaluates `all`, whose value Drake keeps, and copies its own entries: `calc` is called
+    # once, however many ports are read.
     declare_port_of_each_part(block, port.Eval, sizes, joined)
     return port
 
@@ -125,14 +128,20 @@ def declare_held_outputs(
     sizes: Mapping[str, int],
     calc: Callable[[Context, BasicVector], None],
     tickets: set[DependencyTicket],
+    whole_name: str = "all",
 ) -> OutputPort:
     """As `declare_outputs`, but computed at a tick and held until the next one.
 
     `all` is one held output (`SampledBlock.declare_held_output`): `take_sample` returns it whole.
     The other ports are parts of it, and so depend on time and memory as well.
+
+    Args:
+        block, sizes, calc: as `declare_outputs`.
+        tickets: as there; time and memory are added here.
+        whole_name: of the port with all outputs, in the place of `all`.
     """
     joined = joined_ticket(block, tickets | block.time_and_memory_tickets)
-    port = block.declare_held_output("all", sum(sizes.values()), calc, joined)
+    port = block.declare_held_output(whole_name, sum(sizes.values()), calc, joined)
     declare_port_of_each_part(block, port.Eval, sizes, joined)
     return port
 

@@ -14,8 +14,7 @@ from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import (
     TunedParameters,
     declare_cached,
-    declare_port_of_each_part,
-    joined_ticket,
+    declare_held_outputs,
     torque_error_size,
 )
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -82,36 +81,32 @@ class ExternalTorqueObserver(SampledBlock):
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
-        if self.uses_sd:
-            self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
-
         ports_of_reading = [self._terms, self._tau_f]
-        if self.uses_sd:
+        if self.uses_sd:  # of the class: all of its blocks have this port, or none
+            self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
             ports_of_reading.append(self._torque_error)
         # An observer that does not read the present torque does without this feedthrough, so that a
         # controller may make tau_J of the estimate without an algebraic loop. Zeros then stand for
         # tau_J in the outputs; the update always reads it.
         if observer.reads_present_torque:
             ports_of_reading.append(self._tau_J)
-        self._no_torque = np.zeros((1, n))  # N m
+        self._no_torque = np.zeros((1, n))  # N m, of a log of one sample, as observers read them
         # Stands for the torque error where its port is not connected.
         self._no_error = TorqueError.of_flat(np.zeros(torque_error_size(n)), n)
-        # All outputs but `pole` are parts of `reading`, and held because it is. They depend on one
-        # ticket in the place of all these, which saves Drake edges.
-        joined = joined_ticket(
-            self,
-            {port.ticket() for port in ports_of_reading}
-            | {self._tuned_observer.ticket()}
-            | self.time_and_memory_tickets,
-        )
+        # In the order in which `_observe` writes them.
         sizes = {"tau_ext": n, "valid": 1}
         if self._has_wrench:
             sizes["wrench"] = _WRENCH_SIZE
         self.reading_sizes = list(sizes.values())
-        self._reading = self.declare_held_output(
-            "reading", sum(self.reading_sizes), self._calc_reading, joined
+        # One held output, `reading`, and a port for each of its parts.
+        self._reading = declare_held_outputs(
+            self,
+            sizes,
+            self._calc_reading,
+            {port.ticket() for port in ports_of_reading} | {self._tuned_observer.ticket()},
+            whole_name="reading",
         )
-        declare_port_of_each_part(self, self._reading.Eval, sizes, joined)
+        # Not held: it follows from the parameters alone.
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, of_parameters)
 
     def _calc_observer(self, context: Context) -> Observer:

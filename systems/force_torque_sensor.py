@@ -124,14 +124,15 @@ class ForceTorqueSensor(SampledBlock):
                 f"{config.moment_noise_sd:g} N m, expected 0 or more",
             )
         self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
-        # The wrench of the tick before, then a filter state for each of its six entries.
+        # The wrench of the tick before, then the filter's state, which only the kernel
+        # `measure_contact_wrench` reads and updates.
         wrench_and_filter = np.zeros(6 + 6 * self._filter.order)
         SampledBlock.__init__(self, period=time_step, initial_memory=wrench_and_filter)
         self._time_step = time_step
         self._seed = seed
         # Room for the noise of a tick, of unit sd; without a seed it stays zero. No state.
         self._noise = np.zeros(6)
-        self._weld = int(tool_weld)  # the place of the tool's reaction in `reaction_forces`
+        self._weld = int(tool_weld)  # Drake lists `reaction_forces` by the index of the joint
         # The tool's inertia and weight, which are taken off, and where the weld is.
         self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
         # As configured: the parameter's default, and what `constants` states whatever a Context

@@ -89,21 +89,21 @@ class FrictionLawSystem(SampledBlock):
         self._parameters = TunedParameters(self, law.parameters)
         self._law = declare_cached(self, "law", self._calc_law, self._parameters.tickets)
 
-        # Ports that only some laws have; the class's docstring says which.
+        # All but v only some laws have; the class's docstring says which. None: no such port.
         self._q: InputPort | None = None
+        self._torque_error: InputPort | None = None
+        self._tau_J: InputPort | None = None
         if not law.is_of_speed_alone:
             self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
-        # The torque error's state says by which share each joint rests (`resting_shares`).
-        self._torque_error: InputPort | None = None
-        if knows_rest:
+        if knows_rest:  # its state says by which share each joint rests (`resting_shares`)
             self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
         if has_memory:
             self._tau_J = self.DeclareVectorInputPort("tau_J", n)
 
         # tau_J is read by the update alone: what the gear transmits counts at the tick after, and
         # a controller may feed tau_f forward without an algebraic loop.
-        self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J before the update
+        self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J in the output
         ports_of_sample = [p for p in (self._q, self._v, self._torque_error) if p is not None]
         # Held between ticks by a law with memory; of one without, a function at any time.
         self.declare_held_output(
@@ -139,4 +139,5 @@ class FrictionLawSystem(SampledBlock):
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         """As SampledBlock; called for a law with memory alone, which has the port tau_J."""
+        assert self._tau_J is not None
         return (self._run(context, memory, self._tau_J.Eval(context)[None]),)

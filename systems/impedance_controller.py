@@ -159,18 +159,21 @@ class ImpedanceController(SampledBlock):
         self._time_step = time_step
         self.output_sizes = {"tau_command": self._n, "pose_error": 6, "valid": 1, "integral": 1}
         self._at_rest = np.zeros(3 * self._n)  # q_d, v_d, vdot_d of a reference not connected
-        # The gains of `config`, checked. The parameter force_gains is there without force control,
+        # What `config` states, checked. The parameter force_gains is there without force control,
         # too: with default gains, which nothing reads.
-        self._in_E = _in_E(config.axes, "axes")  # whether stiffness and error are in axes of E
+        self._has_axes_of_E = _in_E(config.axes, "axes")  # of stiffness, damping and pose_error
         stiffness = _matrix(config.stiffness, "stiffness")
         damping = _matrix(config.damping, "damping")
         force = _force_gains(config.force or ForceControlConfig())
-        # The control law with these gains. They become numeric parameters of the Context, and the
-        # block uses this law with the Context's (`_calc_law`).
+        # Stiffness, damping and force gains become numeric parameters of the Context, and the block
+        # uses this law with the Context's (`_calc_law`). All else of it is fixed: axes, direction
+        # of the force, null-space damping, friction.
         self._default_law = impedance_law(
             effort_limit=limit,
             friction=friction.table,
-            spring_damper=SpringDamper(stiffness, damping, self._in_E, config.null_space_damping),
+            spring_damper=SpringDamper(
+                stiffness, damping, self._has_axes_of_E, config.null_space_damping
+            ),
             force=force if self._has_force else None,
             time_step=time_step,
             friction_velocity=config.friction_velocity,
@@ -204,7 +207,7 @@ class ImpedanceController(SampledBlock):
     def damping_per_tick(self, M: Array, J: Array, R_WE: Array) -> float:
         """The largest share of a velocity that the damper takes off in one tick, at M, J, R_WE."""
         B = self._default_law["damping"][0]
-        turn = np.kron(np.eye(2), R_WE) if self._in_E else np.eye(6)
+        turn = np.kron(np.eye(2), R_WE) if self._has_axes_of_E else np.eye(6)
         rates = np.linalg.eigvals(J @ np.linalg.solve(M, J.T) @ turn @ B @ turn.T)
         return float(self._time_step * np.abs(rates).max())
 

@@ -21,7 +21,7 @@ from wrenchsight.models.estimation.wrench_reading import (
 )
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.numerics.states import assign_state
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
@@ -96,7 +96,7 @@ class JacobianWrenchReconstruction(SampledBlock):
       sliding       -->  |                              |
                          +------------------------------+
 
-    Inputs:      terms              RigidBodyTerms (abstract): J at E in axes of W
+    Inputs:      terms              RigidBodyTerms (abstract): q, v, and J at E in axes of W
                  tau_ext            (n,) N m, positive along the motion it causes
                  tau_ext_valid      (1,) 0 where tau_ext is held or unknown; optional, else 1
                  corrected          (1,) 0 where tau_ext lacks a correction that it should have;
@@ -133,8 +133,9 @@ class JacobianWrenchReconstruction(SampledBlock):
     Args:
         reading: of one estimator; `WrenchReading.constant(config, torque_covariance)` for errors of
             one covariance.
-        time_step: s, period of the ticks; 0 for a reading without state, as of a constant error,
-            which is then a function of the inputs at any time.
+        time_step: s, period of the ticks; 0 for a reading whose memory decides nothing, as of a
+            constant error: the block is then a function of its inputs at any time. A learnt error
+            needs its period: its lag and faults are judged by the samples before.
 
     Attributes:
         reading_sizes: numbers of entries of the parts of `reading`, in their order.
@@ -145,7 +146,6 @@ class JacobianWrenchReconstruction(SampledBlock):
 
     def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
         SampledBlock.__init__(self, period=time_step, initial_memory=reading.initial_state())
-        self.reading_sizes = [*_READING_PARTS.values(), self.memory_size]
         self._wrench_reading = reading
         self._n = n = reading.num_joints
         # The reading's parameters become numeric parameters of the Context, which may be changed in
@@ -167,6 +167,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         # from them): made anew when one of these changes, not at every tick.
         tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
         self._tuned_reading = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
+        # All other inputs, which `_calc_reading` evaluates at every tick.
         ports_of_sample = [
             self._terms,
             self._tau_ext,
@@ -176,7 +177,8 @@ class JacobianWrenchReconstruction(SampledBlock):
             self._observed,
             self._torque_error,
         ]
-        # One ticket in the place of all prerequisites, which saves Drake edges.
+        # One ticket in the place of all prerequisites, which saves Drake edges. Time and memory are
+        # among them, as the ports of the parts are held with `reading`.
         joined = joined_ticket(
             self,
             {port.ticket() for port in ports_of_sample}
@@ -184,8 +186,9 @@ class JacobianWrenchReconstruction(SampledBlock):
             | self.time_and_memory_tickets,
         )
         self._no_signal = np.full((1, n), np.nan)  # in the place of one that cannot be used
-        # All other outputs are its first parts. Its last part, without a port, is the memory after
-        # the sample, which the update takes from there.
+        # The one held output. Its first parts have ports of their own; its last, the memory after
+        # the sample, has none: `take_sample` takes it from there.
+        self.reading_sizes = [*_READING_PARTS.values(), self.memory_size]
         self._reading = self.declare_held_output(
             "reading", sum(self.reading_sizes), self._calc_reading, joined
         )
@@ -224,34 +227,8 @@ class JacobianWrenchReconstruction(SampledBlock):
         """
         tuned: _TunedReading = self._tuned_reading.EvalAbstract(context).get_value()
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
-        J = terms["J"]  # (1, 6, n)
-        error = self._torque_error_at(context, tuned, J)
-        # A sum of integer codes arrives as a double; NaN or a huge number is none.
-        fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
-        is_code = abs(fault) < _LARGEST_INPUT
-        is_usable = (
-            tuned.has_usable_pole
-            and is_code
-            and are_readable(_LARGEST_INPUT, terms["q"], J, *error)
-        )
-        if is_usable:
-            q, v, tau_ext = terms["q"], terms["v"], self._tau_ext.Eval(context)[None]
-        else:
-            q = v = tau_ext = self._no_signal
-        is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
-        is_corrected = self._is_set(context, self._corrected)
-        observed_wrench, observed_covariance = self._observed_wrench(context)
-        samples = ReadingSamples(
-            J=J,
-            tau_ext=tau_ext,
-            is_fresh=_FLAG_LOGS[is_fresh],
-            q=q,
-            v=v,
-            is_corrected=_FLAG_LOGS[is_corrected],
-            fault=np.array([int(fault) if is_code else 0]),
-            wrench=observed_wrench,
-            covariance=observed_covariance,
-        )
+        error = self._torque_error_at(context, tuned, J=terms["J"])  # checked by `_samples`
+        samples = self._samples(context, terms, error, tuned.has_usable_pole)
         entries = output.get_mutable_value()
         # `state` are views of the output's last entries, which this fills with the memory before
         # the sample. `run` makes of them the memory after it; the block's own stays as it is.
@@ -260,8 +237,44 @@ class JacobianWrenchReconstruction(SampledBlock):
         if tuned.unseen_rest_table is not None:
             # The same reading, with one reason more against it where a joint that rested in no log
             # of the model rests and carries more than its friction.
-            estimate = with_unseen_rests(estimate, tuned.unseen_rest_table, error.rows, tau_ext)
+            estimate = with_unseen_rests(
+                estimate, tuned.unseen_rest_table, error.rows, samples.tau_ext
+            )
         entries[:_READING_SIZE] = reading_parts(estimate)
+
+    def _samples(
+        self, context: Context, terms: Record, error: TorqueError, has_usable_pole: bool
+    ) -> ReadingSamples:
+        """The present sample; with NaN for q, v and tau_ext, and not fresh, where it is not usable.
+
+        Not looked at here are v and tau_ext: the reading itself takes one that is not finite, or
+        whose square is not, for missing.
+        """
+        # A sum of integer codes arrives as a double; NaN or a huge number is none.
+        fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
+        is_code = abs(fault) < _LARGEST_INPUT
+        is_usable = (
+            has_usable_pole
+            and is_code
+            and are_readable(_LARGEST_INPUT, terms["q"], terms["J"], *error)
+        )
+        if is_usable:
+            q, v, tau_ext = terms["q"], terms["v"], self._tau_ext.Eval(context)[None]
+        else:
+            q = v = tau_ext = self._no_signal
+        is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
+        observed_wrench, observed_covariance = self._observed_wrench(context)
+        return ReadingSamples(
+            J=terms["J"],
+            tau_ext=tau_ext,
+            is_fresh=_FLAG_LOGS[is_fresh],
+            q=q,
+            v=v,
+            is_corrected=_FLAG_LOGS[self._is_set(context, self._corrected)],
+            fault=np.array([int(fault) if is_code else 0]),
+            wrench=observed_wrench,
+            covariance=observed_covariance,
+        )
 
     def _torque_error_at(self, context: Context, tuned: _TunedReading, J: Array) -> TorqueError:
         """The torque error of the sample, N = 1; of an unconnected port the constant one."""

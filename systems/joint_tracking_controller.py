@@ -108,12 +108,12 @@ class JointTrackingController(SampledBlock):
             period=time_step if gains["ki"].any() else 0.0,
             initial_memory=np.zeros(n),  # rad s, the integral of the error
         )
-        rows_of_gains = np.concatenate(list(gains.values()))
+        rows_of_gains = np.concatenate(list(gains.values()))  # (4n,), in the order of _GAINS
         self._gains = self.DeclareNumericParameter(BasicVector(rows_of_gains))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
-        # All of the law but its gains, which are the Context's. The law with these is made anew
-        # when one changes, not at every tick.
+        # All of the law but the argument `gains` (4, n), which `_calc_law` gives it as the Context
+        # has them: anew when one changes, not at every tick.
         self._law_with_gains = partial(
             tracking_law,
             computed=config.law == "computed_torque",

@@ -87,10 +87,11 @@ class LiveRobot(LeafSystem):
         n = robot.num_joints
         self._unknown = np.full(3 * n, np.nan)
         self._waiting: deque[Array] = deque()  # have arrived, of the ticks to come, in their order
-        self._num_ticks = 0  # that were put out
-        self._last_signals = self._unknown  # of the last of them
+        self._num_ticks = 0  # whose signals were put out
+        self._last_signals = self._unknown  # of the last such tick
         self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
         # Whichever port is read first at a tick waits for its signals; the others have them then.
+        # Each calls `_signals` with the Context and takes its part of what that returns.
         declare_port_of_each_part(
             self, self._signals, {"q": n, "v": n, "current": n}, {self.time_ticket()}
         )

@@ -135,13 +135,16 @@ class SampledBlock(LeafSystem):
         """
         if not self.has_memory:
             return self.DeclareVectorOutputPort(name, size, calc, tickets)
+        # State for what is held. `_take` writes it at each tick: the values that `take_sample`
+        # returns, one after another, in the order of `_held_indices`.
         held_index = int(self.DeclareDiscreteState(size))
         self._held_indices.append(held_index)
 
         def hold_or_calc(context: Context, output: BasicVector) -> None:
             discrete = context.get_discrete_state()
             ticks = discrete.value(self._ticks_index)
-            # Before the first tick both are NaN, and the comparison is false.
+            # From the last tick's update to the next tick, whose sample is not taken yet. Before
+            # the first tick both are NaN, and the comparison is false.
             if ticks.item(_LAST_TICK) <= context.get_time() < ticks.item(_NEXT_TICK):
                 output.SetFromVector(discrete.value(held_index))
             else:

@@ -101,7 +101,7 @@ class WrenchEstimatorSystem(SampledBlock):
         self.reading_sizes = _reading_sizes(n)
         # The parameters of the estimator's parts become numeric parameters of the Context, which
         # may be changed in a run. The estimator with these is made anew when one changes, not at
-        # every tick.
+        # every tick. `_calc_tuned` gives each part its own, by the prefix.
         self._parameters = TunedParameters(
             self,
             {"motor.torque_per_ampere": estimator.robot.torque_per_ampere}
@@ -131,7 +131,7 @@ class WrenchEstimatorSystem(SampledBlock):
         # alone (`is_of_speed_alone`) does not read it.
         self._no_planned_speed = np.zeros(n)
         # The reading of the present sample and the state after it, once a tick: whichever output or
-        # update asks first. The outputs are made of it.
+        # update asks first. The port `reading` is made of it, and the update.
         self._taken_sample = declare_cached(
             self,
             "taken sample",

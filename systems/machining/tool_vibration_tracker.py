@@ -126,7 +126,8 @@ class ToolVibrationTracker(SampledBlock):
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         n = self._n
-        outputs = self._all_outputs.Eval(context)  # of the memory as it is before the tick
+        # This tick's, of the memory before it: `context` does not see what `memory` becomes here.
+        outputs = self._all_outputs.Eval(context)
         # tau_ext and sd of the estimator hold this tick's freed_torque and freed_sd already; the
         # tracking takes them out again.
         observed = ObservedTorque(
@@ -147,12 +148,11 @@ class ToolVibrationTracker(SampledBlock):
         work = WorkTick(
             correction=air_pass,
             v_planned=self._reference.Eval(context)[n : 2 * n],  # of q_d, v_d, vdot_d
-            shares=self._shares(outputs),
+            shares=self._shares(outputs),  # joint_shares, then their sds
             touches=force_controlled(int(phase)),  # the tool is on the surface
             works=feed_time >= 0.0,  # the tool is led along its path; feed_time is -1 where not
         )
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        # Updates the evidence in `memory`, of which the next tick's outputs are made; the outputs
-        # of this tick stay as they are.
+        # Updates the evidence in `memory`, in place: the next tick's outputs are made of it.
         track_vibration(self._constants, terms.record, observed, work, memory)
-        return (outputs,)
+        return (outputs,)  # held until then

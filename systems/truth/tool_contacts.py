@@ -51,7 +51,8 @@ class ToolContacts:
         contacts, count = self._contacts, 0
         for i in range(num_points):
             point = results.point_pair_contact_info(i)
-            sign = self._sign_of_point(point)  # of the contact's force on the tool
+            # Drake states the force on body B: -1 where the tool is body A.
+            sign = self._sign_of_point(point)
             if sign != 0.0:  # else the tool has no part in it
                 contacts[count, _FORCE] = sign * point.contact_force()
                 contacts[count, _MOMENT] = 0.0  # a point transmits none
@@ -60,7 +61,7 @@ class ToolContacts:
         for i in range(num_patches):
             patch = results.hydroelastic_contact_info(i)
             surface = patch.contact_surface()
-            sign = self._sign_of_patch(surface)
+            sign = self._sign_of_patch(surface)  # Drake states the wrench on geometry M
             if sign != 0.0:
                 wrench = sign * patch.F_Ac_W().get_coeffs()  # at the centroid, moment first
                 contacts[count, _FORCE] = wrench[3:]
@@ -70,13 +71,13 @@ class ToolContacts:
         return contacts, count
 
     def _sign_of_point(self, point: PointPairContactInfo) -> float:
-        """1 where the force, which acts on body B, is the tool's; -1 where it is of body A; 0."""
+        """1 where the tool is body B, on which Drake's force acts; -1 where it is A; 0: neither."""
         if int(point.bodyB_index()) == self._tool_body:
             return 1.0
         return -1.0 if int(point.bodyA_index()) == self._tool_body else 0.0
 
     def _sign_of_patch(self, surface: ContactSurface) -> float:
-        """1 where the force, which acts on geometry M, is the tool's; -1 where of geometry N; 0."""
+        """1 where geometry M, on which Drake's force acts, is the tool's; -1: N is; 0: neither."""
         if surface.id_N() in self._tool_geometries:
             return -1.0
         return 1.0 if surface.id_M() in self._tool_geometries else 0.0

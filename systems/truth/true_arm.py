@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import BasicVector, Context, DependencyTicket
+from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.machining.machining_process import MachiningProcess, add_unbalance_force
@@ -125,7 +125,8 @@ class TrueArm(SampledBlock):
     def __init__(self, parts: ArmParts) -> None:
         if parts.process is not None and parts.contacts is None:
             raise ValueError("true arm: a machining process needs contact")
-        # The memory is one flat array; the layout says where the parts of ArmState are in it.
+        # The memory is one flat array, the parts of ArmState one after another; the layout has
+        # their sizes, by which the kernels find them.
         layout, memory_at_rest = _memory_at_rest(parts)
         SampledBlock.__init__(self, period=parts.joints.time_step, initial_memory=memory_at_rest)
         self._n = n = parts.joints.num_joints
@@ -133,7 +134,7 @@ class TrueArm(SampledBlock):
         self.motion_sizes = _motion_sizes(n)
         self.drive_sizes = _drive_sizes(n, joint_state_size=layout.joints)
         self.truth_sizes = _truth_sizes(n)
-        # What the kernels `arm_motion`, `arm_drives` and `arm_memory` know of the arm.
+        # The constants of the kernels `arm_motion`, `arm_drives` and `arm_memory`.
         self._motion_constants = _motion_constants(parts, layout)
         self._drive_constants = _drive_constants(parts, layout)
         self._memory_constants = _memory_constants(parts, layout)
@@ -143,18 +144,35 @@ class TrueArm(SampledBlock):
         self._no_reaction = np.zeros(6)
         self._no_vdot = np.zeros(n)
 
-        # Inputs; those of contact and sensor only some arms have (table in the class's docstring).
         self._contacts = parts.contacts
         self._process = parts.process
         self._tool_weld = None if parts.sensor is None else parts.sensor.weld
-        self._x = self.DeclareVectorInputPort("state", 2 * n)  # q, v of the links
-        self._command = self.DeclareVectorInputPort("current_command", n)
-        if parts.contacts is not None:
-            self._declare_contact_inputs()
-        if parts.sensor is not None:
-            self._declare_sensor_inputs()
+        # Which arms have which ports says the table in the class's docstring.
+        self._declare_inputs()
+        self._declare_held_outputs()
+        self._declare_other_outputs(parts)
 
-        # Held outputs: `take_sample` returns them in this order.
+    def _declare_inputs(self) -> None:
+        """Declares what the plant and the drives' command give."""
+        self._x = self.DeclareVectorInputPort("state", 2 * self._n)  # q, v of the links
+        self._command = self.DeclareVectorInputPort("current_command", self._n)
+        if self._contacts is not None:
+            self._results = self.DeclareAbstractInputPort(
+                "contact_results", Value[ContactResults]()
+            )
+            self._tau_contact = self.DeclareVectorInputPort("tau_contact", self._n)
+        if self._tool_weld is not None:  # there is a force/torque sensor
+            self._reactions = self.DeclareAbstractInputPort(
+                "reaction_forces", Value[list[SpatialForce]]()
+            )
+            self._vdot = self.DeclareVectorInputPort("vdot", self._n)
+
+    def _declare_held_outputs(self) -> None:
+        """Declares motion, drives and truth; `take_sample` returns them in this order.
+
+        All depend on time and memory besides, which `declare_held_output` adds. Drives and truth
+        evaluate `motion`: its one input is among theirs.
+        """
         self._motion = self.declare_held_output(
             "motion", sum(self.motion_sizes.values()), self._calc_motion, {self._x.ticket()}
         )
@@ -164,45 +182,31 @@ class TrueArm(SampledBlock):
             self._calc_drives,
             {self._x.ticket(), self._command.ticket()},
         )
-        if parts.contacts is not None:
+        if self._contacts is not None:
             self._truth = self.declare_held_output(
                 "truth",
                 sum(self.truth_sizes.values()),
                 self._calc_truth,
                 {port.ticket() for port in (self._x, self._results, self._tau_contact)},
             )
-        # Outputs that are not held: they are computed whenever the plant or a log reads them.
+
+    def _declare_other_outputs(self, parts: ArmParts) -> None:
+        """Declares what is not held, but computed of `motion` whenever plant or log read it."""
         of_motion = {self._x.ticket()} | self.time_and_memory_tickets
         self._has_spatial_forces = bool(parts.script.segments) or parts.process is not None
-        if self._has_spatial_forces:
-            self._declare_force_port(parts, of_motion)
+        if self._has_spatial_forces:  # of script and process, on the tool
+            # A pattern for the output, which copies it.
+            self._applied_force = ExternallyAppliedSpatialForce()
+            self._applied_force.body_index = parts.tool_body
+            self._applied_force.p_BoBq_B = np.array(parts.p_BE, dtype=np.float64)
+            self.DeclareAbstractOutputPort(
+                "spatial_forces",
+                Value[list[ExternallyAppliedSpatialForce]],
+                self._calc_spatial_forces,
+                of_motion,
+            )
         if parts.process is not None:
             self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, of_motion)
-
-    def _declare_contact_inputs(self) -> None:
-        """Declares what the plant says of contact."""
-        self._results = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
-        self._tau_contact = self.DeclareVectorInputPort("tau_contact", self._n)
-
-    def _declare_sensor_inputs(self) -> None:
-        """Declares what the force/torque sensor reads of the plant."""
-        self._reactions = self.DeclareAbstractInputPort(
-            "reaction_forces", Value[list[SpatialForce]]()
-        )
-        self._vdot = self.DeclareVectorInputPort("vdot", self._n)
-
-    def _declare_force_port(self, parts: ArmParts, prerequisites: set[DependencyTicket]) -> None:
-        """Declares the force of script and process on the tool."""
-        # A pattern for the output, which copies it.
-        self._applied_force = ExternallyAppliedSpatialForce()
-        self._applied_force.body_index = parts.tool_body
-        self._applied_force.p_BoBq_B = np.array(parts.p_BE, dtype=np.float64)
-        self.DeclareAbstractOutputPort(
-            "spatial_forces",
-            Value[list[ExternallyAppliedSpatialForce]],
-            self._calc_spatial_forces,
-            prerequisites,
-        )
 
     @property
     def has_spatial_forces(self) -> bool:
