@@ -16,7 +16,6 @@ from pydrake.systems.primitives import (
     Demultiplexer,
     Gain,
     LogVectorOutput,
-    MatrixGain,
     Multiplexer,
     TrajectorySource,
     VectorLogSink,
@@ -24,6 +23,7 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from wrenchsight.diagrams.distances.links_apart import links_apart
+from wrenchsight.diagrams.drive_current import torque_to_current
 from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.diagrams.machining import make_machining_path, with_planned_force
 from wrenchsight.diagrams.outputs import split_outputs
@@ -39,7 +39,6 @@ from wrenchsight.models.machining.machining_reference import initial_memory, pla
 from wrenchsight.models.machining.tool_vibration import vibration_constants
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.paths import JointTrajectory
-from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.impedance_controller import ImpedanceConfig, ImpedanceController
 from wrenchsight.systems.joint_tracking_controller import (
@@ -343,12 +342,7 @@ def _connect_drives(
     builder: DiagramBuilder, robot: Robot, tau_command: OutputPort, cell: RobotCell
 ) -> None:
     """Turns the commanded torque into the drives' current."""
-    drive_gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    if robot.is_coupled:
-        gain_block = MatrixGain(robot.coupling.T / drive_gain[:, None])
-    else:
-        gain_block = Gain(1.0 / drive_gain)
-    to_current = builder.AddNamedSystem("torque_to_current", gain_block)
+    to_current = builder.AddNamedSystem("torque_to_current", torque_to_current(robot))
     builder.Connect(tau_command, to_current.get_input_port())
     builder.Connect(to_current.get_output_port(), cell.diagram.GetInputPort("current_command"))
 

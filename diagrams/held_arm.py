@@ -10,18 +10,17 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     Demultiplexer,
-    Gain,
     LogVectorOutput,
     VectorLogSink,
     ZeroOrderHold,
 )
 
+from wrenchsight.diagrams.drive_current import torque_to_current
 from wrenchsight.diagrams.estimator import add_estimator_to_ports
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot, RobotInPlant
 from wrenchsight.systems.external_wrench_source import ExternalWrenchSource
 from wrenchsight.systems.joint_tracking_controller import (
@@ -204,8 +203,7 @@ def _add_drive_current(
     builder: DiagramBuilder, robot: Robot, tau_command: OutputPort
 ) -> OutputPort:
     """The port of the current that the commanded torque takes, (n,) A."""
-    amperes_per_torque = 1.0 / motor_gain(robot.torque_per_ampere, robot.current_sign)
-    drive = builder.AddNamedSystem("drive_current", Gain(amperes_per_torque))
+    drive = builder.AddNamedSystem("drive_current", torque_to_current(robot))
     builder.Connect(tau_command, drive.get_input_port())
     return drive.get_output_port()
 

@@ -43,6 +43,12 @@ def test_the_arm_hardly_moves_and_the_wrench_is_read(sts_reversed):
     np.testing.assert_allclose(wrench["slow"][-1] / (MOMENT + FORCE), 1 - np.exp(-5.0), rtol=1e-4)
 
 
+def test_motors_that_move_several_joints_take_the_current_of_all_of_them(coupled_wrist):
+    _, _, wrench = simulate(coupled_wrist, 0.5)
+    # exp(-80 * 0.5) is nothing.
+    np.testing.assert_allclose(wrench["fast"][-1], MOMENT + FORCE, atol=1e-6)
+
+
 def test_noise_is_repeatable_and_only_in_the_measurement(sts):
     q, _, clean = simulate(sts, 0.1)
     noisy_q, _, noisy = simulate(sts, 0.1, current_noise=True, seed=4)
