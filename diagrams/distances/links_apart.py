@@ -19,9 +19,9 @@ CLEAR_DISTANCE = 0.05  # m
 def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozenset[str]:
     """Names of the links that keep more than CLEAR_DISTANCE from the plate on the way of a pass.
 
-    The set is empty without machining of a plate, if other contact is possible (a floor to touch, a
-    wrench that pushes the arm off its path), or if the path cannot be planned. A blade touches only
-    the tool's tip in any case.
+    The set is empty without machining of a plate, if other contact is possible (a floor or bodies
+    of directives to touch, a wrench that pushes the arm off its path), or if the path cannot be
+    planned. A blade touches only the tool's tip in any case.
 
     Args:
         scenario: as it will be simulated.
@@ -29,7 +29,9 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
         plan: path of the pass over the plate.
     """
     machining, plate = scenario.machining, scenario.workpiece
-    if not isinstance(plate, PlateConfig) or machining is None or scenario.floor or scenario.wrench:
+    if not isinstance(plate, PlateConfig) or machining is None:
+        return frozenset()
+    if scenario.floor or scenario.directives or scenario.wrench:
         return frozenset()
     try:
         # (N, n) joint positions by the part of the pass: approach, pass and lift

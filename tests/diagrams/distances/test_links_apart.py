@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, Role
+from pydrake.multibody.parsing import AddModel, ModelDirective
 from pydrake.systems.analysis import Simulator
 
 import wrenchsight.diagrams.closed_loop
@@ -61,8 +62,18 @@ def test_a_plate_that_links_stand_in_keeps_their_shapes(sts, polishing, plan):
     assert {"link_5", "link_6"} <= apart
 
 
-@pytest.mark.parametrize("varied", [{"floor": True}, {"wrench": [WrenchStep(0.1, 0.2, [3, 0, 0])]}])
-def test_what_may_leave_its_way_or_meet_a_floor_keeps_all_shapes(sts, polishing, plan, varied):
+@pytest.mark.parametrize(
+    "varied",
+    [
+        {"floor": True},
+        {"directives": [ModelDirective(add_model=AddModel(file="file:///fixture.urdf"))]},
+        {"wrench": [WrenchStep(0.1, 0.2, [3, 0, 0])]},
+    ],
+    ids=lambda varied: next(iter(varied)),
+)
+def test_what_may_leave_its_way_or_meet_more_than_the_plate_keeps_all_shapes(
+    sts, polishing, plan, varied
+):
     assert links_apart(replace(polishing, **varied), sts, plan) == frozenset()
 
 
