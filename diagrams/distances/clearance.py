@@ -347,7 +347,7 @@ class Clearance:
         terms = np.exp(-MINIMUM_SHARPNESS * (slack - least))
         total = math.exp(-MINIMUM_SHARPNESS * (_FAR_SLACK - least)) + float(terms.sum())
         value = least - math.log(total) / MINIMUM_SHARPNESS
-        gradient = np.zeros(self.shapes.plant.num_velocities())  # by the plant's positions
+        gradient = np.zeros(self.shapes.plant.num_positions())
         for pair, share in zip(pairs, terms * scale / total, strict=True):
             if share >= _MIN_GRADIENT_SHARE:
                 # At q: `shapes.pairs` has put the context there.
@@ -355,7 +355,7 @@ class Clearance:
         return value, gradient[self.shapes.position_indices]
 
     def _distance_gradient(self, pair: SignedDistancePair) -> Array:
-        """(n_v,) gradient of a pair's distance by the plant's positions.
+        """(n_q,) gradient of a pair's distance by the plant's positions.
 
         The posture is that of `shapes.context`, at which `shapes.pairs` has just found the pair.
         The distance grows as the nearest points Ca and Cb move apart along the normal.
@@ -363,7 +363,7 @@ class Clearance:
         plant, world = self.shapes.plant, self.shapes.plant.world_frame()
 
         def jacobian(shape: GeometryId, p_GC: Array) -> Array:
-            """(3, n_v) of a point of a shape, in axes of W."""
+            """(3, n_q) of a point of a shape by the positions, in axes of W."""
             X_FG = self.shapes.inspector.GetPoseInFrame(shape)
             return np.asarray(
                 plant.CalcJacobianTranslationalVelocity(

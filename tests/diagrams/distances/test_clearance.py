@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.geometry import Box
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
 
 from wrenchsight.diagrams.distances import clearance as clearance_module
 from wrenchsight.diagrams.distances.clearance import INFLUENCE_DISTANCE, Clearance
@@ -57,6 +60,21 @@ def test_the_smooth_slack_is_below_the_true_one_and_has_its_gradient(sts, cleara
     # Distances between curved shapes are found iteratively, to some 1e-6 m.
     np.testing.assert_allclose(gradient, difference, atol=0.02)
     assert np.abs(gradient).max() > 0.1
+
+
+def test_the_smooth_slack_has_its_gradient_beside_a_body_that_floats(sts, clearance):
+    """Of the arm's joints alone: the seven numbers of the body's pose are none of them."""
+
+    def add_floating_box(plant):
+        inertia = SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1)
+        body = plant.AddRigidBody("box", plant.AddModelInstance("box"), inertia)
+        friction = CoulombFriction(0.5, 0.5)
+        far_up = RigidTransform([0.0, 0.0, 9.0])
+        plant.RegisterCollisionGeometry(body, far_up, Box(0.1, 0.1, 0.1), "workpiece", friction)
+
+    q = near_floor(sts, clearance)
+    beside = Clearance(sts, margin=0.02, add=add_floating_box)
+    np.testing.assert_array_equal(beside.smooth_slack(q)[1], clearance.smooth_slack(q)[1])
 
 
 @pytest.fixture
