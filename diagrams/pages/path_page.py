@@ -78,7 +78,7 @@ def write_path_page(
         InputError: the file cannot be written.
     """
     measures = np.concatenate([motion.measure for motion in motions])
-    if np.any(measures <= 0.0):  # the scale of colours is logarithmic
+    if not np.all(measures > 0.0):  # the scale of colours is logarithmic; NaN has no colour
         raise ValueError("path page: a measure must be positive")
     if len({_meshcat_path(motion) for motion in motions}) < len(motions):
         raise ValueError("path page: the names of the motions must differ")

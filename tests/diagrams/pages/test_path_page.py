@@ -28,7 +28,11 @@ def test_a_page_with_both_motions_is_written_whole(sts: Robot, tmp_path: Path) -
 
 @pytest.mark.parametrize(
     ("second", "message"),
-    [(("initial", 1.0), "names of the motions must differ"), (("other", 0.0), "must be positive")],
+    [
+        (("initial", 1.0), "names of the motions must differ"),
+        (("other", 0.0), "must be positive"),
+        (("other", np.nan), "must be positive"),
+    ],
 )
 def test_motions_that_a_page_cannot_tell_apart_or_colour_are_refused(
     sts: Robot, tmp_path: Path, second: tuple[str, float], message: str
