@@ -15,7 +15,8 @@ the outputs of `reconstruction`. Inputs of other names stay open. It must have t
     detection       contact (1,); the other signals of detection, if it has them
 
 A friction of yours without a port `sliding` leaves the stiction band that of the model's law. An
-observer of yours without a port `pole` (n,) 1/s is taken for one without lag.
+observer of yours without a port `pole` (n,) 1/s is taken for one without lag. The torque error is
+computed where a block has an input `torque_error`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -98,8 +99,8 @@ def make_estimator(
               tau_f             (n,) N m, friction of the model, that was taken off
               tau_ext_valid     (1,) 1 where tau_ext belongs to the sample, and its correction holds
               torque_error      (ERROR_ROWS n,) of `systems.torque_error`; of a model that has
-                                learnt one, or with `corrected`. Stages have it also where the
-                                detector or the observer reads it
+                                learnt one, or with `corrected`. Stages have it also where another
+                                block than the reconstruction reads it
 
     The outputs at a tick t = k time_step are those of row k of `WrenchEstimator.run` over the same
     samples: they use q and v of that very tick and motor torque up to it. Between two ticks the
@@ -241,7 +242,7 @@ def _staged(
         replacements,
         # A joint that rests has dry friction of any value, which only a learnt error knows.
         knows_rest=has_learnt_error and not at_planned_speed,
-        has_error=reading_has_error or has_detection,
+        has_error=reading_has_error or has_detection or _any_reads_error(replacements),
     )
     # Ports by the names of the inputs that take them: `_connect_by_name` connects a block to those
     # that it has an input for. Adds the check of the samples, and the diagram's q, v and current.
@@ -251,23 +252,14 @@ def _staged(
         _connect_torque_error(builder, stages.torque_error, sources, corrected)
     _connect_friction(builder, stages.friction, sources, at_planned_speed)
 
-    # The ports by their names as the reconstruction takes them, and as outputs and detection do.
-    reading_sources = dict(sources)
-    output_sources = dict(sources)
-    if corrected:
-        correction = _add_correction(builder, estimator.num_joints, sources)
+    correction = _add_correction(builder, estimator.num_joints, sources) if corrected else None
+    _connect_reconstruction(builder, stages.reconstruction, sources, correction, reading_has_error)
+    # What outputs and detection take: the reading, and tau_ext as it is corrected.
+    output_sources = sources | _reading_ports(builder, stages.reconstruction)
+    if correction is not None:
         for signal in ("tau_ext", "tau_ext_valid"):
             output_sources[signal] = correction.GetOutputPort(signal)
-        # The reading takes the observer's valid, not the correction's, and `corrected` beside it:
-        # so it tells which of the two is the reason against it.
-        for signal in ("tau_ext", "corrected"):
-            reading_sources[signal] = correction.GetOutputPort(signal)
-    if not reading_has_error:  # left open: the reading then has one covariance, and no lag
-        reading_sources.pop("torque_error", None)
-        del reading_sources["pole"]
-    _connect_by_name(builder, [stages.reconstruction], reading_sources)
-    output_sources |= _reading_ports(builder, stages.reconstruction)
-
+    # Exported here and below by `ExportOutput`, and by `_connect_torque_error` and the detector's.
     for signal in ("tau_ext", "tau_f", "tau_ext_valid", *_STAGE_OUTPUTS["reconstruction"]):
         builder.ExportOutput(output_sources[signal], signal)
     # The diagram's terms are those of q and v as they come. The detector's are the stages', of the
@@ -309,6 +301,46 @@ def _connect_friction(
         builder.ExportInput(friction.GetInputPort("v"), "v_planned")
         del sources_of_friction["v"]
     _connect_by_name(builder, [friction], sources_of_friction)
+
+
+def _any_reads_error(replacements: Mapping[str, LeafSystem]) -> bool:
+    """Whether a user's block has an input torque_error that is to be connected.
+
+    That of our own kind of reconstruction is not, of an error that was not learnt
+    (`_connect_reconstruction`).
+    """
+    return any(
+        block.HasInputPort("torque_error")
+        for block in replacements.values()
+        if not isinstance(block, JacobianWrenchReconstruction)
+    )
+
+
+def _connect_reconstruction(
+    builder: DiagramBuilder,
+    reconstruction: LeafSystem,
+    sources: Mapping[str, OutputPort],
+    correction: LeafSystem | None,
+    has_error: bool,
+) -> None:
+    """Connects the reconstruction.
+
+    Args:
+        sources: of all signals before a correction.
+        correction: block that corrects tau_ext; None: there is none.
+        has_error: whether it reads a torque error by the sample. Else two inputs of ours are left
+            open, torque_error and pole: the reading then has one covariance, and no lag.
+    """
+    reading_sources = dict(sources)
+    if correction is not None:
+        # The reading takes the observer's valid, not the correction's, and `corrected` beside it:
+        # so it tells which of the two is the reason against it.
+        for signal in ("tau_ext", "corrected"):
+            reading_sources[signal] = correction.GetOutputPort(signal)
+    if not has_error and isinstance(reconstruction, JacobianWrenchReconstruction):
+        for signal in ("torque_error", "pole"):
+            reading_sources.pop(signal, None)
+    _connect_by_name(builder, [reconstruction], reading_sources)
 
 
 def _reading_ports(builder: DiagramBuilder, reconstruction: LeafSystem) -> dict[str, OutputPort]:

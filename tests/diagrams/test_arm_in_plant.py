@@ -26,6 +26,7 @@ from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.systems.declarations import torque_error_size
 
 X_WB = RigidTransform(RollPitchYaw(0.4, -0.3, 1.2), [0.2, -0.5, 0.8])
 LINK = """
@@ -212,6 +213,40 @@ def test_a_friction_of_ones_own_takes_the_place_of_the_stage(sts, learnt):
     estimator.GetInputPort("v").FixValue(context, v)
     context.SetTime(0.6)
     np.testing.assert_allclose(port.Eval(inner), 2.0 * 3.0 * v)
+
+
+class PoleAndError(LeafSystem):
+    """A reconstruction of one's own, which reads pole and torque error, and puts both out."""
+
+    def __init__(self, n):
+        LeafSystem.__init__(self)
+        self._pole = self.DeclareVectorInputPort("pole", n)
+        self._error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
+        for name, size in (("covariance", 36), ("condition_number", 1), ("valid", 1)):
+            self.DeclareVectorOutputPort(
+                name, size, lambda context, output: None, {self.nothing_ticket()}
+            )
+        self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench, {self._pole.ticket()})
+        self.DeclareVectorOutputPort("invalid", 1, self._calc_invalid, {self._error.ticket()})
+
+    def _calc_wrench(self, context, output: BasicVector):
+        output.SetFromVector(self._pole.Eval(context))
+
+    def _calc_invalid(self, context, output: BasicVector):
+        output.SetFromVector(self._error.Eval(context)[:1])
+
+
+def test_a_reconstruction_of_ones_own_has_what_it_reads_of_a_model_without_a_learnt_error(sts):
+    model = IdentifiedModel.nominal(sts)
+    stages = {"reconstruction": PoleAndError(sts.num_joints)}
+    estimator = make_estimator(sts, model, EXACT, stages=stages)
+    context = estimator.CreateDefaultContext()
+    for name, value in (("q", sts.home), ("v", np.zeros(6)), ("current", np.zeros(6))):
+        estimator.GetInputPort(name).FixValue(context, value)
+    K_0 = EXACT.observer.K_0[0]
+    np.testing.assert_array_equal(estimator.GetOutputPort("wrench").Eval(context), K_0)
+    sd = estimator.GetOutputPort("torque_error").Eval(context)[0]
+    assert sd > 0.0 and estimator.GetOutputPort("invalid").Eval(context) == sd
 
 
 class TurnedZero(LeafSystem):
