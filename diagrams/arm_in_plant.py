@@ -90,21 +90,17 @@ class ArmInPlant(Arm):
         self.frame_E = frame_of_tool
         self.X_WB: RigidTransform = base_body.EvalPoseInWorld(plant_context)
         # Joints that are not between base and E stand still as they are in the context. Reflected
-        # inertia is that of the plant's actuators.
+        # inertia is that of the plant's actuators, until `_chain_in_W` below.
         chain = SerialChain.from_plant(
             plant, instance, frame_of_tool, StandingJoints(base_body, plant_context)
         )
         self.joints: tuple[Joint, ...] = tuple(
-            _joint_on_chain(plant, base_body, frame_of_tool, name) for name in chain.joint_names
+            _inboard_joint(plant, frame_of_tool, joint_name) for joint_name in chain.joint_names
         )
         actuators = _actuators(plant)  # by the index of the joint; some have none
         limits = [_limits(joint, actuators.get(int(joint.index()))) for joint in self.joints]
-        self._is_simulated = drives is None
-        if drives is None:  # the current is then the motor torque, at 1 N m/A
-            drives = [_simulated_drive(joint, actuators) for joint in self.joints]
-        if payload is None:
-            masses = chain.inertial_parameters[:, 0]  # kg, of the moving links
-            payload = max(USUAL_PAYLOAD_SHARE * float(masses.sum()), _MIN_PAYLOAD)
+        simulated_drives = [_simulated_drive(joint, actuators) for joint in self.joints]
+        self._is_simulated = drives is None  # `nominal_model` states a smaller error of such an arm
         # N m by the joint's name. Set before Arm.__init__, which calls `_effort_limit` for each
         # joint: it falls back on these.
         self._gravity_bound = _largest_gravity(chain, limits)
@@ -115,9 +111,9 @@ class ArmInPlant(Arm):
             name=name or str(source),
             source=source,
             limits=limits,
-            drives=drives,
+            drives=simulated_drives if drives is None else drives,
             coupling=[],  # of drives that move several joints: none
-            payload=payload,
+            payload=_usual_payload(chain) if payload is None else payload,
         )
         # Arm.__init__ has put the inertia of the drives into `reflected_inertia`: it takes the
         # place of that of the plant's actuators.
@@ -267,8 +263,15 @@ def _base(plant: MultibodyPlant, instance: ModelInstanceIndex, frame_E: Frame) -
     return body
 
 
-def _joint_on_chain(plant: MultibodyPlant, base: RigidBody, frame_E: Frame, name: str) -> Joint:
+def _inboard_joint(plant: MultibodyPlant, frame_E: Frame, name: str) -> Joint:
+    """The joint of a name between E and World; the nearest to E, where another arm has it, too."""
     return next(joint for joint in _inboard_joints(plant, frame_E) if joint.name() == name)
+
+
+def _usual_payload(chain: SerialChain) -> float:
+    """A rated payload, kg, for an arm that states none."""
+    masses = chain.inertial_parameters[:, 0]  # kg, of the moving links
+    return max(USUAL_PAYLOAD_SHARE * float(masses.sum()), _MIN_PAYLOAD)
 
 
 def _actuators(plant: MultibodyPlant) -> dict[int, JointActuator]:

@@ -252,7 +252,7 @@ def make_closed_loop(
             scenario, robot, planned.q_0, meshcat=meshcat, clear_links=planned.clear_links
         )
         builder.AddSystem(cell.diagram)
-        if scenario.applied_spatial_force:
+        if scenario.applied_spatial_force:  # the cell then has an input for them
             _connect_no_applied_force(builder, cell)
         parts = _LoopParts(
             builder=builder,
@@ -262,7 +262,7 @@ def make_closed_loop(
             requested_estimator=estimator,
             cell=cell,
         )
-        control = _add_control(parts, planned)  # with reference and estimator
+        control = _add_control(parts, planned)  # to `builder`, with reference and estimator
         _connect_drives(builder, robot, control.tau_command, cell)
         signals = _logged_signals(control, cell, log)
         signal_log = _add_log(builder, signals, period=log.period or scenario.time_step)
@@ -454,15 +454,15 @@ def _add_machining(
         ValueError: an observer that reads the present torque, which only the command makes; an air
             pass for an observer that reads the wrench itself, or has no gain K_0.
     """
-    builder, scenario, robot = parts.builder, parts.scenario, parts.robot
+    builder, scenario = parts.builder, parts.scenario
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
     air_pass = requested.air_pass  # None: nothing was learnt beforehand, without contact
-    scenario_config = _estimator_config(scenario)
-    # The prior of a pass is the force that it presses with, where the scenario states none.
-    reconstruction = with_planned_force(scenario_config.reconstruction, robot, plan)
-    config = replace(scenario_config, reconstruction=reconstruction)
-    # What the blocks of the estimator are made of, for its observer, friction law and constants.
-    wrench_estimator = WrenchEstimator(robot, requested.model or parts.controller_model, config)
+    config = _estimator_config_of_pass(parts, plan)
+    # The mathematics that the blocks of `_add_loop_estimator` are made of, made here once more: its
+    # observer, friction law and constants are read, and nothing of it runs.
+    wrench_estimator = WrenchEstimator(
+        parts.robot, requested.model or parts.controller_model, config
+    )
     if wrench_estimator.observer.reads_present_torque:
         raise ValueError("machining: an observer that reads the present torque closes a loop")
     estimator = _add_loop_estimator(parts, requested, config)
@@ -470,12 +470,13 @@ def _add_machining(
     terms = estimator.GetOutputPort("terms")
     fed_back_wrench = _fed_back_wrench(parts, readings)
 
-    # (T,) 1 where the force feedback counts: where the feed is steady, or after an air pass where
-    # its correction is valid.
+    # (T,) 1 where an estimate may be fed back: where the feed is steady, or after an air pass where
+    # its correction is valid. The reference's output `feedback_valid` follows it.
     steady = plan.steady if air_pass is None else air_pass.steady_at(plan.trajectory.t)
     reference = _add_reference(parts, replace(plan, steady=steady), terms, fed_back_wrench)
     controller = _add_impedance_controller(parts, scenario.controller, plan.q_start)
-    # All of the controller's other inputs have the names of the reference's outputs.
+    # Connects each input to the source of its name, and needs one for each: the controller's others
+    # are outputs of the reference.
     _connect_by_name(builder, controller, reference | {"terms": terms, "wrench": fed_back_wrench})
     controller_outputs = split_outputs(builder, controller)
     tau_command = controller_outputs["tau_command"]
@@ -489,10 +490,8 @@ def _add_machining(
         # feedback makes up for that; without a sensor it is taken off the command.
         if not uses_sensor(scenario):
             viscous = wrench_estimator.friction.feedforward.coulomb_viscous.viscous
-            less_freed = builder.AddNamedSystem(
-                "freed_friction", FreedFrictionFeedforward(controller.law, viscous)
-            )
-            # Its inputs have the names of ports of reference, tracker and controller.
+            less_freed = FreedFrictionFeedforward(controller.law, viscous)
+            builder.AddNamedSystem("freed_friction", less_freed)
             sources = reference | tracked | {"tau_command": tau_command}
             _connect_by_name(builder, less_freed, sources)
             tau_command = less_freed.get_output_port()
@@ -504,6 +503,13 @@ def _add_machining(
         readings=readings,
         estimator=estimator,
     )
+
+
+def _estimator_config_of_pass(parts: _LoopParts, plan: MachiningPath) -> WrenchEstimatorConfig:
+    """The scenario's; a prior that it does not state is the force that the pass presses with."""
+    config = _estimator_config(parts.scenario)
+    reconstruction = with_planned_force(config.reconstruction, parts.robot, plan)
+    return replace(config, reconstruction=reconstruction)
 
 
 def _add_reference(
@@ -532,9 +538,8 @@ def _add_reference(
         # torque within its stiction, so that the approach has to push on.
         reads_at_rest=uses_sensor(parts.scenario),
     )
-    block = builder.AddNamedSystem(
-        "reference", MachiningReference(pass_plan, initial_memory(chain, plan))
-    )
+    at_start = initial_memory(chain, plan)  # of the block: E is where the path's run starts
+    block = builder.AddNamedSystem("reference", MachiningReference(pass_plan, at_start))
     _connect_by_name(builder, block, {"terms": terms, "wrench": wrench})
     return split_outputs(builder, block)
 
@@ -576,7 +581,8 @@ def _add_correction(
     )
     correction = split_outputs(builder, air_pass_block)
     tracked = split_outputs(builder, tracker)
-    # Sources of the tracker's inputs, by the names of these; the others are the reference's.
+    # Sources of the tracker's inputs, by the names of these; the others are the reference's. Its
+    # `fault`, of the pass, is none of them: the estimator's, of the sample, replaces it below.
     learnt = {
         "correction": correction["correction"],
         "correction_spread": correction["spread"],
@@ -595,16 +601,14 @@ def _add_correction(
     builder.Connect(correction["correction"], total.get_input_port(0))
     builder.Connect(minus_freed.get_output_port(), total.get_input_port(1))
     builder.Connect(reference["reference"], planned_motion.get_input_port())
-    sources = {
-        "tau_correction": total.get_output_port(),
-        "correction_valid": correction["valid"],
-        "correction_sd": tracked["freed_sd"],
-        # The correction was learnt with friction at the planned speed.
-        "v_planned": planned_motion.get_output_port(1),  # of q_d, v_d, vdot_d
-    }
-    for name, port in sources.items():
-        if estimator.HasInputPort(name):  # a friction law with memory takes no planned speed
-            builder.Connect(port, estimator.GetInputPort(name))
+    builder.Connect(total.get_output_port(), estimator.GetInputPort("tau_correction"))
+    builder.Connect(correction["valid"], estimator.GetInputPort("correction_valid"))
+    builder.Connect(tracked["freed_sd"], estimator.GetInputPort("correction_sd"))
+    # The correction was learnt with friction at the planned speed, which a law with memory does not
+    # take.
+    if estimator.HasInputPort("v_planned"):
+        v_planned = planned_motion.get_output_port(1)  # of q_d, v_d, vdot_d
+        builder.Connect(v_planned, estimator.GetInputPort("v_planned"))
     return tracked
 
 
@@ -647,22 +651,23 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
         "pose_reference", PoseReference(parts.controller_model.chain(robot))
     )
     builder.Connect(reference.get_output_port(), pose.get_input_port())
-    # The pose follows from the joints' reference: it need not be in the log.
-    signals = {"reference": reference.get_output_port()}
-    if config.force is not None:
-        setpoint = builder.AddNamedSystem(
-            "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
-        )
-        signals["force_setpoint"] = setpoint.get_output_port()
     controller = _add_impedance_controller(parts, config, trajectory.q[0])
     builder.Connect(pose.get_output_port(), controller.GetInputPort("pose_reference"))
     builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
     builder.Connect(terms, controller.GetInputPort("terms"))
+    # The pose follows from the joints' reference: it need not be in the log.
+    signals = {"reference": reference.get_output_port()}
+    # Force control along one direction, with a fed back wrench. Its switches, force_active and
+    # feedback_valid, stay open: it is always on.
+    if config.force is not None:
+        setpoint = builder.AddNamedSystem(
+            "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
+        )
+        builder.Connect(setpoint.get_output_port(), controller.GetInputPort("force_setpoint"))
+        builder.Connect(_fed_back_wrench(parts, readings), controller.GetInputPort("wrench"))
+        signals["force_setpoint"] = setpoint.get_output_port()
     controller_outputs = split_outputs(builder, controller)
     signals["pose_error"] = controller_outputs["pose_error"]
-    if config.force is not None:  # force control along one direction, with a fed back wrench
-        builder.Connect(signals["force_setpoint"], controller.GetInputPort("force_setpoint"))
-        builder.Connect(_fed_back_wrench(parts, readings), controller.GetInputPort("wrench"))
     return _ControlPorts(
         controller=controller,
         tau_command=controller_outputs["tau_command"],

@@ -254,12 +254,12 @@ def _staged(
 
     correction = _add_correction(builder, estimator.num_joints, sources) if corrected else None
     _connect_reconstruction(builder, stages.reconstruction, sources, correction, reading_has_error)
-    # What outputs and detection take: the reading, and tau_ext as it is corrected.
+    # The ports that outputs and detection take: also the reading, and tau_ext as it is corrected.
     output_sources = sources | _reading_ports(builder, stages.reconstruction)
     if correction is not None:
         for signal in ("tau_ext", "tau_ext_valid"):
             output_sources[signal] = correction.GetOutputPort(signal)
-    # Exported here and below by `ExportOutput`, and by `_connect_torque_error` and the detector's.
+    # The diagram's outputs, but for the torque error's, which is exported above, and detection's.
     for signal in ("tau_ext", "tau_f", "tau_ext_valid", *_STAGE_OUTPUTS["reconstruction"]):
         builder.ExportOutput(output_sources[signal], signal)
     # The diagram's terms are those of q and v as they come. The detector's are the stages', of the
@@ -381,8 +381,9 @@ def _add_stages(
     motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
     friction = add("friction", _friction_system(estimator.friction, period, knows_rest))
     observer = add("observer", _observer_system(estimator.observer))
-    # A model that has `learnt` its torque error, from logs, states it by the sample. Else it is one
-    # covariance, which leaves the reading nothing to remember: period 0, a function without ticks.
+    # Only of a torque error that was learnt from logs does the reading judge lag and faults, for
+    # which it remembers samples. Else, with a correction too, nothing depends on its memory: period
+    # 0, a function without ticks.
     reading_period = period if estimator.learnt else 0.0
     reconstruction = add(
         "reconstruction", JacobianWrenchReconstruction(estimator.reading, reading_period)

@@ -102,14 +102,15 @@ def add_estimator(
         raise ValueError(f"{name}: give actuation or current, not both")
     if arm is None:
         arm = ArmInPlant(plant, model_instance, frame_E, drives, base=base, payload=payload)
+    # Of the same joints and drives: only the axes of its wrench are others.
     estimated_arm = arm.in_base_axes() if in_base_axes else arm
-    state = plant.get_state_output_port(arm.model_instance)
+    state = plant.get_state_output_port(estimated_arm.model_instance)
     # Matrices of zeros and ones that take the arm's joints out of the state of the instance.
-    q_selector, v_selector = arm.state_selector()
+    q_selector, v_selector = estimated_arm.state_selector()
     q = _selected(builder, state, q_selector, f"{name}_q")
     v = _selected(builder, state, v_selector, f"{name}_v")
     if current is None:  # the motor torque that drives the plant, at 1 N m/A
-        current = _motor_current(builder, arm, actuation, name)
+        current = _motor_current(builder, estimated_arm, actuation, name)
     return add_estimator_to_ports(
         builder,
         estimated_arm,

@@ -81,7 +81,7 @@ def make_held_arm(
 ) -> HeldArm:
     """Builds an arm that a joint controller holds at `q`, with its estimators.
 
-        reference --> controller --> hold ------------------> plant --> q, v
+        reference --> controller --> drive_hold ------------> plant --> q, v
                           |                                     ^
                           +--> current sensor --> estimators    +-- external wrench
 
@@ -109,6 +109,8 @@ def make_held_arm(
     builder = DiagramBuilder()
     arm = _add_arm(builder, robot, q_start)
     wrench_true = _add_wrench(builder, script, arm)
+    # The estimators read the sensor, the controller an estimator's terms, and the sensor what the
+    # controller commands: its input is connected last.
     sensor = builder.AddSystem(_current_sensor(robot, time_step, current_noise, seed))
     current = sensor.GetOutputPort("current")
     estimator_diagrams = {

@@ -37,9 +37,9 @@ from wrenchsight.models.robot.robot import Robot
 # and `refine` goes on between them.
 NUM_ANGLES = 36
 _TOOL_AXIS_E = (0.0, 0.0, 1.0)  # working direction of the tool, held into the surface
-# Of a joint from one sample to the next: more is a jump to another branch, not a motion.
+# rad, of a joint from one sample to the next: more is a jump to another branch, not a motion.
 _MAX_STEP = math.radians(8.0)
-_LIMIT_MARGIN = math.radians(5.0)  # kept from every joint limit, so that control stays off it
+_LIMIT_MARGIN = math.radians(5.0)  # rad, kept from every joint limit, so that control stays off it
 # N per rad^2: a smooth motion matters more here than the last millinewton
 _SMOOTHNESS_WEIGHT = 0.05
 REST_AFTER_PASS = 0.2  # s at rest, after the pass
@@ -115,7 +115,7 @@ def posture_problem(
         source,
     )
     if np.any(lower >= upper):
-        joint = robot.joint_names[int(np.argmax(lower - upper))]
+        joint = robot.joint_names[int(np.argmax(lower - upper))]  # that lacks most
         raise InputError(source, "joint_ranges_deg", f"leave {joint} of {robot.name} no range")
     return RedundancyProblem(
         robot=robot,
@@ -124,7 +124,7 @@ def posture_problem(
         measure=ForceSd(
             robot.chain,
             IdentifiedModel.nominal(robot).residual_covariance,
-            # The sd without a prior, which would hide how poorly a posture tells the force.
+            # Without a prior, which would hide how poorly a posture tells the force.
             WrenchReconstructionConfig(method="inverse"),
         ),
         lower=lower,

@@ -148,8 +148,12 @@ def make_robot_cell(
         InputError: a sensor without a tool to sit on, true friction out of range, or directives
             that Drake cannot follow.
     """
+    # Joints, drives and sensors are those of the robot as it is described, with the scenario's
+    # friction; links and tool are those of the true model.
     robot_with_friction = with_true_friction(robot, scenario.friction)
     true_model = true_robot(robot_with_friction)  # true joint frames and tool weight
+    # The plant is finalized then. Its default positions and shapes are changed below, which has to
+    # be done before the diagram's first Context.
     cell = _add_surroundings_and_arm(
         scenario, robot_with_friction, true_model, is_drawn=meshcat is not None
     )
@@ -157,7 +161,7 @@ def make_robot_cell(
     # The encoders read q_0, their gears bent by the arm's weight.
     q_start = joints.links_at(np.asarray(q_0, dtype=np.float64), true_model.chain)
     cell.plant.SetDefaultPositions(cell.arm.model_instance, q_start)
-    if cell.scene_graph is not None:
+    if cell.scene_graph is not None:  # there is none where nothing touches or is drawn
         _prepare_contact(cell, cell.scene_graph, clear_links)
         if meshcat is None:
             _remove_pictures(cell.plant, cell.scene_graph)
@@ -176,7 +180,7 @@ def make_robot_cell(
             seed=scenario.seed,
         )
     )
-    _connect_arm(cell, true_arm)
+    _connect_arm(cell, true_arm)  # adds it to the cell's builder, and the drives
     if meshcat is not None and cell.scene_graph is not None:
         parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
         MeshcatVisualizer.AddToBuilder(cell.builder, cell.scene_graph, meshcat, parameters)
@@ -200,13 +204,13 @@ def _add_surroundings_and_arm(
     builder = DiagramBuilder()
     plant, scene_graph = _add_plant(builder, scenario, _has_contact(scenario) or is_drawn)
     arm = true_model.add_to_plant(plant)
-    for joint in arm.joints:  # viscous friction is the true joints'
-        joint.set_default_damping(0.0)
+    for joint in arm.joints:
+        joint.set_default_damping(0.0)  # `TrueArm` puts viscous friction on them, too
     if scenario.workpiece is not None:
         add_workpiece(plant, scenario.workpiece)
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
-    _follow_directives(plant, scenario)
+    _follow_directives(plant, scenario)  # they may name what the plant has by now
     plant.Finalize()
     return _CellParts(
         builder=builder,
@@ -228,6 +232,7 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
     """
     builder, plant, instance = cell.builder, cell.plant, cell.arm.model_instance
     builder.AddNamedSystem("true_arm", true_arm)
+    # Of exactly the inputs that this arm has: those of contact and sensor only some have.
     for name, port in _add_drives_and_get_sources(cell).items():
         builder.Connect(port, true_arm.GetInputPort(name))
     # Two outputs of the true arm hold many signals each. Here each signal is a port, by its name:

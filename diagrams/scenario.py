@@ -299,7 +299,7 @@ def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenar
         InputError: no such scenario or file, an unknown key, or a value out of range.
     """
     path = Path(name_or_path)
-    if scenario_name is None and path.suffix not in (".yaml", ".yml"):
+    if scenario_name is None and path.suffix not in (".yaml", ".yml"):  # a name
         scenario_name, path = name_or_path, bundled_path()
     scenarios = load_configuration(path, dict[str, Scenario])
     if scenario_name is None:
@@ -312,12 +312,13 @@ def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenar
         hint = nearest(scenario_name, scenarios) or f"there are {', '.join(scenarios)}"
         raise InputError(path, "", f'there is no scenario "{scenario_name}"', hint)
     scenario = scenarios[scenario_name]
-    # Paths in the file are relative to it. A robot without ending and folder is a bundled one.
+    # Paths in the file are relative to it; an absolute one stays. A robot without ending and folder
+    # is the name of a bundled one.
     if Path(scenario.robot).suffix or Path(scenario.robot).parent != Path():
         scenario = replace(scenario, robot=str(path.parent / scenario.robot))
     for directive in scenario.directives:  # of this call's own Scenario: changed in place
         model = directive.add_model
-        if model is not None and ":" not in model.file:  # else package:// or file://
+        if model is not None and ":" not in model.file:  # a path, not a package:// or file:// URI
             model.file = f"file://{(path.parent / model.file).resolve()}"
     check_scenario(scenario, f"{path}: {scenario_name}")
     return scenario
@@ -570,14 +571,15 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     cycle = _line_cycle(motion, robot)
     begin = motion.start + motion.lead_in
     end = begin + motion.passes * motion.one_way
-    first_cycle = -1 if motion.lead_in > 0 else 0  # by its number
+    # Numbers of the cycles; half a cycle too much, after an odd number of passes, is cut off below.
+    first_cycle = -1 if motion.lead_in > 0 else 0
     cycles = range(first_cycle, (motion.passes + 1) // 2)
-    t = np.concatenate([begin + k * cycle.duration + cycle.t for k in cycles])
-    # The last sample of a cycle, which ends where it began, is the first of the next one: one of
-    # the two is left out, as the times of a JointTrajectory must rise.
-    is_in_motion = np.concatenate([[True], np.diff(t) > _SAME_TIME])
-    is_in_motion &= (t >= motion.start - _SAME_TIME) & (t <= end + _SAME_TIME)
     num_cycles = len(cycles)
+    t = np.concatenate([begin + k * cycle.duration + cycle.t for k in cycles])
+    # The first sample of a cycle is the last of the one before, which ends where it began: it is
+    # left out, as the times of a JointTrajectory must rise.
+    is_new = np.concatenate([[True], np.diff(t) > _SAME_TIME])
+    is_in_motion = is_new & (t >= motion.start - _SAME_TIME) & (t <= end + _SAME_TIME)
     return JointTrajectory(
         t=t[is_in_motion],
         q=np.tile(cycle.q, (num_cycles, 1))[is_in_motion],

@@ -60,12 +60,14 @@ class ArmShapes:
         )
         self.position_indices = [joint.position_start() for joint in self.parts.joints]
         # Where the pose of the first floating body begins among the plant's positions: 7 numbers,
-        # quaternion and position. None: no body floats.
+        # quaternion and position, which `pairs` sets; others stay where they are by default. None:
+        # no body floats.
         floating = [plant.get_body(index) for index in plant.GetFloatingBaseBodies()]
         self._floating_start = min(
             (body.floating_positions_start() for body in floating), default=None
         )
-        # Contexts of the diagram, kept alive: `new_context` gives away the plant's parts of them.
+        # Contexts of the diagram, kept alive: `new_context` gives away the plant's parts of them,
+        # which Drake deletes with the whole.
         self._diagram_contexts: list[Any] = []
 
     @cached_property

@@ -113,14 +113,7 @@ class Clearance:
         tip_only: bool = False,
     ) -> None:
         def add_surroundings(plant: MultibodyPlant) -> None:
-            if floor is not None:
-                slab = Box(*_FLOOR_SIZE)  # Drake has no distance of half space and cylinder
-                X_WF = RigidTransform([0.0, 0.0, floor - 0.5 * _FLOOR_SIZE[2]])
-                _fix(plant, X_WF, slab, FLOOR)
-            for obstacle in obstacles:
-                _fix(plant, pose_of(obstacle.pose), Box(*obstacle.size), obstacle.name)
-            if workpiece is not None:
-                add_workpiece(plant, workpiece)
+            _add_surroundings(plant, floor, obstacles, workpiece)
             add(plant)
 
         self.shapes = shapes = ArmShapes(robot, add_surroundings)
@@ -137,17 +130,16 @@ class Clearance:
         self._may_touch_workpiece = (
             _working_shapes(shapes, margin) if tip_only else self._tool_shapes()
         )
-        # What a pair of shapes (two ids) must keep, m, where it is not `margin`;
-        # -inf: the pair is left out. The two calls below fill it in, each its own pairs: the home
-        # posture says it of arm and floor; of a workpiece and obstacles it follows from what may
-        # touch them. Pairs of the home posture have the order in which Drake states them, always
-        # the same for two shapes; the others are there in either order. Shapes are told by name:
-        # an obstacle called as the floor or the workpiece, which a task refuses, counts as that.
-        self._required: dict[tuple[Any, Any], float] = {}
+        # The home posture says what pairs of arm and floor must keep. Of a workpiece and obstacles
+        # it follows from what may touch them. Shapes are told by name: an obstacle called as the
+        # floor or the workpiece, which a task refuses, counts as that.
         arm_and_floor = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
-        self.overlapping = self._require_at_home(robot, arm_and_floor)
-        self._require_of_others()
-        self.near_at_home = self._less_than_margin(arm_and_floor)  # reads what was filled in
+        at_home, self.overlapping = self._required_at_home(robot, arm_and_floor)
+        self.near_at_home = self._less_than_margin(at_home)
+        # What a pair of shapes (two ids) must keep, m, where it is not `margin`; -inf: the pair is
+        # left out. Pairs of the home posture have the order in which Drake states them, always the
+        # same for two shapes; the others are there in either order. No pair is in both.
+        self._required: dict[tuple[Any, Any], float] = at_home | self._required_of_others()
         self.has_shapes = bool(self._arm_shapes)
         # (n,) m: no point of the arm is farther from the axis of joint j than entry j.
         self._speed_radius = _speed_radius(robot, shapes)
@@ -157,14 +149,16 @@ class Clearance:
         tool = self.shapes.tool.index()
         return {shape for shape in self._arm_shapes if self.shapes.body[shape].index() == tool}
 
-    def _less_than_margin(self, counted: set[Any]) -> tuple[tuple[str, float], ...]:
-        """Pairs among `counted` shapes that must keep less than the margin, and what, m, by name.
+    def _less_than_margin(
+        self, requirements: dict[tuple[Any, Any], float]
+    ) -> tuple[tuple[str, float], ...]:
+        """Pairs that must keep less than the margin, and what, m, by name.
 
         Of several shapes of two links the least counts.
         """
         least: dict[str, float] = {}
-        for pair, required in self._required.items():
-            if np.isfinite(required) and required < self.margin and counted.issuperset(pair):
+        for pair, required in requirements.items():
+            if np.isfinite(required) and required < self.margin:
                 names = self._names(pair)
                 least[names] = min(required, least.get(names, np.inf))
         return tuple(least.items())
@@ -190,12 +184,15 @@ class Clearance:
     def _names(self, pair: tuple[Any, Any]) -> str:
         return " and ".join(self.shapes.name(shape) for shape in pair)
 
-    def _require_at_home(self, robot: Robot, counted: set[Any]) -> tuple[str, ...]:
-        """Writes `_required` of the pairs among `counted` shapes that are near at home.
+    def _required_at_home(
+        self, robot: Robot, counted: set[Any]
+    ) -> tuple[dict[tuple[Any, Any], float], tuple[str, ...]]:
+        """What the pairs among `counted` shapes that are near at home must keep, as `_required`.
 
         Returns:
-            The pairs that overlap there, by name.
+            What they must keep, m, and the pairs that overlap there, by name.
         """
+        requirements: dict[tuple[Any, Any], float] = {}
         overlapping: list[str] = []
         neighbours: dict[tuple[Any, Any], float] = {}  # two joints apart at most; their distance
         for pair in self.shapes.pairs(robot.home, 1.5 * INFLUENCE_DISTANCE):
@@ -204,22 +201,24 @@ class Clearance:
                 continue
             first, second = (self._level(shape) for shape in key)
             if first == second:
-                self._required[key] = -np.inf
+                requirements[key] = -np.inf
             elif pair.distance <= 0.0:
-                self._required[key] = -np.inf
+                requirements[key] = -np.inf
                 overlapping.append(self._names(key))
             else:
-                self._required[key] = min(self.margin, 0.5 * pair.distance)
+                requirements[key] = min(self.margin, 0.5 * pair.distance)
                 if abs(first - second) <= 2:
                     neighbours[key] = pair.distance
-        self._drop_always_clear(robot, neighbours)
-        return tuple(dict.fromkeys(overlapping))
+        for key in self._always_clear(robot, neighbours):
+            requirements[key] = -np.inf
+        return requirements, tuple(dict.fromkeys(overlapping))
 
     def _level(self, shape: Any) -> int:
         return self.shapes.level.get(self.shapes.body[shape].index(), 0)
 
-    def _require_of_others(self) -> None:
-        """Writes `_required` of all pairs with the workpiece or an obstacle, in either order."""
+    def _required_of_others(self) -> dict[tuple[Any, Any], float]:
+        """What all pairs with the workpiece or an obstacle must keep, m, in either order."""
+        requirements: dict[tuple[Any, Any], float] = {}
         stated = self._workpiece_shapes | self._obstacle_shapes
         for shape in (shape for shape in self.shapes.body if shape in stated):
             is_workpiece = shape in self._workpiece_shapes
@@ -235,7 +234,8 @@ class Clearance:
                     required = -np.inf if other in self._workpiece_shapes else 0.0
                 else:
                     continue  # both stand still, or the other way round
-                self._required[shape, other] = self._required[other, shape] = required
+                requirements[shape, other] = requirements[other, shape] = required
+        return requirements
 
     def left_out(self) -> list[tuple[Any, Any]]:
         """Pairs of shapes whose distance does not count."""
@@ -252,10 +252,15 @@ class Clearance:
                 small[first, second] = required
         return small
 
-    def _drop_always_clear(self, robot: Robot, pairs: dict[tuple[Any, Any], float]) -> None:
-        """Leaves out neighbours that never come nearer to each other than at home.
+    def _always_clear(
+        self, robot: Robot, pairs: dict[tuple[Any, Any], float]
+    ) -> list[tuple[Any, Any]]:
+        """Neighbours that never come nearer to each other than at home.
 
-        Only shapes two joints apart at most: 300 postures cover the motions of two joints densely.
+        Args:
+            robot: the arm.
+            pairs: with their distances at home, m; of shapes two joints apart at most, as 300
+                postures cover the motions of two joints densely.
         """
         rng = np.random.default_rng(0)
         low = np.clip(robot.position_lower, -np.pi, np.pi)
@@ -266,9 +271,7 @@ class Clearance:
                 key = (pair.id_A, pair.id_B)
                 if key in nearest:
                     nearest[key] = min(nearest[key], pair.distance)
-        for key, distance in nearest.items():
-            if distance > 0.95 * pairs[key]:
-                self._required[key] = -np.inf
+        return [key for key, distance in nearest.items() if distance > 0.95 * pairs[key]]
 
     def reaches_floor(self, q: ArrayLike) -> bool:
         """Whether a moving shape touches the floor at q (n,), at home or not."""
@@ -335,14 +338,14 @@ class Clearance:
         scale, 1 for most pairs, is larger for one that must keep less than the margin, as the parts
         of a wrist: what a caller keeps in reserve of the margin then fits it too.
         """
-        near_pairs = self.shapes.pairs(q, INFLUENCE_DISTANCE + self.margin)
+        near_pairs = self.shapes.pairs(q, INFLUENCE_DISTANCE + self.margin)  # puts its context to q
         # What is not finite is the requirement of a pair that does not count: it may touch.
         pairs = [pair for pair in near_pairs if np.isfinite(self._requirement(pair))]
         required = np.array([self._requirement(pair) for pair in pairs])
         distance = np.array([pair.distance for pair in pairs])
         scale = np.clip(self.margin / np.maximum(required, _MIN_REQUIRED), 1.0, _LARGEST_SCALE)
         slack = scale * (distance - required)
-        # The least is taken out of the sum, whose terms would underflow.
+        # Of all terms in the sum the largest is made 1: else they would underflow.
         least = min([_FAR_SLACK, *slack.tolist()])
         terms = np.exp(-MINIMUM_SHARPNESS * (slack - least))
         total = math.exp(-MINIMUM_SHARPNESS * (_FAR_SLACK - least)) + float(terms.sum())
@@ -350,8 +353,7 @@ class Clearance:
         gradient = np.zeros(self.shapes.plant.num_positions())
         for pair, share in zip(pairs, terms * scale / total, strict=True):
             if share >= _MIN_GRADIENT_SHARE:
-                # At q: `shapes.pairs` has put the context there.
-                gradient += share * self._distance_gradient(pair)
+                gradient += share * self._distance_gradient(pair)  # at the context's q
         return value, gradient[self.shapes.position_indices]
 
     def _distance_gradient(self, pair: SignedDistancePair) -> Array:
@@ -411,19 +413,19 @@ class Clearance:
         fastest = 2.0 * float(speed @ self._speed_radius)  # m/s, of two moving links to each other
         required = [value for value in self._required.values() if np.isfinite(value)]
         allowance = 0.5 * min([self.margin, *required])  # m, by which a slack may be below 0
-        far_slack = INFLUENCE_DISTANCE - max([self.margin, *required])  # m, of pairs beyond it
+        # m: no pair beyond INFLUENCE_DISTANCE, which `slacks` leaves out, has a smaller slack.
+        far_slack = INFLUENCE_DISTANCE - max([self.margin, *required])
         worst: ClosestPair | None = None  # of all times that were looked at
 
         def lowest_slack(t: float) -> float:
             """The least slack at a time, m; keeps its pair in `worst` where none was worse."""
             nonlocal worst
-            pairs = self.slacks(position(t))  # those within INFLUENCE_DISTANCE
-            if not pairs:
+            closest = min(self.slacks(position(t)), key=lambda pair: pair.slack, default=None)
+            if closest is None:
                 return far_slack
-            pair = min(pairs, key=lambda pair: pair.slack)
-            if worst is None or pair.slack < worst.slack:
-                worst = replace(pair, time=t)
-            return min(pair.slack, far_slack)
+            if worst is None or closest.slack < worst.slack:
+                worst = replace(closest, time=t)
+            return min(closest.slack, far_slack)
 
         # A millionth of a period absorbs the rounding of a duration of whole periods.
         num_periods = max(1, math.ceil(duration / _MAX_SAMPLE_PERIOD - 1e-6))
@@ -453,6 +455,23 @@ class Clearance:
     def _requirement(self, pair: Any) -> float:
         """The distance that a pair must keep, m; -inf where it does not count."""
         return self._required.get((pair.id_A, pair.id_B), self.margin)
+
+
+def _add_surroundings(
+    plant: MultibodyPlant,
+    floor: float | None,
+    obstacles: Sequence[ObstacleConfig],
+    workpiece: PlateConfig | BladeConfig | None,
+) -> None:
+    """Adds what stands around the arm, as `Clearance` has it, to a plant that is not finalized."""
+    if floor is not None:
+        slab = Box(*_FLOOR_SIZE)  # Drake has no distance of half space and cylinder
+        X_WF = RigidTransform([0.0, 0.0, floor - 0.5 * _FLOOR_SIZE[2]])
+        _fix(plant, X_WF, slab, FLOOR)
+    for obstacle in obstacles:
+        _fix(plant, pose_of(obstacle.pose), Box(*obstacle.size), obstacle.name)
+    if workpiece is not None:
+        add_workpiece(plant, workpiece)
 
 
 def _fix(plant: MultibodyPlant, X_WG: RigidTransform, shape: Any, name: str) -> None:

@@ -96,16 +96,17 @@ def write_path_page(
     num_frames = max(2, round(seconds * fps))
     start = 0.0  # s, of a motion in the page's time
     for number, motion in enumerate(motions, start=1):
-        _show_one_path(meshcat, motions, motion, start)
+        _show_one_path(meshcat, motions, motion, start)  # from then on, until the next one's
         # The rows of q that the frames show: where one is no whole number, a posture between two.
         rows = np.linspace(0.0, len(motion.q) - 1.0, num_frames)
         for frame, row in enumerate(rows.tolist()):
             picture.show(_between(motion.q, row), start + frame / fps)
-        start += seconds + _PAUSE_TIME
+        next_start = start + seconds + _PAUSE_TIME
         # Meshcat moves the arm evenly from frame to frame. The last posture once more, one frame
         # before the next motion, lets it rest through the pause and then jump.
         if number < len(motions):
-            picture.show(motion.q[-1], start - 1.0 / fps)
+            picture.show(motion.q[-1], next_start - 1.0 / fps)
+        start = next_start
     names = ", then ".join(motion.name for motion in motions)
     write_page(meshcat, path, f"{title}: {names}", scale_legend(label, low, high))
 

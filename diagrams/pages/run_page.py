@@ -61,14 +61,14 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
     _, p_home = robot.chain.pose(robot.home)  # (3,) m, of E
     # How far E is from the base, at home or on its way: the size of what is to be seen.
     size = max(_MIN_SIZE, float(np.linalg.norm(p_home)), float(np.linalg.norm(path, axis=1).max()))
-    # The camera looks between base and tool, half as high as that.
+    # The camera looks between base and tool, at half of `size` over the base.
     target = np.array([_TARGET_SHARE * middle[0], _TARGET_SHARE * middle[1], 0.5 * size])
     if view_direction is None:
         azimuth = np.arctan2(middle[1], middle[0]) - _SIDE_ANGLE
         direction = np.array([np.cos(azimuth), np.sin(azimuth), _CAMERA_RISE])
     else:
         direction = np.array(view_direction, dtype=np.float64)
-    direction /= np.linalg.norm(direction)
+    direction /= np.linalg.norm(direction)  # from the target to the camera
     points = np.vstack([np.zeros(3), p_home, path])  # base, E at home and E on its way
     # Far enough for these; links may stand out beyond them, so not too near in any case.
     distance = max(_MIN_DISTANCE_RATIO * size, _distance_of_view(points - target, direction))

@@ -317,17 +317,12 @@ class PlacementProgram:
             raise ValueError(f"placement: solver {solver!r}, expected {' or '.join(SOLVERS)}")
         if measure is not None and not self._has_cost:
             raise ValueError("placement: a measure, but the program has no cost (has_cost=False)")
-        # `_cost` counts its calls in `_evaluations`; its value is the mean of `_solved_measure`.
-        self._evaluations = 0
+        # The solver calls `_cost`: it is the mean of this measure, and counts its calls.
         self._solved_measure = self.measure if measure is None else measure
+        self._evaluations = 0
         engine: Any = SnoptSolver() if solver == "snopt" else IpoptSolver()
         settings = SolverOptions()
-        if self.cell is not None and solver == "snopt":
-            # Distances between curved shapes are found iteratively. Taken as exact, the last digits
-            # of their differences stop the solver short of a place that keeps them.
-            settings.SetOption(engine.solver_id(), "Function precision", _DISTANCE_PRECISION)
-        defaults = _SNOPT_OPTIONS if solver == "snopt" else _IPOPT_OPTIONS
-        for name, value in (defaults | (options or {})).items():
+        for name, value in (self._default_options(solver) | (options or {})).items():
             settings.SetOption(engine.solver_id(), name, value)
         # `_pack` has q row by row, but Drake numbers a matrix of variables column by column:
         # `_order` is where in Drake's numbering each entry of `_pack` is.
@@ -347,11 +342,21 @@ class PlacementProgram:
         code = getattr(details, "info", getattr(details, "status", ""))  # SNOPT's, or IPOPT's
         return PlacementSolution(
             placement=placement,
-            cost=self.cost(placement.q),
+            cost=self.cost(placement.q),  # of the program's own measure, and not counted
             converged=bool(result.is_success()),
             status=f"{solver} {code}",
             evaluations=self._evaluations,
         )
+
+    def _default_options(self, solver: str) -> dict[str, Any]:
+        """Options of one of SOLVERS by its own names, in the order in which they are set."""
+        if solver == "ipopt":
+            return _IPOPT_OPTIONS
+        if self.cell is None:
+            return _SNOPT_OPTIONS
+        # Distances between curved shapes are found iteratively. Taken as exact, the last digits of
+        # their differences stop the solver short of a place that keeps them.
+        return {"Function precision": _DISTANCE_PRECISION} | _SNOPT_OPTIONS
 
     def _pack(self, placement: Placement) -> Array:
         """The decision variables of a placement, in the order of `_variables`."""
