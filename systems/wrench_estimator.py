@@ -138,7 +138,7 @@ class WrenchEstimatorSystem(SampledBlock):
             self._calc_taken_sample,
             {port.ticket() for port in ports_of_sample}
             | {self._tuned.ticket()}
-            | self.time_and_memory_tickets,
+            | self.time_and_memory_tickets,  # which nobody adds to a cache entry
         )
         self._declare_outputs()
 

@@ -147,7 +147,8 @@ class TrueArm(SampledBlock):
         self._contacts = parts.contacts
         self._process = parts.process
         self._tool_weld = None if parts.sensor is None else parts.sensor.weld
-        # Which arms have which ports says the table in the class's docstring.
+        # Which arms have which ports says the table in the class's docstring. Inputs come first, as
+        # the outputs name those that they depend on.
         self._declare_inputs()
         self._declare_held_outputs()
         self._declare_other_outputs(parts)
