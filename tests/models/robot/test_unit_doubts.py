@@ -51,6 +51,17 @@ def test_what_is_only_unlikely_is_a_note(ur10e):
     assert "in tonnes" in tonnes
 
 
+def test_an_inertia_of_a_body_larger_than_the_arm_is_a_note(ur10e):
+    """One link in kg cm^2; the others keep theirs."""
+    other = scaled(ur10e)
+    parameters = ur10e.chain.inertial_parameters.copy()
+    parameters[5, 4:] = 1e4 * parameters[2, 4:] * parameters[5, 0] / parameters[2, 0]
+    other.__dict__["chain"] = ur10e.chain.with_inertial_parameters(parameters)
+    (doubt,) = unit_doubts(other, Q)
+    assert f"what {ur10e.joint_names[5]} moves" in doubt
+    assert "in kg cm^2 it would be 0." in doubt
+
+
 def test_the_reach_is_that_of_the_stretched_arm(ur10e):
     # a2, a3 and d4 to d6 of the UR10e lie within its stated reach of 1.3 m and its wrist.
     q = np.vstack([Q, np.zeros(6)])
