@@ -44,7 +44,10 @@ _NUM_MASS_POSTURES = 40  # in which the inertia about each joint is looked at
 # rotors, an iiwa's and a UR10's 1e5.
 _MAX_ACCELERATION = 2e5
 _DRIVE_ACCELERATION = 300.0  # rad/s^2, with its rotor: 220 to 370 on a UR10e and a UR5e
-_UNKNOWN_EFFORT = 100.0  # N m (N), of an arm without masses
+_UNKNOWN_EFFORT = 100.0  # N m (N), with which a draft is first loaded
+# Of an arm without masses, over what its payload and the likely moving mass ask at full stretch:
+# a larger limit checks less of a log, a smaller one refuses it.
+_UNKNOWN_EFFORT_MARGIN = 3.0
 
 
 @dataclass(frozen=True)
@@ -92,15 +95,19 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     what a brisk start of that joint alone takes, and at least a share of what the strongest joint
     of its kind (rotary or sliding) carries: seals turn with any load. A limit that is not known
     also holds a push of the payload's weight beside E, in any direction. Without inertias only the
-    payload is assumed, from the arm's reach, and limits for joints that state none.
+    payload is assumed, from the arm's reach, and limits from both for joints that state none.
 
     Args:
         arm: the robot's joints, in its order.
     """
     q = postures(robot)  # (N, n)
     if not robot.has_inertias:
-        payload = _PAYLOAD_PER_REACH * reach_of(robot, q) ** 2
-        return replace(Assumed.nothing(arm), payload=_rounded(max(payload, _MIN_PAYLOAD)))
+        reach = reach_of(robot, q)
+        payload = _rounded(max(_PAYLOAD_PER_REACH * reach**2, _MIN_PAYLOAD))
+        weight = (payload + 0.5 * payload / _PAYLOAD_SHARE) * STANDARD_GRAVITY  # the arm's halfway
+        likely = _rounded(_UNKNOWN_EFFORT_MARGIN * weight * reach)
+        effort = np.where(_stated(arm) > 0.0, 0.0, likely)
+        return replace(Assumed.nothing(arm), payload=payload, effort=effort)
     gravity, brisk_start = _gravity_and_start(robot, q)
     slow_start = _SLOW_ACCELERATION / _BRISK_ACCELERATION * brisk_start
     needed = np.maximum(gravity, slow_start)

@@ -1,5 +1,6 @@
 """A robot.yaml from a URDF alone, of robots that nobody here wrote."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -269,6 +270,27 @@ def test_an_unknown_effort_limit_holds_a_push_across_gravity(tmp_path: Path) -> 
     reach = np.linalg.norm(J[:, 3:], axis=1).max(axis=0)
     assert (robot.effort_limit > 1.2 * weight * reach).all()
     assert (robot.effort_limit > 1.4 * weight * 0.05).all()  # of a load 5 cm beside E
+
+
+def test_limits_of_an_arm_without_masses_follow_its_size(tmp_path: Path) -> None:
+    """100 N m on each joint declared each sample of an IRB2400's log impossible."""
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    text = re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text())
+    limits = []
+    for folder, scale in (("small", 1.0), ("large", 10.0)):
+        (tmp_path / folder).mkdir()
+        larger = text.replace("effort='10'", "effort='0'")
+        for xyz in set(re.findall(r"<origin xyz='[^']*'", larger)):
+            scaled = " ".join(f"{scale * float(x):g}" for x in re.findall(r"-?[.\d]+", xyz))
+            larger = larger.replace(xyz, f"<origin xyz='{scaled}'")
+        (tmp_path / folder / "arm.urdf").write_text(larger)
+        robot, places, _ = draft_robot(tmp_path / folder / "arm.urdf", tmp_path / folder / "r.yaml")
+        assert "effort_limit" in places
+        q = np.random.default_rng(2).uniform(-1.9, 1.9, (500, 5))
+        reach = np.linalg.norm(robot.chain.pose(q)[1] - robot.chain.p_PJ[0], axis=1).max()
+        assert (robot.effort_limit > 6.0 * robot.payload * 9.81 * reach).all()
+        limits.append(robot.effort_limit[0])
+    assert limits[1] > 500.0 * limits[0]  # the cube of the size
 
 
 def test_a_strong_drive_is_no_placeholder(tmp_path: Path) -> None:
