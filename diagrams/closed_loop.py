@@ -235,7 +235,8 @@ def make_closed_loop(
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; an
             air-pass correction without machining; a motion that is not of the scenario's kind.
-        InputError: the scenario does not fit the robot, or the model is of another robot.
+        InputError: the scenario does not fit the robot, the model is of another robot, or force
+            control feeds back an estimate that depends on the torque that it commands.
     """
     check_scenario(scenario)
     if estimator is not None and estimator.air_pass is not None and scenario.machining is None:
@@ -664,6 +665,8 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
             "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
         )
         builder.Connect(setpoint.get_output_port(), controller.GetInputPort("force_setpoint"))
+        if not uses_sensor(scenario):
+            _check_that_estimate_may_be_fed_back(estimator)
         builder.Connect(_fed_back_wrench(parts, readings), controller.GetInputPort("wrench"))
         signals["force_setpoint"] = setpoint.get_output_port()
     controller_outputs = split_outputs(builder, controller)
@@ -710,6 +713,19 @@ def _check_that_damper_is_stable(controller: ImpedanceController, robot: Robot, 
             "controller.damping",
             f"removes {share:.1f} times the tool's velocity in one time step, expected at most 1",
             "lower the damping (for a light wrist the rotational one), or the time_step",
+        )
+
+
+def _check_that_estimate_may_be_fed_back(estimator: Diagram) -> None:
+    """Raises InputError where the wrench depends on the present current, which it would make."""
+    current = estimator.GetInputPort("current").get_index()
+    wrench = estimator.GetOutputPort("wrench").get_index()
+    if estimator.HasDirectFeedthrough(current, wrench):
+        raise InputError(
+            "scenario",
+            "estimator.observer",
+            "reads the present torque, which force control would make of its estimate",
+            "write torque_samples: held, or feed back a sensor",
         )
 
 

@@ -22,10 +22,12 @@ from wrenchsight.diagrams.scenario import (
     make_trajectory,
 )
 from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 from wrenchsight.systems.impedance_controller import ForceControlConfig, ImpedanceConfig
@@ -175,6 +177,18 @@ def test_damping_that_would_chatter_is_refused(sts):
     controller = ImpedanceConfig(damping=np.array([250.0, 250, 250, 20, 20, 20]))
     with pytest.raises(InputError, match="expected at most 1"):
         make_closed_loop(replace(QUIET, controller=controller), sts, IdentifiedModel.nominal(sts))
+
+
+def test_an_estimate_of_the_present_torque_is_not_fed_back(sts):
+    """Force control would command a torque that depends on itself."""
+    observer = MomentumObserverConfig(torque_samples="trapezoidal")
+    scenario = Scenario(
+        controller=ImpedanceConfig(force=ForceControlConfig()),
+        feedback="estimate",
+        estimator=WrenchEstimatorConfig(observer),
+    )
+    with pytest.raises(InputError, match=r"estimator\.observer: reads the present torque"):
+        make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts))
 
 
 def test_a_model_of_another_robot_is_refused(ur10e, sts):
