@@ -16,13 +16,22 @@ through a zero-phase low-pass of the corner RATE_CORNERS omega, omega / (2 pi) t
 with ZP the zero-phase low-pass of the corner POWER_CORNER omega, and LAG_POWER_SHARE and
 RATE_CORNERS of `models.observers.lag`. A force beyond that bandwidth is not held: its readings are
 not valid, as the causal ones are not.
+
+**Springs** in gears and links change what is read of a force by a share of the observer's lag, in
+any direction (`models.observers.lag`). No smoothing undoes that. F_smooth + e is not behind the
+observer, so that its own rate shows the lag,
+
+    f = (d/dt (F_smooth + e)) / K_0,   seen through the same low-pass as e,
+
+and with g of f as above, Sigma_F <- Sigma_F + spring_share^2 tr(ZP(g g^T)) / LAG_POWER_SHARE 1, of
+the force alone.
 """
 
 import numpy as np
 from scipy.signal import lfilter
 
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.observers.lag import LAG_POWER_SHARE, RATE_CORNERS
+from wrenchsight.models.observers.lag import LAG_POWER_SHARE, RATE_CORNERS, lag_settings
 
 NOISE_FACTOR = 2.0  # on the smoothed variance, which e shows as well
 POWER_CORNER = 0.5  # of the stated bandwidth, over whose inverse the power is taken
@@ -42,6 +51,7 @@ class MissingForce:
         self._K_0, self._time_step = K_0, time_step
         self._rate_pole = float(np.exp(-RATE_CORNERS * omega * time_step))
         self._power_pole = float(np.exp(-POWER_CORNER * omega * time_step))
+        self._spring_share = lag_settings(K_0, time_step, force_bandwidth_hz, 0.0).spring_share
         self._low_passed: Array | None = None  # (6,) LP F_smooth at the last sample, and F_smooth
         self._last_smoothed: Array | None = None
 
@@ -56,12 +66,22 @@ class MissingForce:
         N = len(smoothed)
         if N == 0 or self._rate_pole == 1.0:
             return np.zeros((N, 6, 6))
-        residual = np.where(is_force[:, None], causal - self._behind_observer(smoothed), 0.0)
-        residual = np.nan_to_num(residual)
+        behind = self._behind_observer(smoothed)
+        residual = np.nan_to_num(np.where(is_force[:, None], causal - behind, 0.0))
         rate = np.gradient(residual, self._time_step, axis=0) if N > 1 else np.zeros_like(residual)
         missing = _zero_phase(residual + rate / self._K_0, self._rate_pole)
-        power = np.maximum(missing**2 - NOISE_FACTOR * variance, 0.0)
-        g = np.copysign(np.sqrt(np.nan_to_num(power)), missing)
+        covariance = self._mean_power(missing, variance)
+        force = missing + _zero_phase(np.nan_to_num(smoothed), self._rate_pole)
+        lag = np.gradient(force, self._time_step, axis=0) / self._K_0 if N > 1 else 0.0 * force
+        lag_of_force = self._mean_power(lag, variance)[:, 3:, 3:]
+        added = self._spring_share**2 * np.trace(lag_of_force, axis1=1, axis2=2)  # (N,) N^2
+        covariance[:, 3:, 3:] += added[:, None, None] * np.eye(3)
+        return covariance
+
+    def _mean_power(self, error: Array, variance: Array) -> Array:
+        """(N, 6, 6) of an error (N, 6), without the noise of a reading of a variance (N, 6)."""
+        power = np.maximum(error**2 - NOISE_FACTOR * variance, 0.0)
+        g = np.copysign(np.sqrt(np.nan_to_num(power)), error)
         return _zero_phase(g[:, :, None] * g[:, None, :], self._power_pole) / LAG_POWER_SHARE
 
     def _behind_observer(self, smoothed: Array) -> Array:

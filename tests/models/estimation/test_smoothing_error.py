@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.estimation.smoothing_error import MissingForce
+from wrenchsight.models.observers.lag import NATURAL_FREQUENCY_HZ
 
 STEP, K_0, BAND = 0.01, 20.0, 3.0
 N = 3000
@@ -49,7 +50,29 @@ def test_what_is_left_out_is_held(frequency: float, kept: float) -> None:
 
 def test_what_is_read_whole_lacks_nothing() -> None:
     force = sine(2.0)
-    assert sd_of(low_passed(force), force, 1.0)[50:].max() < 0.05
+    sd = sd_of(low_passed(force), force, 1.0)[50:]
+    assert sd[:, :3].max() < 0.05
+    # But springs: F'' / w_s^2 of a force of the stated bandwidth is 4.2 N.
+    assert sd.max() < 4.2
+
+
+@pytest.mark.parametrize(("frequency", "kept"), [(2.0, 1.0), (2.0, 0.5), (3.0, 0.5)])
+def test_what_springs_turn_into_another_direction_is_held(frequency: float, kept: float) -> None:
+    """At the assumed natural frequency F - F'' / w_s^2 is read, here all of F'' along x.
+
+    What both readings show across the force, no smoothing distinguishes from a force there.
+    """
+    read = sine(frequency)
+    turned = (frequency / NATURAL_FREQUENCY_HZ) ** 2 * read[:, 5]
+    read[:, 3] = turned
+    smoothed = np.array([0, 0, 0, 1.0, 0, kept]) * read
+    sd = sd_of(low_passed(read), smoothed, 0.3)
+    z = np.abs(turned)[50:-50] / np.hypot(sd[50:-50, 3], 0.3)
+    assert np.mean(z < 1.96) > 0.95
+    assert np.mean(z > 3.0) < 0.01
+    # Not wider than twice the error: the share is that of the stated bandwidth.
+    assert np.sqrt(np.mean(sd[:, 3] ** 2)) < 2.0 * np.sqrt(np.mean(turned**2))
+    assert not sd[:, :3].any()  # moments are read as without springs
 
 
 def test_noise_of_the_stated_sd_adds_little() -> None:
