@@ -163,10 +163,21 @@ def _of_rated_torque(case: Case, gains: Array) -> _Finding | None:
 
 
 def _of_factors(case: Case, gains: Array) -> _Finding:
-    """Gains of no known unit: the factors themselves."""
+    """Gains of no known unit: the factors themselves.
+
+    In a coupled wrist the last motor turns along with the joint before it, which then has the
+    friction of both: to an arm whose robot.yaml does not state it, that looks like a gain there.
+    """
     remedy = f"set {case.key}: {{gain: {numbers_text(1.0 / gains)}}} in a description"
     if not case.rows.is_torque:
         remedy += ", or correct torque_per_ampere there in robot.yaml"
+    off = np.flatnonzero(np.abs(np.log(gains)) > MIN_LOG_GAIN)
+    if not case.robot.is_coupled and off.tolist() == [case.num_joints - 2]:
+        before, last = case.robot.joint_names[-2:]
+        remedy += (
+            f"; or, if the motor of {last} turns along with {before} (a coupled wrist), state "
+            "coupling in robot.yaml and describe torques of the joints as motor_torque"
+        )
     listed = _off_by(case, gains)
     cause = f"{case.word}s that are a multiple of what the arm needs ({listed} times)"
     return _Finding(cause, remedy, {})

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
@@ -31,6 +32,7 @@ from wrenchsight.models.identification.identified_model import (
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 
 STEP, DURATION = 0.02, 24.0  # s
@@ -222,6 +224,31 @@ def test_units_are_named(ur10e: Robot, gain: float, word: str) -> None:
     assert fault is not None
     assert fault.name == "unit or gain of the drives"
     assert word in fault.cause
+
+
+def test_a_coupled_wrist_that_is_not_stated_is_a_remedy_of_a_gain(
+    data: Callable[[str], Path], tmp_path: Path
+) -> None:
+    """Of a Staubli TX40, whose motor 6 turns along with joint 5; its recording is undamaged."""
+    source = data("staubli_tx40/excitation.csv").parent
+    layout = yaml.safe_load((source / "recording.yaml").read_text(encoding="utf-8"))
+    layout["motor_torque"] = {"columns": layout.pop("current")["columns"], "unit": "N m"}
+    (tmp_path / "log.yaml").write_text(yaml.safe_dump(layout), encoding="utf-8")
+    config = yaml.safe_load((source / "robot.yaml").read_text(encoding="utf-8"))
+    config["urdf"] = str(source / "robot.urdf")
+    coupling = np.eye(6)
+    coupling[5, 4] = -1.0
+    judgements = []
+    for change in ({}, {"coupling": coupling.tolist()}):
+        (tmp_path / "robot.yaml").write_text(yaml.safe_dump(config | change), encoding="utf-8")
+        robot = Robot.load(tmp_path / "robot.yaml")
+        log = read_recording(source / "excitation.csv", tmp_path / "log.yaml", robot)
+        found = judge_log([resampled(log)], robot, None)
+        assert found is not None
+        judgements.append(found)
+    as_it_is, with_coupling = judgements
+    assert "if the motor of joint_6 turns along with joint_5" in as_it_is.remedy()
+    assert with_coupling.fault is None
 
 
 def test_a_current_without_sign_is_named(ur10e: Robot) -> None:
