@@ -290,14 +290,16 @@ class _Runs:
         failure = f"failures/{name}.txt"
         if end.state == "done":
             earlier = [file for file in folder.files if file.startswith(f"{name}/")]
-            # These, and an old failure, go when the block's new files come into their place.
+            # These, and an old failure, go when the block's new files come into their place, as
+            # one; an exception leaves all as it was. A full disk becomes an InputError: `changing`
+            # sees to what it writes, `writing_to` to the rename.
             with folder.changing([*earlier, failure]) as new, writing_to(folder.path):
                 task.result.rename(new / name)
             result = read_result(folder, name)
             assert result is not None
             outcome.metrics, outcome.stored = result
             outcome.lacks = _absent_recordings(outcome.stored)
-        elif end.state == "failed":
+        elif end.state == "failed":  # else "skipped": nothing was written
             printed = ""
             with suppress(OSError):
                 printed = task.log.read_text(encoding="utf-8", errors="replace")

@@ -285,7 +285,8 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
     if phase == Phase.APPROACH:
         # The reading in free motion is not contact: an estimate jumps by the friction of joints
         # that start to move. The baseline follows it fast before contact is possible, and slowly
-        # afterwards (is_near), as contact rises faster.
+        # afterwards (is_near), as contact rises faster. The surface may lie SEARCH nearer than the
+        # task states, which is STANDOFF from the start, or SEARCH farther.
         rise = force - state[BASELINE]
         whole_way = table[_STANDOFF] + table[_SEARCH]
         travelled_way = travelled(since, table[_APPROACH_SPEED], whole_way)[0]
@@ -293,7 +294,7 @@ def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
         is_touching = is_near and rise > table[_TOUCH_FORCE]
         state[ABOVE] = state[ABOVE] + time_step if is_touching else 0.0
         state[BASELINE] += time_step / _BASELINE_TIME[int(is_near)] * rise
-        state[FORCE_THERE] = max(0.0, force - state[BASELINE])
+        state[FORCE_THERE] = max(0.0, force - state[BASELINE])  # above the baseline of this tick
         if state[ABOVE] >= table[_TOUCH_TIME]:
             return _enter(state, Phase.TOUCH.value, t)
         if since >= travel_time(table[_APPROACH_SPEED], whole_way):

@@ -261,10 +261,13 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
     (the garrote of Breiman 1995 has the second power, which takes a sixth of an entry that is five
     times its sd; thresholds for matrices: Bickel, Levina 2008). An entry M on it becomes the
     positive root x of x = M + sd^2 / x: M where that is well known, and positive where M is not.
-    Until the matrix is positive definite, a multiple of the sd is added to its diagonal. To first
-    order
+    Until the matrix is positive definite, a multiple of the sd is added to its diagonal. The sd is
 
         sd_j^2 = sum_ik (M^-1)_ji^2 sd_ik^2 share_k^2
+
+    which is the first order in M of M^-1 J^T n at the mobility n^T J M^-1 J^T n as identified, with
+    M_ik and M_ki as if they erred independently. The mobility's own change would take a part of the
+    error off again; it is left out, and the rules of this module were settled with that.
 
     Args:
         M: (n, n) kg m^2, as identified.

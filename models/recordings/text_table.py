@@ -302,22 +302,23 @@ class TextTable:
             first_row, last_row = rows
             first_line = self._num_head_lines + first_row
             last_line = self._num_head_lines + last_row
-        end = 0
+        end = 0  # number of the last line that was looked at, for the check below
         for block, line in self._raw_blocks():  # `line`: number of its first one
             num_lines = block.count(b"\n") + (not block.endswith(b"\n"))
-            end = line + num_lines - 1  # of its last one
+            end = line + num_lines - 1
             if line > last_line:
                 break
             if end < first_line:
                 continue
             start, stop = 0, len(block)  # bytes of the block's selected lines
             if line < first_line or end > last_line:
-                # begins[k] is where line + k + 1 begins.
+                # begins[k] is where line + k + 1 begins: begins[number - line - 1] where `number`
+                # does. What follows the last selected line begins where its number + 1 does.
                 begins = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + 1
                 if line < first_line:
                     start = int(begins[first_line - line - 1])
                 if end > last_line:
-                    stop = int(begins[last_line - line])
+                    stop = int(begins[(last_line + 1) - line - 1])
             values, lines = self._parsed(
                 block[start:stop], max(line, first_line), columns, may_be_empty
             )

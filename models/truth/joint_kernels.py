@@ -550,6 +550,8 @@ def velocity_after(M: Array, time_step: float, v: Array, balance: Balance) -> No
 
     s_k(v+) = clip(spring + stiffness v+, low, high) are the torques of the slip elements. The left
     side minus the right is the gradient of a convex potential, which Newton's method minimises.
+    Where _MAX_STEPS do not reach the root, or rounding hides a further fall of the potential, the
+    best velocity so far stands: the tick's error is then what is left of the residual.
 
     Args:
         M: (n, n) kg m^2.
@@ -581,7 +583,8 @@ def velocity_after(M: Array, time_step: float, v: Array, balance: Balance) -> No
                 factor[i, j] = newton.mass_rate[i, j]
             factor[i, i] += newton.curvature[i]
             step[i] = -newton.gradient[i]
-        factorise_in_place(factor, n, 0.0)  # positive definite: M / h, and dampers of zero or more
+        # Without damping (0.0), and it succeeds: M / h and dampers of zero or more are positive.
+        factorise_in_place(factor, n, 0.0)
         solve_factorised(factor, n, step)
         for i in range(n):
             slope += newton.gradient[i] * step[i]

@@ -314,11 +314,13 @@ def _signal_metrics(
     on_the_ramp = (since > min(settling, 0.8 * RAMP_RISE)) & (since <= RAMP_RISE)
     late = since > settling
     tone = np.array([SINE_FREQUENCY])
-    # Read over true, as a complex ratio; of its (1, 3), a row a tone, the force along z.
-    sine = (_phasors(t[late], clean[late], tone) / _phasors(t[late], true[late, 2:], tone))[0, 2]
+    # Read over true along z, as a complex ratio of phasors (1, 1): one tone, one signal.
+    read_z, true_z = clean[late, 2:], true[late, 2:]
+    sine = (_phasors(t[late], read_z, tone) / _phasors(t[late], true_z, tone))[0, 0]
     formula = first_order(K_0, SINE_FREQUENCY)
 
-    # White torque noise through the observer's pole, then through eq. 22; rounding adds its own.
+    # White torque noise through the observer's pole, then through J^-T (the article's eq. 22) at
+    # the home posture, where the signals are run; rounding adds its own.
     a = np.exp(-K_0 * TIME_STEP)
     variance = robot.current_noise_sd**2 + robot.current_resolution**2 / 12.0
     torque_variance = robot.torque_per_ampere**2 * variance * (1.0 - a) / (1.0 + a)

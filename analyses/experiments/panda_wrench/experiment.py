@@ -55,7 +55,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.3, "prior and torque noise of greatest evidence")
     knowledge = knowledge_of_logs(logs)
     unloaded = knowledge_from_unloaded_start(logs)
-    # As the plain tools have it: N, N m, and (0.1 N m)^2 for each joint.
+    # Fixed ones, of nobody's logs: N, N m, and (0.1 N m)^2 for each joint.
     fixed = Knowledge(force_sd=20.0, moment_sd=0.2, torque_covariance=0.1**2 * np.eye(7))
     context.progress(0.5, "reading the forces")
     readings = {method: read_forces(logs, method, knowledge) for method in METHODS}

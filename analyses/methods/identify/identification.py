@@ -508,8 +508,9 @@ def identify_logs(
 ) -> IdentificationResult:
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
 
-    Only the logs to be fitted are held against the robot, and lose their short episodes: a faulty
-    or short one would spoil the model. One to validate on shows as its error, or is refused.
+    Only the logs to be fitted are held against the robot (`refuse_faulty`) and lose their short
+    episodes (`long_enough`): a faulty or short one would spoil the model. A faulty log to validate
+    on shows as a large error; `identify` refuses one that is too short to predict.
 
     Args:
         settings: its robot, its logs, those to validate on, and how they are read and fitted.
@@ -518,7 +519,8 @@ def identify_logs(
         The result with its notices, which no file has.
 
     Raises:
-        InputError: as `Robot.load`, `read_recording`, `result_folder` and `identify`.
+        InputError: as `Robot.load`, `read_recording`, `result_folder` and `identify`; no log is
+            long enough; a log contradicts the robot.
     """
     config = settings.identification
     with result_folder(out, "identify") as folder:

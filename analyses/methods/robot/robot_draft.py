@@ -246,12 +246,13 @@ def _mounting(
 
 def _effort_notes(arm: list[DescribedJoint], assumed: Assumed) -> list[str]:
     """Sentences on effort limits that cannot hold the arm, and on those that no drive has."""
-    stated = np.nan_to_num([joint.effort for joint in arm])
-    rows = zip(arm, assumed.needed, is_placeholder(stated, assumed.needed), strict=True)
+    # NaN, no stated limit, becomes 0, which `is_placeholder` does not take for a limit.
+    is_short = is_placeholder(np.nan_to_num([joint.effort for joint in arm]), assumed.needed)
     short = [
-        f"{joint.name} states {joint.effort:g} {_force_unit(joint)}, {needed:.3g} are needed"
-        for joint, needed, is_short in rows
-        if is_short
+        f"{joint.name} states {joint.effort:g} {_force_unit(joint)}, {assumed.needed[j]:.3g} "
+        "are needed"
+        for j, joint in enumerate(arm)
+        if is_short[j]
     ]
     excessive = [
         f"{joint.name} states {joint.effort:g} {_force_unit(joint)}, {assumed.effort[j]:.3g} "

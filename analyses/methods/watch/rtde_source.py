@@ -206,7 +206,8 @@ class RtdeSource:
 
         The protocol: version 2, the software's version (on which the frequency depends), a recipe
         of the fields that are sent, and the start. `_ask` sends a packet and returns the answer of
-        that kind.
+        that kind. Where a step raises, the caller closes the socket, keeps the reason as `_refusal`
+        and tries again.
 
         Raises:
             OSError: no connection, or no answer in time.
@@ -226,7 +227,7 @@ class RtdeSource:
         recipe, other_types = self._agreed_recipe(frequency)
         if not accepted(self._ask(packet(PacketType.START), PacketType.START)):
             raise ProtocolError("a refusal to start")
-        self._recipe, self._refusal = recipe, ""
+        self._recipe, self._refusal = recipe, ""  # the last reason counts no longer
         self._last_packet = time.monotonic()
         again = " again" if self._was_connected else ""
         self._was_connected = True

@@ -135,9 +135,9 @@ def _rtde(names: Sequence[str]) -> KnownLayout | None:
         extra = columns(name)
         if extra is not None:
             form.extra[name] = extra
-    # A controller's torque of the current: which unit it is in is looked at as that of an effort.
-    is_effort = form.motor_torque is not None
-    return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
+    # The notice says what the field is meant to be. Whether it is in N m is tried by the judgement
+    # of the log, as for every column whose unit no name states (torque_is_effort).
+    return KnownLayout(form, tuple(notices), torque_is_effort=form.motor_torque is not None)
 
 
 def _echo(

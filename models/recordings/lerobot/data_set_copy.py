@@ -248,18 +248,18 @@ def _hf_metadata(
     try:
         description = json.loads(other_entries.pop(_HF))
         described = description["info"]["features"]
-        list_entry = next(
+        list_entries = [
             entry for entry in described.values() if isinstance(entry.get("feature"), dict)
-        )
+        ]
         for feature in features:
             value = {"dtype": feature.dtype, "_type": "Value"}
             entry: dict[str, Any] = value
-            if feature.example.ndim > 1:
-                entry = copy.deepcopy(list_entry) | {"feature": value}
-                if "length" in list_entry:
+            if feature.example.ndim > 1:  # a row of numbers a frame: a list
+                entry = copy.deepcopy(list_entries[0]) | {"feature": value}
+                if "length" in entry:  # a list of a stated length
                     entry["length"] = len(feature.names)
             described[feature.name] = entry
-    except (KeyError, ValueError, TypeError, AttributeError, StopIteration):
+    except (KeyError, ValueError, TypeError, AttributeError, IndexError):
         return other_entries
     return other_entries | {_HF: json.dumps(description).encode()}
 

@@ -262,12 +262,14 @@ def controller_friction(
         s c + b s (d |v| + tanh(w |v|))  =  s ((c + b) - b exp(-(w v)^2)) + b d v
 
     has Coulomb friction c + b, a Stribeck coefficient -b (a rise with speed) and the viscous
-    coefficient b d.
+    coefficient b d. s is the sign of v; c is _SIGN_TORQUE, b _SPEED_TORQUE, d _INVERSE_SPEED and w
+    _INVERSE_TURN_SPEED. On the days of the recordings in _MORE_COULOMB and _MORE_VISCOUS the
+    controller had these terms as well; on all others it had the law above alone.
 
     Args:
-        name: of the recording, whose day the law is of.
+        name: of the recording.
         load_share: (n,) N m per N m; None: the UR10e's.
-        of_that_day: whether the further terms of that day's law count.
+        of_that_day: whether the further terms of the recording's day count.
     """
     zero = np.zeros(NUM_JOINTS)
     coulomb, viscous = _SIGN_TORQUE + _SPEED_TORQUE, _SPEED_TORQUE * _INVERSE_SPEED

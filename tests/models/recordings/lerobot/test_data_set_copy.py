@@ -13,7 +13,7 @@ from lerobot_data_sets import write_data_set
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.lerobot.data_set import Episode, load_data_set
-from wrenchsight.models.recordings.lerobot.data_set_copy import NewFeature, write_copy
+from wrenchsight.models.recordings.lerobot.data_set_copy import NewFeature, _hf_metadata, write_copy
 from wrenchsight.models.recordings.parquet_table import ParquetTable
 
 _LENGTHS = (12, 15, 9)
@@ -71,6 +71,17 @@ def test_every_frame_has_the_features(root: Path, features: list[NewFeature]) ->
         added = values[:, width:]
         np.testing.assert_array_equal(added[:, :6], features[0].frames[episode.index])
         np.testing.assert_array_equal(added[:, 6], features[1].frames[episode.index])
+
+
+def test_numbers_are_described_in_a_file_without_a_list(features: list[NewFeature]) -> None:
+    """Only a new list needs one of the file's as an example."""
+    number = {"dtype": "float32", "_type": "Value"}
+    metadata = {b"huggingface": json.dumps({"info": {"features": {"speed": number}}}).encode()}
+    copied = _hf_metadata(metadata, features[1:])
+    assert copied is not None
+    described = json.loads(copied[b"huggingface"])["info"]["features"]
+    assert described["observation.wrench_valid"] == {"dtype": "bool", "_type": "Value"}
+    assert _hf_metadata(metadata, features) == {}  # a list, and no example: left to `datasets`
 
 
 def test_the_copy_follows_the_rules_of_the_layout(
