@@ -13,9 +13,8 @@ linear in all but u, and solved for all at once by Gauss-Newton steps of general
 others' (`models.calibration.friction_refresh`). Friction that grows with the torque of a gear takes
 that torque, load included, from the previous step.
 
-Columns and values of the fit stand in this order: the arm's parameters x (10 a link, then joint by
-joint rotor and friction terms), the loads' (10 each), u (n), friction's drift in each log (3 a
-joint).
+Columns and values of the fit stand in this order: the arm's parameters x (as `parameter_columns`
+has them), the loads' (10 each), u (n), friction's drift in each log (3 a joint).
 """
 
 from collections.abc import Callable, Sequence
@@ -33,7 +32,11 @@ from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
-from wrenchsight.models.identification.torque_regression import parameter_prior, split_terms
+from wrenchsight.models.identification.torque_regression import (
+    parameter_columns,
+    parameter_prior,
+    split_terms,
+)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
@@ -178,11 +181,7 @@ class GainProblem:
         self._sd = residual_sd
         self._counts = [len(terms) for terms in structure.terms]
         self._start = start
-        num_links = _NUM_INERTIAL * robot.num_joints
-        self._links = slice(0, num_links)
-        # Of each joint the place of its rotor; its friction terms follow. Behind all: the loads.
-        sizes = [1 + count for count in self._counts]
-        self._rotors = num_links + np.concatenate([[0], np.cumsum(sizes)])
+        self._columns = parameter_columns(self._counts)
         self._arm = slice(0, len(start))
         self._all_loads = slice(len(start), len(start) + _NUM_INERTIAL * len(loads))
         self._gains = slice(self._all_loads.stop, self._all_loads.stop + robot.num_joints)
@@ -229,12 +228,10 @@ class GainProblem:
         """Mean and sd of x, the loads and u."""
         n = self._robot.num_joints
         mean, spread = parameter_prior(self._robot, self._counts)
-        start = _NUM_INERTIAL * n
         for j, terms in enumerate(self._structure.terms):
-            for k, term in enumerate(terms):
+            for column, term in zip(self._columns.friction[j], terms, strict=True):
                 sd = LOAD_DEPENDENCE_SD if term == "load" else float(self._robot.effort_limit[j])
-                spread[start + 1 + k] = sd
-            start += 1 + len(terms)
+                spread[column] = sd
         priors = [load.prior() for load in self._loads]
         return (
             np.concatenate([mean, *(m for m, _ in priors), np.zeros(n)]),
@@ -274,10 +271,9 @@ class GainProblem:
             for j in range(n):
                 # Columns of other joints, loads and logs stay zero.
                 A = np.zeros((len(rows.t), first_drift + 3 * n * num_logs))
-                A[:, self._links] = rigid[:, j, :-1]
-                A[:, self._rotors[j]] = rigid[:, j, -1]  # behind the links'
-                terms = slice(self._rotors[j] + 1, self._rotors[j + 1])
-                A[:, terms] = log.low_pass(friction[j])[log.rows]
+                A[:, self._columns.inertial.ravel()] = rigid[:, j, :-1]
+                A[:, self._columns.rotor[j]] = rigid[:, j, -1]  # behind the links'
+                A[:, self._columns.friction[j]] = log.low_pass(friction[j])[log.rows]
                 if log.load is not None:
                     first = self._all_loads.start + _NUM_INERTIAL * log.load
                     A[:, first : first + _NUM_INERTIAL] = load[:, j]

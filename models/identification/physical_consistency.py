@@ -27,6 +27,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from wrenchsight.models.friction.friction_terms import term_of
 from wrenchsight.models.identification.base_parameters import triangular_factor
+from wrenchsight.models.identification.torque_regression import ParameterColumns, parameter_columns
 from wrenchsight.models.numerics.arrays import Array
 
 MIN_EIGENVALUE = 1e-4  # least eigenvalue of a scaled pseudo-inertia: inside, whatever rounding does
@@ -83,11 +84,12 @@ def fit_consistent(
     Raises:
         ValueError: the solver finds no solution.
     """
-    n, p = structure.num_joints, A.shape[1]
+    p = A.shape[1]
+    columns = parameter_columns([len(terms) for terms in structure.terms])
     # Sought is y of x = prior + spread y: the prior is then |weight y|^2.
     reduced = triangular_factor(np.column_stack([A * spread, b - A @ prior]))
     weight = np.full(p, DRIVE_PRIOR)
-    weight[: _NUM_INERTIAL * n] = 1.0
+    weight[columns.inertial] = 1.0
     rows = np.vstack([reduced[:, :-1], np.diag(weight)])
     right = np.concatenate([reduced[:, -1], np.zeros(p)])
     program = MathematicalProgram()
@@ -96,11 +98,10 @@ def fit_consistent(
     # divided by |right|, as the solver's tolerances are for numbers about one.
     length = np.linalg.norm(right)
     program.AddL2NormCostUsingConicConstraint(rows / length, -right / length, y)
-    for i in range(n):
-        link_columns = slice(_NUM_INERTIAL * i, _NUM_INERTIAL * (i + 1))
+    for link_columns in columns.inertial:
         F = _scaled_pseudo_inertia(prior[link_columns], spread[link_columns])
         program.AddLinearMatrixInequalityConstraint([(f + f.T) / 2 for f in F], y[link_columns])
-    for bound in _friction_bounds(structure, v_max, p):
+    for bound in _friction_bounds(structure, columns, v_max):
         at_prior = float(bound.weights @ prior)
         program.AddLinearConstraint(
             (bound.weights * spread)[None],
@@ -113,9 +114,8 @@ def fit_consistent(
     if not result.is_success():
         raise ValueError(f"the consistent fit has no solution: {result.get_solution_result()}")
     x = prior + spread * result.GetSolution(y)
-    inertial = x[: _NUM_INERTIAL * n].reshape(n, _NUM_INERTIAL)
-    inertial_spread = spread[: _NUM_INERTIAL * n].reshape(n, _NUM_INERTIAL)
-    return ConsistentFit(x=x, least_eigenvalue=least_eigenvalues(inertial, inertial_spread))
+    eigenvalues = least_eigenvalues(x[columns.inertial], spread[columns.inertial])
+    return ConsistentFit(x=x, least_eigenvalue=eigenvalues)
 
 
 def _scaled_pseudo_inertia(prior: Array, spread: Array) -> list[Array]:
@@ -139,7 +139,9 @@ class _Bound(NamedTuple):
     most: float
 
 
-def _friction_bounds(structure: FrictionStructure, v_max: Array, size: int) -> list[_Bound]:
+def _friction_bounds(
+    structure: FrictionStructure, columns: ParameterColumns, v_max: Array
+) -> list[_Bound]:
     """Bounds on rotor inertia, and on friction so that it takes energy out of motion.
 
     Friction opposes motion from standstill (Coulomb with Stribeck) up to v_max (viscous with
@@ -147,25 +149,23 @@ def _friction_bounds(structure: FrictionStructure, v_max: Array, size: int) -> l
 
     Args:
         structure: friction terms of each joint.
+        columns: their places in x, and the rotors'.
         v_max: (n,) rad/s, up to where friction must oppose motion.
-        size: p, length of x: ten inertial parameters a link; then joint by joint the rotor's
-            inertia and the friction terms.
     """
     bounds: list[_Bound] = []
-    rotor_place = _NUM_INERTIAL * structure.num_joints  # in x, of the first joint
     for j, terms in enumerate(structure.terms):
-        place = {term: rotor_place + 1 + k for k, term in enumerate(terms)}  # in x
+        place = dict(zip(terms, columns.friction[j], strict=True))  # in x
 
         def weights_of(**weights: float) -> Array:
             """(p,) weights of terms; terms that the joint has not are left out."""
-            out = np.zeros(size)
+            out = np.zeros(columns.torque)
             for term, weight in weights.items():
                 if term in place:  # noqa: B023  # called within this turn of the loop
                     out[place[term]] = weight  # noqa: B023
             return out
 
-        rotor = np.zeros(size)
-        rotor[rotor_place] = 1.0
+        rotor = np.zeros(columns.torque)
+        rotor[columns.rotor[j]] = 1.0
         at_least_zero = [rotor, weights_of(coulomb=1.0), weights_of(viscous=1.0)]
         if "stribeck" in terms:
             at_least_zero.append(weights_of(coulomb=1.0, stribeck=1.0))
@@ -179,7 +179,6 @@ def _friction_bounds(structure: FrictionStructure, v_max: Array, size: int) -> l
             if registered_term is not None:
                 weights = weights_of(**{registered_term.name: 1.0})
                 bounds.append(_Bound(weights, registered_term.least, registered_term.most))
-        rotor_place += 1 + len(terms)  # of the next joint
     return bounds
 
 

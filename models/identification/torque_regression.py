@@ -117,7 +117,7 @@ class ParameterColumns(NamedTuple):
         inertial: (n, 10) of each link, in the order of INERTIAL_NAMES.
         rotor: (n,) of each joint (motor).
         friction: of each joint (motor), in the order of its terms.
-        torque: column of the measured torque, behind all parameters.
+        torque: column of the measured torque, behind all p parameters: p.
     """
 
     inertial: NDArray[np.intp]
