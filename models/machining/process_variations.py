@@ -53,7 +53,6 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
 NUM_WAVES = 24  # of a field
-_SPARE_TICKS = 8  # of the trace of a turn that chatter keeps, beyond the turn itself
 
 # Entries of ProcessVariations.table.
 (
@@ -263,7 +262,8 @@ class ProcessVariations:
         self.ends = np.ascontiguousarray(contact.ends, dtype=np.float64)
         self.memory_size = 0
         if chatter.ratio > 0.0:
-            self.memory_size = _TRACE + math.ceil(ticks_per_turn) + _SPARE_TICKS
+            # From this tick back to the last one before a turn, see `regenerated`.
+            self.memory_size = _TRACE + math.floor(ticks_per_turn) + 1
 
     @property
     def tables(self) -> VariationTables:

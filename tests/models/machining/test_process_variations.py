@@ -225,6 +225,18 @@ def test_a_bump_acts_again_one_turn_later():
     np.testing.assert_allclose(heights, expected, atol=1e-8)
 
 
+def test_the_memory_reaches_just_over_a_turn():
+    """A turn of 10.4 ticks ends between two ticks, of which the farther one is the last kept."""
+    config = replace(NOTHING, chatter=ChatterConfig(ratio=0.5, overlap=1.0, corner=0.01))
+    of = law(config, spindle_frequency=1000.0 / 10.4)
+    memory = np.zeros(of.memory_size)
+    heights = [regenerated(of.table, 1e-5 if k == 5 else 0.0, memory) for k in range(60)]
+    expected = np.zeros(60)
+    expected[5] = -0.5e-5
+    expected[14], expected[15] = 0.6 * 0.5e-5, 0.4 * 0.5e-5  # of ticks 15 and 16, less 10.4
+    np.testing.assert_allclose(heights, expected, atol=1e-8)
+
+
 def vibration(ratio, z, spindle, n=60_000, dt=2e-5):
     """Growth of a mode k, z under its own regenerated force: log of late over early amplitude."""
     k, omega = STIFFNESS, 2.0 * math.pi * 40.0
