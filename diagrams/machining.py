@@ -39,7 +39,8 @@ NUM_ANGLES = 36
 _TOOL_AXIS_E = (0.0, 0.0, 1.0)  # working direction of the tool, held into the surface
 # rad, of a joint from one sample to the next: more is a jump to another branch, not a motion.
 _MAX_STEP = math.radians(8.0)
-_LIMIT_MARGIN = math.radians(5.0)  # rad, kept from every joint limit, so that control stays off it
+# deg, kept from the limits of joints that turn, so that control stays off them
+_LIMIT_MARGIN_DEG = 5.0
 # N per rad^2: a smooth motion matters more here than the last millinewton
 _SMOOTHNESS_WEIGHT = 0.05
 REST_AFTER_PASS = 0.2  # s at rest, after the pass
@@ -104,16 +105,20 @@ def posture_problem(
         source: named in messages.
 
     Raises:
-        InputError: narrower limits of a joint that the robot does not have, or that leave it no
-            range within its own.
+        InputError: a joint has no range beside the margin to its limits; narrower limits of a joint
+            that the robot does not have, or that leave it no range within its own.
     """
-    lower, upper = narrowed_limits(
-        robot,
-        machining.joint_ranges_deg,
-        robot.position_lower + _LIMIT_MARGIN,
-        robot.position_upper - _LIMIT_MARGIN,
-        source,
-    )
+    margins = np.where(robot.chain.prismatic, 0.0, math.radians(_LIMIT_MARGIN_DEG))
+    lower, upper = robot.position_lower + margins, robot.position_upper - margins
+    if np.any(lower >= upper):
+        j = int(np.argmax(lower - upper))
+        range_deg = math.degrees(robot.position_upper[j] - robot.position_lower[j])
+        problem = (
+            f"{robot.joint_names[j]} of {robot.name} turns by {range_deg:.3g} deg, and machining "
+            f"keeps {_LIMIT_MARGIN_DEG:g} deg from each of its limits"
+        )
+        raise InputError(source, "", problem, "take a robot whose joints turn by more")
+    lower, upper = narrowed_limits(robot, machining.joint_ranges_deg, lower, upper, source)
     if np.any(lower >= upper):
         joint = robot.joint_names[int(np.argmax(lower - upper))]  # that lacks most
         raise InputError(source, "joint_ranges_deg", f"leave {joint} of {robot.name} no range")

@@ -9,6 +9,7 @@ from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.machining import (
     longest_duration,
     make_machining_path,
+    posture_problem,
     with_planned_force,
 )
 from wrenchsight.diagrams.scenario import load_scenario
@@ -176,6 +177,32 @@ def test_ranges_beyond_a_joints_limits_are_refused(sts):
     machining = replace(scenario.machining, joint_ranges_deg={name: beyond.tolist()})
     with pytest.raises(InputError, match=f"joint_ranges_deg: leave {name} .* no range"):
         make_machining_path(replace(scenario, machining=machining), sts)
+
+
+def small_arm(serial_robot, limit):
+    """A sliding joint below five that turn; each moves by `limit` either way, rad or m."""
+    axes = ["0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0"]
+    turning = [("revolute", axis, "0 0 0.2") for axis in axes]
+    return serial_robot([("prismatic", "1 0 0", "0 0 0"), *turning], limit, home=[0.0] * 6)
+
+
+def test_margins_are_kept_from_the_limits_of_joints_that_turn(serial_robot):
+    """A margin in degrees means nothing in metres."""
+    robot, machining = small_arm(serial_robot, 0.5), load_scenario("Polishing").machining
+    problem = posture_problem(robot, None, replace(machining, joint_ranges_deg={}), "scenario")
+    margin = np.radians([0.0, 5.0, 5.0, 5.0, 5.0, 5.0])
+    # To the rounding of a sum.
+    np.testing.assert_allclose(problem.upper, 0.5 - margin, rtol=1e-14)
+    np.testing.assert_allclose(problem.lower, margin - 0.5, rtol=1e-14)
+
+
+def test_a_joint_without_a_range_beside_the_margin_is_named(serial_robot):
+    """It is the robot's own range, and no setting of the scenario, that is too small."""
+    robot, machining = small_arm(serial_robot, 0.05), load_scenario("Polishing").machining
+    without_ranges = replace(machining, joint_ranges_deg={})
+    with pytest.raises(InputError, match=r"j1 of chain turns by 5\.73 deg.*keeps 5 deg") as error:
+        posture_problem(robot, None, without_ranges, "scenario")
+    assert "joint_ranges_deg" not in str(error.value)
 
 
 def test_a_workpiece_that_is_not_there_is_reported(sts):
