@@ -12,7 +12,7 @@ from wrenchsight.models.detection.contact_statistic import ArmSamples
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.finite import all_below
+from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached, sliding_size, torque_error_size
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -23,14 +23,11 @@ DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_r
 Flags are 1 or 0."""
 
 
-_LARGEST_INPUT = 1e9  # SI; no arm's signal is as large, and the square of more is of no use
-
-
 def _plausible(values: Array) -> Array:
     """(N,) numbers, NaN in the place of those beyond the largest."""
-    if all_below(values, _LARGEST_INPUT):
+    if all_below(values, LARGEST_INPUT):
         return values
-    return np.where(np.abs(values) < _LARGEST_INPUT, values, np.nan)
+    return np.where(np.abs(values) < LARGEST_INPUT, values, np.nan)
 
 
 class ContactDetection(SampledBlock):

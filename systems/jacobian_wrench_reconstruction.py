@@ -22,7 +22,7 @@ from wrenchsight.models.estimation.wrench_reading import (
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.numerics.arrays import Array, Record
-from wrenchsight.models.numerics.finite import all_below
+from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 from wrenchsight.models.numerics.states import assign_state
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import (
@@ -36,7 +36,6 @@ from wrenchsight.systems.declarations import (
 from wrenchsight.systems.sampled_block import SampledBlock
 
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
-_LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
 _OBSERVED_SIZE = 42  # entries of a wrench and its covariance
 # A log of one sample's flag, (1,), by the flag: made once, as a reading takes two at each tick.
 _FLAG_LOGS = {flag: np.array([flag]) for flag in (False, True)}
@@ -198,7 +197,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         K_0, has_usable_pole = None, True
         if not isinstance(self._wrench_reading.error, ConstantTorqueError):
             pole = self._pole.Eval(context)
-            has_lag = bool((pole >= MIN_POLE).all()) and all_below(pole, _LARGEST_INPUT)
+            has_lag = bool((pole >= MIN_POLE).all()) and all_below(pole, LARGEST_INPUT)
             K_0 = pole if has_lag else None
             has_usable_pole = has_lag or bool((pole < 0.0).all())
         reading = self._wrench_reading.with_parameters(self._parameters.at(context), K_0)
@@ -252,11 +251,11 @@ class JacobianWrenchReconstruction(SampledBlock):
         """
         # A sum of integer codes arrives as a double; NaN or a huge number is none.
         fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
-        is_code = abs(fault) < _LARGEST_INPUT
+        is_code = abs(fault) < LARGEST_INPUT
         is_usable = (
             has_usable_pole
             and is_code
-            and are_readable(_LARGEST_INPUT, terms["q"], terms["J"], *error)
+            and are_readable(LARGEST_INPUT, terms["q"], terms["J"], *error)
         )
         if is_usable:
             q, v, tau_ext = terms["q"], terms["v"], self._tau_ext.Eval(context)[None]

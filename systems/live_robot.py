@@ -8,7 +8,12 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from wrenchsight.models.live.samples import Sample, StreamEvent
 from wrenchsight.models.live.source import Source
-from wrenchsight.models.live.stream_order import GridSample, SampleGrid, StreamOrder
+from wrenchsight.models.live.stream_order import (
+    DEFAULT_LATE,
+    GridSample,
+    SampleGrid,
+    StreamOrder,
+)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.resampling import default_max_gap
 from wrenchsight.models.robot.robot import Robot
@@ -19,8 +24,6 @@ MOST_EVENTS = 100
 DEFAULT_TIMEOUT = 0.1
 """s, longest wait for a sample: many periods of any source, so that only a pause is longer. Then
 the diagram goes on, and a simulator can be stopped."""
-DEFAULT_LATE = 0.05
-"""s, as `watch --late`: more than a network's jitter, less than a queue that has built up."""
 
 
 class LiveRobot(LeafSystem):

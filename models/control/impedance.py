@@ -16,13 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.control.joint_tracking import (
-    LARGEST_INPUT,
-    friction_feedforward,
-    write_holding_torque,
-)
+from wrenchsight.models.control.joint_tracking import friction_feedforward, write_holding_torque
 from wrenchsight.models.numerics.arrays import Array, Record, record
-from wrenchsight.models.numerics.finite import all_below
+from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
 from wrenchsight.models.numerics.views import plain

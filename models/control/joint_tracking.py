@@ -4,12 +4,10 @@ import numpy as np
 
 from wrenchsight.models.friction.semi_parametric_friction import friction_torque
 from wrenchsight.models.numerics.arrays import Array, Record, record
-from wrenchsight.models.numerics.finite import all_below
+from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
-
-LARGEST_INPUT = 1e9  # SI; a controller's input beyond is not a finite number's work
 
 
 @kernel

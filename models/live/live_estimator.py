@@ -34,7 +34,12 @@ from wrenchsight.models.live.external_torque import ExternalTorqueEstimator
 from wrenchsight.models.live.known_contact import KnownContactEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
-from wrenchsight.models.live.stream_order import GridSample, SampleGrid, StreamOrder
+from wrenchsight.models.live.stream_order import (
+    DEFAULT_LATE,
+    GridSample,
+    SampleGrid,
+    StreamOrder,
+)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.sample_check import (
@@ -87,7 +92,7 @@ class LiveConfig:
     zero_s: float = 0.0
     """s, at the start, in which an unknown payload is held in one posture or several, untouched;
     its weight is then taken off"""
-    late: float = 0.05
+    late: float = DEFAULT_LATE
     """s by which a sample may come later than the quickest, and be valid"""
     contact: ContactConfig = field(default_factory=_contact_of_streams)
     """A contact whose direction is known: with its axis, the wrench is read at it."""

@@ -18,6 +18,9 @@ from wrenchsight.models.recordings.resampling import (
     UNIFORM_TOLERANCE,
 )
 
+DEFAULT_LATE = 0.05
+"""s, by which a sample may come later than the quickest one: more than a network's jitter, less
+than a queue that has built up."""
 SAY_AGAIN = 1.0  # s between two events of one kind
 # successive samples before the latest one that show that the clock jumped back
 MIN_LATE_SAMPLES = 3

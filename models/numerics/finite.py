@@ -3,6 +3,8 @@
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
+LARGEST_INPUT = 1e9  # SI; no arm's signal is as large, and the square of more is of no use
+
 
 @kernel
 def all_below(values: Array, bound: float) -> bool:
