@@ -43,6 +43,7 @@ from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_process import MachiningProcess
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.placement.placement_task import FLOOR
 from wrenchsight.models.robot.robot import Robot, RobotInPlant
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import true_robot, with_true_friction
@@ -430,11 +431,11 @@ def _add_floor(plant: MultibodyPlant, solid: bool) -> None:
     """Adds the floor as a picture; a solid one can be touched as well."""
     body = plant.world_body()
     slab, X_WV = Box(1.6, 1.6, 0.02), RigidTransform([0.0, 0.0, -0.01])
-    plant.RegisterVisualGeometry(body, X_WV, slab, "floor", _FLOOR_COLOUR)
+    plant.RegisterVisualGeometry(body, X_WV, slab, FLOOR, _FLOOR_COLOUR)
     if solid:
         X_WG = RigidTransform([0.0, 0.0, -0.1])
         material = contact_material(FLOOR_STIFFNESS, 100.0, 0.5)
-        plant.RegisterCollisionGeometry(body, X_WG, Box(4.0, 4.0, 0.2), "floor", material)
+        plant.RegisterCollisionGeometry(body, X_WG, Box(4.0, 4.0, 0.2), FLOOR, material)
 
 
 def _remove_pictures(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
@@ -506,7 +507,7 @@ def _exclude_foot_on_floor(cell: _CellParts, scene_graph: SceneGraph) -> None:
     floor = [
         geometry
         for geometry in inspector.GetAllGeometryIds(Role.kProximity)
-        if inspector.GetName(geometry).endswith("floor")  # Drake puts a model name before it
+        if inspector.GetName(geometry).endswith(FLOOR)  # Drake puts a model name before it
     ]
     scene_graph.collision_filter_manager().Apply(
         CollisionFilterDeclaration().ExcludeBetween(foot, GeometrySet(floor))

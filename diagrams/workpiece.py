@@ -22,6 +22,7 @@ from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.process_variations import WorkpieceContact
 from wrenchsight.models.planning.motion.workpieces import Plate, Surface, mesh
+from wrenchsight.models.planning.placement.placement_task import WORKPIECE
 from wrenchsight.models.robot.robot_config import pose_of
 
 _PLATE_COLOUR = np.array([0.62, 0.68, 0.72, 1.0])
@@ -103,8 +104,8 @@ def add_plate(plant: MultibodyPlant, plate: PlateConfig) -> None:
     X_WG = X_WP @ RigidTransform([0.0, 0.0, -0.5 * plate.size[2]])
     body, shape = plant.world_body(), Box(*plate.size)
     material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
-    plant.RegisterCollisionGeometry(body, X_WG, shape, "workpiece", material)
-    plant.RegisterVisualGeometry(body, X_WG, shape, "workpiece", _PLATE_COLOUR)
+    plant.RegisterCollisionGeometry(body, X_WG, shape, WORKPIECE, material)
+    plant.RegisterVisualGeometry(body, X_WG, shape, WORKPIECE, _PLATE_COLOUR)
     # The post, only drawn, ends below the plate, however that is tilted.
     x, y, z_bottom = (X_WP @ RigidTransform([0.0, 0.0, -plate.size[2]])).translation()
     upright = max(0.2, float(X_WP.rotation().matrix()[2, 2]))
@@ -128,8 +129,8 @@ def add_blade(plant: MultibodyPlant, blade: BladeConfig) -> None:
     properties = _patch_material(blade)
     AddRigidHydroelasticProperties(properties)
     body = plant.world_body()
-    plant.RegisterCollisionGeometry(body, X_WP, shape, "workpiece", properties)
-    plant.RegisterVisualGeometry(body, X_WP, _mesh(surface, 121, 41), "workpiece", _BLADE_COLOUR)
+    plant.RegisterCollisionGeometry(body, X_WP, shape, WORKPIECE, properties)
+    plant.RegisterVisualGeometry(body, X_WP, _mesh(surface, 121, 41), WORKPIECE, _BLADE_COLOUR)
     points = mesh(surface, 121, 41)[0] @ X_WP.rotation().matrix().T + X_WP.translation()
     x, y, _ = points.mean(axis=0)
     is_over_post = np.hypot(points[:, 0] - x, points[:, 1] - y) < _POST_RADIUS

@@ -17,7 +17,11 @@ from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.diagrams.workpiece import add_workpiece
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.planning.placement.placement_task import ObstacleConfig
+from wrenchsight.models.planning.placement.placement_task import (
+    FLOOR,
+    WORKPIECE,
+    ObstacleConfig,
+)
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import pose_of
 
@@ -28,7 +32,6 @@ MINIMUM_SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one
 # the value by 0.1 um at most. Less still would tell fewer distances apart.
 _FAR_SLACK = INFLUENCE_DISTANCE - 10.0 / MINIMUM_SHARPNESS
 _MIN_INTERVAL = 1e-4  # s, shortest interval of a motion that is looked at
-FLOOR, WORKPIECE = "floor", "workpiece"  # names of shapes that are none of the robot's
 _FLOOR_SIZE = (10.0, 10.0, 1.0)  # m, of the floor
 # m that a program of postures requires beyond what must be kept, for what happens between them;
 # distances are exact to some micrometres.
@@ -126,13 +129,13 @@ class Clearance:
         }
         self._workpiece_shapes = self._others_named({WORKPIECE})
         self._floor_shapes = self._others_named({FLOOR})
-        self._obstacle_shapes = self._others_named({box.name for box in obstacles} - {FLOOR})
+        self._obstacle_shapes = self._others_named({box.name for box in obstacles})
         self._may_touch_workpiece = (
             _working_shapes(shapes, margin) if tip_only else self._tool_shapes()
         )
         # The home posture says what pairs of arm and floor must keep. Of a workpiece and obstacles
-        # it follows from what may touch them. Shapes are told by name: an obstacle called as the
-        # floor or the workpiece, which a task refuses, counts as that.
+        # it follows from what may touch them. Shapes are told by name: a task refuses an obstacle
+        # that is called as the floor or the workpiece.
         arm_and_floor = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
         at_home, self.overlapping = self._required_at_home(robot, arm_and_floor)
         self.near_at_home = self._less_than_margin(at_home)

@@ -3,12 +3,12 @@
 import numpy as np
 
 from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
-from wrenchsight.diagrams.distances.clearance import WORKPIECE
 from wrenchsight.diagrams.distances.machining_way import postures_of_pass
 from wrenchsight.diagrams.scenario import PlateConfig, Scenario
 from wrenchsight.diagrams.workpiece import add_plate
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_path import MachiningPath
+from wrenchsight.models.planning.placement.placement_task import WORKPIECE
 from wrenchsight.models.robot.robot import Robot
 
 # Far more than the arm strays from its way, and moves between two postures that are checked. A

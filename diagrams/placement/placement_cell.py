@@ -19,8 +19,6 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from wrenchsight.diagrams.distances.clearance import (
     DISTANCE_ROUNDING,
-    FLOOR,
-    WORKPIECE,
     Clearance,
     ClosestPair,
 )
@@ -31,7 +29,11 @@ from wrenchsight.diagrams.placement.placement_plant import (
     path_rotation,
 )
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.planning.placement.placement_task import ClearanceConfig, ObstacleConfig
+from wrenchsight.models.planning.placement.placement_task import (
+    WORKPIECE,
+    ClearanceConfig,
+    ObstacleConfig,
+)
 from wrenchsight.models.planning.placement.placements import Placement
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import pose_of
@@ -59,11 +61,10 @@ class PlacementCell:
 
     def __init__(self, robot: Robot, config: ClearanceConfig) -> None:
         self._config = config
-        has_floor = any(obstacle.name == FLOOR for obstacle in config.obstacles)
         self.clearance = Clearance(
             robot,
             config.distance,
-            None if has_floor else robot.floor,
+            robot.floor,
             obstacles=config.obstacles,
             add=self._add,
             tip_only=True,

@@ -19,7 +19,8 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 
 _DEGREES_ROUNDING = 1e-9  # degrees, by which two angles that are meant to be equal may differ
-_TAKEN_NAMES = ("floor", "workpiece")  # of the cell's other shapes, which distances tell by name
+# Names of a cell's shapes that are none of the robot's: distances tell shapes by their names.
+FLOOR, WORKPIECE = "floor", "workpiece"
 _MIN_LENGTH = 1e-9  # of a vector that is to have a direction
 _MAX_SEGMENTS = 500  # of a path; a program has n variables for each point
 
@@ -394,7 +395,7 @@ def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Pa
     sizes = [(f"obstacles[{i}]", o.size) for i, o in enumerate(clearance.obstacles)]
     names = [obstacle.name for obstacle in clearance.obstacles]
     for index, name in enumerate(names):
-        if name in names[:index] or name in _TAKEN_NAMES:
+        if name in names[:index] or name in (FLOOR, WORKPIECE):
             raise InputError(
                 source,
                 f"clearance.obstacles[{index}]",
