@@ -278,14 +278,11 @@ def _complete_columns(
 
 def _lack_of_effort(candidates: _Topics, joints: Sequence[str]) -> str:
     """Says which joints' effort the last of these topics lacks; '' where there is no topic."""
-    sentence = ""
-    for topic, columns in candidates.items():
-        missing = [joint for joint in joints if joint not in columns["effort"]]
-        sentence = (
-            f"{topic or 'the log'} lacks the effort of {', '.join(missing)} (no number, or NaN "
-            "only)"
-        )
-    return sentence
+    if not candidates:
+        return ""
+    topic, columns = list(candidates.items())[-1]
+    missing = [joint for joint in joints if joint not in columns["effort"]]
+    return f"{topic or 'the log'} lacks the effort of {', '.join(missing)} (no number, or NaN only)"
 
 
 def _topics_with(
