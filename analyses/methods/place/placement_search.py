@@ -268,7 +268,8 @@ class PlacementSearch:
         feasibility_ends: list[PlacementSolution] = []
         ends: list[PlacementSolution] = []  # of the rough solves, in the order of their starts
         fine_solves: list[_FineSolve] = []
-        finished_solutions: list[PlacementSolution] = []
+        kinds: list[PlacementSolution] = []  # of the fine solves, best first
+        finished_solutions: list[PlacementSolution] = []  # of the first kinds
         try:
             progress(0.02, "looking at random placements")
             # The best first: both stages that begin from them take those at the front.
@@ -290,8 +291,10 @@ class PlacementSearch:
         # From here on nothing is solved; what an interrupt has left is put in order.
         result.num_starts = len(ends)
         result.nearest = self._nearest(ends, fine_solves)
-        # Of the kinds, best first, those that were taken to the last digits stand for themselves.
-        unfinished = self._kinds(_solutions(fine_solves))[len(finished_solutions) :]
+        if not kinds:  # interrupted before
+            kinds = self._kinds(_solutions(fine_solves))
+        # Those that were taken to the last digits stand for themselves.
+        unfinished = kinds[len(finished_solutions) :]
         result.optima = self._optima([*finished_solutions, *unfinished])
         self._count_starts(ends, fine_solves, result)  # of these optima
         if not result.optima:
