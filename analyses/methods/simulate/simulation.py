@@ -318,8 +318,7 @@ def simulate(
     if meshcat is not None:
         start_animation(meshcat, scenario.recording.fps)
     recorder = KeptSignals(loop)
-    controlled = _ControlledArm(robot, model)
-    elapsed = _advance(simulator, work, controlled, loop, recorder, progress)
+    elapsed = _advance(simulator, work, robot, model, loop, recorder, progress)
     if meshcat is not None and page is not None:
         write_page(meshcat, page, title)
         files.append(page)
@@ -468,17 +467,11 @@ def known_model(
     return replace(model, friction=SemiParametricFriction(coulomb_viscous))
 
 
-class _ControlledArm(NamedTuple):
-    """The robot, and the model of its controller."""
-
-    robot: Robot
-    model: IdentifiedModel
-
-
 def _advance(
     simulator: Simulator,
     work: _Work,
-    arm: _ControlledArm,
+    robot: Robot,
+    model: IdentifiedModel,
     loop: ClosedLoop,
     recorder: KeptSignals,
     progress: ProgressCallback,
@@ -487,6 +480,7 @@ def _advance(
 
     Args:
         simulator: of the loop, initialised.
+        model: the controller's.
         recorder: takes the signals of each stretch of _PROGRESS_PERIOD; what it has not taken is
             lost.
 
@@ -494,7 +488,7 @@ def _advance(
         InputError: the motion diverges: a joint is faster than it can be, or Drake gives up.
     """
     duration, plant = work.scenario.duration, loop.cell.plant
-    max_speed = np.minimum(_TOO_FAST * arm.robot.velocity_limit, _NO_SPEED)  # (n,)
+    max_speed = np.minimum(_TOO_FAST * robot.velocity_limit, _NO_SPEED)  # (n,)
     joints = [joint.velocity_start() for joint in loop.cell.parts.joints]  # in the plant's v
     started = time.perf_counter()
     num_stretches = int(np.ceil(duration / _PROGRESS_PERIOD))
@@ -520,7 +514,7 @@ def _advance(
             "scenario",
             "",
             f"the motion diverges before {ends[num_passed]:.3g} s",
-            divergence_remedy(arm.robot, arm.model),
+            divergence_remedy(robot, model),
         ) from None
     return time.perf_counter() - started
 
