@@ -211,8 +211,9 @@ def _check_numbers(config: EstimateConfig) -> None:
         is_valid = number is None or LEAST_SD <= number <= LARGEST_SD
         _require(is_valid, name, problem, "give N or N m")
     times = {"time_step": observer.time_step, "max_gap": config.max_gap}  # s
-    shares = {"damping": reconstruction.damping, "truncation": reconstruction.truncation}
-    for name, number in {**shares, **times}.items():
+    # Of singular values: one in the Jacobian's unit, one a share of the largest.
+    bounds = {"damping": reconstruction.damping, "truncation": reconstruction.truncation}
+    for name, number in {**bounds, **times}.items():
         is_valid = bool(np.isfinite(number) and number >= 0)
         _require(is_valid, name, f"is {number}, expected zero or more", default)
     for name, least in (("time_step", MIN_TIME_STEP), ("max_gap", 0.0)):
