@@ -160,8 +160,7 @@ def _refuse_short(recording: Recording, cutoff: float, periods: float) -> None:
     length, least = seconds(actual_units), seconds(needed_units)
     short = seconds(needed_units - actual_units)
     remedy = "record a longer log"
-    # Callers that need other than SHORTEST_LOG take a model's cutoff, which no option changes.
-    if periods == SHORTEST_LOG and recording.duration > 0.0:
+    if _is_free_cutoff(periods) and recording.duration > 0.0:
         higher = _rounded_up(periods / recording.duration)
         if recording.time_step * higher <= LARGEST_CUTOFF:
             remedy += f", or raise --cutoff-hz to {higher:g}"
@@ -216,16 +215,32 @@ def log_names(recordings: Sequence[Recording]) -> list[str]:
     return names
 
 
-def _refuse_slow(recording: Recording, cutoff: float, step: float) -> None:
-    """Raises InputError for a time step in s that is too long for the cutoff in Hz."""
-    if step * cutoff > LARGEST_CUTOFF:
-        raise InputError(
-            recording.source,
-            "",
-            f"a cutoff of {cutoff:g} Hz needs {cutoff / LARGEST_CUTOFF:g} samples a second or "
-            f"more, there are {1 / step:.4g}",
-            f"add --cutoff-hz {LARGEST_CUTOFF / step:.2g}",
-        )
+def _is_free_cutoff(periods: float) -> bool:
+    """Whether the cutoff is an option's, by the periods of it that a log must last.
+
+    Callers that need other than SHORTEST_LOG take a known model's, which no option changes.
+    """
+    return periods == SHORTEST_LOG
+
+
+def _refuse_slow(recording: Recording, cutoff: float, step: float, periods: float) -> None:
+    """Raises InputError for a time step in s that is too long for the cutoff in Hz.
+
+    Args:
+        periods: as `_refuse_short`.
+    """
+    if step * cutoff <= LARGEST_CUTOFF:
+        return
+    remedy = "record with a higher rate"
+    if _is_free_cutoff(periods):
+        remedy = f"add --cutoff-hz {LARGEST_CUTOFF / step:.2g}"
+    raise InputError(
+        recording.source,
+        "",
+        f"a cutoff of {cutoff:g} Hz needs {cutoff / LARGEST_CUTOFF:g} samples a second or more, "
+        f"there are {1 / step:.4g}",
+        remedy,
+    )
 
 
 def _clear_samples(dropout: Flags, step: float, cutoff: float) -> Flags:
@@ -260,7 +275,7 @@ def low_pass_log(
             everywhere.
     """
     step, cutoff = config.time_step, config.cutoff
-    _refuse_slow(recording, cutoff, step)
+    _refuse_slow(recording, cutoff, step, shortest)
     _refuse_short(recording, cutoff, shortest)
     uniform = resampled(recording, step)
     tau = uniform.tau_J

@@ -106,6 +106,15 @@ def test_the_stated_length_suffices_and_never_prints_equal_to_the_logs_length(
         assert 1.01 * SHORTEST_LOG / recording.duration * step > LARGEST_CUTOFF
 
 
+def test_a_slow_log_is_told_of_an_option_only_where_one_sets_the_cutoff(ur10e: Robot) -> None:
+    config, log = IdentificationConfig(time_step=0.1, cutoff=5.0), log_of(200, 0.1)
+    line = "20 samples a second or more, there are 10; "
+    with pytest.raises(InputError, match=rf"{line}add --cutoff-hz 2\.5"):
+        low_pass_log("", log, ur10e, config)
+    with pytest.raises(InputError, match=f"{line}record with a higher rate"):
+        low_pass_log("", log, ur10e, config, 7.5)  # periods of a known model's cutoff
+
+
 def test_rounding_of_times_is_not_missing_time(ur10e: Robot) -> None:
     config = IdentificationConfig(time_step=0.01, cutoff=5.0)
     recording = log_of(501, 0.01)
