@@ -48,6 +48,15 @@ class _Call(NamedTuple, Generic[Task]):
     executor: Any  # of one process, which does nothing else meanwhile
 
 
+def _death(future: Future[Any]) -> Died | None:
+    """The death of the process of a call that is over; None where it lives on."""
+    error = future.exception()
+    if not isinstance(error, BrokenExecutor):
+        return None
+    codes = re.search(r"\{(.+)\}", str(error))  # joblib's message ends with them, in braces
+    return Died(codes.group(1) if codes else "exit code unknown")
+
+
 def run_side_by_side(
     run: Callable[[Task], Result],
     tasks: Iterable[Task],
@@ -128,19 +137,17 @@ def run_side_by_side(
             tick()
             for future in ended:
                 call = under_way.pop(future)
-                died = isinstance(future.exception(), BrokenExecutor)
-                if died or each_in_its_own:
+                death = _death(future)
+                if death is not None or each_in_its_own:
                     call.executor.shutdown(wait=True, kill_workers=True)
                 else:
                     idle.append(call.executor)
-                if not died:
+                if death is None:
                     yield call.task, future.result()
                 elif call.attempt < tries:
                     waiting.append((call.task, call.attempt + 1))
                 else:
-                    # joblib's message ends with the exit codes in braces.
-                    codes = re.search(r"\{(.+)\}", str(future.exception()))
-                    yield call.task, Died(codes.group(1) if codes else "exit code unknown")
+                    yield call.task, death
     finally:  # the end, an exception, or the generator is closed
         for executor in (*idle, *(call.executor for call in under_way.values())):
             executor.shutdown(wait=True, kill_workers=True)

@@ -19,7 +19,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.robot.robot import Robot
 
-_AT_ONCE = 64  # samples of one call without a rate: few, so that events come in between
+_AT_ONCE = 64  # samples of one call without a rate: few, as the reader can end between two calls
 
 
 class ReplaySource:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -87,23 +87,16 @@ def find_scale(
         robot = Robot.load(settings.robot)
         progress(0.1, "reading")
         recordings = _read([Path(log) for log in settings.logs], settings, robot)
+        weighing = _weighing(settings.load[0], settings, robot) if settings.load else None
         notices: list[str] = []
-        laden: list[Recording] = []
-        weight_parameters = np.zeros(10)  # inertial ones in the flange's frame; 0: no weight
-        if settings.load:
-            path, weight = known_load(settings.load[0])
-            if weight.com is None:
-                notices.append(_WEIGHT_AT_FLANGE)
-            com = np.zeros(3) if weight.com is None else np.array(weight.com)
-            point = np.zeros((3, 3))  # of gravity alone, in which inertia has no part
-            weight_parameters = body_parameters(weight.mass, com, point)
-            laden = _read([path], settings, robot)
         progress(0.5, "comparing with gravity")
-        if laden:
-            scale = scale_from_weight(recordings, laden, robot, weight_parameters)
-        else:
+        if weighing is None:
+            all_logs = recordings
             scale = scale_from_gravity(recordings, robot)
-        all_logs = (*recordings, *laden)
+        else:
+            all_logs = [*recordings, *weighing.logs]
+            scale = scale_from_weight(recordings, weighing.logs, robot, weighing.parameters)
+            notices += weighing.notices
         are_torques = _are_torques(all_logs)
         if are_torques:
             # A log states torque in N m; the factor goes into its description, not into robot.yaml.
@@ -123,6 +116,36 @@ def find_scale(
         folder.write_settings("config.yaml", settings)
         folder.write_json("metrics.json", result.metrics())
     return result
+
+
+class _Weighing(NamedTuple):
+    """Logs with a known weight on the flange.
+
+    Attributes:
+        logs: with the weight.
+        parameters: (10,) inertial ones of the weight in the flange's frame.
+        notices: on what is not stated of it.
+    """
+
+    logs: list[Recording]
+    parameters: Array
+    notices: list[str]
+
+
+def _weighing(text: str, settings: IdentifySettings, robot: Robot) -> _Weighing:
+    """Reads LOG=KG or LOG=KG,X,Y,Z.
+
+    Raises:
+        InputError: as `known_load` and `read_recording`.
+    """
+    path, weight = known_load(text)
+    com = np.zeros(3) if weight.com is None else np.array(weight.com)
+    point = np.zeros((3, 3))  # gravity alone is compared, in which inertia has no part
+    return _Weighing(
+        logs=_read([path], settings, robot),
+        parameters=body_parameters(weight.mass, com, point),
+        notices=[_WEIGHT_AT_FLANGE] if weight.com is None else [],
+    )
 
 
 def _are_torques(recordings: Sequence[Recording]) -> bool:
