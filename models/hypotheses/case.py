@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.hypotheses.evidence import ODD_SHARE, Fit, RowKinds, row_weights
@@ -22,6 +23,8 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
+
+RowIndices = NDArray[np.intp]
 
 MASS_SHARE, COM_ERROR = 0.2, 0.03  # of a link's mass; m, of a robot's file
 FITTED_MASS_SHARE, FITTED_COM_ERROR = 0.01, 0.001  # of an identified model
@@ -53,7 +56,7 @@ class View:
         measured: (T, n) N m.
         expected: (T, n) N m.
         friction: (T, n) N m, its part of friction.
-        columns: (T, n, k) N m per unit, of what is open.
+        columns: (N, n, k) N m per unit, of what is open, at the rows `Case.at`.
         prior_sd: (k,) of it.
         sliding_columns: those of Coulomb friction; those of viscous friction follow.
         kinds: covariances of the residual at the rows `Case.at`.
@@ -86,7 +89,7 @@ class _Expected(NamedTuple):
 
     Attributes:
         rigid, friction: (T, n) N m, torque of the links and of friction.
-        columns: (T, n, k) N m per unit, of what is open.
+        columns: (N, n, k) N m per unit, of what is open, at N of the rows.
         prior_sd: (k,) of it.
     """
 
@@ -145,6 +148,11 @@ class Case:
         return self.view(self.rows)
 
     @cached_property
+    def columns_of_all_rows(self) -> Array:
+        """(T, n, k) `View.columns` of the log as it is, but at all rows."""
+        return self._expected(self.rows, self._chain, slice(None)).columns
+
+    @cached_property
     def base_fit(self) -> Fit:
         """The log as it is, with contacts and a load."""
         return self.fit(self.base)
@@ -167,8 +175,8 @@ class Case:
         """The log with other signals, and with another gravity (3,) in m/s^2 where it is given.
 
         What is open of the model is linear: measured = expected + columns theta + error, theta with
-        the prior sds. The kinds of rows (`RowKinds`) are those at the indices `at`. They do not
-        depend on gravity.
+        the prior sds. Columns and kinds of rows (`RowKinds`) are those at the indices `at`, few
+        of a long log's. The kinds do not depend on gravity.
 
         Args:
             rows: T rows, on the grid of the case's own.
@@ -178,7 +186,7 @@ class Case:
         chain = self._chain
         if gravity is not None:
             chain = replace(chain, gravity=np.asarray(gravity, float))
-        expected = self._expected(rows, chain)
+        expected = self._expected(rows, chain, self.at)
         force_sd, moment_sd = live_prior(self.robot.payload)
         kinds = RowKinds(
             sd=self._error_sd(rows)[self.at],
@@ -204,28 +212,29 @@ class Case:
         rows = replace(self.rows, effort=effort)
         return replace(self.base, rows=rows, measured=self.joint_torque(effort))
 
-    def jacobian(self, rows: LogRows) -> Array:
-        """(T, 6, n) of E in axes of W, rotation first."""
-        return np.asarray(self._chain.jacobian(rows.q))
+    def jacobian(self, q: Array) -> Array:
+        """(N, 6, n) of E in axes of W, rotation first, at N positions (N, n)."""
+        return np.asarray(self._chain.jacobian(q))
 
-    def orientation(self, rows: LogRows) -> Array:
-        """(T, 3, 3) of E in W."""
-        return np.asarray(self._chain.pose(rows.q)[0])
+    def orientation(self, q: Array) -> Array:
+        """(N, 3, 3) of E in W at N positions (N, n)."""
+        return np.asarray(self._chain.pose(q)[0])
 
-    def gravity(self, rows: LogRows) -> Array:
-        """(T, n) N m, torque that holds the arm."""
-        return np.asarray(self._chain.gravity_torque(rows.q))
+    def gravity(self, q: Array) -> Array:
+        """(N, n) N m, torque that holds the arm, at N positions (N, n)."""
+        return np.asarray(self._chain.gravity_torque(q))
 
-    def gravity_columns(self, rows: LogRows) -> Array:
-        """(T, n, 3) torque that holds the arm, for each m/s^2 along the axes of W."""
+    def gravity_columns(self) -> Array:
+        """(N, n, 3) torque that holds the arm, for each m/s^2 along the axes of W, at rows `at`."""
         chains = [replace(self._chain, gravity=axis) for axis in np.eye(3)]
-        return np.stack([chain.gravity_torque(rows.q) for chain in chains], axis=2)
+        q = self.rows.q[self.at]
+        return np.stack([chain.gravity_torque(q) for chain in chains], axis=2)
 
     def fit(self, view: View, quick: bool = False) -> Fit:
         """The evidence for a view; `quick` ranks views that are fitted again."""
         at = self.at
         residual = view.measured[at] - view.expected[at]
-        return view.kinds.fit(residual, view.columns[at], view.prior_sd, quick)
+        return view.kinds.fit(residual, view.columns, view.prior_sd, quick)
 
     def explained(self, view: View, fit: Fit) -> float:
         """Share of the measured torque's mean square that a fit explains, in units of the error."""
@@ -234,8 +243,8 @@ class Case:
         left_square, square = (float(self._weight @ (x**2).sum(axis=1)) for x in (left, measured))
         return max(0.0, 1.0 - left_square / max(square, _LEAST_SQUARE))
 
-    def _expected(self, rows: LogRows, chain: SerialChain) -> _Expected:
-        """What the model expects of T rows, and what of it is open.
+    def _expected(self, rows: LogRows, chain: SerialChain, at: RowIndices | slice) -> _Expected:
+        """What the model expects of T rows, and what of it is open at some of them.
 
         The columns, in this order: errors of mass and first moment (4 a link), dry friction,
         viscous friction, offset and, of a robot's file without a fitted model, rotor inertia (1 a
@@ -243,8 +252,10 @@ class Case:
         """
         n = self.num_joints
         rigid = np.asarray(chain.inverse_dynamics(rows.q, rows.v, rows.vdot))
-        Y = chain.regressor(rows.q, rows.v, rows.vdot).reshape(len(rows.t), n, n, 10)
-        links = Y[..., :_LINK_PARAMETERS].reshape(len(rows.t), n, -1)
+        v, vdot, sliding = rows.v[at], rows.vdot[at], rows.sliding[at]
+        N = len(v)
+        Y = chain.regressor(rows.q[at], v, vdot).reshape(N, n, n, 10)
+        links = Y[..., :_LINK_PARAMETERS].reshape(N, n, -1)
         mass = np.maximum(self.robot.chain.inertial_parameters[:, 0], LEAST_LINK_MASS)
         is_fitted = self.model is not None
         mass_share = FITTED_MASS_SHARE if is_fitted else MASS_SHARE
@@ -260,16 +271,16 @@ class Case:
         # Columns and sds. Behind the links' comes dry friction: `View.sliding_columns`.
         parts = [
             (links, link_sd.ravel()),
-            (one_each * rows.sliding[:, :, None], coulomb_sd),
-            (one_each * rows.v[:, :, None], viscous_sd),
-            (np.broadcast_to(one_each, (len(rows.t), n, n)), offset_sd),
+            (one_each * sliding[:, :, None], coulomb_sd),
+            (one_each * v[:, :, None], viscous_sd),
+            (np.broadcast_to(one_each, (N, n, n)), offset_sd),
         ]
         if not is_fitted:
             speed = np.where(np.isfinite(self.robot.velocity_limit), self.robot.velocity_limit, 1.0)
             # kg m^2: with it the effort limit takes ROTOR_RISE_TIME to the speed limit.
             rotor = ROTOR_RISE_TIME * self.effort_limit / speed
             rotor_sd = np.maximum(self.robot.reflected_inertia, rotor)
-            parts.append((one_each * rows.vdot[:, :, None], rotor_sd))
+            parts.append((one_each * vdot[:, :, None], rotor_sd))
         return _Expected(
             rigid=rigid,
             friction=friction,

@@ -14,7 +14,7 @@ NAME = "external torque as effort"
 def explain(case: Case) -> Explanation | None:
     """The log as external torque: zero but for contacts and an offset of each joint."""
     base, n = case.base, case.num_joints
-    columns = np.broadcast_to(np.eye(n), (len(base.rows.t), n, n))
+    columns = np.broadcast_to(np.eye(n), (len(case.at), n, n))
     view = replace(
         base,
         expected=np.zeros_like(base.expected),

@@ -36,7 +36,7 @@ def explain(case: Case) -> Explanation | None:
     g = np.array(case.robot.gravity)
     stated_length = float(np.linalg.norm(g))
     g_length = stated_length if stated_length > 0.0 else STANDARD_GRAVITY
-    columns = case.gravity_columns(case.base.rows)
+    columns = case.gravity_columns()
     found = _found(case, columns, g_length)
     if found is None:
         return None

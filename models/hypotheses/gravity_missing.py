@@ -13,7 +13,7 @@ NAME = "gravity missing from the effort"
 def explain(case: Case) -> Explanation | None:
     """The log with the model's gravity added."""
     base = case.base
-    gravity = case.gravity(base.rows)
+    gravity = case.gravity(base.rows.q)
     view = replace(base, measured=base.measured + gravity)
     fit = case.fit(view)
     return Explanation(

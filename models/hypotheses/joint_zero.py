@@ -95,14 +95,11 @@ def _view(case: Case, j: int, offset: float) -> View:
 
 
 def _derivative(case: Case, j: int, offset: float) -> Array:
-    """(T, n, 1) expected torque per rad of an offset of joint j."""
-    q = case.rows.q.copy()
+    """(N, n, 1) expected torque per rad of an offset of joint j, at the rows `Case.at`."""
+    q = case.rows.q[case.at]
     q[:, j] += offset
     ahead, behind = q.copy(), q.copy()
     ahead[:, j] += _DIFFERENCE_STEP
     behind[:, j] -= _DIFFERENCE_STEP
-    rows = case.rows
-    slope = (case.gravity(replace(rows, q=ahead)) - case.gravity(replace(rows, q=behind))) / (
-        2.0 * _DIFFERENCE_STEP
-    )
+    slope = (case.gravity(ahead) - case.gravity(behind)) / (2.0 * _DIFFERENCE_STEP)
     return np.asarray(slope)[:, :, None]

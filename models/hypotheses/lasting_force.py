@@ -43,8 +43,9 @@ def explain(case: Case) -> Explanation | None:
     first_stretches = _longest_stretches(case.rows.t[at], kind[0] < MAX_FREE_PROBABILITY)
     if not first_stretches:
         return None
-    J = case.jacobian(case.rows)
-    R_EW = case.orientation(case.rows).transpose(0, 2, 1)
+    q = case.rows.q[at]
+    J = case.jacobian(q)
+    R_EW = case.orientation(q).transpose(0, 2, 1)
     J_in_E = np.concatenate([R_EW @ J[:, :3], R_EW @ J[:, 3:]], axis=1)
     fits = [_fitted(case, in_axes.transpose(0, 2, 1), first_stretches) for in_axes in (J, J_in_E)]
     view, fit = max(fits, key=lambda pair: pair[1].log_evidence)
@@ -67,10 +68,11 @@ def _fitted(case: Case, columns: Array, first_stretches: Sequence[_Stretch]) -> 
 
     Args:
         case: the log, its model and the fit of the log as it is.
-        columns: (T, n, 6) torque of each component of a wrench, moment first.
+        columns: (N, n, 6) torque of each component of a wrench, moment first, at the rows
+            `Case.at`.
         first_stretches: one for each wrench.
     """
-    t, at = case.rows.t, case.at
+    t = case.rows.t[case.at]
     stretches = list(first_stretches)
     best: tuple[View, Fit] | None = None
     for _ in range(_NUM_PASSES + 1):
@@ -84,7 +86,7 @@ def _fitted(case: Case, columns: Array, first_stretches: Sequence[_Stretch]) -> 
         best = view, fit
         # theta holds six numbers of each stretch's wrench, then what is open of the model.
         stretches = [
-            _best_interval(case, fit, columns[at] @ fit.theta[6 * k : 6 * k + 6], is_within[at])
+            _best_interval(case, fit, columns @ fit.theta[6 * k : 6 * k + 6], is_within)
             for k, is_within in enumerate(masks)
         ]
     assert best is not None

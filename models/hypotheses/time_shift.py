@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, RowIndices, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.log_words import DELAY_WORD, DRIVE_SIGNALS, correction_word
@@ -215,7 +215,7 @@ def _model_view(case: Case, window: float) -> View:
     return replace(
         base,
         expected=_averaged(base.expected, window, step),
-        columns=_averaged(base.columns, window, step),
+        columns=_averaged(case.columns_of_all_rows, window, step, case.at),
     )
 
 
@@ -233,15 +233,15 @@ def _with_drives_earlier(case: Case, model_view: View, effort: CubicSpline, shif
 def _friction_view(case: Case, shift: float, window: float) -> View:
     """The log as it is, with the model's friction alone later by `shift`, and averaged."""
     base, t = case.base, case.rows.t
-    at = np.clip(t - shift, t[0], t[-1])
-    columns = base.columns.copy()
-    sliding = columns[:, :, base.sliding_columns]
+    times_before = np.clip(t - shift, t[0], t[-1])
+    sliding = case.columns_of_all_rows[:, :, base.sliding_columns]
 
     def late(x: Array) -> Array:
-        shifted = np.asarray(CubicSpline(t, x)(at))
+        shifted = np.asarray(CubicSpline(t, x)(times_before))
         return _averaged(shifted, window, case.rows.step) if window else shifted
 
-    columns[:, :, base.sliding_columns] = late(sliding)
+    columns = base.columns.copy()
+    columns[:, :, base.sliding_columns] = late(sliding)[case.at]
     expected = base.expected - base.friction + late(base.friction)
     return replace(base, expected=expected, columns=columns)
 
@@ -250,9 +250,15 @@ def _spline(case: Case) -> CubicSpline:
     return CubicSpline(case.rows.t, case.rows.effort)
 
 
-def _averaged(x: Array, window: float, step: float) -> Array:
-    """Mean (T, ...) over `window` s around each row, of the signal linear between rows."""
-    rows = np.arange(len(x), dtype=float)
+def _averaged(x: Array, window: float, step: float, at: RowIndices | None = None) -> Array:
+    """Mean (T, ...) over `window` s around each row, of the signal linear between rows.
+
+    Args:
+        x: (T, ...).
+        window, step: s; of the mean, and between rows.
+        at: (N,) indices of the rows that are wanted; None: all.
+    """
+    rows = np.arange(len(x), dtype=float) if at is None else at.astype(float)
     total = np.concatenate([np.zeros_like(x[:1]), np.cumsum(0.5 * (x[1:] + x[:-1]), axis=0)])
     half = 0.5 * window / step
 
