@@ -55,7 +55,9 @@ class BaseParameters:
 
 def triangular_factor(W: Array) -> Array:
     """Returns R (min(m, p), p) with R^T R = W^T W for W (m, p): all that the fit needs from W."""
-    return np.asarray(qr(W, mode="r", check_finite=False)[0][: min(W.shape)])
+    # The mode "r" would take R of all m rows; "raw" makes no Q either.
+    _, R = qr(W, mode="raw", check_finite=False)
+    return np.asarray(R)
 
 
 def independent_columns(W: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:
@@ -146,14 +148,14 @@ def _pivoted(W: Array, tolerance: float) -> _PivotedFactor:
     # is then not written as 1000 times some mass. Without this rule, rounding would decide.
     favour = (length[present] / length.max()) ** _LENGTH_POWER
     scaled = W[:, present] / length[present]
-    R, order = qr(scaled * favour, mode="r", pivoting=True, check_finite=False)
+    _, R, order = qr(scaled * favour, mode="raw", pivoting=True, check_finite=False)
     # Of two columns of one length, the earlier one is kept. LAPACK compares lengths that it updates
     # step by step; they are exact to half their digits.
     ordered_favour = favour * (1.0 - _ORDER_WEIGHT * np.arange(len(present)))
-    _, by_rule = qr(scaled * ordered_favour, mode="r", pivoting=True, check_finite=False)
+    _, _, by_rule = qr(scaled * ordered_favour, mode="raw", pivoting=True, check_finite=False)
     if not np.array_equal(by_rule, order):
         order = by_rule
-        (R,) = qr((scaled * favour)[:, order], mode="r", check_finite=False)
+        R = triangular_factor((scaled * favour)[:, order])
     pivots = np.abs(np.diag(R)) / np.abs(R[0, 0])
     return _PivotedFactor(R, length, present, order, favour, pivots)
 
