@@ -524,12 +524,13 @@ class WrenchEstimator:
         signals = contiguous(q, v, current)
         self._check_shapes(state, signals, correction, tau_f)
         q_rows, v_rows, current_rows = signals
-        fault = np.zeros(len(q_rows), np.int64)
         if check and self.check is not None:
             # What is impossible becomes NaN.
             (q_rows, v_rows, current_rows), fault = self.check.run(
                 state.check, q_rows, v_rows, current_rows, self.observer.time_step
             )
+        else:
+            fault = np.zeros(len(q_rows), np.int64)
         tau_J = joint_torque(self.gain, self._motor_rates, current_rows)
         known_friction = None if tau_f is None else np.asarray(tau_f, float)
         return self._stages(state, q_rows, v_rows, tau_J, fault, correction, known_friction)
@@ -657,7 +658,8 @@ class WrenchEstimator:
         )
         observed = self.observer.observe(state.observer, samples)
         # What an air pass has shown of the observed torque, where it is known.
-        tau_ext, is_corrected = observed.tau_ext, np.ones(len(q), np.bool_)
+        tau_ext, is_corrected = observed.tau_ext, np.empty(len(q), np.bool_)
+        is_corrected.fill(True)
         if correction is not None:
             added = np.asarray(correction.tau_correction, float)
             is_known = np.isfinite(added)
@@ -784,7 +786,8 @@ class WrenchEstimator:
 
 def _shapes_of(state: EstimatorState) -> tuple[tuple[int, ...], ...]:
     """The shapes of the parts of a state that differ between estimators."""
-    observer = state.observer
-    parts = observer if isinstance(observer, tuple) else (observer,)
-    shapes = [part.shape for part in parts]
-    return state.check.shape, state.error.shape, state.friction.shape, *shapes
+    check, error, friction, observer, _ = state
+    shapes = (check.shape, error.shape, friction.shape)
+    if isinstance(observer, tuple):
+        return *shapes, *(part.shape for part in observer)
+    return *shapes, observer.shape

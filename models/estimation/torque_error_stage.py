@@ -118,6 +118,7 @@ class TorqueErrorStage:
         self.rates = np.broadcast_to(np.asarray(error.K_0 if K_0 is None else K_0, float), (n,))
         self.table = error.table(friction, time_step, self.rates, resolution, chain)
         self.may_rest_unseen = may_rest_unseen(self.table)
+        self._has_spread = has_spread(self.table)
         learnt = not isinstance(error, ConstantTorqueError)
         self.poles = observer_poles(K_0 if learnt else None, n, time_step)
 
@@ -176,12 +177,12 @@ class TorqueErrorStage:
         """
         N, n = q.shape
         sd, stiction, drift = np.zeros((N, n)), np.empty((N, n)), np.empty((N, n))
-        if has_spread(self.table):
+        if self._has_spread:
             in_row_blocks(
                 lambda block: posture_variance_rows(self.table, q[block], sd[block]), N, _BLOCK_ROWS
             )
         torques = state[:TORQUE_ERROR_ROWS]
         torque_sd_rows(self.table, torques, v, tau_J, tau_f, rows, sd, stiction, drift)
-        J_seen = np.empty_like(J)
+        J_seen = np.empty(J.shape)
         see_jacobian_rows(self.poles, state[TORQUE_ERROR_ROWS:], J, J_seen)
         return TorqueError(sd, stiction, drift, J_seen, rows)

@@ -43,7 +43,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrenchsight.models.numerics.arrays import Array, contiguous
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.robot.arm import Arm
 
@@ -127,7 +127,7 @@ class SampleCheck:
 
         Args:
             state: of `initial_state`, changed in place.
-            q, v, current: (N, n).
+            q, v, current: (N, n), contiguous.
             period: (N,) or () s since the sample before.
 
         Returns:
@@ -135,7 +135,6 @@ class SampleCheck:
             of q and v of each sample and of the current of the one before: a sum of FAULT_BEYOND,
             FAULT_DISAGREES and FAULT_FROZEN, or 0.
         """
-        q, v, current = contiguous(q, v, current)
         checked, codes = np.empty((3, len(q), self.num_joints)), np.empty(len(q), np.int64)
         periods = np.empty(len(q))
         periods[:] = period

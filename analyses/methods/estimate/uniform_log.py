@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
-from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.observers.sample_check import FAULT_BEYOND, OTHER_FAULT_WEIGHT, SampleCheck
 from wrenchsight.models.recordings.episodes_reader import LogReader
 from wrenchsight.models.recordings.recording import Recording, place_of
@@ -79,8 +79,9 @@ class SampleScreen:
             self._last_t = float(chunk.t[-1])
             # Time that stands still or runs backwards is refused later, with its line; until then
             # a ns keeps the quotients finite. The log's first sample, of period 0, follows none.
+            q, v, current = contiguous(chunk.q, chunk.v, chunk.current)
             (q, v, current), codes = self._check.run(
-                self._state, chunk.q, chunk.v, chunk.current, np.maximum(period, 1e-9)
+                self._state, q, v, current, np.maximum(period, 1e-9)
             )
             is_impossible = (
                 _is_removed(chunk.q, q)
