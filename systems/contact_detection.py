@@ -5,7 +5,7 @@ from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import BasicVector, Context, DependencyTicket
 
 from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.detection.contact_statistic import ArmSamples
@@ -62,12 +62,25 @@ class ContactDetection(SampledBlock):
     """
 
     def __init__(self, detector: ContactDetector) -> None:
-        n = detector.num_joints
         SampledBlock.__init__(
             self, period=detector.time_step, initial_memory=detector.initial_state()
         )
         self._detector = detector
+        self._declare_inputs()
+        # The ContactDetector with pole and friction as they are now: made anew when one of these
+        # inputs changes, not at every tick. Only `_calc_detector` reads the two.
+        self._tuned_detector = declare_cached(
+            self, "detector", self._calc_detector, {self._pole.ticket(), self._sliding.ticket()}
+        )
+        # In the place of what the gears transmit, N m, where the output does not read it.
+        self._no_torque = np.zeros((1, detector.num_joints))  # a log of one sample
+        self._detection = self.declare_held_output(
+            "detection", len(DETECTION), self._calc_detection, self._tickets_of_detection()
+        )
 
+    def _declare_inputs(self) -> None:
+        """Declares the inputs, all of which are needed."""
+        n = self._detector.num_joints
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
@@ -78,31 +91,17 @@ class ContactDetection(SampledBlock):
         self._pole = self.DeclareVectorInputPort("pole", n)
         self._sliding = self.DeclareVectorInputPort("sliding", sliding_size(n))
 
-        # The ContactDetector with pole and friction as they are now: made anew when one of these
-        # inputs changes, not at every tick. Only `_calc_detector` reads the two.
-        self._tuned_detector = declare_cached(
-            self, "detector", self._calc_detector, {self._pole.ticket(), self._sliding.ticket()}
-        )
-        ports_of_sample = [
-            self._v,
-            self._terms,
-            self._torque_error,
-            self._tau_ext,
-            self._tau_ext_valid,
-        ]
-        # tau_J and tau_f count for the sample after: the update reads them. The output does so only
-        # behind an observer that reads the present torque. Else zeros stand for them there, and it
-        # does not feed through from the motors.
-        if detector.reads_present_torque:
-            ports_of_sample += [self._tau_J, self._tau_f]
-        self._no_torque = np.zeros((1, n))  # N m, of a log of one sample, as detectors read them
-        # Depends on time and memory as well: `declare_held_output` adds these.
-        self._detection = self.declare_held_output(
-            "detection",
-            len(DETECTION),
-            self._calc_detection,
-            {port.ticket() for port in ports_of_sample} | {self._tuned_detector.ticket()},
-        )
+    def _tickets_of_detection(self) -> set[DependencyTicket]:
+        """What `_calc_detection` reads, besides time and memory: `declare_held_output` adds these.
+
+        tau_J and tau_f count for the sample after: the update reads them. The output does so only
+        behind an observer that reads the present torque. Else zeros stand for them there, and it
+        does not feed through from the motors.
+        """
+        ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
+        if self._detector.reads_present_torque:
+            ports += [self._tau_J, self._tau_f]
+        return {port.ticket() for port in ports} | {self._tuned_detector.ticket()}
 
     def _calc_detector(self, context: Context) -> ContactDetector:
         pole = self._pole.Eval(context)

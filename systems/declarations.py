@@ -100,10 +100,9 @@ def declare_outputs(
 ) -> OutputPort:
     """Declares the output ports of a block that computes all of them at once.
 
-    These are a port for each output, and besides them one port `all` with the outputs one after
-    another. To read the ports one by one takes a call into Python each at a tick. A diagram that
-    reads several of them connects `all` instead, and Drake's Demultiplexer splits it with `sizes`
-    (`diagrams.outputs.split_outputs`).
+    These are a port for each output, and one port `all` with the outputs one after another. Each
+    port that is read takes a call into Python at a tick: a diagram that reads several connects
+    `all` instead, which Drake's Demultiplexer splits (`diagrams.outputs.split_outputs`).
 
     Args:
         block: that gets the ports.
@@ -114,11 +113,10 @@ def declare_outputs(
     Returns:
         The port `all`.
     """
-    # One ticket in the place of all: Drake has an edge from each ticket to each port.
+    # One ticket that is out of date when any of them is: Drake follows fewer edges.
     joined = joined_ticket(block, tickets)
     port = block.DeclareVectorOutputPort("all", sum(sizes.values()), calc, joined)
-    # A part evaluates `all`, whose value Drake keeps, and copies its own entries: `calc` is called
-    # once, however many ports are read.
+    # A part copies its entries of `all`, whose value Drake keeps: `calc` is called once.
     declare_port_of_each_part(block, port.Eval, sizes, joined)
     return port
 

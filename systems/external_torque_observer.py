@@ -5,7 +5,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import BasicVector, Context, DependencyTicket, InputPort
 
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.numerics.arrays import Array
@@ -15,6 +15,7 @@ from wrenchsight.systems.declarations import (
     TunedParameters,
     declare_cached,
     declare_held_outputs,
+    parts_of,
     torque_error_size,
 )
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -70,44 +71,59 @@ class ExternalTorqueObserver(SampledBlock):
             self, period=observer.time_step, initial_memory=observer.initial_state()
         )
         self._observer = observer
-        self._n = n = observer.num_joints
-        self._has_wrench = observer.reads_wrench  # which most observers leave to a later stage
+        self._n = observer.num_joints
         # The observer's parameters become numeric parameters of the Context, which may be changed
         # in a run. The observer with these is made anew when one changes, not at every tick.
         self._parameters = TunedParameters(self, observer.parameters)
-        of_parameters = self._parameters.tickets
-        self._tuned_observer = declare_cached(self, "observer", self._calc_observer, of_parameters)
+        self._tuned_observer = declare_cached(
+            self, "observer", self._calc_observer, self._parameters.tickets
+        )
+        self._declare_inputs()
+        self._declare_outputs()
 
+    def _declare_inputs(self) -> None:
+        """Declares the inputs; torque_error is there only where the class has `uses_sd`."""
+        n = self._n
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
-        ports_of_reading = [self._terms, self._tau_f]
-        if self.uses_sd:  # of the class: all of its blocks have this port, or none
+        self._torque_error: InputPort | None = None
+        if self.uses_sd:
             self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
-            ports_of_reading.append(self._torque_error)
-        # An observer that does not read the present torque does without this feedthrough, so that a
-        # controller may make tau_J of the estimate without an algebraic loop. Zeros then stand for
-        # tau_J in the outputs; the update always reads it.
-        if observer.reads_present_torque:
-            ports_of_reading.append(self._tau_J)
-        self._no_torque = np.zeros((1, n))  # N m, of a log of one sample, as observers read them
-        # Stands for the torque error where its port is not connected.
+        # Stand for inputs that are not read: as observers have them, logs of one sample.
+        self._no_torque = np.zeros((1, n))  # N m
         self._no_error = TorqueError.of_flat(np.zeros(torque_error_size(n)), n)
-        # In the order in which `_observe` writes them.
-        sizes = {"tau_ext": n, "valid": 1}
-        if self._has_wrench:
+
+    def _declare_outputs(self) -> None:
+        """Declares `reading`, which is held from tick to tick, a port of each part, and `pole`."""
+        sizes = {"tau_ext": self._n, "valid": 1}
+        if self._observer.reads_wrench:
             sizes["wrench"] = _WRENCH_SIZE
         self.reading_sizes = list(sizes.values())
-        # One held output, `reading`, and a port for each of its parts.
+        self._parts = parts_of(sizes)  # of `reading`, by which `_observe` writes them
         self._reading = declare_held_outputs(
             self,
             sizes,
             self._calc_reading,
-            {port.ticket() for port in ports_of_reading} | {self._tuned_observer.ticket()},
+            self._tickets_of_reading(),
             whole_name="reading",
         )
         # Not held: it follows from the parameters alone.
-        self.DeclareVectorOutputPort("pole", n, self._calc_pole, of_parameters)
+        self.DeclareVectorOutputPort("pole", self._n, self._calc_pole, self._parameters.tickets)
+
+    def _tickets_of_reading(self) -> set[DependencyTicket]:
+        """What `_calc_reading` reads, besides time and memory: `declare_held_outputs` adds these.
+
+        An observer that does not read the present torque does without the feedthrough from tau_J,
+        so that a controller may make tau_J of the estimate without an algebraic loop. Zeros then
+        stand for tau_J in the outputs; the update always reads it.
+        """
+        ports = [self._terms, self._tau_f]
+        if self._torque_error is not None:
+            ports.append(self._torque_error)
+        if self._observer.reads_present_torque:
+            ports.append(self._tau_J)
+        return {port.ticket() for port in ports} | {self._tuned_observer.ticket()}
 
     def _calc_observer(self, context: Context) -> Observer:
         """The observer with the parameters of a context."""
@@ -120,7 +136,7 @@ class ExternalTorqueObserver(SampledBlock):
     def _samples(self, context: Context, tau_J: Array) -> ObserverSamples:
         """The present sample; tau_J (1, n)."""
         error = self._no_error
-        if self.uses_sd and self._torque_error.HasValue(context):
+        if self._torque_error is not None and self._torque_error.HasValue(context):
             error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         return ObserverSamples(
@@ -140,11 +156,13 @@ class ExternalTorqueObserver(SampledBlock):
     def _observe(self, context: Context, memory: Any, tau_J: Array, reading: Array) -> None:
         """Writes the reading of the present sample, which `memory` takes; tau_J (1, n)."""
         observer: Observer = self._tuned_observer.EvalAbstract(context).get_value()
-        observed, n = observer.observe(memory, self._samples(context, tau_J)), self._n
-        reading[:n], reading[n] = observed.tau_ext, observed.is_fresh.item()
+        observed, parts = observer.observe(memory, self._samples(context, tau_J)), self._parts
+        reading[parts["tau_ext"]] = observed.tau_ext
+        reading[parts["valid"]] = observed.is_fresh.item()
         if observed.wrench is not None and observed.covariance is not None:
-            reading[n + 1 : n + 7] = observed.wrench
-            reading[n + 7 :] = observed.covariance.ravel()
+            wrench_and_covariance = reading[parts["wrench"]]
+            wrench_and_covariance[:6] = observed.wrench
+            wrench_and_covariance[6:] = observed.covariance.ravel()
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         tau_J = self._no_torque

@@ -65,6 +65,18 @@ NO_SENSOR = SensorConstants(
 """Stands for a sensor where there is none."""
 
 
+class _SensorMemory(NamedTuple):
+    """What the sensor remembers.
+
+    Attributes:
+        wrench: (6,) of the tick before, N m, N.
+        filter_state: (6 order,) of the low-pass.
+    """
+
+    wrench: Array
+    filter_state: Array
+
+
 class ForceTorqueSensor(SampledBlock):
     """Measures the wrench at the tool from the reaction at the weld that carries it.
 
@@ -116,6 +128,22 @@ class ForceTorqueSensor(SampledBlock):
         seed: int | None = None,
     ) -> None:
         check_seed(seed)
+        self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
+        at_rest = _SensorMemory(wrench=np.zeros(6), filter_state=np.zeros(self.filter_size))
+        SampledBlock.__init__(self, period=time_step, initial_memory=at_rest)
+        self._time_step = time_step
+        self._seed = seed
+        self._weld = int(tool_weld)  # Drake lists `reaction_forces` by the index of the joint
+        # The tool's inertia and weight, which are taken off, and where the weld is.
+        self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
+        self._declare_noise(config)
+        self._declare_ports(num_joints)
+
+    def _declare_noise(self, config: ForceTorqueSensorConfig) -> None:
+        """Checks the noise and declares its sds, which may be changed in a run, as a parameter.
+
+        `constants` states those of `config`, whatever a Context holds.
+        """
         if not (config.force_noise_sd >= 0 and config.moment_noise_sd >= 0):  # NaN neither
             raise InputError(
                 "force/torque sensor",
@@ -123,31 +151,25 @@ class ForceTorqueSensor(SampledBlock):
                 f"standard deviations {config.force_noise_sd:g} N and "
                 f"{config.moment_noise_sd:g} N m, expected 0 or more",
             )
-        self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
-        # The wrench of the tick before, then the filter's state, which only the kernel
-        # `measure_contact_wrench` reads and updates.
-        wrench_and_filter = np.zeros(6 + 6 * self._filter.order)
-        SampledBlock.__init__(self, period=time_step, initial_memory=wrench_and_filter)
-        self._time_step = time_step
-        self._seed = seed
+        moment_sd = np.full(3, config.moment_noise_sd, np.float64)
+        force_sd = np.full(3, config.force_noise_sd, np.float64)
+        self._default_noise_sd = np.concatenate([moment_sd, force_sd])  # as the wrench's entries
+        self._noise_sd = self.DeclareNumericParameter(BasicVector(self._default_noise_sd))
         # Room for the noise of a tick, of unit sd; without a seed it stays zero. No state.
         self._noise = np.zeros(6)
-        self._weld = int(tool_weld)  # Drake lists `reaction_forces` by the index of the joint
-        # The tool's inertia and weight, which are taken off, and where the weld is.
-        self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
-        # As configured: the parameter's default, and what `constants` states whatever a Context
-        # holds. Rotation first.
-        noise_sds = np.array([config.moment_noise_sd, config.force_noise_sd], np.float64)
-        self._default_noise_sd = np.repeat(noise_sds, 3)
-        self._noise_sd = self.DeclareNumericParameter(BasicVector(self._default_noise_sd))
 
+    def _declare_ports(self, num_joints: int) -> None:
+        """Declares inputs and output.
+
+        The output is the wrench in the memory, measured at the tick before. It depends on no input,
+        so that a controller may feed the wrench back without an algebraic loop; only the update
+        reads the inputs.
+        """
         self._reaction = self.DeclareAbstractInputPort(
             "reaction_forces", Value[list[SpatialForce]]()
         )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._vdot = self.DeclareVectorInputPort("vdot", num_joints)
-        # At a tick the output is the wrench in the memory, measured at the tick before. It depends
-        # on no input, so a controller may feed the wrench back without an algebraic loop.
         self._wrench = self.declare_held_output("wrench", 6, self._calc_wrench, tickets=set())
 
     @property
@@ -173,9 +195,9 @@ class ForceTorqueSensor(SampledBlock):
         )
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.memory(context)[:6])
+        output.SetFromVector(self.memory(context).wrench)
 
-    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+    def take_sample(self, context: Context, memory: _SensorMemory) -> Sequence[Array]:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         if self._seed is not None:
             tick = tick_number(context.get_time(), self._time_step)
@@ -191,8 +213,8 @@ class ForceTorqueSensor(SampledBlock):
             ToolMotion(terms.J, terms.R_WE, terms.V_WE, terms.v, self._vdot.Eval(context)),
             self._reaction.Eval(context)[self._weld].get_coeffs(),
             self._noise,
-            memory[:6],
-            memory[6:],
+            memory.wrench,
+            memory.filter_state,
         )
         return (self._wrench.Eval(context),)
 

@@ -75,13 +75,13 @@ class FrictionLawSystem(SampledBlock):
     """
 
     def __init__(self, law: FrictionLaw, time_step: float = 0.0, knows_rest: bool = False) -> None:
-        n, has_memory = law.num_joints, law.state_rows > 0
+        has_memory = law.state_rows > 0
         if has_memory and not time_step > 0.0:
             raise ValueError(f"friction: time_step must be positive, not {time_step}")
+        # Without memory the period is 0: the block has no ticks and no state, `take_sample` is not
+        # called, and `memory` returns the initial one, which has no rows.
         SampledBlock.__init__(
-            self,
-            period=time_step if has_memory else 0.0,  # 0: no ticks, `take_sample` is not called
-            initial_memory=law.initial_state(),
+            self, period=time_step if has_memory else 0.0, initial_memory=law.initial_state()
         )
         self._initial_law = law
         # The law's parameters become numeric parameters of the Context, which may be changed in a
@@ -89,23 +89,32 @@ class FrictionLawSystem(SampledBlock):
         self._parameters = TunedParameters(self, law.parameters)
         self._law = declare_cached(self, "law", self._calc_law, self._parameters.tickets)
 
-        # All but v only some laws have; the class's docstring says which. None: no such port.
+        self._declare_inputs(knows_rest)
+        self._declare_outputs()
+
+    def _declare_inputs(self, knows_rest: bool) -> None:
+        """Declares those inputs that this law has. All but v only some have; None: no such port."""
+        law, n = self._initial_law, self._initial_law.num_joints
         self._q: InputPort | None = None
         self._torque_error: InputPort | None = None
         self._tau_J: InputPort | None = None
         if not law.is_of_speed_alone:
             self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
-        if knows_rest:  # its state says by which share each joint rests (`resting_shares`)
+        if knows_rest:  # `_run` reads of it how much of each joint's dry friction rests
             self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
-        if has_memory:
+        if self.has_memory:
             self._tau_J = self.DeclareVectorInputPort("tau_J", n)
 
-        # tau_J is read by the update alone: what the gear transmits counts at the tick after, and
-        # a controller may feed tau_f forward without an algebraic loop.
+    def _declare_outputs(self) -> None:
+        """Declares tau_f, held between ticks by a law with memory, and sliding, which is not.
+
+        No output depends on tau_J, which the update alone reads: what the gear transmits counts at
+        the tick after, and a controller may feed tau_f forward without an algebraic loop.
+        """
+        n = self._initial_law.num_joints
         self._no_torque = np.zeros((1, n))  # N m, in the place of tau_J in the output
         ports_of_sample = [p for p in (self._q, self._v, self._torque_error) if p is not None]
-        # Held between ticks by a law with memory; of one without, a function at any time.
         self.declare_held_output(
             "tau_f",
             n,

@@ -145,8 +145,6 @@ class ImpedanceController(SampledBlock):
         time_step: float,
         config: ImpedanceConfig,
     ) -> None:
-        if not config.null_space_damping >= 0.0:
-            raise InputError("impedance", "null_space_damping", "expected 0 or more")
         self._has_force = config.force is not None
         SampledBlock.__init__(
             self,
@@ -154,32 +152,41 @@ class ImpedanceController(SampledBlock):
             period=time_step if self._has_force else 0.0,
             initial_memory=np.zeros(1),  # N s, the integral of the force error
         )
-        limit = np.array(effort_limit, dtype=np.float64)
-        self._n = len(limit)
+        self._friction = friction.table
+        self._effort_limit = np.array(effort_limit, dtype=np.float64)
+        self._n = len(self._effort_limit)
         self._time_step = time_step
         self.output_sizes = {"tau_command": self._n, "pose_error": 6, "valid": 1, "integral": 1}
         self._at_rest = np.zeros(3 * self._n)  # q_d, v_d, vdot_d of a reference not connected
-        # What `config` states, checked. The parameter force_gains is there without force control,
-        # too: with default gains, which nothing reads.
+        self._declare_law(config)
+        self._declare_ports()
+
+    def _declare_law(self, config: ImpedanceConfig) -> None:
+        """Checks `config`, and declares the law that the outputs follow, with its parameters.
+
+        Stiffness, damping and force gains become numeric parameters of the Context: the block uses
+        `_default_law` with the Context's (`_calc_law`). All else of it is fixed: axes, direction of
+        the force, null-space damping, friction.
+
+        Raises:
+            InputError: as the class.
+        """
         self._has_axes_of_E = _in_E(config.axes, "axes")  # of stiffness, damping and pose_error
         stiffness = _matrix(config.stiffness, "stiffness")
         damping = _matrix(config.damping, "damping")
+        # The parameter force_gains is there without force control, too: default gains, not read.
         force = _force_gains(config.force or ForceControlConfig())
-        # Stiffness, damping and force gains become numeric parameters of the Context, and the block
-        # uses this law with the Context's (`_calc_law`). All else of it is fixed: axes, direction
-        # of the force, null-space damping, friction.
         self._default_law = impedance_law(
-            effort_limit=limit,
-            friction=friction.table,
+            effort_limit=self._effort_limit,
+            friction=self._friction,
             spring_damper=SpringDamper(
-                stiffness, damping, self._has_axes_of_E, config.null_space_damping
+                stiffness, damping, self._has_axes_of_E, _null_space_damping(config)
             ),
             force=force if self._has_force else None,
-            time_step=time_step,
+            time_step=self._time_step,
             friction_velocity=config.friction_velocity,
         )
         self._declare_parameters(stiffness, damping, force)
-        self._declare_ports()  # after the parameters: the outputs depend on their law
 
     def _declare_parameters(self, stiffness: Array, damping: Array, force: ForceGains) -> None:
         """Declares the numeric parameters, and the cached law `_law` that follows from them."""
@@ -191,7 +198,12 @@ class ImpedanceController(SampledBlock):
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
 
     def _declare_ports(self) -> None:
-        """Declares the ports; all outputs depend on all inputs, parameters and the state."""
+        """Declares the ports; all outputs depend on all inputs and on the law of `_declare_law`.
+
+        With force control they are held from tick to tick, and depend on the integral as well,
+        which `declare_held_outputs` adds. Without it they are functions of their inputs at any
+        time.
+        """
         n = self._n
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose_reference = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
@@ -264,6 +276,12 @@ class ImpedanceController(SampledBlock):
 def _is_on(port: InputPort, context: Context) -> bool:
     """Whether a switch is on; an unconnected one is on."""
     return not port.HasValue(context) or port.Eval(context).item() > 0.5
+
+
+def _null_space_damping(config: ImpedanceConfig) -> float:
+    if not config.null_space_damping >= 0.0:
+        raise InputError("impedance", "null_space_damping", "expected 0 or more")
+    return config.null_space_damping
 
 
 def _force_gains(config: ForceControlConfig) -> ForceGains:

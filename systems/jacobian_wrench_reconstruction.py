@@ -5,7 +5,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, InputPort
+from pydrake.systems.framework import BasicVector, Context, DependencyTicket, InputPort
 
 from wrenchsight.models.estimation.torque_error_stage import (
     TorqueError,
@@ -146,12 +146,24 @@ class JacobianWrenchReconstruction(SampledBlock):
     def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
         SampledBlock.__init__(self, period=time_step, initial_memory=reading.initial_state())
         self._wrench_reading = reading
-        self._n = n = reading.num_joints
+        self._n = reading.num_joints
+        self._no_signal = np.full((1, self._n), np.nan)  # in the place of one that cannot be used
         # The reading's parameters become numeric parameters of the Context, which may be changed in
         # a run.
         self._parameters = TunedParameters(self, reading.parameters)
+        self._declare_inputs()
+        # The reading with parameters, pole and friction as they are now (whitening and prior follow
+        # from them): made anew when one of these changes, not at every tick.
+        tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
+        self._tuned_reading = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
+        self._declare_outputs()
 
-        # All but terms and tau_ext may be left unconnected; the class's docstring says what then.
+    def _declare_inputs(self) -> None:
+        """Declares the inputs. All but terms and tau_ext may be left unconnected.
+
+        A flag then counts as 1, a fault as 0, and a signal as one that no stage gives.
+        """
+        n = self._n
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
@@ -162,12 +174,26 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._pole = self.DeclareVectorInputPort("pole", n)
         self._sliding = self.DeclareVectorInputPort("sliding", sliding_size(n))
 
-        # The reading with parameters, pole and friction as they are now (whitening and prior follow
-        # from them): made anew when one of these changes, not at every tick.
-        tuned = self._parameters.tickets | {self._pole.ticket(), self._sliding.ticket()}
-        self._tuned_reading = declare_cached(self, "tuned reading", self._calc_tuned, tuned)
-        # All other inputs, which `_calc_reading` evaluates at every tick.
-        ports_of_sample = [
+    def _declare_outputs(self) -> None:
+        """Declares `reading`, which is held from tick to tick, and a port of each of its parts.
+
+        Its last part, the memory after the sample, has none: `take_sample` takes it from there.
+        """
+        self.reading_sizes = [*_READING_PARTS.values(), self.memory_size]
+        # `declare_held_output` would add time and memory to `reading` alone: the parts are held
+        # with it, and need them, too. One ticket in the place of all saves Drake edges.
+        joined = joined_ticket(self, self._tickets_of_reading() | self.time_and_memory_tickets)
+        self._reading = self.declare_held_output(
+            "reading", sum(self.reading_sizes), self._calc_reading, joined
+        )
+        declare_port_of_each_part(self, self._reading.Eval, _READING_PARTS, joined)
+
+    def _tickets_of_reading(self) -> set[DependencyTicket]:
+        """What `_calc_reading` evaluates at every tick; `pole` and `sliding` only when they change.
+
+        The tuned reading depends on these two.
+        """
+        ports = [
             self._terms,
             self._tau_ext,
             self._tau_ext_valid,
@@ -176,22 +202,7 @@ class JacobianWrenchReconstruction(SampledBlock):
             self._observed,
             self._torque_error,
         ]
-        # One ticket in the place of all prerequisites, which saves Drake edges. Time and memory are
-        # among them, as the ports of the parts are held with `reading`.
-        joined = joined_ticket(
-            self,
-            {port.ticket() for port in ports_of_sample}
-            | {self._tuned_reading.ticket()}
-            | self.time_and_memory_tickets,
-        )
-        self._no_signal = np.full((1, n), np.nan)  # in the place of one that cannot be used
-        # The one held output. Its first parts have ports of their own; its last, the memory after
-        # the sample, has none: `take_sample` takes it from there.
-        self.reading_sizes = [*_READING_PARTS.values(), self.memory_size]
-        self._reading = self.declare_held_output(
-            "reading", sum(self.reading_sizes), self._calc_reading, joined
-        )
-        declare_port_of_each_part(self, self._reading.Eval, _READING_PARTS, joined)
+        return {port.ticket() for port in ports} | {self._tuned_reading.ticket()}
 
     def _calc_tuned(self, context: Context) -> _TunedReading:
         K_0, has_usable_pole = None, True
@@ -249,19 +260,16 @@ class JacobianWrenchReconstruction(SampledBlock):
         Not looked at here are v and tau_ext: the reading itself takes one that is not finite, or
         whose square is not, for missing.
         """
-        # A sum of integer codes arrives as a double; NaN or a huge number is none.
-        fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
-        is_code = abs(fault) < LARGEST_INPUT
-        is_usable = (
-            has_usable_pole
-            and is_code
-            and are_readable(LARGEST_INPUT, terms["q"], terms["J"], *error)
-        )
+        fault = self._fault_code(context)
+        # `are_readable`: these arrays hold finite numbers alone, none beyond the largest input.
+        is_readable = are_readable(LARGEST_INPUT, terms["q"], terms["J"], *error)
+        is_usable = has_usable_pole and fault is not None and is_readable
         if is_usable:
             q, v, tau_ext = terms["q"], terms["v"], self._tau_ext.Eval(context)[None]
         else:
             q = v = tau_ext = self._no_signal
         is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
+        # None of an observer that leaves the wrench to this block.
         observed_wrench, observed_covariance = self._observed_wrench(context)
         return ReadingSamples(
             J=terms["J"],
@@ -270,10 +278,20 @@ class JacobianWrenchReconstruction(SampledBlock):
             q=q,
             v=v,
             is_corrected=_FLAG_LOGS[self._is_set(context, self._corrected)],
-            fault=np.array([int(fault) if is_code else 0]),
+            fault=np.array([fault or 0]),
             wrench=observed_wrench,
             covariance=observed_covariance,
         )
+
+    def _fault_code(self, context: Context) -> int | None:
+        """The sum of fault codes of the sample, 0 for none; None where the input is no code.
+
+        It arrives as a double: NaN or a huge number is none.
+        """
+        if not self._fault.HasValue(context):
+            return 0
+        fault = self._fault.Eval(context).item()
+        return int(fault) if abs(fault) < LARGEST_INPUT else None
 
     def _torque_error_at(self, context: Context, tuned: _TunedReading, J: Array) -> TorqueError:
         """The torque error of the sample, N = 1; of an unconnected port the constant one."""

@@ -1,6 +1,6 @@
 """Tracking control of a joint reference."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import cast
@@ -95,10 +95,6 @@ class JointTrackingController(SampledBlock):
         time_step: float,
         config: JointTrackingConfig,
     ) -> None:
-        if config.law not in TRACKING_LAWS:
-            raise InputError(
-                "joint tracking", "law", f"{config.law!r} is none of {', '.join(TRACKING_LAWS)}"
-            )
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         self._n = n = self._effort_limit.shape[0]
         gains = {name: _per_joint(config, name, n) for name in _GAINS}
@@ -108,12 +104,25 @@ class JointTrackingController(SampledBlock):
             period=time_step if gains["ki"].any() else 0.0,
             initial_memory=np.zeros(n),  # rad s, the integral of the error
         )
-        rows_of_gains = np.concatenate(list(gains.values()))  # (4n,), in the order of _GAINS
-        self._gains = self.DeclareNumericParameter(BasicVector(rows_of_gains))
-        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
-        self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
-        # All of the law but the argument `gains` (4, n), which `_calc_law` gives it as the Context
-        # has them: anew when one changes, not at every tick.
+        self._declare_law(friction, time_step, config, gains)
+        self._declare_ports()
+
+    def _declare_law(
+        self,
+        friction: SemiParametricFriction,
+        time_step: float,
+        config: JointTrackingConfig,
+        gains: Mapping[str, Array],
+    ) -> None:
+        """Declares the parameter `gains` (4n,), and the law with those that a Context has.
+
+        The law is made when a gain changes, not at every tick.
+        """
+        if config.law not in TRACKING_LAWS:
+            raise InputError(
+                "joint tracking", "law", f"{config.law!r} is none of {', '.join(TRACKING_LAWS)}"
+            )
+        # All of the law but its argument `gains` (4, n).
         self._law_with_gains = partial(
             tracking_law,
             computed=config.law == "computed_torque",
@@ -122,8 +131,15 @@ class JointTrackingController(SampledBlock):
             friction_velocity=config.friction_velocity,
             time_step=time_step,
         )
+        rows_of_gains = np.concatenate([gains[name] for name in _GAINS])
+        self._gains = self.DeclareNumericParameter(BasicVector(rows_of_gains))
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
-        # `take_sample` returns these two in this order.
+
+    def _declare_ports(self) -> None:
+        """Declares inputs and outputs; `take_sample` returns the outputs in this order."""
+        n = self._n
+        self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
+        self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
         inputs = {self._terms.ticket(), self._reference.ticket()}
         self._tau_command = self.declare_held_output(
             "tau_command", n, self._calc_tau_command, inputs | {self._law.ticket()}

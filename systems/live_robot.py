@@ -70,34 +70,32 @@ class LiveRobot(LeafSystem):
         timeout: float = DEFAULT_TIMEOUT,
         late: float = DEFAULT_LATE,
     ) -> None:
-        LeafSystem.__init__(self)
         if not time_step > 0.0:
             raise ValueError(f"time_step must be positive, not {time_step}")
+        LeafSystem.__init__(self)
         self._source = source
         self._robot = robot
         self._time_step = time_step
         self._timeout = timeout
         # On its way from the source a sample passes the order, which leaves out what came twice or
         # belongs to the past, and the grid, which interpolates it to the ticks of `time_step`.
-        self._order = StreamOrder(
-            late=late,
-            rate=source.rate,  # seconds of the source's clock in one of this computer's
-            step=time_step,
-            max_gap=default_max_gap(time_step),  # as of a log; after a longer gap the grid is new
-        )
+        self._order = _stream_order(source, time_step, late)
         self._grid = SampleGrid(time_step)
+        self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
         # The signals of a tick are (3n,) q, v, current; NaN where they are unknown.
-        n = robot.num_joints
-        self._unknown = np.full(3 * n, np.nan)
+        self._unknown = np.full(3 * robot.num_joints, np.nan)
         self._waiting: deque[Array] = deque()  # have arrived, of the ticks to come, in their order
         self._num_ticks = 0  # whose signals were put out
         self._last_signals = self._unknown  # of the last such tick
-        self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
-        # Whichever port is read first at a tick waits for its signals; the others have them then.
-        # Each calls `_signals` with the Context and takes its part of what that returns.
-        declare_port_of_each_part(
-            self, self._signals, {"q": n, "v": n, "current": n}, {self.time_ticket()}
-        )
+        self._declare_outputs()
+
+    def _declare_outputs(self) -> None:
+        """Declares a port of each signal: it calls `_signals` and takes its part of the result.
+
+        Whichever is read first at a tick waits for its signals; the others have them then.
+        """
+        sizes = dict.fromkeys(("q", "v", "current"), self._robot.num_joints)
+        declare_port_of_each_part(self, self._signals, sizes, {self.time_ticket()})
 
     def _signals(self, context: Context) -> Array:
         """(3n,) the signals of the tick that `context` is at; those of the last one if it is past.
@@ -138,3 +136,13 @@ class LiveRobot(LeafSystem):
         is_unknown = not sample.running or self._order.is_late
         for point in self._grid.take(GridSample(sample.t, signals, is_unknown)):
             self._waiting.append(self._unknown if point.dropout else point.x)
+
+
+def _stream_order(source: Source, time_step: float, late: float) -> StreamOrder:
+    """The order of the samples; a gap that splits a log in two splits the stream, too."""
+    return StreamOrder(
+        late=late,
+        rate=source.rate,  # seconds of the source's clock in one of this computer's
+        step=time_step,
+        max_gap=default_max_gap(time_step),
+    )

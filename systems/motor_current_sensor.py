@@ -1,6 +1,6 @@
 """The drive's current measurement, as a block."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
@@ -59,16 +59,6 @@ class MotorCurrentSensor(SampledBlock):
     ) -> None:
         n = num_joints
         check_seed(seed)
-        # In the order of the rows of the table that `measure_current` takes.
-        parameters = {
-            "bandwidth": _per_joint(bandwidth, n),
-            "noise_sd": _per_joint(noise_sd, n),
-            "resolution": _per_joint(resolution, n),
-        }
-        for name, values in parameters.items():
-            # NaN fails the first comparison. A bandwidth of 0 would let no current through.
-            if not np.all(values >= 0.0) or (name == "bandwidth" and np.any(values == 0.0)):
-                raise ValueError(f"current sensor: {name} {values} is out of range")
         lagged_current = np.full(n, np.nan)  # A; unknown before the first sample
         SampledBlock.__init__(self, period=time_step, initial_memory=lagged_current)
         self._n = n
@@ -76,15 +66,35 @@ class MotorCurrentSensor(SampledBlock):
         self._seed = seed
         # Room for the noise of a tick, of unit sd; without a seed it stays zero. No state.
         self._noise = np.zeros(n)
-        # They become numeric parameters of the Context, which may be changed in a run. The table
-        # (3, n) of these is made anew when one changes, not at every tick.
-        self._parameters = TunedParameters(self, parameters)
-        self._table = declare_cached(self, "parameters", self._calc_table, self._parameters.tickets)
+        self._declare_parameters(bandwidth, noise_sd, resolution)
+        self._declare_ports()
 
-        self._current_true = self.DeclareVectorInputPort("current_true", n)
+    def _declare_parameters(
+        self, bandwidth: ArrayLike, noise_sd: ArrayLike, resolution: ArrayLike
+    ) -> None:
+        """Checks and declares the parameters, which may be changed in a run, and their table.
+
+        The table (3, n) is made anew when one changes, not at every tick.
+        """
+        parameters = {
+            "bandwidth": _per_joint(bandwidth, self._n),
+            "noise_sd": _per_joint(noise_sd, self._n),
+            "resolution": _per_joint(resolution, self._n),
+        }
+        _check(parameters)
+        self._parameters = TunedParameters(self, parameters)
+        self._table = declare_cached(self, "table", self._calc_table, self._parameters.tickets)
+
+    def _declare_ports(self) -> None:
+        """Declares the input, and the output, which is computed anew at each tick.
+
+        Besides its tickets it depends on time, of whose tick the noise is, and on the lagged
+        current in the memory: `declare_held_output` adds both.
+        """
+        self._current_true = self.DeclareVectorInputPort("current_true", self._n)
         self._current = self.declare_held_output(
             "current",
-            n,
+            self._n,
             self._calc_current,
             {self._current_true.ticket(), self._table.ticket()},
         )
@@ -101,7 +111,8 @@ class MotorCurrentSensor(SampledBlock):
 
     def _calc_table(self, context: Context) -> Array:
         """(3, n) bandwidth Hz, noise_sd A and resolution A of a context."""
-        return np.stack(list(self._parameters.at(context).values()))
+        values = self._parameters.at(context)
+        return np.stack([values["bandwidth"], values["noise_sd"], values["resolution"]])
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
         if self._seed is not None:
@@ -124,6 +135,14 @@ class MotorCurrentSensor(SampledBlock):
             memory,
         )
         return (self._current.Eval(context),)
+
+
+def _check(parameters: Mapping[str, Array]) -> None:
+    """Raises ValueError where one is negative or NaN, or the bandwidth lets no current through."""
+    for name, values in parameters.items():
+        # NaN fails the first comparison.
+        if not np.all(values >= 0.0) or (name == "bandwidth" and np.any(values == 0.0)):
+            raise ValueError(f"current sensor: {name} {values} is out of range")
 
 
 def _per_joint(values: ArrayLike, n: int) -> Array:

@@ -117,9 +117,9 @@ class SampledBlock(LeafSystem):
     ) -> OutputPort:
         """Declares a vector output that is computed at a tick and held until the next one.
 
-        The order of these calls is that of the values which `take_sample` returns, as many as there
-        are held outputs. A block with `period` 0 holds nothing: `calc` is called for every context,
-        and `take_sample` never.
+        At each tick `_take` writes the values which `take_sample` returns into the held outputs, in
+        the order of these calls. A block with `period` 0 holds nothing: `calc` is called for every
+        context, and `take_sample` never.
 
         Args:
             name: of the port.
@@ -135,16 +135,16 @@ class SampledBlock(LeafSystem):
         """
         if not self.has_memory:
             return self.DeclareVectorOutputPort(name, size, calc, tickets)
-        # State for what is held. `_take` writes it at each tick: the values that `take_sample`
-        # returns, one after another, in the order of `_held_indices`.
+        # State for what is held, which `_take` finds by its place in `_held_indices`.
         held_index = int(self.DeclareDiscreteState(size))
         self._held_indices.append(held_index)
 
         def hold_or_calc(context: Context, output: BasicVector) -> None:
             discrete = context.get_discrete_state()
             ticks = discrete.value(self._ticks_index)
-            # From the last tick's update to the next tick, whose sample is not taken yet. Before
-            # the first tick both are NaN, and the comparison is false.
+            # From the last tick's update to the next tick, whose sample is not taken yet. Earlier
+            # times, of a context that was set back, are computed. Before the first tick both are
+            # NaN, and the comparison is false.
             if ticks.item(_LAST_TICK) <= context.get_time() < ticks.item(_NEXT_TICK):
                 output.SetFromVector(discrete.value(held_index))
             else:

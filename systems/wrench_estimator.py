@@ -97,11 +97,21 @@ class WrenchEstimatorSystem(SampledBlock):
             initial_memory=estimator.initial_state(),  # of all stages
         )
         self._estimator = estimator
-        self._n = n = estimator.num_joints
-        self.reading_sizes = _reading_sizes(n)
-        # The parameters of the estimator's parts become numeric parameters of the Context, which
-        # may be changed in a run. The estimator with these is made anew when one changes, not at
-        # every tick. `_calc_tuned` gives each part its own, by the prefix.
+        self._n = estimator.num_joints
+        self.reading_sizes = _reading_sizes(self._n)
+        self._declare_parameters()
+        self._declare_inputs(corrected)
+        self._declare_taken_sample()
+        self._declare_outputs()
+
+    def _declare_parameters(self) -> None:
+        """Declares the numeric parameters, and the estimator with those of a Context.
+
+        They are the parameters of the estimator's parts, and may be changed in a run. The estimator
+        with these is made anew when one changes, not at every tick. `_calc_tuned` gives each part
+        its own, by the prefix.
+        """
+        estimator = self._estimator
         self._parameters = TunedParameters(
             self,
             {"motor.torque_per_ampere": estimator.robot.torque_per_ampere}
@@ -112,26 +122,33 @@ class WrenchEstimatorSystem(SampledBlock):
         self.parameters = self._parameters.indices
         self._tuned = declare_cached(self, "estimator", self._calc_tuned, self._parameters.tickets)
 
+    def _declare_inputs(self, corrected: bool) -> None:
+        """Declares q, v and current, and with `corrected` the inputs of a correction."""
+        n = self._n
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
         self._current = self.DeclareVectorInputPort("current", n)
         # By name; empty where the estimator is not corrected.
         self._correction_ports = self._declare_correction_inputs() if corrected else {}
-
-        # Exactly the inputs that `_calc_taken_sample` evaluates: Drake takes one that is missing
-        # here for unchanged, and one too many for feedthrough.
-        ports_of_sample = [self._q, self._v, *self._correction_ports.values()]
-        # An observer that does not read the present torque does without this feedthrough, so that a
-        # controller may make the current of the wrench without an algebraic loop. The update always
-        # reads the current.
-        self._reads_current = estimator.observer.reads_present_torque
-        if self._reads_current:
-            ports_of_sample.append(self._current)
         # Stands for v_planned where there is no such input: a friction law that is not of the speed
         # alone (`is_of_speed_alone`) does not read it.
         self._no_planned_speed = np.zeros(n)
-        # The reading of the present sample and the state after it, once a tick: whichever output or
-        # update asks first. The port `reading` is made of it, and the update.
+
+    def _declare_taken_sample(self) -> None:
+        """Declares the cache entry of the present sample's reading, and the state after it.
+
+        It is computed once a tick, by whichever asks first: the port `reading` or the update.
+
+        An observer that does not read the present torque does without feedthrough from the current,
+        so that a controller may make the current of the wrench without an algebraic loop. The
+        update always reads the current.
+        """
+        # Exactly the inputs that `_calc_taken_sample` evaluates: Drake takes one that is missing
+        # here for unchanged, and one too many for feedthrough.
+        ports_of_sample = [self._q, self._v, *self._correction_ports.values()]
+        self._reads_current = self._estimator.observer.reads_present_torque
+        if self._reads_current:
+            ports_of_sample.append(self._current)
         self._taken_sample = declare_cached(
             self,
             "taken sample",
@@ -140,7 +157,6 @@ class WrenchEstimatorSystem(SampledBlock):
             | {self._tuned.ticket()}
             | self.time_and_memory_tickets,  # which nobody adds to a cache entry
         )
-        self._declare_outputs()
 
     def _declare_correction_inputs(self) -> dict[str, InputPort]:
         """Declares the inputs of a correction; returns them by name."""

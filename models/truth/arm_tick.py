@@ -168,7 +168,7 @@ class MemoryConstants(NamedTuple):
 
     Attributes:
         layout: as in MotionConstants.
-        current: as in DriveConstants.
+        current, in_contact: as in DriveConstants.
         tool, A, B, C, noise_sd: of `measure_contact_wrench`; without rows of `tool` there is no
             force/torque sensor.
         noise_seed: seed of its noise; below 0: none.
@@ -179,6 +179,7 @@ class MemoryConstants(NamedTuple):
 
     layout: ArmLayout
     current: Array
+    in_contact: bool
     tool: Array
     A: Array
     B: Array
@@ -199,9 +200,9 @@ class TickSignals(NamedTuple):
     Attributes:
         motion: motion of `arm_motion`.
         drives: drives of `arm_drives`.
-        truth: truth of `arm_truth`; without entries where there is no contact.
+        truth: truth of `arm_truth`; not read where nothing can be touched (`in_contact`).
         vdot: (n,) rad/s^2.
-        reaction: (6,) on the tool at its mount, N m, N.
+        reaction: (6,) on the tool at its mount, N m, N; read with a force/torque sensor alone.
     """
 
     motion: Record
@@ -409,7 +410,7 @@ def arm_memory(constants: MemoryConstants, t: float, signals: TickSignals, state
     n, layout = signals.vdot.shape[0], constants.layout
     arm, drives = arm_state(state, layout, n), drive_parts(signals.drives, n)
     arm.joints[:] = drives.joints
-    if signals.truth.shape[0] > 0:
+    if constants.in_contact:
         arm.joints[EXTERNAL] = truth_parts(signals.truth, n).tau_ext
     if constants.current.shape[0] > 0:
         motor_current = drives.signals[MOTOR_CURRENT]

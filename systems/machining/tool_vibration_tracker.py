@@ -83,27 +83,47 @@ class ToolVibrationTracker(SampledBlock):
             "freed_torque": n,
             "freed_sd": n,
             "joint_shares": n,
-            "joint_shares_sd": n,
+            "joint_shares_sd": n,  # next to joint_shares: `_shares` is a view of the two
             "tool_vibration": 1,
         }
-        self._slices = parts_of(self.output_sizes)  # where each output is in the port `all`
+        # Where each output is in the port `all`: `_calc_all` fills the outputs by their names.
+        self._slices = parts_of(self.output_sizes)
+        self._declare_inputs_of_outputs()
+        self._declare_inputs_of_update()
+        # Held from tick to tick. They depend on the memory as well, which `declare_held_outputs`
+        # adds to these two.
+        self._all_outputs = declare_held_outputs(
+            self, self.output_sizes, self._calc_all, {self._terms.ticket(), self._pose.ticket()}
+        )
+
+    def _declare_inputs_of_outputs(self) -> None:
+        """Declares the two inputs that the outputs depend on: both follow from encoders and plan.
+
+        No estimator's signal is among them, so that its tau_ext may be corrected by the outputs
+        without an algebraic loop.
+        """
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
-        self._reference = self.DeclareVectorInputPort("reference", 3 * n)  # q_d, v_d, vdot_d
+
+    def _declare_inputs_of_update(self) -> None:
+        """Declares the inputs that only the update reads: plan, air pass and estimator."""
+        n = self._n
+        # Of the plan: q_d, v_d, vdot_d in rad and s; the phase's number; s since the feed began, -1
+        # where the tool is not fed.
+        self._reference = self.DeclareVectorInputPort("reference", 3 * n)
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._feed_time = self.DeclareVectorInputPort("feed_time", 1)
+        # Of the air pass, N m, and 1 where it counts, else 0.
         self._correction = self.DeclareVectorInputPort("correction", n)
         self._spread = self.DeclareVectorInputPort("correction_spread", n)
         self._correction_valid = self.DeclareVectorInputPort("correction_valid", 1)
+        # Of the estimator: N m, and 1 where tau_ext counts, else 0; the flat TorqueError; the
+        # friction that it took off, N m; the fault code of its sample, 0 for none.
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
         self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._fault = self.DeclareVectorInputPort("fault", 1)
-        # The outputs depend on two of the inputs and the memory. The update alone reads the others:
-        # the estimator's tau_ext may be corrected by the outputs without an algebraic loop.
-        motion = {self._terms.ticket(), self._pose.ticket()}
-        self._all_outputs = declare_held_outputs(self, self.output_sizes, self._calc_all, motion)
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
         out, constants, slices = output.get_mutable_value(), self._constants, self._slices
@@ -125,34 +145,44 @@ class ToolVibrationTracker(SampledBlock):
         return outputs[slices["joint_shares"].start : slices["joint_shares_sd"].stop]
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
-        n = self._n
         # This tick's, of the memory before it: `context` does not see what `memory` becomes here.
         outputs = self._all_outputs.Eval(context)
-        # tau_ext and sd of the estimator hold this tick's freed_torque and freed_sd already; the
-        # tracking takes them out again.
-        observed = ObservedTorque(
+        observed = self._observed_torque(context, outputs)
+        work = self._work_tick(context, outputs)
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        # Updates the evidence in `memory`, in place: the next tick's outputs are made of it.
+        track_vibration(self._constants, terms.record, observed, work, memory)
+        return (outputs,)  # held until then
+
+    def _observed_torque(self, context: Context, outputs: Array) -> ObservedTorque:
+        """The estimator's torque of this tick, and what `outputs` (`all`) have put into it.
+
+        Its tau_ext and sd hold this tick's freed_torque and freed_sd already; `track_vibration`
+        takes them out again.
+        """
+        return ObservedTorque(
             tau_ext=self._tau_ext.Eval(context),
-            sd=TorqueError.of_flat(self._torque_error.Eval(context), n).sd[0],
+            sd=TorqueError.of_flat(self._torque_error.Eval(context), self._n).sd[0],
             tau_f=self._tau_f.Eval(context),
             counts=self._tau_ext_valid.Eval(context),  # 1 where tau_ext is valid
             fault=self._fault.Eval(context),  # not 0 of an impossible sample
             freed_torque=outputs[self._slices["freed_torque"]],
             freed_sd=outputs[self._slices["freed_sd"]],
         )
+
+    def _work_tick(self, context: Context, outputs: Array) -> WorkTick:
+        """What plan and air pass say of this tick; the joints' shares are those of `outputs`."""
+        n = self._n
         air_pass = CorrectionSample(
             correction=self._correction.Eval(context),
             spread=self._spread.Eval(context),
             counts=self._correction_valid.Eval(context),  # 1 where the correction is valid
         )
         phase, feed_time = self._phase.Eval(context).item(), self._feed_time.Eval(context).item()
-        work = WorkTick(
+        return WorkTick(
             correction=air_pass,
             v_planned=self._reference.Eval(context)[n : 2 * n],  # of q_d, v_d, vdot_d
             shares=self._shares(outputs),  # joint_shares, then their sds
             touches=force_controlled(int(phase)),  # the tool is on the surface
             works=feed_time >= 0.0,  # the tool is led along its path; feed_time is -1 where not
         )
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        # Updates the evidence in `memory`, in place: the next tick's outputs are made of it.
-        track_vibration(self._constants, terms.record, observed, work, memory)
-        return (outputs,)  # held until then

@@ -48,6 +48,12 @@ class ToolContacts:
         if num_points + num_patches > len(self._contacts):
             # Twice what is needed, so that a growing number seldom asks for memory.
             self._contacts = np.zeros((2 * (num_points + num_patches), _CONTACT_COLUMNS))
+        count = self._write_points(results, num_points)
+        count = self._write_patches(results, num_patches, count)
+        return self._contacts, count
+
+    def _write_points(self, results: ContactResults, num_points: int) -> int:
+        """Writes the tool's contacts at points into the first rows; returns how many."""
         contacts, count = self._contacts, 0
         for i in range(num_points):
             point = results.point_pair_contact_info(i)
@@ -58,17 +64,23 @@ class ToolContacts:
                 contacts[count, _MOMENT] = 0.0  # a point transmits none
                 contacts[count, _POINT] = point.contact_point()
                 count += 1
+        return count
+
+    def _write_patches(self, results: ContactResults, num_patches: int, count: int) -> int:
+        """Writes the tool's patches into the rows after the first `count`; returns their end."""
+        contacts = self._contacts
         for i in range(num_patches):
             patch = results.hydroelastic_contact_info(i)
             surface = patch.contact_surface()
-            sign = self._sign_of_patch(surface)  # Drake states the wrench on geometry M
+            # Drake states the wrench on geometry M: -1 where the tool's is N.
+            sign = self._sign_of_patch(surface)
             if sign != 0.0:
                 wrench = sign * patch.F_Ac_W().get_coeffs()  # at the centroid, moment first
                 contacts[count, _FORCE] = wrench[3:]
                 contacts[count, _MOMENT] = wrench[:3]
                 contacts[count, _POINT] = surface.centroid()
                 count += 1
-        return contacts, count
+        return count
 
     def _sign_of_point(self, point: PointPairContactInfo) -> float:
         """1 where the tool is body B, on which Drake's force acts; -1 where it is A; 0: neither."""

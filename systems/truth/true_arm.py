@@ -125,33 +125,38 @@ class TrueArm(SampledBlock):
     def __init__(self, parts: ArmParts) -> None:
         if parts.process is not None and parts.contacts is None:
             raise ValueError("true arm: a machining process needs contact")
-        # The memory is one flat array, the parts of ArmState one after another; the layout has
-        # their sizes, by which the kernels find them.
+        # The memory is one flat array, the parts of an ArmState one after another. The kernels find
+        # them by the layout's sizes, which come from the same function as the array.
         layout, memory_at_rest = _memory_at_rest(parts)
         SampledBlock.__init__(self, period=parts.joints.time_step, initial_memory=memory_at_rest)
         self._n = n = parts.joints.num_joints
+        # Numbers of entries of the outputs' parts, and the record type that names those of motion.
         self._motion_type = motion_type(n)
         self.motion_sizes = _motion_sizes(n)
         self.drive_sizes = _drive_sizes(n, joint_state_size=layout.joints)
         self.truth_sizes = _truth_sizes(n)
-        # The constants of the kernels `arm_motion`, `arm_drives` and `arm_memory`.
-        self._motion_constants = _motion_constants(parts, layout)
-        self._drive_constants = _drive_constants(parts, layout)
-        self._memory_constants = _memory_constants(parts, layout)
-        # The kernel `arm_memory` takes these where there is no contact, and no sensor. A truth
-        # without entries leaves the external torque that the joints remember as it is.
-        self._no_truth = np.empty(0)
-        self._no_reaction = np.zeros(6)
-        self._no_vdot = np.zeros(n)
-
-        self._contacts = parts.contacts
-        self._process = parts.process
-        self._tool_weld = None if parts.sensor is None else parts.sensor.weld
-        # Which arms have which ports says the table in the class's docstring. Inputs come first, as
-        # the outputs name those that they depend on.
+        self._contacts = parts.contacts  # None: nothing can be touched
+        self._process = parts.process  # None: the tool does not work
+        self._tool_weld = None if parts.sensor is None else parts.sensor.weld  # None: no sensor
+        self._keep_kernel_constants(parts, layout)
+        # Inputs come first, as the outputs name those that they depend on. All three look at
+        # contacts, process and sensor for which ports this arm has.
         self._declare_inputs()
         self._declare_held_outputs()
         self._declare_other_outputs(parts)
+
+    def _keep_kernel_constants(self, parts: ArmParts, layout: ArmLayout) -> None:
+        """Keeps what the kernels take besides a tick's signals.
+
+        `arm_motion`, `arm_drives` and `arm_memory` have constants each. `arm_memory` always takes
+        signals of contact and sensor: of an arm without, these zeros, which it does not look at.
+        """
+        self._motion_constants = _motion_constants(parts, layout)
+        self._drive_constants = _drive_constants(parts, layout)
+        self._memory_constants = _memory_constants(parts, layout)
+        self._no_truth = np.zeros(sum(self.truth_sizes.values()))
+        self._no_reaction = np.zeros(6)
+        self._no_vdot = np.zeros(self._n)
 
     def _declare_inputs(self) -> None:
         """Declares what the plant and the drives' command give."""
@@ -262,7 +267,7 @@ class TrueArm(SampledBlock):
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         motion, drives = self._motion.Eval(context), self._drives.Eval(context)
-        held_outputs = [motion, drives]  # in the order in which `__init__` declares them
+        held_outputs = [motion, drives]  # in the order of `_declare_held_outputs`
         truth, reaction, vdot = self._no_truth, self._no_reaction, self._no_vdot
         if self._contacts is not None:
             truth = self._truth.Eval(context)
@@ -346,6 +351,7 @@ def _memory_constants(parts: ArmParts, layout: ArmLayout) -> MemoryConstants:
     return MemoryConstants(
         layout=layout,
         current=_current_table(parts),
+        in_contact=parts.contacts is not None,
         tool=sensor.tool,
         A=sensor.A,
         B=sensor.B,
