@@ -78,26 +78,58 @@ class ArmInPlant(Arm):
         payload: float | None = None,
         name: str | None = None,
     ) -> None:
+        self._find(plant, model_instance, frame_E)
+        # The chain with the reflected inertia of the plant's actuators.
+        chain = self._find_chain(base, context)
+        self._describe(chain, drives, payload, name)
+        # `_describe` has put the inertia of the drives into `reflected_inertia`: it takes the place
+        # of that of the plant's actuators.
+        self._chain_in_W = replace(chain, reflected_inertia=self.reflected_inertia)
+        self._is_in_W = True  # False of the copy that `in_base_axes` makes
+        self.gravity = frozen(self._chain_in_W.gravity)
+
+    def _find(
+        self,
+        plant: MultibodyPlant,
+        model_instance: ModelInstanceIndex | None,
+        frame_E: Frame | None,
+    ) -> None:
+        """Sets plant, model instance and frame E; None is found in the plant."""
         if not plant.is_finalized():
             problem = "is not finalized"
             raise InputError(plant.get_name() or "plant", "", problem, "call Finalize() first")
-        instance = _actuated_instance(plant) if model_instance is None else model_instance
-        frame_of_tool = _last_frame(plant, instance) if frame_E is None else frame_E
-        base_body = _base(plant, instance, frame_of_tool) if base is None else base
-        plant_context = plant.CreateDefaultContext() if context is None else context
         self.plant = plant
-        self.model_instance = instance
-        self.frame_E = frame_of_tool
+        self.model_instance = (
+            _actuated_instance(plant) if model_instance is None else model_instance
+        )
+        self.frame_E = _last_frame(plant, self.model_instance) if frame_E is None else frame_E
+
+    def _find_chain(self, base: RigidBody | None, context: Context | None) -> SerialChain:
+        """Sets the pose of the base and the joints from it to E; returns their chain from W.
+
+        Joints that are not between base and E stand still as they are in the context.
+        """
+        plant, instance = self.plant, self.model_instance
+        base_body = _base(plant, instance, self.frame_E) if base is None else base
+        plant_context = plant.CreateDefaultContext() if context is None else context
         self.X_WB: RigidTransform = base_body.EvalPoseInWorld(plant_context)
-        # Joints that are not between base and E stand still as they are in the context. Reflected
-        # inertia is that of the plant's actuators, until `_chain_in_W` below.
         chain = SerialChain.from_plant(
-            plant, instance, frame_of_tool, StandingJoints(base_body, plant_context)
+            plant, instance, self.frame_E, StandingJoints(base_body, plant_context)
         )
         self.joints: tuple[Joint, ...] = tuple(
-            _inboard_joint(plant, frame_of_tool, joint_name) for joint_name in chain.joint_names
+            _inboard_joint(plant, self.frame_E, joint_name) for joint_name in chain.joint_names
         )
-        actuators = _actuators(plant)  # by the index of the joint; some have none
+        return chain
+
+    def _describe(
+        self,
+        chain: SerialChain,
+        drives: Sequence[DriveConfig] | None,
+        payload: float | None,
+        name: str | None,
+    ) -> None:
+        """Sets what every `Arm` has: limits, drives, payload and name; None as the class says."""
+        actuators = _actuators(self.plant)  # by the index of the joint; some have none
         limits = [_limits(joint, actuators.get(int(joint.index()))) for joint in self.joints]
         simulated_drives = [_simulated_drive(joint, actuators) for joint in self.joints]
         self._is_simulated = drives is None  # `nominal_model` states a smaller error of such an arm
@@ -105,7 +137,7 @@ class ArmInPlant(Arm):
         # joint: it falls back on these.
         self._gravity_bound = _largest_gravity(chain, limits)
         # Messages of errors name the model instance where they name the file of another arm.
-        source = Path(plant.GetModelInstanceName(instance))
+        source = Path(self.plant.GetModelInstanceName(self.model_instance))
         Arm.__init__(
             self,
             name=name or str(source),
@@ -115,11 +147,6 @@ class ArmInPlant(Arm):
             coupling=[],  # of drives that move several joints: none
             payload=_usual_payload(chain) if payload is None else payload,
         )
-        # Arm.__init__ has put the inertia of the drives into `reflected_inertia`: it takes the
-        # place of that of the plant's actuators.
-        self._chain_in_W = replace(chain, reflected_inertia=self.reflected_inertia)
-        self._is_in_W = True  # False of the copy that `in_base_axes` makes
-        self.gravity = frozen(self._chain_in_W.gravity)
 
     def in_base_axes(self) -> "ArmInPlant":
         """The same arm with W at its base: wrench and gravity in the base's axes."""

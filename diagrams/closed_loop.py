@@ -35,10 +35,11 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import AirPassCorrection
 from wrenchsight.models.machining.machining_path import MachiningPath
-from wrenchsight.models.machining.machining_reference import initial_memory, plan_pass
+from wrenchsight.models.machining.machining_reference import PassPlan, initial_memory, plan_pass
 from wrenchsight.models.machining.tool_vibration import vibration_constants
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.paths import JointTrajectory
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.impedance_controller import ImpedanceConfig, ImpedanceController
 from wrenchsight.systems.joint_tracking_controller import (
@@ -160,6 +161,23 @@ class _LoopParts:
 
 
 @dataclass(frozen=True)
+class _EstimatorParts:
+    """What the estimator of a loop is made from: its diagram, and the mathematics in its blocks.
+
+    Attributes:
+        robot, model, config: of it.
+    """
+
+    robot: Robot
+    model: IdentifiedModel
+    config: WrenchEstimatorConfig
+
+    def mathematics(self) -> WrenchEstimator:
+        """The same stages as those of the diagram's blocks, to read their constants."""
+        return WrenchEstimator(self.robot, self.model, self.config)
+
+
+@dataclass(frozen=True)
 class _ControlPorts:
     """A controller that is in the loop with its estimator, and ports that the loop goes on with.
 
@@ -239,14 +257,11 @@ def make_closed_loop(
             control feeds back an estimate that depends on the torque that it commands.
     """
     check_scenario(scenario)
-    if estimator is not None and estimator.air_pass is not None and scenario.machining is None:
-        raise ValueError("closed loop: the correction of an air pass needs a machining scenario")
-    has_impedance = isinstance(scenario.controller, ImpedanceConfig)
-    if estimator is None and (has_impedance or meshcat is not None):
-        raise ValueError("closed loop: impedance control and drawings need the estimator")
+    _check_estimator_request(scenario, estimator, is_drawn=meshcat is not None)
     planned = _planned_motion(scenario, robot, motion)
-    # Blocks take the phase of a tick in which they update when they are made: in here that of the
-    # plant, where its outputs allow it.
+    # All blocks that are made in here update in one phase of a tick with the plant, if that does
+    # not sample its output ports: they then share what is computed at a tick. The numbers are the
+    # same in any phase.
     with _update_phase(scenario):
         builder = DiagramBuilder()
         cell = make_robot_cell(
@@ -263,7 +278,8 @@ def make_closed_loop(
             requested_estimator=estimator,
             cell=cell,
         )
-        control = _add_control(parts, planned)  # to `builder`, with reference and estimator
+        # To `builder`, with reference and estimator; only the drives are left to be connected.
+        control = _add_control(parts, planned)
         _connect_drives(builder, robot, control.tau_command, cell)
         signals = _logged_signals(control, cell, log)
         signal_log = _add_log(builder, signals, period=log.period or scenario.time_step)
@@ -280,6 +296,17 @@ def make_closed_loop(
         log=signal_log.sink,
         signals=signal_log.columns,
     )
+
+
+def _check_estimator_request(
+    scenario: Scenario, estimator: LoopEstimator | None, is_drawn: bool
+) -> None:
+    """Raises ValueError where a scenario or its drawing does not go with the estimator."""
+    if estimator is not None and estimator.air_pass is not None and scenario.machining is None:
+        raise ValueError("closed loop: the correction of an air pass needs a machining scenario")
+    has_impedance = isinstance(scenario.controller, ImpedanceConfig)
+    if estimator is None and (has_impedance or is_drawn):
+        raise ValueError("closed loop: impedance control and drawings need the estimator")
 
 
 def _connect_no_applied_force(builder: DiagramBuilder, cell: RobotCell) -> None:
@@ -360,25 +387,39 @@ def _logged_signals(
     return signals if log.only is None else {name: signals[name] for name in log.only}
 
 
-def _add_loop_estimator(
-    parts: _LoopParts, estimator: LoopEstimator, config: WrenchEstimatorConfig | None = None
-) -> Diagram:
-    """Adds the estimator of a loop, which reads the cell's encoders and currents.
+def _estimator_parts(
+    parts: _LoopParts, requested: LoopEstimator, config: WrenchEstimatorConfig | None = None
+) -> _EstimatorParts:
+    """What a requested estimator is made from.
 
     Args:
         config: None: the scenario's.
     """
+    return _EstimatorParts(
+        robot=parts.robot,
+        model=requested.model or parts.controller_model,
+        config=config or _estimator_config(parts.scenario),
+    )
+
+
+def _add_loop_estimator(
+    parts: _LoopParts, requested: LoopEstimator, made_from: _EstimatorParts
+) -> Diagram:
+    """Adds the estimator of a loop, which reads the cell's encoders and currents.
+
+    With an air pass it has inputs for a correction, which are left open here.
+    """
     cell = parts.cell.diagram
     return add_estimator_to_ports(
         parts.builder,
-        parts.robot,
-        estimator.model or parts.controller_model,
-        config or _estimator_config(parts.scenario),
+        made_from.robot,
+        made_from.model,
+        made_from.config,
         q=cell.GetOutputPort("q"),
         v=cell.GetOutputPort("v"),
         current=cell.GetOutputPort("current"),
-        fused=estimator.fused,
-        corrected=estimator.air_pass is not None,
+        fused=requested.fused,
+        corrected=requested.air_pass is not None,
     )
 
 
@@ -401,17 +442,13 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPor
     assert isinstance(scenario.controller, JointTrackingConfig)
     estimator: Diagram | None = None
     readings: dict[str, OutputPort] = {}
-    if parts.requested_estimator is not None:
-        estimator = _add_loop_estimator(parts, parts.requested_estimator)
+    requested = parts.requested_estimator
+    if requested is None:
+        terms = _add_terms(parts)
+    else:
+        estimator = _add_loop_estimator(parts, requested, _estimator_parts(parts, requested))
         readings = _logged_estimator_ports(estimator)
         terms = estimator.GetOutputPort("terms")
-    else:
-        model_terms = RigidBodyTermsSystem(parts.controller_model.chain(robot))
-        builder.AddNamedSystem("terms", model_terms)
-        for name in ("q", "v"):
-            source = parts.cell.diagram.GetOutputPort(name)
-            builder.Connect(source, model_terms.GetInputPort(name))
-        terms = model_terms.get_output_port()
     controller = builder.AddNamedSystem(
         "controller",
         JointTrackingController(
@@ -434,6 +471,16 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPor
     )
 
 
+def _add_terms(parts: _LoopParts) -> OutputPort:
+    """Adds the rigid-body terms of the controller's model at the measured q and v."""
+    terms = RigidBodyTermsSystem(parts.controller_model.chain(parts.robot))
+    parts.builder.AddNamedSystem("terms", terms)
+    for name in ("q", "v"):
+        source = parts.cell.diagram.GetOutputPort(name)
+        parts.builder.Connect(source, terms.GetInputPort(name))
+    return terms.get_output_port()
+
+
 def _add_machining(
     parts: _LoopParts, plan: MachiningPath, requested: LoopEstimator
 ) -> _ControlPorts:
@@ -452,32 +499,23 @@ def _add_machining(
         requested: the estimator; its air pass, if any, was learnt along the same path.
 
     Raises:
-        ValueError: an observer that reads the present torque, which only the command makes; an air
-            pass for an observer that reads the wrench itself, or has no gain K_0.
+        ValueError: as `_check_observer_of_pass` and, of an air pass, `_add_correction`.
     """
     builder, scenario = parts.builder, parts.scenario
-    assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
+    assert isinstance(scenario.controller, ImpedanceConfig)
     air_pass = requested.air_pass  # None: nothing was learnt beforehand, without contact
-    config = _estimator_config_of_pass(parts, plan)
-    # The mathematics that the blocks of `_add_loop_estimator` are made of, made here once more: its
-    # observer, friction law and constants are read, and nothing of it runs.
-    wrench_estimator = WrenchEstimator(
-        parts.robot, requested.model or parts.controller_model, config
-    )
-    if wrench_estimator.observer.reads_present_torque:
-        raise ValueError("machining: an observer that reads the present torque closes a loop")
-    estimator = _add_loop_estimator(parts, requested, config)
+    made_from = _estimator_parts(parts, requested, _estimator_config_of_pass(parts, plan))
+    mathematics = made_from.mathematics()  # its observer and constants are read, nothing of it runs
+    _check_observer_of_pass(mathematics, has_air_pass=air_pass is not None)
+    estimator = _add_loop_estimator(parts, requested, made_from)
     readings = _logged_estimator_ports(estimator)
     terms = estimator.GetOutputPort("terms")
-    fed_back_wrench = _fed_back_wrench(parts, readings)
+    fed_back_wrench = _fed_back_wrench(parts, readings)  # of sensor or estimator, by the scenario
 
-    # (T,) 1 where an estimate may be fed back: where the feed is steady, or after an air pass where
-    # its correction is valid. The reference's output `feedback_valid` follows it.
-    steady = plan.steady if air_pass is None else air_pass.steady_at(plan.trajectory.t)
-    reference = _add_reference(parts, replace(plan, steady=steady), terms, fed_back_wrench)
+    reference = _add_reference(parts, _with_trusted_times(plan, air_pass), terms, fed_back_wrench)
     controller = _add_impedance_controller(parts, scenario.controller, plan.q_start)
-    # Connects each input to the source of its name, and needs one for each: the controller's others
-    # are outputs of the reference.
+    # Every input of the controller is the estimator's terms, the wrench, or an output of the
+    # reference; one without a source of its name would raise KeyError.
     _connect_by_name(builder, controller, reference | {"terms": terms, "wrench": fed_back_wrench})
     controller_outputs = split_outputs(builder, controller)
     tau_command = controller_outputs["tau_command"]
@@ -485,17 +523,13 @@ def _add_machining(
     signals["pose_error"] = controller_outputs["pose_error"]
 
     if air_pass is not None:
-        tracked = _add_correction(parts, wrench_estimator, air_pass, estimator, reference)
+        tracked = _add_correction(parts, mathematics, air_pass, estimator, reference)
         signals |= {name: tracked[name] for name in _FREED_SIGNALS}
         # The controller feeds friction forward in full, also what the vibration frees. A sensor's
         # feedback makes up for that; without a sensor it is taken off the command.
         if not uses_sensor(scenario):
-            viscous = wrench_estimator.friction.feedforward.coulomb_viscous.viscous
-            less_freed = FreedFrictionFeedforward(controller.law, viscous)
-            builder.AddNamedSystem("freed_friction", less_freed)
             sources = reference | tracked | {"tau_command": tau_command}
-            _connect_by_name(builder, less_freed, sources)
-            tau_command = less_freed.get_output_port()
+            tau_command = _add_freed_friction(parts, controller, mathematics, sources)
     return _ControlPorts(
         controller=controller,
         tau_command=tau_command,
@@ -504,6 +538,53 @@ def _add_machining(
         readings=readings,
         estimator=estimator,
     )
+
+
+def _check_observer_of_pass(mathematics: WrenchEstimator, has_air_pass: bool) -> None:
+    """Raises ValueError where the observer of a pass does not go with what the loop makes of it.
+
+    One that reads the present torque, which only the command makes, closes an algebraic loop. What
+    an air pass has learnt are joint torques.
+    """
+    observer = mathematics.observer
+    if observer.reads_present_torque:
+        raise ValueError("machining: an observer that reads the present torque closes a loop")
+    if has_air_pass and observer.reads_wrench:
+        raise ValueError("machining: an air pass corrects observed joint torques, not a wrench")
+
+
+def _with_trusted_times(plan: MachiningPath, air_pass: AirPassCorrection | None) -> MachiningPath:
+    """The plan whose `steady` (T,) is 1 where an estimate may be fed back, else 0.
+
+    That is where the feed is steady, or after an air pass where its correction is valid. The
+    reference's output `feedback_valid` follows it.
+    """
+    if air_pass is None:
+        return plan
+    return replace(plan, steady=air_pass.steady_at(plan.trajectory.t))
+
+
+def _add_freed_friction(
+    parts: _LoopParts,
+    controller: ImpedanceController,
+    mathematics: WrenchEstimator,
+    sources: Mapping[str, OutputPort],
+) -> OutputPort:
+    """Takes the friction that the tool's vibration frees off the command.
+
+    Args:
+        controller: whose law feeds the friction forward.
+        mathematics: of the estimator, whose viscous friction the vibration leaves.
+        sources: outputs of reference and tracker and `tau_command`, by the names of the inputs.
+
+    Returns:
+        The command that is left, (n,) N m.
+    """
+    viscous = mathematics.friction.feedforward.coulomb_viscous.viscous
+    less_freed = FreedFrictionFeedforward(controller.law, viscous)
+    parts.builder.AddNamedSystem("freed_friction", less_freed)
+    _connect_by_name(parts.builder, less_freed, sources)
+    return less_freed.get_output_port()
 
 
 def _estimator_config_of_pass(parts: _LoopParts, plan: MachiningPath) -> WrenchEstimatorConfig:
@@ -519,35 +600,45 @@ def _add_reference(
     """Adds the reference of a pass: poses, set-point and phase over time, as the pass goes on.
 
     Args:
-        plan: path, motion and forces; where it is steady the force feedback counts.
+        plan: path, motion and forces; where it is steady the feedback of an estimate counts.
         terms: rigid-body terms of the model at the measured q and v.
         wrench: (6,) of the force feedback, by which the pass goes from phase to phase.
 
     Returns:
         The output ports of the block `MachiningReference` by their names.
     """
-    builder, robot, machining = parts.builder, parts.robot, parts.scenario.machining
-    assert machining is not None
-    chain = parts.controller_model.chain(robot)
-    pass_plan = plan_pass(  # the plan with its phases, as the block's kernels read it
-        robot,
+    chain = parts.controller_model.chain(parts.robot)
+    block = MachiningReference(
+        _tables_of_pass(parts, plan, chain),
+        initial_memory(chain, plan),  # before the first phase, E where the arm is at plan.q_start
+    )
+    parts.builder.AddNamedSystem("reference", block)
+    _connect_by_name(parts.builder, block, {"terms": terms, "wrench": wrench})
+    return split_outputs(parts.builder, block)
+
+
+def _tables_of_pass(parts: _LoopParts, plan: MachiningPath, chain: SerialChain) -> PassPlan:
+    """The plan with the scenario's phases, as the kernels of `MachiningReference` read it.
+
+    A sensor is right where joints rest (`reads_at_rest`), and its feedback always counts. An
+    estimate is not: a joint at rest carries any torque within its stiction. Its feedback counts
+    during the feed alone, where the plan is steady, and in the touch the friction of a push into
+    the surface is fed forward.
+    """
+    assert parts.scenario.machining is not None
+    return plan_pass(
+        parts.robot,
         chain,
         plan,
-        machining.phases,
+        parts.scenario.machining.phases,
         parts.scenario.time_step,
-        # A sensor is right where joints rest. An estimate is not: a joint at rest carries any
-        # torque within its stiction, so that the approach has to push on.
         reads_at_rest=uses_sensor(parts.scenario),
     )
-    at_start = initial_memory(chain, plan)  # of the block: E is where the path's run starts
-    block = builder.AddNamedSystem("reference", MachiningReference(pass_plan, at_start))
-    _connect_by_name(builder, block, {"terms": terms, "wrench": wrench})
-    return split_outputs(builder, block)
 
 
 def _add_correction(
     parts: _LoopParts,
-    wrench_estimator: WrenchEstimator,
+    mathematics: WrenchEstimator,
     air_pass: AirPassCorrection,
     estimator: Diagram,
     reference: dict[str, OutputPort],
@@ -564,21 +655,24 @@ def _add_correction(
                                                  +------- freed_sd ---------------+
 
     Args:
-        wrench_estimator: what the blocks of `estimator` are made of; the tracker gets its
-            constants.
+        mathematics: of `estimator`, whose constants the tracker gets.
         air_pass: what was learnt in it.
         estimator: made with `corrected`; its inputs for a correction are connected here.
         reference: outputs of the block MachiningReference by their names.
 
     Returns:
         The tracker's output ports by their names.
+
+    Raises:
+        ValueError: the observer has no gain K_0, behind which the vibration is found
+            (`vibration_constants`).
     """
-    builder, n = parts.builder, parts.robot.num_joints
+    builder = parts.builder
     air_pass_block = builder.AddNamedSystem("air_pass", AirPassCorrectionSystem(air_pass))
     _connect_by_name(builder, air_pass_block, reference)
     tracker = builder.AddNamedSystem(
         "vibration",
-        ToolVibrationTracker(vibration_constants(wrench_estimator), parts.scenario.time_step),
+        ToolVibrationTracker(vibration_constants(mathematics), parts.scenario.time_step),
     )
     correction = split_outputs(builder, air_pass_block)
     tracked = split_outputs(builder, tracker)
@@ -594,7 +688,26 @@ def _add_correction(
         for name in ("terms", "tau_ext", "tau_ext_valid", "torque_error", "tau_f", "fault")
     }
     _connect_by_name(builder, tracker, reference | learnt | observed)
-    # The estimator's input tau_correction = correction - freed_torque.
+    _connect_correction(parts, estimator, reference, correction, tracked)
+    return tracked
+
+
+def _connect_correction(
+    parts: _LoopParts,
+    estimator: Diagram,
+    reference: Mapping[str, OutputPort],
+    correction: Mapping[str, OutputPort],
+    tracked: Mapping[str, OutputPort],
+) -> None:
+    """Connects the estimator's inputs for a correction.
+
+    tau_correction = correction - freed_torque; its sd, which holds that of the correction, is the
+    tracker's.
+
+    Args:
+        reference, correction, tracked: outputs of reference, air pass and tracker, by their names.
+    """
+    builder, n = parts.builder, parts.robot.num_joints
     minus_freed = builder.AddNamedSystem("less_freed", Gain(-1.0, n))
     total = builder.AddNamedSystem("tau_correction", Adder(2, n))
     planned_motion = builder.AddNamedSystem("reference_joints", Demultiplexer(3 * n, n))
@@ -610,7 +723,6 @@ def _add_correction(
     if estimator.HasInputPort("v_planned"):
         v_planned = planned_motion.get_output_port(1)  # of q_d, v_d, vdot_d
         builder.Connect(v_planned, estimator.GetInputPort("v_planned"))
-    return tracked
 
 
 def _connect_by_name(
@@ -641,16 +753,14 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
     terms of the estimator ---------------------------------^
     force_setpoint, wrench (of sensor or estimator) --------^   with a controlled force
     """
-    builder, scenario, robot = parts.builder, parts.scenario, parts.robot
-    config = scenario.controller
-    assert isinstance(config, ImpedanceConfig) and parts.requested_estimator is not None
-    estimator = _add_loop_estimator(parts, parts.requested_estimator)
+    builder, config, requested = parts.builder, parts.scenario.controller, parts.requested_estimator
+    assert isinstance(config, ImpedanceConfig) and requested is not None
+    estimator = _add_loop_estimator(parts, requested, _estimator_parts(parts, requested))
     readings = _logged_estimator_ports(estimator)
     terms = estimator.GetOutputPort("terms")
     reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
-    pose = builder.AddNamedSystem(
-        "pose_reference", PoseReference(parts.controller_model.chain(robot))
-    )
+    chain = parts.controller_model.chain(parts.robot)
+    pose = builder.AddNamedSystem("pose_reference", PoseReference(chain))
     builder.Connect(reference.get_output_port(), pose.get_input_port())
     controller = _add_impedance_controller(parts, config, trajectory.q[0])
     builder.Connect(pose.get_output_port(), controller.GetInputPort("pose_reference"))
@@ -658,17 +768,11 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
     builder.Connect(terms, controller.GetInputPort("terms"))
     # The pose follows from the joints' reference: it need not be in the log.
     signals = {"reference": reference.get_output_port()}
-    # Force control along one direction, with a fed back wrench. Its switches, force_active and
-    # feedback_valid, stay open: it is always on.
     if config.force is not None:
-        setpoint = builder.AddNamedSystem(
-            "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
-        )
-        builder.Connect(setpoint.get_output_port(), controller.GetInputPort("force_setpoint"))
-        if not uses_sensor(scenario):
+        signals["force_setpoint"] = _add_force_setpoint(parts, controller)
+        if not uses_sensor(parts.scenario):
             _check_that_estimate_may_be_fed_back(estimator)
         builder.Connect(_fed_back_wrench(parts, readings), controller.GetInputPort("wrench"))
-        signals["force_setpoint"] = setpoint.get_output_port()
     controller_outputs = split_outputs(builder, controller)
     signals["pose_error"] = controller_outputs["pose_error"]
     return _ControlPorts(
@@ -679,6 +783,18 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
         readings=readings,
         estimator=estimator,
     )
+
+
+def _add_force_setpoint(parts: _LoopParts, controller: ImpedanceController) -> OutputPort:
+    """Adds the set-point of force control over time, (1,) N, and connects it.
+
+    The controller's switches, force_active and feedback_valid, stay open: force control is always
+    on, and the fed back wrench always used.
+    """
+    setpoint = TrajectorySource(_setpoint_trajectory(parts.scenario))
+    source = parts.builder.AddNamedSystem("force_setpoint", setpoint).get_output_port()
+    parts.builder.Connect(source, controller.GetInputPort("force_setpoint"))
+    return source
 
 
 def _add_impedance_controller(

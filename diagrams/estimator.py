@@ -230,7 +230,8 @@ def _staged(
     """
     _check_stages(name, replacements)
     builder = DiagramBuilder()
-    # The correction of an air pass was learnt at the planned speed: a law of speed alone takes it.
+    # The correction of an air pass was learnt with friction at the planned speed. A law of speed
+    # alone takes that in the place of v; one with memory cannot.
     at_planned_speed = corrected and estimator.friction.is_of_speed_alone
     has_learnt_error = estimator.learnt  # a model whose torque error was fitted to logs
     # Whether the reconstruction reads a torque error by the sample, not one covariance for all.
@@ -245,7 +246,8 @@ def _staged(
         has_error=reading_has_error or has_detection or _any_reads_error(replacements),
     )
     # Ports by the names of the inputs that take them: `_connect_by_name` connects a block to those
-    # that it has an input for. Adds the check of the samples, and the diagram's q, v and current.
+    # that it has an input for, and leaves its other inputs open. Adds the check of the samples, and
+    # the diagram's inputs q, v and current.
     sources = _signal_sources(builder, estimator, stages, replacements.get("samples"))
     _connect_by_name(builder, [stages.terms, stages.motor, stages.observer], sources)
     if stages.torque_error is not None:
@@ -259,14 +261,8 @@ def _staged(
     if correction is not None:
         for signal in ("tau_ext", "tau_ext_valid"):
             output_sources[signal] = correction.GetOutputPort(signal)
-    # The diagram's outputs, but for the torque error's, which is exported above, and detection's.
-    for signal in ("tau_ext", "tau_f", "tau_ext_valid", *_STAGE_OUTPUTS["reconstruction"]):
-        builder.ExportOutput(output_sources[signal], signal)
-    # The diagram's terms are those of q and v as they come. The detector's are the stages', of the
-    # samples that the estimator takes, and stay in `output_sources`.
     known_terms = None if "terms" in replacements else sources["terms"]
-    builder.ExportOutput(_terms_as_read(builder, estimator, known_terms), "terms")
-    builder.ExportOutput(output_sources["fault"], "fault")
+    _export_outputs(builder, output_sources, terms=_terms_as_read(builder, estimator, known_terms))
     if "detection" in replacements:
         _add_users_detector(builder, replacements["detection"], output_sources)
     elif detection is not None:
@@ -274,6 +270,24 @@ def _staged(
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
+
+
+def _export_outputs(
+    builder: DiagramBuilder, sources: Mapping[str, OutputPort], terms: OutputPort
+) -> None:
+    """Exports the diagram's outputs, but for those of torque error and detection.
+
+    `_connect_torque_error` and the functions that add a detector export these.
+
+    Args:
+        sources: ports by the names of the outputs. Their `terms`, of the samples that the estimator
+            takes, are those of the stages and of the detector.
+        terms: those of q and v as they come, which are the diagram's.
+    """
+    for signal in ("tau_ext", "tau_f", "tau_ext_valid", *_STAGE_OUTPUTS["reconstruction"]):
+        builder.ExportOutput(sources[signal], signal)
+    builder.ExportOutput(terms, "terms")
+    builder.ExportOutput(sources["fault"], "fault")
 
 
 def _connect_torque_error(

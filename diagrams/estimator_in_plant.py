@@ -57,10 +57,12 @@ def add_estimator(
     The wrench F_E_W is what the environment exerts on the arm at E, [mx my mz fx fy fz], in axes of
     the plant's World.
 
-    A simulated arm has no current: its motor torque, which drives the plant, takes the place, at
-    1 N m/A. It is the port that is connected to the plant's actuation when this function is called,
-    or `actuation`. If neither exists, because the controller needs the estimator, connect the
-    controller's torque afterwards to `builder.GetSubsystemByName(name + "_current")`.
+    A simulated arm has no current: its motor torque, which drives the plant, takes the place. It is
+    divided by the drives' torque per ampere where these are stated, and by 1 N m/A where they are
+    not, and the estimator multiplies it by the same. It is the port that is connected to the
+    plant's actuation when this function is called, or `actuation`. If neither exists, because the
+    controller needs the estimator, connect the controller's torque afterwards to
+    `builder.GetSubsystemByName(name + "_current")`.
 
     Besides the estimator, `builder` gets systems whose names begin with its own: they pick q and v
     out of the state, and turn the torque into the current and clip it at the effort limits.
@@ -87,29 +89,19 @@ def add_estimator(
             another plant, or given together with what describes one; actuation and current are
             both given; the period is no multiple of the plant's time step.
     """
-    if plant not in builder.GetSystems():
-        raise ValueError(
-            f"{name}: {plant.get_name() or 'the plant'} is not in this builder; give "
-            "make_estimator(ArmInPlant(plant, ...), model) the ports that its diagram exports"
-        )
+    _check_request(builder, plant, actuation, current, name)
     description = (model_instance, frame_E, drives, base, payload)
     if arm is not None and (arm.plant is not plant or any(x is not None for x in description)):
         raise ValueError(
             f"{name}: give an arm of this plant, or model_instance, frame_E, drives, base and "
             "payload, not both"
         )
-    if actuation is not None and current is not None:
-        raise ValueError(f"{name}: give actuation or current, not both")
     if arm is None:
         arm = ArmInPlant(plant, model_instance, frame_E, drives, base=base, payload=payload)
     # Of the same joints and drives: only the axes of its wrench are others.
     estimated_arm = arm.in_base_axes() if in_base_axes else arm
-    state = plant.get_state_output_port(estimated_arm.model_instance)
-    # Matrices of zeros and ones that take the arm's joints out of the state of the instance.
-    q_selector, v_selector = estimated_arm.state_selector()
-    q = _selected(builder, state, q_selector, f"{name}_q")
-    v = _selected(builder, state, v_selector, f"{name}_v")
-    if current is None:  # the motor torque that drives the plant, at 1 N m/A
+    q, v = _joint_motion(builder, estimated_arm, name)
+    if current is None:
         current = _motor_current(builder, estimated_arm, actuation, name)
     return add_estimator_to_ports(
         builder,
@@ -124,6 +116,34 @@ def add_estimator(
         detection=detection,
         stages=stages,
     )
+
+
+def _check_request(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    actuation: OutputPort | None,
+    current: OutputPort | None,
+    name: str,
+) -> None:
+    """Raises ValueError where the plant is not in the builder, or torque and current are given."""
+    if plant not in builder.GetSystems():
+        raise ValueError(
+            f"{name}: {plant.get_name() or 'the plant'} is not in this builder; give "
+            "make_estimator(ArmInPlant(plant, ...), model) the ports that its diagram exports"
+        )
+    if actuation is not None and current is not None:
+        raise ValueError(f"{name}: give actuation or current, not both")
+
+
+def _joint_motion(
+    builder: DiagramBuilder, arm: ArmInPlant, name: str
+) -> tuple[OutputPort, OutputPort]:
+    """Ports of the arm's q and v, (n,) each, taken out of the state of its model instance."""
+    state = arm.plant.get_state_output_port(arm.model_instance)
+    q_selector, v_selector = arm.state_selector()  # matrices of zeros and ones
+    q = _selected(builder, state, q_selector, f"{name}_q")
+    v = _selected(builder, state, v_selector, f"{name}_v")
+    return q, v
 
 
 def _selected(builder: DiagramBuilder, state: OutputPort, rows: Array, name: str) -> OutputPort:
@@ -154,7 +174,10 @@ def _config_at_plant_rate(
 def _motor_current(
     builder: DiagramBuilder, arm: ArmInPlant, actuation: OutputPort | None, name: str
 ) -> OutputPort:
-    """The motors' current, from the torque that drives the plant.
+    """The motors' current, from `actuation` or the torque that drives the plant, (n_u,) N m.
+
+    `ArmInPlant.current_selector` divides it by the torque per ampere of the arm's drives, which the
+    estimator multiplies it by.
 
     The current is clipped, not the torque: a controller that is connected afterwards may ask for
     more than the plant applies, too.

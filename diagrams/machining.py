@@ -94,9 +94,10 @@ def posture_problem(
     """The problem of the best postures along a path, which `best_on_grid` and `refine` solve.
 
     Postures differ by the angle about the tool's axis, which the work leaves free. Minimised is the
-    mean over the path of the force's stated sd, N, plus _SMOOTHNESS_WEIGHT times the joints'
-    motion. The sd is that of the nominal model: what is planned must not depend on an
-    identification.
+    mean over the path of the force's stated sd, N, plus _SMOOTHNESS_WEIGHT times (N - 1) sum dq^2,
+    rad^2, dq the steps of all joints between the N samples. The sd is that of the nominal model:
+    what is planned must not depend on an identification. Bounds are hard: joint limits, less
+    _LIMIT_MARGIN, and _MAX_STEP, rad a joint from one sample to the next.
 
     Args:
         robot, path: whose samples the postures are of.
@@ -120,7 +121,7 @@ def posture_problem(
         raise InputError(source, "", problem, "take a robot whose joints turn by more")
     lower, upper = narrowed_limits(robot, machining.joint_ranges_deg, lower, upper, source)
     if np.any(lower >= upper):
-        joint = robot.joint_names[int(np.argmax(lower - upper))]  # that lacks most
+        joint = robot.joint_names[int(np.argmax(lower - upper))]  # the one that lacks most
         raise InputError(source, "joint_ranges_deg", f"leave {joint} of {robot.name} no range")
     return RedundancyProblem(
         robot=robot,
@@ -128,13 +129,13 @@ def posture_problem(
         tool_axis_E=np.array(_TOOL_AXIS_E),
         measure=ForceSd(
             robot.chain,
-            IdentifiedModel.nominal(robot).residual_covariance,
+            IdentifiedModel.nominal(robot).residual_covariance,  # (n, n) N^2 m^2, of the torque
             # Without a prior, which would hide how poorly a posture tells the force.
             WrenchReconstructionConfig(method="inverse"),
         ),
         lower=lower,
         upper=upper,
-        max_step=np.full(robot.num_joints, _MAX_STEP),
+        max_step=np.full(robot.num_joints, _MAX_STEP),  # rad, from sample to sample
         smoothness=_SMOOTHNESS_WEIGHT,
         num_angles=NUM_ANGLES,
         first_angle=math.radians(machining.angle_deg or 0.0),

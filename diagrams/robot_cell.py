@@ -81,7 +81,9 @@ class _CellParts:
     Attributes:
         builder: builder of the cell's diagram; the plant is in it.
         scenario: as given.
-        robot: the true robot, with the scenario's friction.
+        robot: as it is described, with the scenario's friction: its joints, drives, sensors, and
+            its tool's tip are the true ones.
+        true_model: the same with its true joint frames and tool weight: its links are true.
         plant: plant of the arm, the workpiece and the floor.
         scene_graph: scene graph of the plant's shapes; None where nothing touches or is drawn.
         arm: the robot's model instance, joints, actuators and frame E in the plant.
@@ -90,6 +92,7 @@ class _CellParts:
     builder: DiagramBuilder
     scenario: Scenario
     robot: Robot
+    true_model: Robot
     plant: MultibodyPlant
     scene_graph: SceneGraph | None
     arm: RobotInPlant
@@ -149,39 +152,18 @@ def make_robot_cell(
         InputError: a sensor without a tool to sit on, true friction out of range, or directives
             that Drake cannot follow.
     """
-    # Joints, drives and sensors are those of the robot as it is described, with the scenario's
-    # friction; links and tool are those of the true model.
-    robot_with_friction = with_true_friction(robot, scenario.friction)
-    true_model = true_robot(robot_with_friction)  # true joint frames and tool weight
-    # The plant is finalized then. Its default positions and shapes are changed below, which has to
-    # be done before the diagram's first Context.
-    cell = _add_surroundings_and_arm(
-        scenario, robot_with_friction, true_model, is_drawn=meshcat is not None
-    )
-    joints = TrueJoints.of(robot_with_friction, scenario.time_step)
-    # The encoders read q_0, their gears bent by the arm's weight.
-    q_start = joints.links_at(np.asarray(q_0, dtype=np.float64), true_model.chain)
-    cell.plant.SetDefaultPositions(cell.arm.model_instance, q_start)
+    cell = _add_surroundings_and_arm(scenario, robot, is_drawn=meshcat is not None)
+    # The plant is finalized. Its default positions and shapes are changed here, which has to be
+    # done before the diagram's first Context.
+    joints = TrueJoints.of(cell.robot, scenario.time_step)
+    _put_encoders_at(cell, joints, np.asarray(q_0, dtype=np.float64))
     if cell.scene_graph is not None:  # there is none where nothing touches or is drawn
         _prepare_contact(cell, cell.scene_graph, clear_links)
         if meshcat is None:
             _remove_pictures(cell.plant, cell.scene_graph)
     script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
-    true_arm = TrueArm(
-        ArmParts(
-            chain=true_model.chain,
-            joints=joints,
-            tool_body=tool_body(cell.plant, cell.arm).index(),
-            p_BE=_p_BE(cell.plant, cell.arm),
-            script=script,
-            contacts=_tool_contacts(cell) if cell.has_contact else None,
-            process=_machining_process(scenario),
-            current=_current_sensor(robot_with_friction) if scenario.current_noise else None,
-            sensor=_force_torque_sensor(cell),
-            seed=scenario.seed,
-        )
-    )
-    _connect_arm(cell, true_arm)  # adds it to the cell's builder, and the drives
+    true_arm = TrueArm(_arm_parts(cell, joints, script))
+    _connect_arm(cell, true_arm)  # adds it to the cell's builder, with drives and all ports
     if meshcat is not None and cell.scene_graph is not None:
         parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
         MeshcatVisualizer.AddToBuilder(cell.builder, cell.scene_graph, meshcat, parameters)
@@ -192,16 +174,39 @@ def make_robot_cell(
     )
 
 
-def _add_surroundings_and_arm(
-    scenario: Scenario, robot: Robot, true_model: Robot, is_drawn: bool
-) -> _CellParts:
-    """Adds the plant with the arm, the workpiece and the floor, to a new builder.
+def _put_encoders_at(cell: _CellParts, joints: TrueJoints, q_0: Array) -> None:
+    """Makes the plant start where the encoders read q_0 (n,), gears bent by the arm's weight."""
+    q_start = joints.links_at(q_0, cell.true_model.chain)
+    cell.plant.SetDefaultPositions(cell.arm.model_instance, q_start)
+
+
+def _arm_parts(cell: _CellParts, joints: TrueJoints, script: WrenchScript) -> ArmParts:
+    """What the true arm is made of: true links, joints, drives, sensors, and what it touches."""
+    scenario = cell.scenario
+    return ArmParts(
+        chain=cell.true_model.chain,
+        joints=joints,
+        tool_body=tool_body(cell.plant, cell.arm).index(),
+        p_BE=_p_BE(cell.plant, cell.arm),
+        script=script,
+        contacts=_tool_contacts(cell) if cell.has_contact else None,
+        process=_machining_process(scenario),
+        current=_current_sensor(cell.robot) if scenario.current_noise else None,
+        sensor=_force_torque_sensor(cell),
+        seed=scenario.seed,
+    )
+
+
+def _add_surroundings_and_arm(scenario: Scenario, robot: Robot, is_drawn: bool) -> _CellParts:
+    """Adds the plant with the true arm, the workpiece and the floor, to a new builder.
 
     Args:
-        robot: the true robot, with the scenario's friction.
-        true_model: the robot's true links, of `true_robot`.
+        scenario: what stands in the cell.
+        robot: the arm as it is described.
         is_drawn: whether pictures are needed.
     """
+    robot_with_friction = with_true_friction(robot, scenario.friction)
+    true_model = true_robot(robot_with_friction)
     builder = DiagramBuilder()
     plant, scene_graph = _add_plant(builder, scenario, _has_contact(scenario) or is_drawn)
     arm = true_model.add_to_plant(plant)
@@ -211,12 +216,14 @@ def _add_surroundings_and_arm(
         add_workpiece(plant, scenario.workpiece)
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
-    _follow_directives(plant, scenario)  # they may name what the plant has by now
+    # After all else, as directives may name what is in the plant already.
+    _follow_directives(plant, scenario)
     plant.Finalize()
     return _CellParts(
         builder=builder,
         scenario=scenario,
-        robot=robot,
+        robot=robot_with_friction,
+        true_model=true_model,
         plant=plant,
         scene_graph=scene_graph,
         arm=arm,
@@ -224,16 +231,15 @@ def _add_surroundings_and_arm(
 
 
 def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
-    """Adds the true arm, connects it with drives and plant, and exports the cell's outputs.
-
-    The inputs are exported by what connects them: the drives, and the forces of the user's diagram.
+    """Adds the true arm, connects it with drives and plant, and exports the cell's ports.
 
     current_command --> drives --> true_arm --> actuation, forces --> plant
                                       ^------- state, contacts ---------+
     """
     builder, plant, instance = cell.builder, cell.plant, cell.arm.model_instance
     builder.AddNamedSystem("true_arm", true_arm)
-    # Of exactly the inputs that this arm has: those of contact and sensor only some have.
+    # `_add_drives_and_get_sources` exports the input current_command, and has a source for each
+    # input of this arm: those of contact and sensor only some have.
     for name, port in _add_drives_and_get_sources(cell).items():
         builder.Connect(port, true_arm.GetInputPort(name))
     # Two outputs of the true arm hold many signals each. Here each signal is a port, by its name:
@@ -242,7 +248,23 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
     drives = _add_demultiplexer(builder, true_arm, "drives", true_arm.drive_sizes)
     builder.Connect(drives["tau_J"], plant.get_actuation_input_port(instance))
     _connect_generalized_force(cell, drives["generalized_force"])
-    _connect_spatial_forces(cell, true_arm)
+    _connect_spatial_forces(cell, true_arm)  # exports the input of a user's forces, if there is one
+    for name, port in _cell_outputs(cell, true_arm, motion, drives).items():
+        builder.ExportOutput(port, name)
+
+
+def _cell_outputs(
+    cell: _CellParts,
+    true_arm: TrueArm,
+    motion: dict[str, OutputPort],
+    drives: dict[str, OutputPort],
+) -> dict[str, OutputPort]:
+    """The cell's outputs by name, in the order of their export; those that it has.
+
+    Args:
+        motion, drives: parts of the true arm's outputs of these names, by their names.
+    """
+    plant, instance = cell.plant, cell.arm.model_instance
     outputs = _truth_outputs(cell, true_arm, motion) | {
         "q": motion["q_read"],
         "v": motion["v_read"],
@@ -258,8 +280,7 @@ def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
         outputs["ft_wrench"] = motion["sensed"]
     if cell.has_contact:
         outputs["contact_results"] = plant.get_contact_results_output_port()
-    for name, port in outputs.items():
-        builder.ExportOutput(port, name)
+    return outputs
 
 
 def _connect_generalized_force(cell: _CellParts, arm_force: OutputPort) -> None:
@@ -340,7 +361,11 @@ def _add_demultiplexer(
 def _truth_outputs(
     cell: _CellParts, true_arm: TrueArm, motion: dict[str, OutputPort]
 ) -> dict[str, OutputPort]:
-    """The ports of the cell with the true wrench and the true external torque."""
+    """The ports of the cell with the true wrench and the true external torque.
+
+    Of contact, script and process where something can be touched, else of the script; where nothing
+    acts, of constants, which are added.
+    """
     builder = cell.builder
     if cell.has_contact:
         truth = _add_demultiplexer(builder, true_arm, "truth", true_arm.truth_sizes)

@@ -299,28 +299,45 @@ def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenar
         InputError: no such scenario or file, an unknown key, or a value out of range.
     """
     path = Path(name_or_path)
-    if scenario_name is None and path.suffix not in (".yaml", ".yml"):  # a name
+    if scenario_name is None and path.suffix not in (".yaml", ".yml"):  # name of a bundled one
         scenario_name, path = name_or_path, bundled_path()
     scenarios = load_configuration(path, dict[str, Scenario])
-    if scenario_name is None:
+    found_name = _name_in_file(path, scenarios, scenario_name)
+    scenario = _with_paths_from(path.parent, scenarios[found_name])
+    check_scenario(scenario, f"{path}: {found_name}")
+    return scenario
+
+
+def _name_in_file(path: Path, scenarios: dict[str, Scenario], name: str | None) -> str:
+    """The name of a scenario that the file holds; None: it is to hold one only.
+
+    Raises:
+        InputError: there is none of that name, or several to choose from.
+    """
+    if name is None:
         if len(scenarios) != 1:
             raise InputError(
                 path, "", f"holds {', '.join(scenarios)}", "name one of them: FILE.yaml:NAME"
             )
-        scenario_name = next(iter(scenarios))
-    if scenario_name not in scenarios:
-        hint = nearest(scenario_name, scenarios) or f"there are {', '.join(scenarios)}"
-        raise InputError(path, "", f'there is no scenario "{scenario_name}"', hint)
-    scenario = scenarios[scenario_name]
-    # Paths in the file are relative to it; an absolute one stays. A robot without ending and folder
-    # is the name of a bundled one.
+        return next(iter(scenarios))
+    if name not in scenarios:
+        hint = nearest(name, scenarios) or f"there are {', '.join(scenarios)}"
+        raise InputError(path, "", f'there is no scenario "{name}"', hint)
+    return name
+
+
+def _with_paths_from(folder: Path, scenario: Scenario) -> Scenario:
+    """The scenario with its paths, which are relative to `folder`, made from there.
+
+    An absolute path stays. A robot without ending and folder is the name of a bundled one. The
+    models of the directives are changed in place.
+    """
     if Path(scenario.robot).suffix or Path(scenario.robot).parent != Path():
-        scenario = replace(scenario, robot=str(path.parent / scenario.robot))
-    for directive in scenario.directives:  # of this call's own Scenario: changed in place
+        scenario = replace(scenario, robot=str(folder / scenario.robot))
+    for directive in scenario.directives:
         model = directive.add_model
         if model is not None and ":" not in model.file:  # a path, not a package:// or file:// URI
-            model.file = f"file://{(path.parent / model.file).resolve()}"
-    check_scenario(scenario, f"{path}: {scenario_name}")
+            model.file = f"file://{(folder / model.file).resolve()}"
     return scenario
 
 
@@ -341,6 +358,17 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         InputError: a value out of range, or two that contradict each other; it names `source`.
     """
     _check_numbers(scenario, source)
+    _check_words(scenario, source)
+    _check_feedback(scenario, source)
+    _check_time_steps(scenario, source)
+    _check_wrench_observer(scenario, source)
+    _check_workpiece(scenario.workpiece, source)
+    if scenario.machining is not None:
+        _check_machining(scenario, source)
+
+
+def _check_words(scenario: Scenario, source: str) -> None:
+    """Raises InputError where a word is none of those to choose from."""
     for key, word, choices in (
         ("friction", scenario.friction, FRICTIONS),
         ("feedback", scenario.feedback, ("sensor", "estimate")),
@@ -348,6 +376,10 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         if word not in choices:
             remedy = nearest(word, choices)
             raise InputError(source, key, f'"{word}", expected {", ".join(choices)}', remedy)
+
+
+def _check_feedback(scenario: Scenario, source: str) -> None:
+    """Raises InputError where force control feeds back a sensor that is not there."""
     controls_force = (
         isinstance(scenario.controller, ImpedanceConfig) and scenario.controller.force is not None
     )
@@ -358,11 +390,6 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
             "force control feeds back a sensor that the scenario does not have",
             "add force_torque_sensor, or feed back the estimate",
         )
-    _check_time_steps(scenario, source)
-    _check_wrench_observer(scenario, source)
-    _check_workpiece(scenario.workpiece, source)
-    if scenario.machining is not None:
-        _check_machining(scenario, source)
 
 
 def _check_numbers(scenario: Scenario, source: str) -> None:
@@ -454,7 +481,10 @@ def _check_workpiece(workpiece: PlateConfig | BladeConfig | None, source: str) -
 
 
 def _check_machining(scenario: Scenario, source: str) -> None:
-    """Raises InputError where machining lacks a part, or has a number out of range."""
+    """Raises InputError where machining lacks a part, or has a number out of range.
+
+    It is only called where there is machining.
+    """
     machining = scenario.machining
     assert machining is not None
     if scenario.workpiece is None:
@@ -477,8 +507,8 @@ def _check_machining(scenario: Scenario, source: str) -> None:
         raise InputError(
             source, "machining.air_pass", f"{machining.air_pass:g} m, expected 0 or more"
         )
-    # These two raise InputError as well; a process is made for the checks of its constructor.
     check_phases(machining.phases, f"{source}: machining")
+    # Made for the checks of its constructor, which raises InputError, too.
     process_source = f"{source}: machining.process"
     MachiningProcess(machining.process, process_source, time_step=scenario.time_step)
 
@@ -571,13 +601,14 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     cycle = _line_cycle(motion, robot)
     begin = motion.start + motion.lead_in
     end = begin + motion.passes * motion.one_way
-    # Numbers of the cycles; half a cycle too much, after an odd number of passes, is cut off below.
+    # Numbers of the cycles, of two passes each; of a single pass there is cycle 0 alone, of one
+    # pass. Half a cycle too much, after an odd number of passes, is cut off below.
     first_cycle = -1 if motion.lead_in > 0 else 0
     cycles = range(first_cycle, (motion.passes + 1) // 2)
     num_cycles = len(cycles)
     t = np.concatenate([begin + k * cycle.duration + cycle.t for k in cycles])
-    # The first sample of a cycle is the last of the one before, which ends where it began: it is
-    # left out, as the times of a JointTrajectory must rise.
+    # A cycle begins at the sample with which the one before ends, the same posture at rest. Its
+    # first sample is left out, as the times of a JointTrajectory must rise.
     is_new = np.concatenate([[True], np.diff(t) > _SAME_TIME])
     is_in_motion = is_new & (t >= motion.start - _SAME_TIME) & (t <= end + _SAME_TIME)
     return JointTrajectory(

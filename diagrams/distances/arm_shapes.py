@@ -49,26 +49,34 @@ class ArmShapes:
         self.body = {
             shape: plant.GetBodyFromFrameId(self.inspector.GetFrameId(shape)) for shape in shapes
         }
-        # What is welded to a joint's child moves with it, so that joint j leads to level j + 1.
-        self.level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
-        for j, joint in enumerate(self.parts.joints):
-            for body in plant.GetBodiesWeldedTo(joint.child_body()):
-                self.level[body.index()] = j + 1
+        self.level = self._levels()
         weld = self.parts.tool_weld  # of the tool to the flange; None: there is no tool
         self.tool = (
             self.parts.frame_E.body() if weld is None else plant.get_joint(weld).child_body()
         )
         self.position_indices = [joint.position_start() for joint in self.parts.joints]
-        # Where the pose of the first floating body begins among the plant's positions: 7 numbers,
-        # quaternion and position, which `pairs` sets; others stay where they are by default. None:
-        # no body floats.
-        floating = [plant.get_body(index) for index in plant.GetFloatingBaseBodies()]
-        self._floating_start = min(
-            (body.floating_positions_start() for body in floating), default=None
-        )
+        self._floating_start = self._start_of_floating_pose()
         # Contexts of the diagram, kept alive: `new_context` gives away the plant's parts of them,
         # which Drake deletes with the whole.
         self._diagram_contexts: list[Any] = []
+
+    def _levels(self) -> dict[Any, int]:
+        """`level`: what is welded to the child of joint j moves with it, and has level j + 1."""
+        plant = self.plant
+        level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
+        for j, joint in enumerate(self.parts.joints):
+            for body in plant.GetBodiesWeldedTo(joint.child_body()):
+                level[body.index()] = j + 1
+        return level
+
+    def _start_of_floating_pose(self) -> int | None:
+        """Index of the first floating body's pose among the plant's positions; None: none floats.
+
+        It is 7 numbers, quaternion and position, which `pairs` sets. Other bodies that float stay
+        where they are by default.
+        """
+        floating = [self.plant.get_body(index) for index in self.plant.GetFloatingBaseBodies()]
+        return min((body.floating_positions_start() for body in floating), default=None)
 
     @cached_property
     def context(self) -> Any:

@@ -31,6 +31,15 @@ MINIMUM_SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one
 # INFLUENCE_DISTANCE or more. This is less by ten e-folds of their shares, so that an entry moves
 # the value by 0.1 um at most. Less still would tell fewer distances apart.
 _FAR_SLACK = INFLUENCE_DISTANCE - 10.0 / MINIMUM_SHARPNESS
+# m, within which pairs at home are looked at. Half of it is more than a usual margin: a pair beyond
+# has to keep the margin in any case.
+_NEAR_AT_HOME = 1.5 * INFLUENCE_DISTANCE
+# Of a pair's distance at home, that it must keep where this is less than the margin: it may come
+# nearer than at home, as parts of a wrist do, and does not touch.
+_KEPT_SHARE_OF_HOME = 0.5
+_NEVER_NEARER_SHARE = 0.95  # of the distance at home; a pair that never comes below it is left out
+# Random postures, in which neighbours are looked at: they cover the motions of two joints densely.
+_NEIGHBOUR_POSTURES = 300
 _MIN_INTERVAL = 1e-4  # s, shortest interval of a motion that is looked at
 _FLOOR_SIZE = (10.0, 10.0, 1.0)  # m, of the floor
 # m that a program of postures requires beyond what must be kept, for what happens between them;
@@ -119,9 +128,21 @@ class Clearance:
             _add_surroundings(plant, floor, obstacles, workpiece)
             add(plant)
 
-        self.shapes = shapes = ArmShapes(robot, add_surroundings)
+        self.shapes = ArmShapes(robot, add_surroundings)
         self.margin = margin
-        # Sets of geometry ids. The arm's are those of its links and of its tool.
+        self._tell_shapes_apart(obstacles, tip_only)
+        self._require(robot)
+        self.has_shapes = bool(self._arm_shapes)
+        # (n,) m: no point of the arm is farther from the axis of joint j than entry j.
+        self._speed_radius = _speed_radius(robot, self.shapes)
+
+    def _tell_shapes_apart(self, obstacles: Sequence[ObstacleConfig], tip_only: bool) -> None:
+        """Sets the sets of geometry ids: of arm, workpiece, floor and obstacles.
+
+        The arm's are those of its links and of its tool. The others are told by name: a task
+        refuses an obstacle that is called as the floor or the workpiece.
+        """
+        shapes = self.shapes
         self._arm_shapes = {
             shape
             for shape, body in shapes.body.items()
@@ -131,21 +152,21 @@ class Clearance:
         self._floor_shapes = self._others_named({FLOOR})
         self._obstacle_shapes = self._others_named({box.name for box in obstacles})
         self._may_touch_workpiece = (
-            _working_shapes(shapes, margin) if tip_only else self._tool_shapes()
+            _working_shapes(shapes, self.margin) if tip_only else self._tool_shapes()
         )
-        # The home posture says what pairs of arm and floor must keep. Of a workpiece and obstacles
-        # it follows from what may touch them. Shapes are told by name: a task refuses an obstacle
-        # that is called as the floor or the workpiece.
-        arm_and_floor = shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
+
+    def _require(self, robot: Robot) -> None:
+        """Sets what a pair of shapes (two ids) must keep, m, where it is not `margin`.
+
+        -inf: the pair is left out. The home posture says what pairs of arm and floor must keep. Of
+        a workpiece and obstacles it follows from what may touch them. Pairs of the home posture
+        have the order in which Drake states them, always the same for two shapes; the others are
+        there in either order. No pair is in both.
+        """
+        arm_and_floor = self.shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
         at_home, self.overlapping = self._required_at_home(robot, arm_and_floor)
         self.near_at_home = self._less_than_margin(at_home)
-        # What a pair of shapes (two ids) must keep, m, where it is not `margin`; -inf: the pair is
-        # left out. Pairs of the home posture have the order in which Drake states them, always the
-        # same for two shapes; the others are there in either order. No pair is in both.
         self._required: dict[tuple[Any, Any], float] = at_home | self._required_of_others()
-        self.has_shapes = bool(self._arm_shapes)
-        # (n,) m: no point of the arm is farther from the axis of joint j than entry j.
-        self._speed_radius = _speed_radius(robot, shapes)
 
     def _tool_shapes(self) -> set[Any]:
         """Shapes of the tool, or of the link that E lies on."""
@@ -190,31 +211,36 @@ class Clearance:
     def _required_at_home(
         self, robot: Robot, counted: set[Any]
     ) -> tuple[dict[tuple[Any, Any], float], tuple[str, ...]]:
-        """What the pairs among `counted` shapes that are near at home must keep, as `_required`.
+        """What the pairs among `counted` shapes that are near at home must keep.
 
         Returns:
-            What they must keep, m, and the pairs that overlap there, by name.
+            m, by the ids of the two shapes, in the order in which Drake states them; -inf of a pair
+            that is left out. And the pairs that overlap at home, by name.
         """
-        requirements: dict[tuple[Any, Any], float] = {}
-        overlapping: list[str] = []
-        neighbours: dict[tuple[Any, Any], float] = {}  # two joints apart at most; their distance
-        for pair in self.shapes.pairs(robot.home, 1.5 * INFLUENCE_DISTANCE):
-            key = (pair.id_A, pair.id_B)
-            if not counted.issuperset(key):
-                continue
-            first, second = (self._level(shape) for shape in key)
-            if first == second:
-                requirements[key] = -np.inf
-            elif pair.distance <= 0.0:
-                requirements[key] = -np.inf
-                overlapping.append(self._names(key))
-            else:
-                requirements[key] = min(self.margin, 0.5 * pair.distance)
-                if abs(first - second) <= 2:
-                    neighbours[key] = pair.distance
-        for key in self._always_clear(robot, neighbours):
-            requirements[key] = -np.inf
+        at_home = {
+            (pair.id_A, pair.id_B): pair.distance
+            for pair in self.shapes.pairs(robot.home, _NEAR_AT_HOME)
+            if counted.issuperset((pair.id_A, pair.id_B))
+        }
+        moving = {pair: d for pair, d in at_home.items() if not self._is_rigid(pair)}
+        separate = {pair: d for pair, d in moving.items() if d > 0.0}
+        overlapping = [self._names(pair) for pair, d in moving.items() if d <= 0.0]
+        always_clear = self._always_clear(
+            robot, {pair: d for pair, d in separate.items() if self._are_neighbours(pair)}
+        )
+        # Left out are rigid, overlapping and always clear pairs: all but these.
+        requirements = dict.fromkeys(at_home, -np.inf)
+        for pair in separate.keys() - always_clear:
+            requirements[pair] = min(self.margin, _KEPT_SHARE_OF_HOME * separate[pair])
         return requirements, tuple(dict.fromkeys(overlapping))
+
+    def _is_rigid(self, pair: tuple[Any, Any]) -> bool:
+        """Whether no joint lies between two shapes: their distance never changes."""
+        return self._level(pair[0]) == self._level(pair[1])
+
+    def _are_neighbours(self, pair: tuple[Any, Any]) -> bool:
+        """Whether two joints lie between two shapes, or fewer."""
+        return abs(self._level(pair[0]) - self._level(pair[1])) <= 2
 
     def _level(self, shape: Any) -> int:
         return self.shapes.level.get(self.shapes.body[shape].index(), 0)
@@ -257,24 +283,29 @@ class Clearance:
 
     def _always_clear(
         self, robot: Robot, pairs: dict[tuple[Any, Any], float]
-    ) -> list[tuple[Any, Any]]:
-        """Neighbours that never come nearer to each other than at home.
+    ) -> set[tuple[Any, Any]]:
+        """Those of the pairs that never come nearer to each other than at home.
 
         Args:
             robot: the arm.
-            pairs: with their distances at home, m; of shapes two joints apart at most, as 300
-                postures cover the motions of two joints densely.
+            pairs: neighbours, with their distances at home, m.
         """
+        if not pairs:
+            return set()
         rng = np.random.default_rng(0)
         low = np.clip(robot.position_lower, -np.pi, np.pi)
         high = np.clip(robot.position_upper, -np.pi, np.pi)
         nearest = dict(pairs)
-        for q in rng.uniform(low, high, (300 if pairs else 0, robot.num_joints)):
+        for q in rng.uniform(low, high, (_NEIGHBOUR_POSTURES, robot.num_joints)):
             for pair in self.shapes.pairs(q, max(pairs.values())):
                 key = (pair.id_A, pair.id_B)
                 if key in nearest:
                     nearest[key] = min(nearest[key], pair.distance)
-        return [key for key, distance in nearest.items() if distance > 0.95 * pairs[key]]
+        return {
+            pair
+            for pair, distance in nearest.items()
+            if distance > _NEVER_NEARER_SHARE * pairs[pair]
+        }
 
     def reaches_floor(self, q: ArrayLike) -> bool:
         """Whether a moving shape touches the floor at q (n,), at home or not."""
@@ -341,7 +372,8 @@ class Clearance:
         scale, 1 for most pairs, is larger for one that must keep less than the margin, as the parts
         of a wrist: what a caller keeps in reserve of the margin then fits it too.
         """
-        near_pairs = self.shapes.pairs(q, INFLUENCE_DISTANCE + self.margin)  # puts its context to q
+        # Leaves `shapes.context` at q, where `_distance_gradient` looks at it.
+        near_pairs = self.shapes.pairs(q, INFLUENCE_DISTANCE + self.margin)
         # What is not finite is the requirement of a pair that does not count: it may touch.
         pairs = [pair for pair in near_pairs if np.isfinite(self._requirement(pair))]
         required = np.array([self._requirement(pair) for pair in pairs])
@@ -353,10 +385,10 @@ class Clearance:
         terms = np.exp(-MINIMUM_SHARPNESS * (slack - least))
         total = math.exp(-MINIMUM_SHARPNESS * (_FAR_SLACK - least)) + float(terms.sum())
         value = least - math.log(total) / MINIMUM_SHARPNESS
-        gradient = np.zeros(self.shapes.plant.num_positions())
+        gradient = np.zeros(self.shapes.plant.num_positions())  # by all positions of the plant
         for pair, share in zip(pairs, terms * scale / total, strict=True):
             if share >= _MIN_GRADIENT_SHARE:
-                gradient += share * self._distance_gradient(pair)  # at the context's q
+                gradient += share * self._distance_gradient(pair)
         return value, gradient[self.shapes.position_indices]
 
     def _distance_gradient(self, pair: SignedDistancePair) -> Array:

@@ -39,6 +39,7 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
     except InputError:  # a part cannot be planned
         return frozenset()
     shapes = ArmShapes(robot, lambda plant: add_plate(plant, plate))
+    # Names of the arm's links, its tool among them, that have shapes.
     links = {
         shapes.name(shape)
         for shape, body in shapes.body.items()

@@ -77,13 +77,8 @@ def write_path_page(
         ValueError: a measure that is not positive, or two motions of one name.
         InputError: the file cannot be written.
     """
-    measures = np.concatenate([motion.measure for motion in motions])
-    if not np.all(measures > 0.0):  # the scale of colours is logarithmic; NaN has no colour
-        raise ValueError("path page: a measure must be positive")
-    if len({_meshcat_path(motion) for motion in motions}) < len(motions):
-        raise ValueError("path page: the names of the motions must differ")
-    low = float(np.min(measures))
-    high = max(float(np.quantile(measures, _SCALE_END_QUANTILE)), _MIN_SCALE_RATIO * low)
+    _check_motions(motions)
+    low, high = _ends_of_scale(motions)
     tips = [robot.chain.pose(motion.q)[1] for motion in motions]  # (N, 3) m, of E in W
     meshcat = make_meshcat(robot, np.mean(np.concatenate(tips), axis=0))
     picture = ArmPicture(robot, meshcat, fps)
@@ -93,22 +88,45 @@ def write_path_page(
         _draw_tube(meshcat, _meshcat_path(motion), tip, colour_scale(motion.measure, low, high))
     # From here on each `picture.show` is a frame of the page, at its time in s.
     start_animation(meshcat, fps)
-    num_frames = max(2, round(seconds * fps))
     start = 0.0  # s, of a motion in the page's time
-    for number, motion in enumerate(motions, start=1):
+    for number, motion in enumerate(motions):
+        if number > 0:
+            start = start + seconds + _PAUSE_TIME
+            # Meshcat moves the arm evenly from frame to frame. The last posture once more, one
+            # frame before the next motion, lets it rest through the pause and then jump.
+            picture.show(motions[number - 1].q[-1], start - 1.0 / fps)
         _show_one_path(meshcat, motions, motion, start)  # from then on, until the next one's
-        # The rows of q that the frames show: where one is no whole number, a posture between two.
-        rows = np.linspace(0.0, len(motion.q) - 1.0, num_frames)
-        for frame, row in enumerate(rows.tolist()):
-            picture.show(_between(motion.q, row), start + frame / fps)
-        next_start = start + seconds + _PAUSE_TIME
-        # Meshcat moves the arm evenly from frame to frame. The last posture once more, one frame
-        # before the next motion, lets it rest through the pause and then jump.
-        if number < len(motions):
-            picture.show(motion.q[-1], next_start - 1.0 / fps)
-        start = next_start
+        _show_motion(picture, motion, start, seconds, fps)
     names = ", then ".join(motion.name for motion in motions)
     write_page(meshcat, path, f"{title}: {names}", scale_legend(label, low, high))
+
+
+def _check_motions(motions: Sequence[PathMotion]) -> None:
+    """Raises ValueError where a measure has no colour, or two motions would share one tube."""
+    # The scale of colours is logarithmic; NaN fails the comparison, too.
+    if not all(np.all(motion.measure > 0.0) for motion in motions):
+        raise ValueError("path page: a measure must be positive")
+    if len({_meshcat_path(motion) for motion in motions}) < len(motions):
+        raise ValueError("path page: the names of the motions must differ")
+
+
+def _ends_of_scale(motions: Sequence[PathMotion]) -> tuple[float, float]:
+    """The measures at which the scale of colours begins and ends, for all motions."""
+    measures = np.concatenate([motion.measure for motion in motions])
+    low = float(np.min(measures))
+    high = max(float(np.quantile(measures, _SCALE_END_QUANTILE)), _MIN_SCALE_RATIO * low)
+    return low, high
+
+
+def _show_motion(
+    picture: ArmPicture, motion: PathMotion, start: float, seconds: float, fps: float
+) -> None:
+    """Shows a motion that takes `seconds`, from `start` in the page's time on, s."""
+    num_frames = max(2, round(seconds * fps))
+    # The rows of q that the frames show: where one is no whole number, a posture between two.
+    rows = np.linspace(0.0, len(motion.q) - 1.0, num_frames)
+    for frame, row in enumerate(rows.tolist()):
+        picture.show(_between(motion.q, row), start + frame / fps)
 
 
 def _draw_workpiece(meshcat: Meshcat, workpiece: TriangleMesh) -> None:

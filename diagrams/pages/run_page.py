@@ -51,11 +51,7 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
         view_direction: (3,) from what the camera looks at to the camera, in W, of any length but 0;
             by default from ahead of the tool and to one side, a little above.
     """
-    meshcat = _quiet_meshcat()
-    meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
-    meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
-    for object_path in ("/Axes", "/Grid"):
-        meshcat.SetProperty(object_path, "visible", False)
+    meshcat = _white_meshcat()
     path = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
     middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
     _, p_home = robot.chain.pose(robot.home)  # (3,) m, of E
@@ -63,17 +59,37 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None
     size = max(_MIN_SIZE, float(np.linalg.norm(p_home)), float(np.linalg.norm(path, axis=1).max()))
     # The camera looks between base and tool, at half of `size` over the base.
     target = np.array([_TARGET_SHARE * middle[0], _TARGET_SHARE * middle[1], 0.5 * size])
-    if view_direction is None:
-        azimuth = np.arctan2(middle[1], middle[0]) - _SIDE_ANGLE
-        direction = np.array([np.cos(azimuth), np.sin(azimuth), _CAMERA_RISE])
-    else:
-        direction = np.array(view_direction, dtype=np.float64)
-    direction /= np.linalg.norm(direction)  # from the target to the camera
+    direction = _camera_direction(middle, view_direction)
     points = np.vstack([np.zeros(3), p_home, path])  # base, E at home and E on its way
     # Far enough for these; links may stand out beyond them, so not too near in any case.
     distance = max(_MIN_DISTANCE_RATIO * size, _distance_of_view(points - target, direction))
     meshcat.SetCameraPose(target + distance * direction, target)
     return meshcat
+
+
+def _white_meshcat() -> Meshcat:
+    """Starts Meshcat on a white ground, without axes and grid."""
+    meshcat = _quiet_meshcat()
+    meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
+    meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
+    for object_path in ("/Axes", "/Grid"):
+        meshcat.SetProperty(object_path, "visible", False)
+    return meshcat
+
+
+def _camera_direction(tool: Array, view_direction: ArrayLike | None) -> Array:
+    """(3,) unit vector from what the camera looks at to the camera, in W.
+
+    Args:
+        tool: (3,) m, where the tool is; the camera is ahead of it and to one side by default.
+        view_direction: (3,) the direction, of any length but 0; None: the default.
+    """
+    if view_direction is None:
+        azimuth = np.arctan2(tool[1], tool[0]) - _SIDE_ANGLE
+        direction = np.array([np.cos(azimuth), np.sin(azimuth), _CAMERA_RISE])
+    else:
+        direction = np.array(view_direction, dtype=np.float64)
+    return np.asarray(direction / np.linalg.norm(direction))
 
 
 def _distance_of_view(points: Array, direction: Array) -> float:

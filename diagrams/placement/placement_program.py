@@ -320,23 +320,11 @@ class PlacementProgram:
         # The solver calls `_cost`: it is the mean of this measure, and counts its calls.
         self._solved_measure = self.measure if measure is None else measure
         self._evaluations = 0
-        engine: Any = SnoptSolver() if solver == "snopt" else IpoptSolver()
-        settings = SolverOptions()
-        for name, value in (self._default_options(solver) | (options or {})).items():
-            settings.SetOption(engine.solver_id(), name, value)
-        # `_pack` has q row by row, but Drake numbers a matrix of variables column by column:
-        # `_order` is where in Drake's numbering each entry of `_pack` is.
-        guess = np.empty(len(self._variables))
-        guess[self._order] = self._pack(start)
-        try:
-            result = engine.Solve(self.program, guess, settings)
-        except RuntimeError as error:
-            if "KeyboardInterrupt" in str(error):  # raised in a callback, wrapped by the solver
-                raise KeyboardInterrupt from error
-            raise
+        result = self._result_from(start, solver, self._default_options(solver) | (options or {}))
         x = np.asarray(result.GetSolution(self._variables), dtype=np.float64)
         if not np.all(np.isfinite(x)):  # the solver gave up
             x = self._pack(start)
+        # The start too passes `_unpack`, which makes direction and quaternion unit.
         placement = self._unpack(x)
         details = result.get_solver_details()
         code = getattr(details, "info", getattr(details, "status", ""))  # SNOPT's, or IPOPT's
@@ -347,6 +335,27 @@ class PlacementProgram:
             status=f"{solver} {code}",
             evaluations=self._evaluations,
         )
+
+    def _result_from(self, start: Placement, solver: str, options: dict[str, Any]) -> Any:
+        """Drake's result of one of SOLVERS from a start, with these options by its own names.
+
+        Raises:
+            KeyboardInterrupt: the user's, which the solver wraps where it is raised in a callback.
+        """
+        engine: Any = SnoptSolver() if solver == "snopt" else IpoptSolver()
+        settings = SolverOptions()
+        for name, value in options.items():
+            settings.SetOption(engine.solver_id(), name, value)
+        # `_pack` has q row by row, but Drake numbers a matrix of variables column by column:
+        # `_order` is where in Drake's numbering each entry of `_pack` is.
+        guess = np.empty(len(self._variables))
+        guess[self._order] = self._pack(start)
+        try:
+            return engine.Solve(self.program, guess, settings)
+        except RuntimeError as error:
+            if "KeyboardInterrupt" in str(error):
+                raise KeyboardInterrupt from error
+            raise
 
     def _default_options(self, solver: str) -> dict[str, Any]:
         """Options of one of SOLVERS by its own names, in the order in which they are set."""

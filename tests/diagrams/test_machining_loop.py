@@ -258,6 +258,20 @@ def test_an_observer_that_reads_the_present_torque_is_refused(hard):
         make_closed_loop(scenario, hard, plain_model(hard), motion=plan)
 
 
+def test_an_observer_of_the_wrench_is_refused_after_an_air_pass(hard):
+    """An air pass has learnt joint torques; also where the scenario itself asks for none."""
+    scenario = short("Polishing")
+    scenario = replace(
+        scenario,
+        estimator=replace(scenario.estimator, observer=KalmanObserverConfig()),
+        machining=replace(scenario.machining, air_pass=0.0),
+    )
+    plan = make_machining_path(scenario, hard)
+    requested = LoopEstimator(air_pass=correction_along(plan))
+    with pytest.raises(ValueError, match="machining: an air pass corrects observed joint torques"):
+        make_closed_loop(scenario, hard, plain_model(hard), motion=plan, estimator=requested)
+
+
 def test_drives_that_report_their_current_late_are_read_late(hard):
     robot = copy(hard)
     robot.current_bandwidth = np.array([5.0, 20.0, 50.0, 100.0, 300.0, np.inf])
