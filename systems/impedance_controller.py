@@ -164,9 +164,10 @@ class ImpedanceController(SampledBlock):
     def _declare_law(self, config: ImpedanceConfig) -> None:
         """Checks `config`, and declares the law that the outputs follow, with its parameters.
 
-        Stiffness, damping and force gains become numeric parameters of the Context: the block uses
-        `_default_law` with the Context's (`_calc_law`). All else of it is fixed: axes, direction of
-        the force, null-space damping, friction.
+        Stiffness, damping and force gains become numeric parameters of the Context. `_calc_law`
+        makes the law of a Context: `_default_law` with these three replaced by the Context's. All
+        else is fixed: axes, direction of the force, null-space damping, friction. Reads what the
+        constructor has set before: `_effort_limit`, `_friction`, `_has_force`, `_time_step`.
 
         Raises:
             InputError: as the class.

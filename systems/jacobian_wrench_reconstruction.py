@@ -255,12 +255,17 @@ class JacobianWrenchReconstruction(SampledBlock):
     def _samples(
         self, context: Context, terms: Record, error: TorqueError, has_usable_pole: bool
     ) -> ReadingSamples:
-        """The present sample; with NaN for q, v and tau_ext, and not fresh, where it is not usable.
+        """The present sample, of N = 1 row; with NaN for q, v and tau_ext where it is not usable.
 
-        Not looked at here are v and tau_ext: the reading itself takes one that is not finite, or
-        whose square is not, for missing.
+        The reading takes a sample whose v or tau_ext is not finite, or too large for its square,
+        for missing, whatever the other arrays hold. Here only the rest is looked at.
+
+        Args:
+            terms: of the input, with an axis of one row; that of the port tau_ext is added here.
+            error: of the torque, at the sample.
+            has_usable_pole: whether the observer's pole is one that a lag can have.
         """
-        fault = self._fault_code(context)
+        fault = self._fault_code(context)  # None: the input is no code, and the sample is missing
         # `are_readable`: these arrays hold finite numbers alone, none beyond the largest input.
         is_readable = are_readable(LARGEST_INPUT, terms["q"], terms["J"], *error)
         is_usable = has_usable_pole and fault is not None and is_readable
@@ -269,7 +274,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         else:
             q = v = tau_ext = self._no_signal
         is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
-        # None of an observer that leaves the wrench to this block.
+        # Both None, unless the observer reads the wrench itself.
         observed_wrench, observed_covariance = self._observed_wrench(context)
         return ReadingSamples(
             J=terms["J"],
@@ -278,7 +283,7 @@ class JacobianWrenchReconstruction(SampledBlock):
             q=q,
             v=v,
             is_corrected=_FLAG_LOGS[self._is_set(context, self._corrected)],
-            fault=np.array([fault or 0]),
+            fault=np.array([0 if fault is None else fault]),
             wrench=observed_wrench,
             covariance=observed_covariance,
         )

@@ -9,10 +9,11 @@ one of these states, and friction's coefficients x and the states are found toge
     touched at E  residual = A x - J^T F + e,      covariance C + J^T P J
     elsewhere     residual = A x + tau + e,        covariance C + diag(J^T P J)
 
-with e of `models.calibration.residual_noise`. F is a wrench at E that wanders within FORCE_TIME, of
-the live prior's covariance P, or of FORCE_SHARES of its sds: a force of some newtons would
-otherwise be rather free than so small. tau is of that size, but of each joint by itself: a contact
-on another link, or a drive that does not do what its current says.
+with e of `models.calibration.residual_noise`. F is a wrench at E that wanders within FORCE_TIME.
+Its covariance P is the live prior's, times the square of one of FORCE_SHARES: a state for each, as
+beside the full prior alone a force of some newtons would be likelier as "free". tau has the size
+that the full prior's F has, but of each joint by itself: a contact on another link, or a drive that
+does not do what its current says.
 
 States are sampled (Gibbs), one segment after the other, x integrated out: both are normal given the
 states. Mean and covariance of x are those over the samples, and hence hold which segments are free,
@@ -99,7 +100,7 @@ def refresh_beside_contact(
         out) and a `scale` of one, which is not estimated here; and the rows that are free.
     """
     force_sd, moment_sd = wrench_sd
-    wrench_variance = np.repeat([moment_sd**2, force_sd**2], 3)
+    wrench_variance = np.repeat([moment_sd**2, force_sd**2], 3)  # in the order of J's rows
     segment_of_row = np.floor((rows.t - rows.t[0]) / SEGMENT_TIME).astype(int)
     segment_masks = [segment_of_row == segment for segment in np.unique(segment_of_row)]
     each_segment = [

@@ -284,14 +284,16 @@ class LiveEstimator:
 
         `_reader` is what reads a sample of the grid: of external torque that of the joints alone;
         else the contact estimator, or the tracked one, inside that of a known contact where one is
-        stated. Each has `run(q, v, current)`, and begins as after a restart; the grid goes on.
+        stated. Each has `run(q, v, current)`, whose current is the torque in a stream of external
+        torque, and begins as after a restart; the grid goes on. `_estimator` is the one inside the
+        reader, also what `_begin` compares to see whether the step has changed.
 
         Raises:
             InputError: an option that a stream of external torque does not take.
         """
         live = self._config
-        # Of the resolution, what stream or model have shown counts before what is stated: there is
-        # the former only where nothing is stated.
+        # `_resolution` is what the stream or the model has shown. It is None where configuration or
+        # robot state one, so that the two never compete.
         config = replace(
             live.estimator,
             observer=replace(live.estimator.observer, time_step=step),

@@ -1,8 +1,8 @@
 """The studies of machining: each feed with a force/torque sensor in the force loop, and without.
 
-One way of the path takes 15, 30 or 60 s, forth and back (section 5). Each feed is machined twice:
-with a force/torque sensor in the force loop, the readings compared on the same run, and
-without any sensor, the loop closed by the estimate alone.
+One way of the path takes 15, 30 or 60 s, forth and back (section 5 of the article). Each feed is
+machined twice: with a force/torque sensor in the force loop, the readings compared on the same run,
+and without any sensor, the loop closed by the estimate alone.
 """
 
 from collections.abc import Mapping
@@ -328,9 +328,11 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
     """Rows of the table "article / here".
 
     Their keys are paths into what `over_feeds` returns: a list each, one entry a feed time. There
-    "article" is the article's method on the simulated arm, "ours" this project's; `article=` is the
-    figure that the article prints. It prints one correlation, which stands beside its method's.
-    Bands and valid shares are those of the passes with a sensor in the control.
+    "article" is the article's method on the simulated arm, "ours" this project's. `article=` is the
+    figure that the article prints; `ours=` is the key that a campaign compares the row with (the
+    share of worlds in which ours is ahead), while the table has it in a row of its own (", ours").
+    The article prints one correlation, which stands beside its method's. Bands and valid shares are
+    those of the passes with a sensor in the control.
     """
     feeds = ", ".join(f"{feed:g}" for feed in FEED_TIMES)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
