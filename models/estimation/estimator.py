@@ -658,8 +658,7 @@ class WrenchEstimator:
         )
         observed = self.observer.observe(state.observer, samples)
         # What an air pass has shown of the observed torque, where it is known.
-        tau_ext, is_corrected = observed.tau_ext, np.empty(len(q), np.bool_)
-        is_corrected.fill(True)
+        tau_ext, is_corrected = observed.tau_ext, np.ones(len(q), np.bool_)
         if correction is not None:
             added = np.asarray(correction.tau_correction, float)
             is_known = np.isfinite(added)
