@@ -53,15 +53,27 @@ def hull_file(mesh: Path) -> Path:
     for folder in _cache_folders():
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            # Another process may make the same hull: each its own file, then one name.
-            handle, partial = tempfile.mkstemp(dir=folder, suffix=".partial")
-            with os.fdopen(handle, "w") as file:
-                file.write(text)
-            Path(partial).replace(folder / f"{digest}.obj")
+            _write_whole(folder / f"{digest}.obj", text)
         except OSError:
             continue
         return folder / f"{digest}.obj"
     raise UnusableMeshError("no folder to keep its convex hull in")
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Writes the file whole or not at all; another process may write the same one meanwhile.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".partial")
+    partial = Path(name)
+    try:
+        with os.fdopen(handle, "w") as file:
+            file.write(text)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def convex_hull(points: Array) -> tuple[Array, Any]:

@@ -114,8 +114,9 @@ def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
     )
     bounds = _coarse_bounds(program, program.bounds)  # as the end's own program had
     for key, value in bounds.violations(placement).items():
-        # All others are angles, but for joints that slide: their m are stated as if they were rad.
-        is_length = key.startswith("midpoint")
+        joint = bounds.worst_joint(key, placement)
+        slides = joint is not None and bool(program.robot.chain.prismatic[joint])
+        is_length = slides or key.startswith("midpoint")
         amount = f"{1e3 * value:.0f} mm" if is_length else f"{math.degrees(value):.1f} degrees"
         lacks(value, f"{key} by {amount}")
     pair = None if program.cell is None else program.cell.closest(placement)

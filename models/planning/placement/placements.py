@@ -143,14 +143,12 @@ class PlacementBounds:
         q, p = placement.q, placement.p_WM
         w = abs(float(placement.quaternion[0])) / float(np.linalg.norm(placement.quaternion))
         angle = 2.0 * math.acos(min(1.0, w))
-        excess = {
-            "joint limits": max(np.max(self.q_lower - q), np.max(q - self.q_upper)),
+        excess = {key: np.max(joints) for key, joints in self._joint_excess(q).items()} | {
             "midpoint_lower, midpoint_upper": max(
                 np.max(self.p_lower - p), np.max(p - self.p_upper)
             ),
             "angle_lower_deg": self.angle_lower - angle,
             "angle_upper_deg": angle - self.angle_upper,
-            "max_joint_step_deg": np.max(np.abs(np.diff(q, axis=0))) - self.max_joint_step,
         }
         if self.in_surface:
             excess["path_in_surface"] = abs(float(placement.n_W @ placement.R_WE[:, 2]))
@@ -162,6 +160,30 @@ class PlacementBounds:
             excess["path_angle_lower_deg"] = self.path_angle_lower - turn
             excess["path_angle_upper_deg"] = turn - self.path_angle_upper
         return {name: max(0.0, float(value)) for name, value in excess.items()}
+
+    def worst_joint(self, key: str, placement: Placement) -> int | None:
+        """Index of the joint that breaks a bound the most; None for a bound that is no joint's.
+
+        Args:
+            key: of `violations`.
+        """
+        joints = self._joint_excess(placement.q).get(key)
+        return None if joints is None else int(np.argmax(joints))
+
+    def _joint_excess(self, q: Array) -> dict[str, Array]:
+        """What each joint is beyond its bounds (n,), rad (sliding: m), by `violations`' keys.
+
+        It is negative within them.
+
+        Args:
+            q: (k + 1, n) positions at the path's points.
+        """
+        return {
+            "joint limits": np.max(np.maximum(self.q_lower - q, q - self.q_upper), axis=0),
+            "max_joint_step_deg": (
+                np.max(np.abs(np.diff(q, axis=0)), axis=0) - self.max_joint_step
+            ),
+        }
 
     def violation(self, placement: Placement) -> float:
         """The largest violation, rad and m; zero within the bounds."""

@@ -71,6 +71,20 @@ def test_where_the_cache_cannot_be_written(tmp_path: Path, monkeypatch: pytest.M
     assert hull_file(mesh).is_relative_to(tmp_path / "temporary")
 
 
+def test_nothing_is_left_of_a_file_that_cannot_be_written(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(path: Path, target: Path) -> None:
+        raise OSError("no space left on device")
+
+    mesh = tmp_path / "part.stl"
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(mesh)
+    monkeypatch.setattr(Path, "replace", fails)
+    with pytest.raises(UnusableMeshError, match="no folder"):
+        hull_file(mesh)
+    assert list(cache.iterdir()) == []
+
+
 @pytest.mark.parametrize("content", [b"", b"solid nothing\nendsolid", b"\0" * 300])
 def test_a_damaged_file(tmp_path: Path, content: bytes) -> None:
     mesh = tmp_path / "part.stl"
