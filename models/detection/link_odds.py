@@ -96,6 +96,11 @@ class PlaceOdds(NamedTuple):
         return bool(self.links[:-1].sum() > 0.5)
 
     @property
+    def touched_link(self) -> int:
+        """The likeliest link before the last, 1 to n - 1, of a contact `on_link`; 0 of others."""
+        return int(np.argmax(self.links[:-1])) + 1 if self.on_link else 0
+
+    @property
     def bodies(self) -> Array:
         """(n,) odds of each link as a body: E counts for the last one, which carries it."""
         bodies = self.links.copy()

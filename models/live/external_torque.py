@@ -100,7 +100,7 @@ class ExternalTorqueEstimator:
         on_link, link, may_be_elsewhere = False, 0, state.contact
         if state.contact and self._place is not None:
             on_link = self._place.on_link
-            link = self._place.named()[0] if on_link else 0
+            link = self._place.touched_link
             may_be_elsewhere = bool(self._place.links[:-1].sum() > MAX_LINK_ODDS)
         batch = EstimateBatch(
             tau_ext=tau,

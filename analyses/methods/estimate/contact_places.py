@@ -143,7 +143,7 @@ def judge_places(
             at_work = PlaceOdds.of(piece_evidence, AT_WORK)
             odds[piece] = np.append(stated.links, stated.at_E)
             misfit[piece] = at_work.on_link
-            link[piece] = at_work.named()[0] if at_work.on_link else 0
+            link[piece] = at_work.touched_link
             # The last link carries E: a contact on it counts as one at E.
             may_be_valid[piece] = at_work.links[:-1].sum() <= MAX_LINK_ODDS
     return PlacedContacts(detection._replace(misfit=misfit, link=link), odds, may_be_valid)

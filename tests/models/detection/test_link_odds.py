@@ -174,6 +174,15 @@ def test_a_force_at_e_is_at_e(J: np.ndarray) -> None:
     assert odds.named()[0] == 7
 
 
+def test_the_touched_link_is_the_likeliest_before_the_last() -> None:
+    """Even where the last link alone, with E, is likelier than any other one."""
+    assert PlaceOdds(np.array([0.05, 0.25, 0.25, 0.3]), 0.15).touched_link == 2
+    many = PlaceOdds(np.append(np.full(11, 0.08), 0.12), 0.0)  # none of them is named
+    assert many.on_link
+    assert many.touched_link == 1
+    assert PlaceOdds(np.array([0.1, 0.2, 0.1, 0.3]), 0.3).touched_link == 0
+
+
 def test_a_loaded_joint_rules_out_the_links_before_it(J: np.ndarray) -> None:
     tau = np.array([-10.0, 2.0, -8.0, -1.0, 0.0, 0.0, 0.0])
     free = place_evidence(J[None], tau[None], np.full((1, 7), SD), loaded=1.5)
