@@ -53,7 +53,7 @@ def limit_y(axes: Any, low: float, high: float, unit: str = "") -> None:
     """Sets the range of y and writes on the panel what is drawn beyond it, and how far it goes.
 
     Called when all is drawn. Only what has a label of its own is named, and how far it goes is
-    given to a hundredth of the range or finer.
+    given to a tenth of the range or finer.
 
     Args:
         low, high: the range, in the unit of the axis.

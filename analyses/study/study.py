@@ -286,19 +286,18 @@ class _Runs:
             raise InputError(folder.path, "", f"{end.reason}, while {name} ran", remedy)
         outcome.seconds = time.monotonic() - self._started[name]
         outcome.processor_seconds = end.processor_seconds
-        outcome.lacks = end.lacks
+        outcome.lacks = end.lacks  # of a run that was skipped
         failure = f"failures/{name}.txt"
         if end.state == "done":
             earlier = [file for file in folder.files if file.startswith(f"{name}/")]
-            # These, and an old failure, go when the block's new files come into their place, as
-            # one; an exception leaves all as it was. A full disk becomes an InputError: `changing`
-            # sees to what it writes, `writing_to` to the rename.
+            # Earlier results and an old failure are replaced when the block ends; an exception
+            # leaves all as it was. A full disk becomes an InputError here, too.
             with folder.changing([*earlier, failure]) as new, writing_to(folder.path):
                 task.result.rename(new / name)
             result = read_result(folder, name)
             assert result is not None
             outcome.metrics, outcome.stored = result
-            outcome.lacks = _absent_recordings(outcome.stored)
+            outcome.lacks = _absent_recordings(outcome.stored)  # done without some recordings
         elif end.state == "failed":  # else "skipped": nothing was written
             printed = ""
             with suppress(OSError):

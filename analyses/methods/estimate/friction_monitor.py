@@ -369,12 +369,15 @@ class FrictionMonitor:
     ) -> list[str]:
         """Sentences for the user: each joint that contradicts, and the command that refreshes it.
 
-        The last sentence is on the stated band: what drift it allows for, or that it is too narrow.
-        Of a model that was fitted on the log one sentence names the joints: a refresh is no help.
+        The last sentence is on the stated band, in one of three cases: it includes the drift that
+        the log shows (`allowed_drift`); it does not, and is too narrow for it; or it is wide enough
+        for it, and there is no such sentence. Of a model that was fitted on the log one sentence
+        names the joints: a refresh is no help.
 
         Args:
             log, robot, model: as the user named them; without a model there is no sentence.
-            allowed_drift: (n,) `drifts` that the stated band includes already; None: it does not.
+            allowed_drift: (n,) `drifts` that the stated band includes already; None: it includes
+                none of the log's, and `_allowance` has no sentence.
             is_fitted_on_log: whether the model was fitted on this very log, so that its friction
                 has not drifted since.
         """

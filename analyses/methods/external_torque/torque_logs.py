@@ -377,8 +377,9 @@ def _prior_and_noise(
 ) -> _PriorAndNoise:
     """Prior and torque noise, as stated or as the torques of all logs show them.
 
-    What is stated of them is kept, and the rest is found beside it. A prior that is found is raised
-    to FLOOR_SHARE of the live one at least.
+    What is stated of them is kept, and the rest is found beside it. The first of these that is
+    stated gives the prior: sds in the estimator's configuration; `prior` of the command; else the
+    evidence of the logs, raised to FLOOR_SHARE of the live one at least.
 
     Raises:
         InputError: sds of the torque that are neither one nor one each joint.
@@ -386,7 +387,7 @@ def _prior_and_noise(
     n = logs[0].num_joints
     stated_sd = _stated_torque_sd(config, n)
     reconstruction, rule = config.estimator.reconstruction, "given"
-    prior_without_log = stated_prior(config, robot)
+    prior_without_log = stated_prior(config, robot)  # None: `prior` leaves it to the log
     # Sds in the estimator's own configuration go before the rule of `prior`; where only one of them
     # stands there, `with_prior` fills in the other alone.
     if prior_without_log is not None and not _states_prior(reconstruction):

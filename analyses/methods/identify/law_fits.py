@@ -120,6 +120,7 @@ class LawFits:
         extrapolated: tuple[Array, ...] = ()
         if self._problem.holds_out_logs and self._config.cross_validate:
             cross_validation = self._cross_validation(law)
+        # Extrapolation leaves out samples, not logs: one log is enough.
         if self._config.cross_validate and self._config.friction == "best":
             # A network must not be trained where it is judged: the law below it is used there.
             extrapolated = self._extrapolated(_linear_law(law), linear_fit)

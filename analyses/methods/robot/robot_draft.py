@@ -151,7 +151,7 @@ def _draft(
         what is in the arm's way.
     """
     root, _ = read_document(urdf)
-    drop_commas(root)  # the robot's reader says so
+    drop_commas(root)  # between numbers; `Robot.load` reports them when it reads the file
     structure = ArmStructure(root, urdf)
     base, flange = _ends(structure, base, flange)
     way = structure.joints_between(base, flange)
@@ -182,15 +182,16 @@ def _draft(
             with writing_to(out):
                 partial.write_text(text, encoding="utf-8")
 
-        # The file is written as a draft, loaded, and written again with what the loaded robot
-        # shows: first with numbers that mean nothing, to find those that it is to have.
+        # Home posture, floor, limits and rotors come from the loaded robot. So the file is first
+        # written with placeholders for them, loaded, and written again.
         write(draft.text(middle, 0.0, Assumed.nothing(arm)))
         robot = Robot.load(partial)
-        if robot.inertias_may_be_mended:  # by `possible_inertias`, which the draft then has
+        if robot.inertias_may_be_mended:  # then the draft states `possible_inertias: true`
             draft = replace(draft, mends_inertias=True)
             write(draft.text(middle, 0.0, Assumed.nothing(arm)))
             robot = Robot.load(partial)
         doubts = unit_doubts(robot, postures(robot))
+        # floor: height in the base frame, m, the first of `floors` that the arm can stand above.
         home, floor = good_posture(robot, middle, floors)
         assumed = assume(robot, arm)
         text = draft.text(home, floor, assumed)

@@ -501,6 +501,7 @@ def _advance(
         velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))[joints]
         # Not `>`: what is not a number is too fast as well.
         if not np.all(np.abs(velocity) < max_speed):
+            # Drake's contact solver, too, ends a run that diverges with a RuntimeError.
             raise RuntimeError("faster than any arm")
         recorder.take(simulator.get_mutable_context())
         until = ends[num_passed]
@@ -509,7 +510,7 @@ def _advance(
 
     try:
         advance(simulator, ends, judge)
-    except RuntimeError:  # from `judge`, or Drake's contact solver gives up
+    except RuntimeError:
         raise InputError(
             "scenario",
             "",

@@ -105,7 +105,7 @@ class StartChecks:
             return
         shapes = {array.shape for array in (sample.q, sample.v, sample.effort)}
         if shapes != {(self._robot.num_joints,)}:
-            return  # the estimator reports it
+            return  # `LiveEstimator` refuses the sample with an event
         if not self._has_begun and live.lacks_model:
             self._say(
                 "no --model: the masses of the robot's files are used, without friction, and "
@@ -114,7 +114,7 @@ class StartChecks:
         if not self._has_begun or self._jumped(sample.t):
             self._restart(sample.t)
         if self._samples and sample.t <= self._samples[-1].t:
-            return  # the estimator leaves it out, too
+            return  # `LiveEstimator` leaves it out, too
         self._samples.append(sample)
         if self._search is not None and sample.t not in live.impossible_times:
             self._search.add_sample(sample)

@@ -384,6 +384,7 @@ def machining_notes(task: MachiningTask) -> list[str]:
 
     `<a.b:spec>` stands for entry b of entry a of the metrics, written with a format; "100 .0f" is
     a hundred times it. The report leaves out a note whose metric is absent, as with one feed alone.
+    The entries of each feed (`feed_key`) are metrics that this module writes; a test fills all.
     """
 
     def each(path: str, spec: str = ".2f") -> str:

@@ -45,12 +45,12 @@ def repetition_errors(
     Returns:
         One entry for each of `gains`, in their order.
     """
-    # Without the home posture itself, and without the last, which is for tests alone.
+    # The first departure is home itself, the fourth is for tests alone.
     departures = HOME_DEPARTURES[1:2] if quick else HOME_DEPARTURES[1:3]
     postures = np.asarray(robot.home) + np.asarray(departures)
-    # Two simulations of the same slow motions, at each posture, with noise of their own: a log has
-    # this seed plus its posture's number. The first as in
-    # `wrenchsight.analyses.experiments.setups.simulated_arm.arm_models`.
+    # Two simulations of the same slow motions at each posture, with noise of their own: log k of a
+    # simulation has its seed plus k. The first seed is also that of the slow logs of
+    # `setups.simulated_arm.arm_models`; nothing hangs on that.
     first_cycles, second_cycles = (
         reversal_recordings(
             robot, postures, PASS_SPEEDS, seed=seed + 100 * (1 + k), period=PASS_PERIOD
