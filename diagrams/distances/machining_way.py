@@ -17,7 +17,7 @@ from wrenchsight.models.machining.machining_phases import PhasesConfig
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
-_NUM_POSTURES = 60  # of the pass
+_NUM_POSTURES = 60  # of one way along the path: 17 mm apart on a path of a metre
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ class Overlap:
 def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) -> dict[str, Array]:
     """Postures (N, n) by part: approach, pass and lift.
 
+    Those of the pass are of its first way along the path: all others go through the same postures.
+
     Raises:
         InputError: the arm cannot lift that far.
     """
@@ -61,7 +63,8 @@ def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) ->
             f"{robot.name} cannot lift {phases.lift:g} m off the end of the pass",
             "move the workpiece, or lift less",
         ) from error
-    rows = np.unique(np.linspace(0, len(q) - 1, _NUM_POSTURES).round().astype(int))
+    end_of_first_way = int(np.argmax(plan.s))  # the first sample at the path's end
+    rows = np.unique(np.linspace(0, end_of_first_way, _NUM_POSTURES).round().astype(int))
     return {"approach": approach, "pass": q[rows], "lift": lift}
 
 

@@ -54,6 +54,21 @@ def test_approach_and_lift_go_along_the_normal(
     np.testing.assert_allclose(heights["lift"][[0, -1]], [0.0, phases.lift], atol=1e-6)
 
 
+@pytest.mark.parametrize("passes", [1, 2, 118])
+def test_the_whole_path_is_looked_at_however_often_it_is_passed(
+    sts: Robot, polishing: Scenario, passes: int
+) -> None:
+    assert polishing.machining is not None
+    machining = replace(polishing.machining, passes=passes, angle_deg=0.0)
+    plan = make_machining_path(replace(polishing, machining=machining), sts)
+    p_WE = sts.chain.pose(postures_of_pass(sts, plan, machining.phases)["pass"])[1]
+    np.testing.assert_allclose(p_WE[[0, -1]], plan.path.p_WS[[0, -1]], atol=1e-6)
+    # Even steps in time, which are rounded to rows: 4 for 3.4. Ramps of 0.5 s at both ends of 2 s
+    # make the feed between them faster by a third.
+    step = 1.6 * plan.path.distance[-1] / 59
+    assert np.linalg.norm(np.diff(p_WE, axis=0), axis=1).max() < step
+
+
 def test_the_bundled_pass_is_free_and_one_within_a_wide_plate_is_not(
     sts: Robot, polishing: Scenario, plan: MachiningPath
 ) -> None:
