@@ -19,6 +19,7 @@ from wrenchsight.models.identification.identified_model import (
     IdentifiedModel,
 )
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.joint_ranges import ranges_of_postures
 from wrenchsight.models.rigid_body.serial_chain import SerialChain, StandingJoints
 from wrenchsight.models.robot.arm import Arm, frozen
 from wrenchsight.models.robot.effective_urdf import JointLimits
@@ -30,6 +31,9 @@ SIMULATED_RESIDUAL_SHARE = 1e-3
 """Torque error over effort limit of a simulated arm, whose model the plant itself is."""
 _MIN_PAYLOAD = 1e-3  # kg, of an arm without mass
 _GRAVITY_POSTURES = 200  # random ones, in which the torque of gravity is looked at
+# Effort limit of a joint that states none, over the largest torque of gravity: no arm of this
+# weight reaches it.
+_EFFORT_OVER_GRAVITY = 10.0
 
 
 class ArmInPlant(Arm):
@@ -81,9 +85,21 @@ class ArmInPlant(Arm):
         self._find(plant, model_instance, frame_E)
         # The chain with the reflected inertia of the plant's actuators.
         chain = self._find_chain(base, context)
-        self._describe(chain, drives, payload, name)
-        # `_describe` has put the inertia of the drives into `reflected_inertia`: it takes the place
-        # of that of the plant's actuators.
+        actuators = _actuators_of(plant, self.joints)
+        # Messages of errors name the model instance where they name the file of another arm.
+        source = Path(plant.GetModelInstanceName(self.model_instance))
+        Arm.__init__(
+            self,
+            name=name or str(source),
+            source=source,
+            limits=_limits(self.joints, actuators, chain),
+            drives=_simulated_drives(self.joints, actuators) if drives is None else drives,
+            coupling=[],  # of drives that move several joints: none
+            payload=_usual_payload(chain) if payload is None else payload,
+        )
+        self._is_simulated = drives is None  # `nominal_model` states a smaller error of such an arm
+        # The drives' inertia, which `Arm.__init__` has put into `reflected_inertia`, takes the
+        # place of that of the plant's actuators.
         self._chain_in_W = replace(chain, reflected_inertia=self.reflected_inertia)
         self._is_in_W = True  # False of the copy that `in_base_axes` makes
         self.gravity = frozen(self._chain_in_W.gravity)
@@ -120,33 +136,6 @@ class ArmInPlant(Arm):
             _inboard_joint(plant, self.frame_E, joint_name) for joint_name in chain.joint_names
         )
         return chain
-
-    def _describe(
-        self,
-        chain: SerialChain,
-        drives: Sequence[DriveConfig] | None,
-        payload: float | None,
-        name: str | None,
-    ) -> None:
-        """Sets what every `Arm` has: limits, drives, payload and name; None as the class says."""
-        actuators = _actuators(self.plant)  # by the index of the joint; some have none
-        limits = [_limits(joint, actuators.get(int(joint.index()))) for joint in self.joints]
-        simulated_drives = [_simulated_drive(joint, actuators) for joint in self.joints]
-        self._is_simulated = drives is None  # `nominal_model` states a smaller error of such an arm
-        # N m by the joint's name. Set before Arm.__init__, which calls `_effort_limit` for each
-        # joint: it falls back on these.
-        self._gravity_bound = _largest_gravity(chain, limits)
-        # Messages of errors name the model instance where they name the file of another arm.
-        source = Path(self.plant.GetModelInstanceName(self.model_instance))
-        Arm.__init__(
-            self,
-            name=name or str(source),
-            source=source,
-            limits=limits,
-            drives=simulated_drives if drives is None else drives,
-            coupling=[],  # of drives that move several joints: none
-            payload=_usual_payload(chain) if payload is None else payload,
-        )
 
     def in_base_axes(self) -> "ArmInPlant":
         """The same arm with W at its base: wrench and gravity in the base's axes."""
@@ -191,11 +180,10 @@ class ArmInPlant(Arm):
         )
 
     def _effort_limit(self, drive: DriveConfig, joint: JointLimits) -> float:
-        limit = drive.effort_limit if drive.effort_limit is not None else joint.effort
-        if limit is not None and np.isfinite(limit):
-            return limit
-        # Of a joint without a limit: what no arm of this weight reaches.
-        return 10.0 * self._gravity_bound[joint.name]
+        if drive.effort_limit is not None and np.isfinite(drive.effort_limit):
+            return drive.effort_limit
+        assert joint.effort is not None  # `_limits` sees to that
+        return joint.effort
 
     def state_selector(self) -> tuple[Array, Array]:
         """Rows that pick q and v (n, n_state) of the chain from the instance's state."""
@@ -301,39 +289,67 @@ def _usual_payload(chain: SerialChain) -> float:
     return max(USUAL_PAYLOAD_SHARE * float(masses.sum()), _MIN_PAYLOAD)
 
 
-def _actuators(plant: MultibodyPlant) -> dict[int, JointActuator]:
-    """The last actuator of each joint, by the joint's index."""
+def _actuators_of(plant: MultibodyPlant, joints: Sequence[Joint]) -> list[JointActuator | None]:
+    """The last actuator of each joint; None of a joint that has none."""
     actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
-    return {int(actuator.joint().index()): actuator for actuator in actuators}
+    by_joint = {actuator.joint().index(): actuator for actuator in actuators}
+    return [by_joint.get(joint.index()) for joint in joints]
 
 
-def _limits(joint: Joint, actuator: JointActuator | None) -> JointLimits:
-    return JointLimits(
-        name=joint.name(),
-        place="",
-        lower=float(joint.position_lower_limits()[0]),
-        upper=float(joint.position_upper_limits()[0]),
-        velocity=float(joint.velocity_upper_limits()[0]),
-        effort=None if actuator is None else float(actuator.effort_limit()),
-    )
+def _limits(
+    joints: Sequence[Joint], actuators: Sequence[JointActuator | None], chain: SerialChain
+) -> list[JointLimits]:
+    """The limits of the chain's joints.
+
+    The effort limit is the actuator's. Where that is infinite or there is no actuator it is
+    `_EFFORT_OVER_GRAVITY` times the largest torque of gravity.
+
+    Args:
+        joints: of the chain, base to tool.
+        actuators: of each joint, or None.
+        chain: from the arm's base to E.
+    """
+    lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
+    upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])
+    unreached_effort = _EFFORT_OVER_GRAVITY * _largest_gravity(chain, lower, upper)
+    efforts = [np.inf if actuator is None else actuator.effort_limit() for actuator in actuators]
+    return [
+        JointLimits(
+            name=joint.name(),
+            place="",  # in a robot's file: this arm has none
+            lower=float(lower[i]),
+            upper=float(upper[i]),
+            velocity=float(joint.velocity_upper_limits()[0]),
+            effort=float(efforts[i] if np.isfinite(efforts[i]) else unreached_effort[i]),
+        )
+        for i, joint in enumerate(joints)
+    ]
 
 
-def _simulated_drive(joint: Joint, actuators: dict[int, JointActuator]) -> DriveConfig:
-    """A drive whose current is its torque."""
-    actuator = actuators.get(int(joint.index()))
-    inertia = 0.0 if actuator is None else float(actuator.default_reflected_inertia())
-    return DriveConfig(
-        joint=joint.name(),
-        torque_per_ampere=1.0,
-        rotor_inertia=inertia,
-        rotor_inertia_side="joint",
-    )
+def _simulated_drives(
+    joints: Sequence[Joint], actuators: Sequence[JointActuator | None]
+) -> list[DriveConfig]:
+    """Drives whose current is their torque, with the rotors of the plant's actuators, if any."""
+    return [
+        DriveConfig(
+            joint=joint.name(),
+            torque_per_ampere=1.0,
+            rotor_inertia=(
+                0.0 if actuator is None else float(actuator.default_reflected_inertia())
+            ),
+            rotor_inertia_side="joint",
+        )
+        for joint, actuator in zip(joints, actuators, strict=True)
+    ]
 
 
-def _largest_gravity(chain: SerialChain, limits: Sequence[JointLimits]) -> dict[str, float]:
-    """N m by joint, the largest torque of gravity in random postures; at least 1 N m."""
-    lower = np.array([max(joint.lower, -np.pi) for joint in limits])
-    upper = np.array([min(joint.upper, np.pi) for joint in limits])
-    q = np.random.default_rng(0).uniform(lower, upper, (_GRAVITY_POSTURES, len(limits)))
-    largest = np.maximum(np.abs(chain.gravity_torque(q)).max(axis=0), 1.0)
-    return dict(zip(chain.joint_names, largest.tolist(), strict=True))
+def _largest_gravity(chain: SerialChain, lower: Array, upper: Array) -> Array:
+    """(n,) N m (N), the largest torque of gravity in random postures; at least 1.
+
+    Args:
+        chain: the arm.
+        lower, upper: (n,) limits of its joints, rad (m).
+    """
+    ranges = ranges_of_postures(lower, upper, chain.prismatic)
+    q = np.random.default_rng(0).uniform(*ranges, (_GRAVITY_POSTURES, len(lower)))
+    return np.asarray(np.maximum(np.abs(chain.gravity_torque(q)).max(axis=0), 1.0))

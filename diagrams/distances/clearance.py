@@ -17,6 +17,7 @@ from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.diagrams.workpiece import add_workpiece
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.joint_ranges import ranges_of_postures
 from wrenchsight.models.planning.placement.placement_task import (
     FLOOR,
     WORKPIECE,
@@ -293,8 +294,9 @@ class Clearance:
         if not pairs:
             return set()
         rng = np.random.default_rng(0)
-        low = np.clip(robot.position_lower, -np.pi, np.pi)
-        high = np.clip(robot.position_upper, -np.pi, np.pi)
+        low, high = ranges_of_postures(
+            robot.position_lower, robot.position_upper, robot.chain.prismatic
+        )
         nearest = dict(pairs)
         for q in rng.uniform(low, high, (_NEIGHBOUR_POSTURES, robot.num_joints)):
             for pair in self.shapes.pairs(q, max(pairs.values())):

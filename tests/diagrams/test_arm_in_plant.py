@@ -334,6 +334,23 @@ def test_what_cannot_be_told_is_asked_for():
         add_estimator(builder, plant, instance, frame_E=plant.GetFrameByName("lift"))
 
 
+def test_an_arm_without_effort_limits_may_turn_beyond_half_a_turn():
+    """Its limits follow from gravity, ten times what 1 kg half a metre out weighs, all round."""
+    text = f"""<robot name="crank">{LINK.format(name="base", z=0, mass=1.0)}
+    <link name="crank"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
+    <inertia ixx="0.02" iyy="0.03" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="turn" type="revolute"><parent link="base"/><child link="crank"/>
+    <axis xyz="0 1 0"/><limit lower="3.5" upper="6.5" velocity="1"/></joint></robot>"""
+    plant = MultibodyPlant(1e-3)
+    Parser(plant).AddModelsFromString(text, "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.AddJointActuator("turn", plant.GetJointByName("turn"))
+    plant.Finalize()
+    arm = ArmInPlant(plant)
+    # Of 200 postures in 3 rad one is within .05 rad of 2 pi, where the crank is horizontal.
+    assert arm.effort_limit[0] == pytest.approx(10.0 * 0.5 * 9.81, rel=1e-3)
+
+
 def test_what_would_be_ignored_is_refused(sts):
     """An arm and what describes one, an arm of another plant, torque and current."""
     builder, other = DiagramBuilder(), MultibodyPlant(1e-3)

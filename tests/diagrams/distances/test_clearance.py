@@ -77,38 +77,52 @@ def test_the_smooth_slack_has_its_gradient_beside_a_body_that_floats(sts, cleara
     np.testing.assert_array_equal(beside.smooth_slack(q)[1], clearance.smooth_slack(q)[1])
 
 
-@pytest.fixture
-def lifted_ball(tmp_path):
+def mast(folder, lower=0.0, upper=2.0, home=1.0, base_shape=""):
     """A ball on a mast: q is the height of its centre, m, and an angle about the vertical."""
     inertial = """<inertial><mass value="1"/>
     <inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>"""
-    limit = '<limit lower="0" upper="2" velocity="1" effort="100"/>'
 
-    def joint(name, kind, parent, child):
+    def joint(name, kind, parent, child, lower, upper):
         return (
             f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<axis xyz="0 0 1"/>{limit}</joint>'
+            f'<axis xyz="0 0 1"/><limit lower="{lower}" upper="{upper}" velocity="1" effort="100"/>'
+            "</joint>"
         )
 
-    (tmp_path / "mast.urdf").write_text(f"""<robot name="mast">
-    <link name="base"/><link name="lift">{inertial}</link><link name="ball">{inertial}
+    (folder / "mast.urdf").write_text(f"""<robot name="mast">
+    <link name="base">{base_shape}</link><link name="lift">{inertial}</link>
+    <link name="ball">{inertial}
     <collision><geometry><sphere radius=".05"/></geometry></collision></link>
-    {joint("up", "prismatic", "base", "lift")}
-    {joint("turn", "revolute", "lift", "ball")}</robot>""")
+    {joint("up", "prismatic", "base", "lift", lower, upper)}
+    {joint("turn", "revolute", "lift", "ball", 0, 2)}</robot>""")
     settings = {
         "name": "mast",
         "urdf": "mast.urdf",
         "base_link": "base",
         "flange": "ball",
         "payload": 1.0,
-        "home": [1.0, 0.0],
+        "home": [home, 0.0],
         "drives": [
             {"joint": name, "torque_per_ampere": 1.0, "rotor_inertia": 0.0}
             for name in ("up", "turn")
         ],
     }
-    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(settings))
-    return Robot.load(tmp_path / "robot.yaml")
+    (folder / "robot.yaml").write_text(yaml.safe_dump(settings))
+    return Robot.load(folder / "robot.yaml")
+
+
+@pytest.fixture
+def lifted_ball(tmp_path):
+    return mast(tmp_path)
+
+
+def test_neighbours_that_meet_far_along_a_slide_count(tmp_path):
+    """A stop of 5 cm, 5 cm above the ball at home: a range of postures within 3.14 m misses it."""
+    stop = """<collision><origin xyz="0 0 4.35"/><geometry><sphere radius=".05"/></geometry>
+    </collision>"""
+    clearance = Clearance(mast(tmp_path, 4.0, 6.0, 4.2, stop), 0.02, None)
+    assert clearance.slack([4.2, 0.0]) == pytest.approx(0.05 - 0.02)
+    assert clearance.slack([4.3, 0.0]) == pytest.approx(-0.05 - 0.02)
 
 
 @pytest.mark.parametrize("margin", [0.02, 0.1])
