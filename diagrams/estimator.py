@@ -3,7 +3,10 @@
 **Blocks of yours in the place of a stage.** `stages={"friction": MyFriction()}` of `make_estimator`
 puts a block in the place of ours. Its input ports are connected by their names: q, v, current,
 terms, tau_J, tau_f, tau_ext, tau_ext_valid, pole, sliding, torque_error, fault, and for `detection`
-the outputs of `reconstruction`. Inputs of other names stay open. It must have the stage's outputs:
+the outputs of `reconstruction`. Inputs of other names stay open. With a correction `reconstruction`
+and `detection` get the corrected tau_ext and tau_ext_valid. A `reconstruction` with an input
+`corrected` (1,) finds there whether the correction holds, and tau_ext_valid is the observer's
+alone. A block must have the outputs of its stage:
 
     samples         q, v, current (n,), fault (1,); from inputs of those names
     terms           terms (abstract)
@@ -19,7 +22,7 @@ observer of yours without a port `pole` (n,) 1/s is taken for one without lag. T
 computed where a block has an input `torque_error`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -117,8 +120,7 @@ def make_estimator(
     K_0; the prior's sds) are changed through their Contexts. Stated sd, lag and `valid` follow.
 
     With `fused` all of them are one block, `block`, with the same parameters
-    (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers. It adds four fifths
-    of what the stages add to a tick of a closed loop, with a learnt torque error three fifths.
+    (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers.
 
     With `corrected` there are further inputs, all of them to be connected, for what is known of the
     model's error besides the model, as from an air pass (`models.machining.air_pass`):
@@ -151,20 +153,22 @@ def make_estimator(
     Raises:
         InputError: the model belongs to another robot.
         ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`; a stage
-            that there is none, or without a port that it needs; a correction of an observer that
-            reads the wrench itself.
+            that there is none, or without a port that it needs; stages of a fused estimator; a
+            correction of an observer that reads the wrench itself.
     """
+    replacements = dict(stages or {})
+    if fused and replacements:
+        raise ValueError(f"{name}: a fused estimator has no stages to replace")
+    _check_stages(name, replacements)
     # The stages as plain mathematics: the blocks wrap its parts, which fit each other.
     estimator = WrenchEstimator(robot, model, config)
-    if corrected and estimator.observer.reads_wrench:
+    if corrected and _reads_wrench(estimator, replacements.get("observer")):
         raise ValueError(
             f"{name}: only an observer of joint torque can be corrected, not of wrench"
         )
     if fused:
-        if stages:
-            raise ValueError(f"{name}: a fused estimator has no stages to replace")
         return _fused(estimator, name, detection, corrected)
-    return _staged(estimator, name, detection, dict(stages or {}), corrected)
+    return _staged(estimator, name, detection, replacements, corrected)
 
 
 _STAGE_OUTPUTS = {
@@ -193,6 +197,25 @@ def _check_stages(name: str, stages: Mapping[str, LeafSystem]) -> None:
                 raise ValueError(f"{name}: stage {stage!r} needs an input {port!r}: {kind}")
 
 
+def _reads_wrench(estimator: WrenchEstimator, users_observer: LeafSystem | None) -> bool:
+    """Whether the observer that is used reads the wrench itself, and not from tau_ext.
+
+    Args:
+        users_observer: the user's block in the observer's place; None: the estimator's is used.
+    """
+    if users_observer is None:
+        return estimator.observer.reads_wrench
+    return _puts_out_wrench(users_observer)
+
+
+def _puts_out_wrench(observer: LeafSystem) -> bool:
+    """Whether a block is ours, of an observer that reads the wrench itself.
+
+    The output `wrench` of a block that is not ours is not looked at.
+    """
+    return isinstance(observer, ExternalTorqueObserver) and observer.HasOutputPort("wrench")
+
+
 class _Stages(NamedTuple):
     """The blocks of the estimator's stages, each ours or one in its place.
 
@@ -209,11 +232,57 @@ class _Stages(NamedTuple):
     torque_error: LeafSystem | None
 
 
+class _Wiring(NamedTuple):
+    """What is not the same in every staged estimator: made by `_wiring_of`.
+
+    Attributes:
+        is_corrected: there is a correction of tau_ext, with inputs of the diagram.
+        has_planned_speed: friction reads an input v_planned of the diagram in the place of v. With
+            a correction, as an air pass learns it with friction at the planned speed. Only a law of
+            speed alone can: one with memory follows the measured motion, on the air pass as well.
+        friction_knows_rest: our friction reads from the torque error which joints rest. A joint at
+            rest has dry friction of any value within its stiction, which only an error that was
+            learnt from logs knows. Not at the planned speed, which is taken as it is.
+        reading_has_error: the reconstruction reads a torque error for each sample, and the pole of
+            the observer: the error is learnt or the user's, or a correction adds its sd to it. Else
+            ours has one covariance for all samples, and no lag.
+        reading_remembers: our reconstruction has a memory. Only with a learnt error it judges lag
+            and faults, by the samples before; else nothing depends on them.
+        has_our_detector: our contact detector is added, which reads the torque error.
+    """
+
+    is_corrected: bool
+    has_planned_speed: bool
+    friction_knows_rest: bool
+    reading_has_error: bool
+    reading_remembers: bool
+    has_our_detector: bool
+
+
+def _wiring_of(
+    estimator: WrenchEstimator,
+    detection: ContactDetectionConfig | None,
+    replacements: Mapping[str, LeafSystem],
+    corrected: bool,
+) -> _Wiring:
+    """The wiring for this model, detector, correction and blocks of the user; as `_staged`."""
+    is_learnt = estimator.learnt  # the model has a torque error that was learnt from logs
+    has_planned_speed = corrected and estimator.friction.is_of_speed_alone
+    return _Wiring(
+        is_corrected=corrected,
+        has_planned_speed=has_planned_speed,
+        friction_knows_rest=is_learnt and not has_planned_speed,
+        reading_has_error=is_learnt or corrected or "torque_error" in replacements,
+        reading_remembers=is_learnt,
+        has_our_detector=detection is not None and "detection" not in replacements,
+    )
+
+
 def _staged(
     estimator: WrenchEstimator,
     name: str,
     detection: ContactDetectionConfig | None,
-    replacements: dict[str, LeafSystem],
+    replacements: Mapping[str, LeafSystem],
     corrected: bool,
 ) -> Diagram:
     """The estimator as a block a stage.
@@ -225,48 +294,38 @@ def _staged(
 
     Args:
         estimator: its parts are those of the blocks.
-        replacements: the user's blocks, by the name of the stage that each takes the place of.
+        replacements: the user's blocks, by the name of the stage that each takes the place of;
+            checked (`_check_stages`).
         name, detection, corrected: as `make_estimator`.
     """
-    _check_stages(name, replacements)
+    wiring = _wiring_of(estimator, detection, replacements, corrected)
     builder = DiagramBuilder()
-    # The correction of an air pass was learnt with friction at the planned speed. A law of speed
-    # alone takes that in the place of v; one with memory cannot.
-    at_planned_speed = corrected and estimator.friction.is_of_speed_alone
-    has_learnt_error = estimator.learnt  # a model whose torque error was fitted to logs
-    # Whether the reconstruction reads a torque error by the sample, not one covariance for all.
-    reading_has_error = has_learnt_error or corrected or "torque_error" in replacements
-    has_detection = detection is not None or "detection" in replacements
-    stages = _add_stages(
-        builder,
-        estimator,
-        replacements,
-        # A joint that rests has dry friction of any value, which only a learnt error knows.
-        knows_rest=has_learnt_error and not at_planned_speed,
-        has_error=reading_has_error or has_detection or _any_reads_error(replacements),
-    )
+    stages = _add_stages(builder, estimator, replacements, wiring)
     # Ports by the names of the inputs that take them: `_connect_by_name` connects a block to those
-    # that it has an input for, and leaves its other inputs open. Adds the check of the samples, and
-    # the diagram's inputs q, v and current.
-    sources = _signal_sources(builder, estimator, stages, replacements.get("samples"))
-    _connect_by_name(builder, [stages.terms, stages.motor, stages.observer], sources)
+    # that it has an input for, and leaves its other inputs open. These are the signals up to the
+    # observer, whose tau_ext is not corrected yet.
+    uncorrected = _add_sample_check(builder, estimator, replacements.get("samples"))
+    uncorrected |= _stage_ports(builder, estimator, stages)
+    _connect_by_name(builder, [stages.terms, stages.motor, stages.observer], uncorrected)
     if stages.torque_error is not None:
-        _connect_torque_error(builder, stages.torque_error, sources, corrected)
-    _connect_friction(builder, stages.friction, sources, at_planned_speed)
+        _connect_torque_error(builder, stages.torque_error, uncorrected, wiring)
+    _connect_friction(builder, stages.friction, uncorrected, wiring)
 
-    correction = _add_correction(builder, estimator.num_joints, sources) if corrected else None
-    _connect_reconstruction(builder, stages.reconstruction, sources, correction, reading_has_error)
-    # The ports that outputs and detection take: also the reading, and tau_ext as it is corrected.
-    output_sources = sources | _reading_ports(builder, stages.reconstruction)
-    if correction is not None:
-        for signal in ("tau_ext", "tau_ext_valid"):
-            output_sources[signal] = correction.GetOutputPort(signal)
-    known_terms = None if "terms" in replacements else sources["terms"]
-    _export_outputs(builder, output_sources, terms=_terms_as_read(builder, estimator, known_terms))
+    # From here on tau_ext and tau_ext_valid are the corrected ones: they replace the observer's.
+    correction = _add_correction(builder, estimator.num_joints, uncorrected) if corrected else {}
+    signals = uncorrected | correction
+    signals |= _connect_reconstruction(
+        builder, stages.reconstruction, signals, uncorrected["tau_ext_valid"], wiring
+    )
+    # The output `terms` is of the model, at q and v as they come. The stages' terms are taken for
+    # it where they are of the same q and v; not a user's, which may be of another model.
+    stage_terms = None if "terms" in replacements else uncorrected["terms"]
+    terms_as_read = _terms_as_read(builder, estimator, stage_terms)
+    _export_outputs(builder, signals, terms=terms_as_read)
     if "detection" in replacements:
-        _add_users_detector(builder, replacements["detection"], output_sources)
+        _add_users_detector(builder, replacements["detection"], signals)
     elif detection is not None:
-        _add_detector(builder, ContactDetector.of(estimator, detection), output_sources)
+        _add_detector(builder, ContactDetector.of(estimator, detection), signals)
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
@@ -294,11 +353,14 @@ def _connect_torque_error(
     builder: DiagramBuilder,
     torque_error: LeafSystem,
     sources: Mapping[str, OutputPort],
-    corrected: bool,
+    wiring: _Wiring,
 ) -> None:
-    """Connects the torque error and exports it, and the input of what a correction adds to it."""
+    """Connects the torque error and exports it, and the input of what a correction adds to it.
+
+    A user's block without an input `added_sd` leaves the diagram without `correction_sd`.
+    """
     _connect_by_name(builder, [torque_error], sources)
-    if corrected and torque_error.HasInputPort("added_sd"):
+    if wiring.is_corrected and torque_error.HasInputPort("added_sd"):
         builder.ExportInput(torque_error.GetInputPort("added_sd"), "correction_sd")
     builder.ExportOutput(sources["torque_error"], "torque_error")
 
@@ -307,104 +369,86 @@ def _connect_friction(
     builder: DiagramBuilder,
     friction: LeafSystem,
     sources: Mapping[str, OutputPort],
-    at_planned_speed: bool,
+    wiring: _Wiring,
 ) -> None:
-    """Connects the friction; its speed is the measured one, or an input `v_planned`."""
+    """Connects the friction; its speed is the measured one, or an input `v_planned`.
+
+    A user's block without an input `v` leaves the diagram without `v_planned`.
+    """
     sources_of_friction = dict(sources)
-    if at_planned_speed:
+    if wiring.has_planned_speed and friction.HasInputPort("v"):
         builder.ExportInput(friction.GetInputPort("v"), "v_planned")
         del sources_of_friction["v"]
     _connect_by_name(builder, [friction], sources_of_friction)
 
 
-def _any_reads_error(replacements: Mapping[str, LeafSystem]) -> bool:
-    """Whether a user's block has an input torque_error that is to be connected.
-
-    That of our own kind of reconstruction is not, of an error that was not learnt
-    (`_connect_reconstruction`).
-    """
-    return any(
-        block.HasInputPort("torque_error")
-        for block in replacements.values()
-        if not isinstance(block, JacobianWrenchReconstruction)
-    )
-
-
 def _connect_reconstruction(
     builder: DiagramBuilder,
     reconstruction: LeafSystem,
-    sources: Mapping[str, OutputPort],
-    correction: LeafSystem | None,
-    has_error: bool,
-) -> None:
-    """Connects the reconstruction.
+    signals: Mapping[str, OutputPort],
+    observer_valid: OutputPort,
+    wiring: _Wiring,
+) -> dict[str, OutputPort]:
+    """Connects the reconstruction; returns its outputs by name.
 
     Args:
-        sources: of all signals before a correction.
-        correction: block that corrects tau_ext; None: there is none.
-        has_error: whether it reads a torque error by the sample. Else two inputs of ours are left
-            open, torque_error and pole: the reading then has one covariance, and no lag.
+        signals: ports by the names of the inputs that take them; with a correction tau_ext and
+            tau_ext_valid are the corrected ones, and `corrected` says whether it holds.
+        observer_valid: the observer's `valid`. A block that has an input `corrected` gets it as
+            tau_ext_valid: so it finds which of the two is the reason against a reading.
     """
-    reading_sources = dict(sources)
-    if correction is not None:
-        # The reading takes the observer's valid, not the correction's, and `corrected` beside it:
-        # so it tells which of the two is the reason against it.
-        for signal in ("tau_ext", "corrected"):
-            reading_sources[signal] = correction.GetOutputPort(signal)
-    if not has_error and isinstance(reconstruction, JacobianWrenchReconstruction):
+    sources = dict(signals)
+    if reconstruction.HasInputPort("corrected"):
+        sources["tau_ext_valid"] = observer_valid
+    if not wiring.reading_has_error and isinstance(reconstruction, JacobianWrenchReconstruction):
+        # `torque_error` may be there for another block, such as the detector: ours would read it.
         for signal in ("torque_error", "pole"):
-            reading_sources.pop(signal, None)
-    _connect_by_name(builder, [reconstruction], reading_sources)
-
-
-def _reading_ports(builder: DiagramBuilder, reconstruction: LeafSystem) -> dict[str, OutputPort]:
-    """The outputs of the reconstruction, by name."""
-    signals = _STAGE_OUTPUTS["reconstruction"]
-    ports = _output_ports(builder, "reading", reconstruction, signals)
-    return dict(zip(signals, ports, strict=True))
+            sources.pop(signal, None)
+    _connect_by_name(builder, [reconstruction], sources)
+    return _output_ports(builder, "reading", reconstruction, _STAGE_OUTPUTS["reconstruction"])
 
 
 def _add_stages(
     builder: DiagramBuilder,
     estimator: WrenchEstimator,
     replacements: Mapping[str, LeafSystem],
-    *,
-    knows_rest: bool,
-    has_error: bool,
+    wiring: _Wiring,
 ) -> _Stages:
     """Adds the blocks of the stages by their names, unconnected.
 
-    The check of the samples and the detector are none of them: `_signal_sources` and
+    The check of the samples and the detector are none of them: `_add_sample_check` and
     `_add_detector` add these.
 
     Args:
         replacements: the user's blocks, by the name of the stage that each takes the place of.
-        knows_rest: whether our friction has an input by which it knows the joints that rest.
-        has_error: whether a block other than the observer reads the torque error.
 
     Returns:
         The blocks; torque_error is None where no block reads it.
     """
     period = estimator.observer.time_step
 
-    def add(stage: str, block: LeafSystem) -> LeafSystem:
-        """Adds the user's block of a stage, or else ours, which is made in either case."""
-        return builder.AddNamedSystem(stage, replacements.get(stage, block))
+    def add(stage: str, make_ours: Callable[[], LeafSystem]) -> LeafSystem:
+        """Adds the user's block of a stage, or else ours."""
+        block = replacements[stage] if stage in replacements else make_ours()
+        return builder.AddNamedSystem(stage, block)
 
-    terms = add("terms", RigidBodyTermsSystem(estimator.chain))
-    motor = add("motor", MotorCurrentTorqueSource.of(estimator.robot))
-    friction = add("friction", _friction_system(estimator.friction, period, knows_rest))
-    observer = add("observer", _observer_system(estimator.observer))
-    # Only of a torque error that was learnt from logs does the reading judge lag and faults, for
-    # which it remembers samples. Else, with a correction too, nothing depends on its memory: period
-    # 0, a function without ticks.
-    reading_period = period if estimator.learnt else 0.0
-    reconstruction = add(
-        "reconstruction", JacobianWrenchReconstruction(estimator.reading, reading_period)
+    terms = add("terms", lambda: RigidBodyTermsSystem(estimator.chain))
+    motor = add("motor", lambda: MotorCurrentTorqueSource.of(estimator.robot))
+    friction = add(
+        "friction",
+        lambda: _friction_system(estimator.friction, period, wiring.friction_knows_rest),
     )
-    torque_error = None  # not added where nothing reads it
-    if has_error or (isinstance(observer, ExternalTorqueObserver) and observer.uses_sd):
-        torque_error = add("torque_error", TorqueErrorSystem(estimator.error, period))
+    observer = add("observer", lambda: _observer_system(estimator.observer))
+    # Without memory the period is 0: a function of its inputs, without ticks.
+    reading_period = period if wiring.reading_remembers else 0.0
+    reconstruction = add(
+        "reconstruction", lambda: JacobianWrenchReconstruction(estimator.reading, reading_period)
+    )
+    # Every user's block counts, in whichever place.
+    possible_readers = [friction, observer, *replacements.values()]
+    torque_error = None
+    if _is_error_read(possible_readers, wiring):
+        torque_error = add("torque_error", lambda: TorqueErrorSystem(estimator.error, period))
     return _Stages(
         terms=terms,
         motor=motor,
@@ -415,53 +459,63 @@ def _add_stages(
     )
 
 
-def _signal_sources(
-    builder: DiagramBuilder,
-    estimator: WrenchEstimator,
-    stages: _Stages,
-    users_check: LeafSystem | None,
-) -> dict[str, OutputPort]:
-    """The port that each signal comes from, by the name of the inputs that take it.
-
-    Adds the check of the samples q, v and current, and exports its inputs as the diagram's. Adds
-    what splits the outputs of observer and torque error up, and constants for what a user's block
-    does not put out. Connects nothing of the stages' inputs.
+def _is_error_read(possible_readers: Sequence[LeafSystem], wiring: _Wiring) -> bool:
+    """Whether a block reads the torque error, so that its stage is needed.
 
     Args:
-        stages: blocks that `builder` has already.
-        users_check: the user's block in the place of that check; None: ours.
+        possible_readers: friction, observer and the user's blocks, which read it where they have an
+            input torque_error. Our kind of reconstruction always has one, which is connected with
+            `wiring.reading_has_error` alone.
+    """
+    return (
+        wiring.reading_has_error
+        or wiring.has_our_detector
+        or any(
+            block.HasInputPort("torque_error")
+            for block in possible_readers
+            if not isinstance(block, JacobianWrenchReconstruction)
+        )
+    )
+
+
+def _stage_ports(
+    builder: DiagramBuilder, estimator: WrenchEstimator, stages: _Stages
+) -> dict[str, OutputPort]:
+    """The outputs of the stages up to the observer, by the names of the inputs that take them.
+
+    Adds what splits the outputs of observer and torque error up, and constants for what a user's
+    block does not put out.
 
     Returns:
-        Ports of q, v, current and fault (checked), terms, tau_J, tau_f, sliding, pole, tau_ext,
-        tau_ext_valid; torque_error where there is such a stage, observed (42,) of an observer that
-        reads the wrench itself.
+        Ports of terms, tau_J, tau_f, sliding, pole, and those of `_observer_ports`; torque_error
+        where there is such a stage.
     """
-    observed = _observer_ports(builder, stages.observer)
-    sources = _checked_inputs(builder, estimator, users_check)  # q, v, current and fault
-    sources |= {
+    ports = {
         "terms": stages.terms.GetOutputPort("terms"),
         "tau_J": stages.motor.GetOutputPort("tau_J"),
         "tau_f": stages.friction.GetOutputPort("tau_f"),
         "sliding": _sliding_port(builder, stages.friction, estimator.friction),
         "pole": _pole_port(builder, stages.observer, estimator.num_joints),
-        "tau_ext": observed["tau_ext"],
-        # The observer's `valid`; the plain name is that of the wrench's.
-        "tau_ext_valid": observed["valid"],
     }
-    if "wrench" in observed:  # of an observer that reads the wrench itself
-        sources["observed"] = observed["wrench"]
+    ports |= _observer_ports(builder, stages.observer)
     if stages.torque_error is not None:
-        sources["torque_error"] = _torque_error_port(builder, stages.torque_error)
-    return sources
+        ports["torque_error"] = _torque_error_port(builder, stages.torque_error)
+    return ports
 
 
 def _observer_ports(builder: DiagramBuilder, observer: LeafSystem) -> dict[str, OutputPort]:
-    """The observer's estimates by name: tau_ext, valid, and wrench of one that reads it."""
-    signals = ["tau_ext", "valid"]
-    if isinstance(observer, ExternalTorqueObserver) and observer.HasOutputPort("wrench"):
-        signals.append("wrench")
-    ports = _output_ports(builder, "observed", observer, signals)
-    return dict(zip(signals, ports, strict=True))
+    """The observer's outputs, by the names of the inputs that take them.
+
+    Returns:
+        Ports of tau_ext; tau_ext_valid, its output `valid` (the plain name is the reading's); of
+        one that reads the wrench itself also observed (42,), its output `wrench`: the wrench and
+        its covariance, which our reconstruction passes on.
+    """
+    inputs_of_outputs = {"tau_ext": "tau_ext", "valid": "tau_ext_valid"}
+    if _puts_out_wrench(observer):
+        inputs_of_outputs["wrench"] = "observed"
+    ports = _output_ports(builder, "observed", observer, list(inputs_of_outputs))
+    return {inputs_of_outputs[output]: port for output, port in ports.items()}
 
 
 def _torque_error_port(builder: DiagramBuilder, torque_error: LeafSystem) -> OutputPort:
@@ -473,49 +527,60 @@ def _torque_error_port(builder: DiagramBuilder, torque_error: LeafSystem) -> Out
 
 def _add_correction(
     builder: DiagramBuilder, num_joints: int, sources: Mapping[str, OutputPort]
-) -> LeafSystem:
-    """Adds the correction of an air pass, connects it and exports its inputs."""
+) -> dict[str, OutputPort]:
+    """Adds the correction of an air pass, connects it and exports its inputs.
+
+    Returns:
+        Ports of tau_ext, tau_ext_valid (it belongs to the sample, and the correction holds) and
+        corrected (the correction holds).
+    """
     correction = builder.AddNamedSystem("correction", TorqueCorrection(num_joints))
     for signal in ("tau_correction", "correction_valid"):
         builder.ExportInput(correction.GetInputPort(signal), signal)
     _connect_by_name(builder, [correction], sources)
-    return correction
+    signals = ("tau_ext", "tau_ext_valid", "corrected")
+    return {signal: correction.GetOutputPort(signal) for signal in signals}
 
 
 def _terms_as_read(
-    builder: DiagramBuilder, estimator: WrenchEstimator, known_terms: OutputPort | None
+    builder: DiagramBuilder, estimator: WrenchEstimator, stage_terms: OutputPort | None
 ) -> OutputPort:
-    """The terms of q and v as they come, for a controller.
+    """The model's terms at q and v as they come, for a controller.
 
     An impossible sample, which the estimator leaves out, must not leave the arm without its weight.
 
     Args:
-        known_terms: of the samples that the estimator takes, passed on where these are q and v;
-            None: a user's block computes the estimator's terms, perhaps of another model.
+        stage_terms: the model's terms at the samples that the check passed on, taken where these
+            are q and v as they come, and so mostly not computed twice; None: computed at each tick.
     """
     block = builder.AddNamedSystem(
-        "terms_as_read", RigidBodyTermsSystem(estimator.chain, known_terms is not None)
+        "terms_as_read",
+        RigidBodyTermsSystem(estimator.chain, reads_known=stage_terms is not None),
     )
-    if known_terms is not None:
-        builder.Connect(known_terms, block.GetInputPort("known"))
+    if stage_terms is not None:
+        builder.Connect(stage_terms, block.GetInputPort("known"))
     for signal in ("q", "v"):
         builder.ConnectInput(signal, block.GetInputPort(signal))
     return block.GetOutputPort("terms")
 
 
 def _output_ports(
-    builder: DiagramBuilder, name: str, block: LeafSystem, signals: Sequence[str]
-) -> list[OutputPort]:
-    """The output ports of a block that carry `signals`, in their order.
+    builder: DiagramBuilder, splitter_name: str, block: LeafSystem, outputs: Sequence[str]
+) -> dict[str, OutputPort]:
+    """Outputs of an observer or a reconstruction, by their names.
 
-    Those of our blocks are joined in one port and split up by Drake: a port of its own for each
-    signal is as many calls into Python at a tick.
+    Those of our blocks are joined in one port `reading` and split up by Drake: a port of its own
+    for each signal is as many calls into Python at a tick.
+
+    Args:
+        splitter_name: of the system that splits them.
+        outputs: names of the first parts of `reading`, in their order.
     """
     if not isinstance(block, ExternalTorqueObserver | JacobianWrenchReconstruction):
-        return [block.GetOutputPort(signal) for signal in signals]
-    parts = builder.AddNamedSystem(name, Demultiplexer(block.reading_sizes))
+        return {output: block.GetOutputPort(output) for output in outputs}
+    parts = builder.AddNamedSystem(splitter_name, Demultiplexer(block.reading_sizes))
     builder.Connect(block.GetOutputPort("reading"), parts.get_input_port())
-    return [parts.get_output_port(k) for k in range(len(signals))]
+    return {output: parts.get_output_port(k) for k, output in enumerate(outputs)}
 
 
 def _sliding_port(builder: DiagramBuilder, friction: LeafSystem, law: FrictionLaw) -> OutputPort:
@@ -561,21 +626,34 @@ def _observer_system(observer: Observer) -> ExternalTorqueObserver:
     return ExternalTorqueObserver(observer)
 
 
-def _checked_inputs(
+def _add_sample_check(
     builder: DiagramBuilder, estimator: WrenchEstimator, users_check: LeafSystem | None
 ) -> dict[str, OutputPort]:
-    """Exports the inputs q, v and current; returns their checked values, and `fault`."""
-    n = estimator.num_joints
-    check = SampleCheckSystem(estimator.check, n, estimator.observer.time_step)
-    block = builder.AddNamedSystem("samples", check if users_check is None else users_check)
-    for signal in ("q", "v", "current"):
-        builder.ExportInput(block.GetInputPort(signal), signal)
+    """Adds the check of the samples, and exports its inputs q, v and current as the diagram's.
+
+    Args:
+        users_check: the user's block in its place; None: ours.
+
+    Returns:
+        Ports of q, v and current as they are checked, and of fault.
+    """
     if users_check is not None:
-        return {signal: block.GetOutputPort(signal) for signal in _STAGE_OUTPUTS["samples"]}
+        builder.AddNamedSystem("samples", users_check)
+        _export_sample_inputs(builder, users_check)
+        return {signal: users_check.GetOutputPort(signal) for signal in _STAGE_OUTPUTS["samples"]}
+    check = SampleCheckSystem(estimator.check, estimator.num_joints, estimator.observer.time_step)
+    builder.AddNamedSystem("samples", check)
+    _export_sample_inputs(builder, check)
     motion = builder.AddNamedSystem("motion", Demultiplexer(check.motion_sizes))
     builder.Connect(check.GetOutputPort("motion"), motion.get_input_port())
     fault, q, v = (motion.get_output_port(k) for k in range(3))
     return {"q": q, "v": v, "current": check.GetOutputPort("checked_current"), "fault": fault}
+
+
+def _export_sample_inputs(builder: DiagramBuilder, check: LeafSystem) -> None:
+    """Exports the inputs of a check of the samples as the diagram's, by their names."""
+    for signal in ("q", "v", "current"):
+        builder.ExportInput(check.GetInputPort(signal), signal)
 
 
 def _add_users_detector(
@@ -621,9 +699,9 @@ def _fused(
     detection: ContactDetectionConfig | None,
     corrected: bool,
 ) -> Diagram:
-    """The estimator as one block, with the outputs of the staged one.
+    """The estimator as one block, with the outputs of the staged one (`_FUSED_OUTPUTS`).
 
-    q, v, current --> block --> reading --> demultiplexer --> tau_ext, wrench, ... --> detection
+    q, v, current --> block --> reading --> demultiplexer --> tau_ext, wrench, ... --> (detection)
                         +-----> terms, pole, sliding, tau_J ----------------------------^
 
     Args:
@@ -635,8 +713,9 @@ def _fused(
     for k in range(block.num_input_ports()):  # q, v, current, and those of a correction
         port = block.get_input_port(k)
         builder.ExportInput(port, port.get_name())
-    # The block's port `reading` holds most signals, one after another. Drake splits it up: a port
-    # of the block for each is as many calls into Python at a tick.
+    # The block's port `reading` holds most signals, torque_error always among them, one after
+    # another. Drake splits it up: a port of the block for each is as many calls into Python at a
+    # tick.
     sizes = block.reading_sizes
     demultiplexer = builder.AddNamedSystem("reading", Demultiplexer(list(sizes.values())))
     builder.Connect(block.GetOutputPort("reading"), demultiplexer.get_input_port())
@@ -644,12 +723,15 @@ def _fused(
     for signal in ("terms", "pole", "sliding", "tau_J"):
         ports[signal] = block.GetOutputPort(signal)
 
-    for signal in _FUSED_OUTPUTS:  # `pole`, `sliding` and `tau_J` are the detector's alone
+    # All but v, pole, sliding and tau_J, which are the detector's alone.
+    for signal in _FUSED_OUTPUTS:
         builder.ExportOutput(ports[signal], signal)
-    # A torque error that was fitted to logs, or that a correction adds to, is an output too.
+    # The torque error is an output where it was learnt from logs or a correction adds to it; else
+    # it is one covariance for all samples.
     if estimator.learnt or corrected:
         builder.ExportOutput(ports["torque_error"], "torque_error")
-    if detection is not None:  # its inputs have the names of these ports
+    if detection is not None:
+        # Connects its inputs to the ports of their names, and exports its outputs.
         _add_detector(builder, ContactDetector.of(estimator, detection), ports)
     diagram = builder.Build()
     diagram.set_name(name)

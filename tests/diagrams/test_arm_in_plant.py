@@ -286,6 +286,7 @@ def test_the_first_and_the_last_stage_may_be_ones_own(sts):
     zero = np.array([0.0, 0.3, -0.2, 0.0, 0.1, 0.0])
     stages = {"samples": TurnedZero(zero), "detection": AboveTenNewton()}
     estimator = make_estimator(sts, IdentifiedModel.nominal(sts), EXACT, stages=stages)
+    assert not estimator.HasSubsystemNamed("torque_error")  # neither block reads it
     for force, is_contact in (([0.0, 0.0, 5.0], 0.0), ([0.0, 20.0, 0.0], 1.0)):
         tau = (
             sts.chain.gravity_torque(sts.home)

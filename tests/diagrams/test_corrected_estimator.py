@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from played_logs import add_log, moving_log
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 from sample_models import knowing_model
 
@@ -21,6 +21,8 @@ from wrenchsight.models.friction.semi_parametric_friction import SemiParametricF
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.observer_kinds import make_observer
+from wrenchsight.systems.external_torque_observer import ExternalTorqueObserver
 
 N, T, TICKS = 6, 1e-3, 400
 
@@ -93,3 +95,77 @@ def test_an_observer_of_the_wrench_takes_no_correction(sts, fused):
     config = WrenchEstimatorConfig(KalmanObserverConfig())
     with pytest.raises(ValueError, match="only an observer of joint torque"):
         make_estimator(sts, without_memory(sts), config, fused=fused, corrected=True)
+
+
+def test_the_observer_that_is_used_decides_whether_it_can_be_corrected(sts):
+    """A block in the observer's place counts, and not the observer of the configuration."""
+    model = without_memory(sts)
+    momentum, kalman = MomentumObserverConfig([20.0], T), KalmanObserverConfig(time_step=T)
+    # Informed of the model's errors, as a Kalman observer needs to be.
+    kalman_observer = WrenchEstimator(sts, model, WrenchEstimatorConfig(kalman)).observer
+    with pytest.raises(ValueError, match="only an observer of joint torque"):
+        make_estimator(
+            sts,
+            model,
+            WrenchEstimatorConfig(momentum),
+            stages={"observer": ExternalTorqueObserver(kalman_observer)},
+            corrected=True,
+        )
+    estimator = make_estimator(
+        sts,
+        model,
+        WrenchEstimatorConfig(kalman),
+        stages={"observer": ExternalTorqueObserver(make_observer(momentum, N))},
+        corrected=True,
+    )
+    assert estimator.HasInputPort("tau_correction")
+
+
+class ValidAsReceived(LeafSystem):
+    """A reconstruction of one's own, whose `valid` is the tau_ext_valid that it reads."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self._fresh = self.DeclareVectorInputPort("tau_ext_valid", 1)
+        for name, size in (("wrench", 6), ("covariance", 36), ("condition_number", 1)):
+            self.DeclareVectorOutputPort(
+                name, size, lambda context, output: None, {self.nothing_ticket()}
+            )
+        for name in ("valid", "invalid"):
+            self.DeclareVectorOutputPort(name, 1, self._calc, {self._fresh.ticket()})
+
+    def _calc(self, context, output):
+        output.SetFromVector(self._fresh.Eval(context))
+
+
+class NoFriction(LeafSystem):
+    """A friction of one's own that reads nothing."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorOutputPort("tau_f", N, self._calc, {self.nothing_ticket()})
+
+    def _calc(self, context, output):
+        output.SetFromVector(np.zeros(N))
+
+
+def test_a_reconstruction_of_ones_own_is_informed_where_the_correction_does_not_hold(sts):
+    """By tau_ext_valid, as it has no input `corrected`. The friction has no speed to be planned."""
+    estimator = make_estimator(
+        sts,
+        without_memory(sts),
+        WrenchEstimatorConfig(MomentumObserverConfig([20.0], T)),
+        stages={"reconstruction": ValidAsReceived(), "friction": NoFriction()},
+        corrected=True,
+    )
+    assert not estimator.HasInputPort("v_planned")
+    simulator = Simulator(estimator)
+    context = simulator.get_mutable_context()
+    inputs = {"q": sts.home, "tau_correction": np.ones(N), "correction_sd": np.zeros(N)}
+    inputs |= {"v": np.zeros(N), "current": sts.motor_current(sts.chain.gravity_torque(sts.home))}
+    for name, values in inputs.items():
+        estimator.GetInputPort(name).FixValue(context, values)
+    for holds in (1.0, 0.0, 1.0):
+        estimator.GetInputPort("correction_valid").FixValue(context, [holds])
+        simulator.AdvanceTo(context.get_time() + 1.0)  # the observer has settled
+        assert estimator.GetOutputPort("valid").Eval(context) == holds
