@@ -12,6 +12,7 @@ from pydrake.geometry import Box, GeometryId, SignedDistancePair
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.systems.framework import Context
 
 from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
@@ -26,22 +27,31 @@ from wrenchsight.models.planning.placement.placement_task import (
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import pose_of
 
-INFLUENCE_DISTANCE = 0.12  # m, beyond which a pair of shapes does not count
-MINIMUM_SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs
+# m. A pair that is farther than it, in `smooth_slack` and `slack` farther by it than the margin, is
+# not looked at: larger ones cost more distances for each posture.
+INFLUENCE_DISTANCE = 0.12
+# 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs. Larger ones make the
+# gradient turn more sharply where another pair becomes the nearest.
+MINIMUM_SHARPNESS = 400.0
 # m, slack that the smooth minimum has where nothing is near. Pairs enter it with the slack
 # INFLUENCE_DISTANCE or more. This is less by ten e-folds of their shares, so that an entry moves
 # the value by 0.1 um at most. Less still would tell fewer distances apart.
 _FAR_SLACK = INFLUENCE_DISTANCE - 10.0 / MINIMUM_SHARPNESS
-# m, within which pairs at home are looked at. Half of it is more than a usual margin: a pair beyond
-# has to keep the margin in any case.
-_NEAR_AT_HOME = 1.5 * INFLUENCE_DISTANCE
 # Of a pair's distance at home, that it must keep where this is less than the margin: it may come
 # nearer than at home, as parts of a wrist do, and does not touch.
 _KEPT_SHARE_OF_HOME = 0.5
-_NEVER_NEARER_SHARE = 0.95  # of the distance at home; a pair that never comes below it is left out
-# Random postures, in which neighbours are looked at: they cover the motions of two joints densely.
+# m, within which pairs at home are looked at. Half of it is more than a usual margin: a pair beyond
+# has to keep the margin in any case.
+_NEAR_AT_HOME = 1.5 * INFLUENCE_DISTANCE
+# Of the distance at home. A pair that never comes below it counts as one that never comes nearer:
+# the rest is for joints that move it by little, and for rounding.
+_NEVER_NEARER_SHARE = 0.95
+# Random postures, in which neighbours are looked at: in the plane of two joints' positions they are
+# a seventeenth of the ranges apart.
 _NEIGHBOUR_POSTURES = 300
-_MIN_INTERVAL = 1e-4  # s, shortest interval of a motion that is looked at
+# s, shortest interval of a motion that is halved. Of links that move at 1 m/s to each other, slacks
+# within 0.05 mm of the least that is allowed may then remain without proof.
+_MIN_INTERVAL = 1e-4
 _FLOOR_SIZE = (10.0, 10.0, 1.0)  # m, of the floor
 # m that a program of postures requires beyond what must be kept, for what happens between them;
 # distances are exact to some micrometres.
@@ -51,8 +61,10 @@ _MAX_SUNK_BASE = 0.01  # m, by which the shape of a base may reach into the tabl
 _SAME_DISTANCE = 1e-6  # m; distances of curved shapes are exact to that
 _BOX_CORNERS = tuple(itertools.product((-1.0, 1.0), repeat=3))  # of a box
 _MAX_SAMPLE_PERIOD = 0.1  # s, between the times at which a motion is looked at first
-_MIN_REQUIRED = 1e-9  # m, in a quotient by what a pair must keep, which may be 0
-_LARGEST_SCALE = 10.0  # of the slack of a pair that must keep little, whose rate by distance it is
+_MIN_REQUIRED = 1e-9  # m, that stands for 0 in a quotient by what a pair must keep
+# Of a slack in the smooth minimum (`_scales`), whose rate by distance it is: with a larger one the
+# gradient turns more sharply where a pair that must keep little becomes the nearest.
+_LARGEST_SCALE = 10.0
 # Of a pair in the gradient, below which its two Jacobians are not computed: less than a solver that
 # rounds its gradients to 1e-6 sees.
 _MIN_GRADIENT_SHARE = 1e-6
@@ -85,22 +97,59 @@ class _Interval(NamedTuple):
     last_slack: float
 
 
+@dataclass
+class _LeastSlacks:
+    """The least slacks of a motion at the times that are asked for.
+
+    Attributes:
+        pairs_at: pairs within INFLUENCE_DISTANCE at a time, s.
+        far_slack: m, that no pair beyond INFLUENCE_DISTANCE is below.
+        worst: pair with the least slack at all times so far; None: nothing has been near.
+    """
+
+    pairs_at: Callable[[float], list[ClosestPair]]
+    far_slack: float
+    worst: ClosestPair | None = None
+
+    def at(self, t: float) -> float:
+        """The least slack at a time in s, m; `far_slack` where it is that or more."""
+        closest = min(self.pairs_at(t), key=lambda pair: pair.slack, default=None)
+        if closest is None:
+            return self.far_slack
+        if self.worst is None or closest.slack < self.worst.slack:
+            self.worst = replace(closest, time=t)
+        return min(closest.slack, self.far_slack)
+
+
 class Clearance:
     """Distances between the links of an arm, its tool, the floor, obstacles and a workpiece.
 
-    Four kinds of pairs are left out: links that a joint connects, links that stand on the floor,
-    neighbours that never come nearer than at home, and pairs that overlap at home. The shapes of
-    the last are too coarse to judge (`overlapping`). A pair that is near in the home posture, as
-    the parts of a wrist are, must keep half of its distance there (`near_at_home`: names, m), every
-    other pair `margin`. The tool, which works on the workpiece, may touch it. A workpiece that
-    floats may lie on floor and obstacles.
+    The slack of a pair of shapes is its distance less what the pair must keep:
+
+        kind of pair   must keep             which
+        near at home   half its distance at  of the arm or with the floor, where this half is less
+                       home                  than `margin`, as between the parts of a wrist
+        resting        0                     a workpiece that floats with the floor or an obstacle,
+                                             on which it may lie
+        left out       nothing: does not     see below
+                       count
+        other          `margin`              all others
+
+    Left out, whatever their distance, are pairs of these kinds:
+
+        jointed        two links that one joint connects; Drake itself does not state their distance
+        rigid          no joint lies between the two, as between parts that stand on the floor
+        overlapping    the two overlap at home: their shapes are too coarse to judge
+        always clear   neighbours, with two joints between them or fewer, that never come nearer to
+                       each other than at home
+        working        the workpiece and what may touch it: the tool, or its shapes at E alone
 
     Args:
         robot: its collision shapes count.
         margin: m, least distance of a pair that was not near at home.
         floor: height of the floor in W, m; None for none.
         workpiece: in the cell, if any; a blade counts as its convex hull.
-        obstacles: boxes that stand in the cell; all links but the base keep `margin`.
+        obstacles: boxes that stand in the cell; all links that move keep `margin`.
         add: adds what else there is to the plant, as a body that floats; its shapes of the name
             WORKPIECE count as a workpiece.
         tip_only: whether of the tool only the shapes at E may touch the workpiece, not the whole.
@@ -108,9 +157,8 @@ class Clearance:
     Attributes:
         shapes: the plant with all of them.
         margin: m, as given.
-        overlapping: pairs that overlap at home, by the names of their links ("A and B").
-        near_at_home: pairs that must keep less than the margin, by the same names, with what they
-            must keep, m.
+        overlapping: pairs of this kind, by the names of their links ("A and B").
+        near_at_home: pairs of this kind, by the same names, with what they must keep, m.
         has_shapes: whether the arm has any.
     """
 
@@ -165,9 +213,9 @@ class Clearance:
         there in either order. No pair is in both.
         """
         arm_and_floor = self.shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
-        at_home, self.overlapping = self._required_at_home(robot, arm_and_floor)
-        self.near_at_home = self._less_than_margin(at_home)
-        self._required: dict[tuple[Any, Any], float] = at_home | self._required_of_others()
+        by_home, self.overlapping = self._required_by_home(robot, arm_and_floor)
+        self.near_at_home = self._less_than_margin(by_home)
+        self._required: dict[tuple[Any, Any], float] = by_home | self._required_of_others()
 
     def _tool_shapes(self) -> set[Any]:
         """Shapes of the tool, or of the link that E lies on."""
@@ -209,31 +257,42 @@ class Clearance:
     def _names(self, pair: tuple[Any, Any]) -> str:
         return " and ".join(self.shapes.name(shape) for shape in pair)
 
-    def _required_at_home(
-        self, robot: Robot, counted: set[Any]
+    def _required_by_home(
+        self, robot: Robot, arm_and_floor: set[Any]
     ) -> tuple[dict[tuple[Any, Any], float], tuple[str, ...]]:
-        """What the pairs among `counted` shapes that are near at home must keep.
+        """What pairs of shapes of arm and floor must keep, by their distances at home.
+
+        Args:
+            robot: the arm.
+            arm_and_floor: ids of these shapes.
 
         Returns:
             m, by the ids of the two shapes, in the order in which Drake states them; -inf of a pair
-            that is left out. And the pairs that overlap at home, by name.
+            that is left out. It lacks pairs that are farther at home, which must keep the margin,
+            and jointed ones, which Drake does not state. And the names of overlapping pairs.
         """
         at_home = {
             (pair.id_A, pair.id_B): pair.distance
             for pair in self.shapes.pairs(robot.home, _NEAR_AT_HOME)
-            if counted.issuperset((pair.id_A, pair.id_B))
+            if arm_and_floor.issuperset((pair.id_A, pair.id_B))
         }
-        moving = {pair: d for pair, d in at_home.items() if not self._is_rigid(pair)}
-        separate = {pair: d for pair, d in moving.items() if d > 0.0}
-        overlapping = [self._names(pair) for pair, d in moving.items() if d <= 0.0]
+        rigid = {pair for pair in at_home if self._is_rigid(pair)}
+        overlapping = {pair for pair, distance in at_home.items() if distance <= 0.0} - rigid
         always_clear = self._always_clear(
-            robot, {pair: d for pair, d in separate.items() if self._are_neighbours(pair)}
+            robot,
+            {
+                pair: distance
+                for pair, distance in at_home.items()
+                if self._are_neighbours(pair) and pair not in rigid | overlapping
+            },
         )
-        # Left out are rigid, overlapping and always clear pairs: all but these.
-        requirements = dict.fromkeys(at_home, -np.inf)
-        for pair in separate.keys() - always_clear:
-            requirements[pair] = min(self.margin, _KEPT_SHARE_OF_HOME * separate[pair])
-        return requirements, tuple(dict.fromkeys(overlapping))
+        left_out = rigid | overlapping | always_clear
+        requirements = {
+            pair: -np.inf if pair in left_out else min(self.margin, _KEPT_SHARE_OF_HOME * distance)
+            for pair, distance in at_home.items()
+        }
+        names = [self._names(pair) for pair in at_home if pair in overlapping]
+        return requirements, tuple(dict.fromkeys(names))  # each once: a link may have many shapes
 
     def _is_rigid(self, pair: tuple[Any, Any]) -> bool:
         """Whether no joint lies between two shapes: their distance never changes."""
@@ -283,30 +342,35 @@ class Clearance:
         return small
 
     def _always_clear(
-        self, robot: Robot, pairs: dict[tuple[Any, Any], float]
+        self, robot: Robot, neighbours: dict[tuple[Any, Any], float]
     ) -> set[tuple[Any, Any]]:
-        """Those of the pairs that never come nearer to each other than at home.
+        """Those of the neighbours that never come nearer to each other than at home.
+
+        Judged in random postures, the same in every run: that is evidence, no proof. A pair counts
+        as never nearer if it keeps _NEVER_NEARER_SHARE of its distance at home in all of them.
 
         Args:
             robot: the arm.
-            pairs: neighbours, with their distances at home, m.
+            neighbours: pairs with their distances at home, m.
         """
-        if not pairs:
+        if not neighbours:
             return set()
-        rng = np.random.default_rng(0)
-        low, high = ranges_of_postures(
+        nearest = dict(neighbours)  # m, distances at home and in all postures
+        # A pair beyond is farther apart than at home, as all of them are nearer there.
+        farthest_at_home = max(neighbours.values())
+        ranges = ranges_of_postures(
             robot.position_lower, robot.position_upper, robot.chain.prismatic
         )
-        nearest = dict(pairs)
-        for q in rng.uniform(low, high, (_NEIGHBOUR_POSTURES, robot.num_joints)):
-            for pair in self.shapes.pairs(q, max(pairs.values())):
+        rng = np.random.default_rng(0)
+        for q in rng.uniform(*ranges, (_NEIGHBOUR_POSTURES, robot.num_joints)):
+            for pair in self.shapes.pairs(q, farthest_at_home):
                 key = (pair.id_A, pair.id_B)
                 if key in nearest:
                     nearest[key] = min(nearest[key], pair.distance)
         return {
             pair
             for pair, distance in nearest.items()
-            if distance > _NEVER_NEARER_SHARE * pairs[pair]
+            if distance > _NEVER_NEARER_SHARE * neighbours[pair]
         }
 
     def reaches_floor(self, q: ArrayLike) -> bool:
@@ -337,50 +401,44 @@ class Clearance:
     def slacks(
         self, q: ArrayLike, influence: float = INFLUENCE_DISTANCE, pose: ArrayLike = ()
     ) -> list[ClosestPair]:
-        """The pairs of shapes within `influence` (m) at q (n,), with their slacks; time 0."""
-        pairs = []
-        for pair in self.shapes.pairs(q, influence, pose):
-            slack = pair.distance - self._requirement(pair)
-            if np.isfinite(slack):
-                pairs.append(
-                    ClosestPair(
-                        first=self.shapes.name(pair.id_A),
-                        second=self.shapes.name(pair.id_B),
-                        distance=pair.distance,
-                        slack=slack,
-                        time=0.0,
-                    )
-                )
-        return pairs
+        """The pairs that count within `influence` (m) at q (n,), with their slacks; time 0."""
+        return [
+            ClosestPair(
+                first=self.shapes.name(pair.id_A),
+                second=self.shapes.name(pair.id_B),
+                distance=pair.distance,
+                slack=pair.distance - self._requirement(pair),
+                time=0.0,
+            )
+            for pair in self._pairs_that_count(q, influence, pose)
+        ]
 
     def slack(self, q: ArrayLike) -> float:
         """Smallest slack at q (n,), m; INFLUENCE_DISTANCE stands for any that is larger."""
-        slacks = [
-            pair.distance - self._requirement(pair)  # inf of a pair that does not count
-            for pair in self.shapes.pairs(q, INFLUENCE_DISTANCE + self.margin)
-        ]
+        pairs = self._pairs_that_count(q, INFLUENCE_DISTANCE + self.margin)
+        slacks = [pair.distance - self._requirement(pair) for pair in pairs]
         return float(min([INFLUENCE_DISTANCE, *slacks]))
 
     def smooth_slack(self, q: ArrayLike) -> tuple[float, Array]:
         """A smooth measure of the least slack, m, and its gradient (n,) by q, m/rad (m/m).
 
             value    = -1/k ln(exp(-k _FAR_SLACK) + sum_i exp(-k slack_i)),  k = MINIMUM_SHARPNESS
-            slack_i  = scale_i (distance_i - required_i)
-            scale_i  = margin / required_i,  at least 1, at most _LARGEST_SCALE
+            slack_i  = scale_i (distance_i - required_i),  scale_i of `_scales`
             gradient = sum_i w_i scale_i d distance_i / dq,  w_i = exp(-k slack_i) / the sum in ln
 
-        over all pairs that count and are within INFLUENCE_DISTANCE and the margin. _FAR_SLACK is
-        the value where none is, and its bound. The value is positive only where `slack` is. The
-        scale, 1 for most pairs, is larger for one that must keep less than the margin, as the parts
-        of a wrist: what a caller keeps in reserve of the margin then fits it too.
+        over all pairs that count within INFLUENCE_DISTANCE + margin. There a pair enters or leaves
+        the sum with a slack of INFLUENCE_DISTANCE or more, ten e-folds beyond _FAR_SLACK, which
+        moves the value by e^-10 / k = 0.1 um at most. Where there is no pair the value is
+        _FAR_SLACK. It is never more, and positive only where `slack` is.
+
+        The gradient leaves out pairs with w_i scale_i < _MIN_GRADIENT_SHARE, in which it differs
+        from that of the value.
         """
-        # Leaves `shapes.context` at q, where `_distance_gradient` looks at it.
-        near_pairs = self.shapes.pairs(q, INFLUENCE_DISTANCE + self.margin)
-        # What is not finite is the requirement of a pair that does not count: it may touch.
-        pairs = [pair for pair in near_pairs if np.isfinite(self._requirement(pair))]
-        required = np.array([self._requirement(pair) for pair in pairs])
+        pairs = self._pairs_that_count(q, INFLUENCE_DISTANCE + self.margin)
+        context_at_q = self.shapes.context  # where looking for pairs has left it
         distance = np.array([pair.distance for pair in pairs])
-        scale = np.clip(self.margin / np.maximum(required, _MIN_REQUIRED), 1.0, _LARGEST_SCALE)
+        required = np.array([self._requirement(pair) for pair in pairs])
+        scale = self._scales(required)
         slack = scale * (distance - required)
         # Of all terms in the sum the largest is made 1: else they would underflow.
         least = min([_FAR_SLACK, *slack.tolist()])
@@ -390,14 +448,27 @@ class Clearance:
         gradient = np.zeros(self.shapes.plant.num_positions())  # by all positions of the plant
         for pair, share in zip(pairs, terms * scale / total, strict=True):
             if share >= _MIN_GRADIENT_SHARE:
-                gradient += share * self._distance_gradient(pair)
+                gradient += share * self._distance_gradient(pair, context_at_q)
         return value, gradient[self.shapes.position_indices]
 
-    def _distance_gradient(self, pair: SignedDistancePair) -> Array:
+    def _scales(self, required: Array) -> Array:
+        """(N,) factors of slacks in the smooth minimum, by what their pairs must keep (N,), m.
+
+        They are margin / required, at most _LARGEST_SCALE: 1 for most pairs, more for those that
+        must keep less than the margin, as the parts of a wrist. What a caller keeps in reserve of
+        the margin then fits them too. Without a margin all are 1.
+        """
+        quotient = self.margin / np.maximum(required, _MIN_REQUIRED)
+        return np.clip(quotient, 1.0, _LARGEST_SCALE)
+
+    def _distance_gradient(self, pair: SignedDistancePair, context: Context) -> Array:
         """(n_q,) gradient of a pair's distance by the plant's positions.
 
-        The posture is that of `shapes.context`, at which `shapes.pairs` has just found the pair.
         The distance grows as the nearest points Ca and Cb move apart along the normal.
+
+        Args:
+            pair: as Drake states it.
+            context: context of the plant, at the posture in which the pair was found.
         """
         plant, world = self.shapes.plant, self.shapes.plant.world_frame()
 
@@ -406,7 +477,7 @@ class Clearance:
             X_FG = self.shapes.inspector.GetPoseInFrame(shape)
             return np.asarray(
                 plant.CalcJacobianTranslationalVelocity(
-                    self.shapes.context,
+                    context,
                     JacobianWrtVariable.kQDot,
                     self.shapes.body[shape].body_frame(),
                     X_FG @ p_GC,
@@ -428,9 +499,9 @@ class Clearance:
 
         At samples, a tenth of a second apart or closer, every pair must keep what is required of
         it: its slack is 0 or more. At all other times half of that is proved: no slack is below
-        -allowance, half of the least that any pair must keep (0 where a pair may touch). Pairs
-        beyond INFLUENCE_DISTANCE are not looked at: they count with the least slack that they can
-        have there.
+        -allowance, half of the least that any pair must keep (0 where a workpiece may rest on
+        something). Pairs beyond INFLUENCE_DISTANCE are not looked at: they count with the least
+        slack that they can have there.
 
         The proof: no point of the arm moves faster than sum_j speed_j r_j, r_j the farthest that it
         can be from joint j, and the distance of two moving links changes at twice that, `fastest`,
@@ -448,31 +519,21 @@ class Clearance:
             Whether it keeps clear, and the pair with the least slack; None where nothing is near.
         """
         fastest = 2.0 * float(speed @ self._speed_radius)  # m/s, of two moving links to each other
-        required = [value for value in self._required.values() if np.isfinite(value)]
+        # m, of pairs that count and must keep something else than the margin
+        required = [value for value in self._required.values() if value > -np.inf]
         allowance = 0.5 * min([self.margin, *required])  # m, by which a slack may be below 0
-        # m: no pair beyond INFLUENCE_DISTANCE, which `slacks` leaves out, has a smaller slack.
-        far_slack = INFLUENCE_DISTANCE - max([self.margin, *required])
-        worst: ClosestPair | None = None  # of all times that were looked at
-
-        def lowest_slack(t: float) -> float:
-            """The least slack at a time, m; keeps its pair in `worst` where none was worse."""
-            nonlocal worst
-            closest = min(self.slacks(position(t)), key=lambda pair: pair.slack, default=None)
-            if closest is None:
-                return far_slack
-            if worst is None or closest.slack < worst.slack:
-                worst = replace(closest, time=t)
-            return min(closest.slack, far_slack)
-
+        least_slacks = _LeastSlacks(
+            pairs_at=lambda t: self.slacks(position(t)),
+            far_slack=INFLUENCE_DISTANCE - max([self.margin, *required]),
+        )
         # A millionth of a period absorbs the rounding of a duration of whole periods.
         num_periods = max(1, math.ceil(duration / _MAX_SAMPLE_PERIOD - 1e-6))
-        times = np.linspace(0.0, duration, num_periods + 1)
-        slacks = [lowest_slack(float(t)) for t in times]
+        times = np.linspace(0.0, duration, num_periods + 1).tolist()
+        slacks = [least_slacks.at(t) for t in times]
         intervals = [
-            _Interval(times[k], times[k + 1], slacks[k], slacks[k + 1])
-            for k in range(len(times) - 1)
+            _Interval(times[k], times[k + 1], slacks[k], slacks[k + 1]) for k in range(num_periods)
         ]
-        is_clear = min(slacks) >= 0.0
+        is_clear = min(slacks) >= 0.0  # at the samples
         while intervals and is_clear:  # `intervals` are still to be proved, in any order
             interval = intervals.pop()
             length = interval.end - interval.start
@@ -483,14 +544,21 @@ class Clearance:
                 is_clear = False
                 break
             middle = 0.5 * (interval.start + interval.end)
-            slack = lowest_slack(float(middle))
+            slack = least_slacks.at(middle)
             is_clear = slack >= -allowance
             intervals.append(_Interval(interval.start, middle, interval.first_slack, slack))
             intervals.append(_Interval(middle, interval.end, slack, interval.last_slack))
-        return is_clear, worst
+        return is_clear, least_slacks.worst
 
-    def _requirement(self, pair: Any) -> float:
-        """The distance that a pair must keep, m; -inf where it does not count."""
+    def _pairs_that_count(
+        self, q: ArrayLike, influence: float, pose: ArrayLike = ()
+    ) -> list[SignedDistancePair]:
+        """The pairs within `influence` (m) that are not left out, as `ArmShapes.pairs`."""
+        pairs = self.shapes.pairs(q, influence, pose)
+        return [pair for pair in pairs if self._requirement(pair) > -np.inf]
+
+    def _requirement(self, pair: SignedDistancePair) -> float:
+        """The distance that a pair must keep, m; -inf of one that is left out."""
         return self._required.get((pair.id_A, pair.id_B), self.margin)
 
 
