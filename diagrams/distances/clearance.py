@@ -40,8 +40,7 @@ _FAR_SLACK = INFLUENCE_DISTANCE - 10.0 / MINIMUM_SHARPNESS
 # Of a pair's distance at home, that it must keep where this is less than the margin: it may come
 # nearer than at home, as parts of a wrist do, and does not touch.
 _KEPT_SHARE_OF_HOME = 0.5
-# m, within which pairs at home are looked at. Half of it is more than a usual margin: a pair beyond
-# has to keep the margin in any case.
+# m, within which pairs at home are looked at; with a large margin it is more (`_required_by_home`).
 _NEAR_AT_HOME = 1.5 * INFLUENCE_DISTANCE
 # Of the distance at home. A pair that never comes below it counts as one that never comes nearer:
 # the rest is for joints that move it by little, and for rounding.
@@ -271,9 +270,11 @@ class Clearance:
             that is left out. It lacks pairs that are farther at home, which must keep the margin,
             and jointed ones, which Drake does not state. And the names of overlapping pairs.
         """
+        # Half the distance at home of any pair beyond is more than the margin.
+        near = max(_NEAR_AT_HOME, self.margin / _KEPT_SHARE_OF_HOME)
         at_home = {
             (pair.id_A, pair.id_B): pair.distance
-            for pair in self.shapes.pairs(robot.home, _NEAR_AT_HOME)
+            for pair in self.shapes.pairs(robot.home, near)
             if arm_and_floor.issuperset((pair.id_A, pair.id_B))
         }
         rigid = {pair for pair in at_home if self._is_rigid(pair)}

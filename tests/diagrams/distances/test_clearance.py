@@ -39,6 +39,17 @@ def test_home_is_clear_and_a_folded_arm_is_not(sts, clearance):
     assert clearance.slack(folded) < 0.0
 
 
+@pytest.mark.parametrize("margin", [0.02, 0.3])
+def test_home_keeps_any_margin(sts, margin):
+    """A pair that is nearer at home than twice the margin keeps half of its distance there."""
+    clearance = Clearance(sts, margin, floor=None)
+    pairs = clearance.slacks(sts.home, 0.6)
+    assert pairs
+    for pair in pairs:
+        assert pair.slack >= pair.distance - margin
+        assert pair.slack >= 0.5 * pair.distance - 1e-12
+
+
 def test_the_floor_counts(sts):
     q = near_floor(sts, Clearance(sts))
     assert Clearance(sts).slack(q) < Clearance(sts, floor=-0.1).slack(q)
