@@ -89,8 +89,8 @@ def command(
     # The draft assumes friction from the inertias: without these it states none.
     has_friction = draft.robot.config.simulated_truth.friction.coulomb.size > 0
     note = (
-        "friction, noise and resolution of the simulated arm are assumed: see simulated_truth "
-        "and drives in the file"
+        "friction, rotors, noise and resolution of the simulated arm are assumed: see "
+        "simulated_truth and drives in the file"
         if has_friction
         else "the URDF has no inertias: the simulated arm has no friction; state it in "
         "simulated_truth"

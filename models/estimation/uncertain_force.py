@@ -14,7 +14,9 @@ _NO_PRIOR = 1e6  # N, sd of a force of which nothing is known
 _MAX_PAYLOAD_FACTOR = 20.0  # by which a rated payload may be wrong
 _ROUNDING_SHARE = 1e-6  # of the largest sd of the joints
 _SMALL_ERROR = 0.1  # factor on a joint's torque error, with which its effect is tried
-_UNFELT_RATIO = 100.0  # of the sd without a prior to that with it: the prior alone bounds it
+# Factor on all torque errors with which, where the sd stays above this share of it, errors are not
+# what counts: the joints do not feel the force, or not apart from a moment.
+_NEGLIGIBLE_ERROR, _UNFELT_SHARE = 1e-3, 0.5
 _STEADY_SHARE = 0.9  # of the samples' unfelt directions along one, from which on it is stated
 _LEAST_MOMENT_SD = 1e-9  # N m, of a prior without a moment, for a division
 
@@ -31,7 +33,8 @@ class UncertainForce:
         payload: kg, rated, from which the limit follows.
         enough_payload: kg, with which the limit would be above the sd.
         assumed: whether the torque error is assumed, not identified from logs.
-        is_unfelt: whether no joint feels a force in that direction.
+        is_unfelt: whether no joint feels a force in that direction, or not apart from a moment.
+        is_like_moment: whether joints feel it, but as well as a moment at E.
         unfelt_direction: (3,) in W, of unit length; None where it changes.
     """
 
@@ -43,6 +46,7 @@ class UncertainForce:
     enough_payload: float
     assumed: bool
     is_unfelt: bool = False
+    is_like_moment: bool = False
     unfelt_direction: Array | None = None
 
     @classmethod
@@ -51,7 +55,8 @@ class UncertainForce:
 
         The joint whose small error would help most is named (`joint`). `enough_payload` is the
         rated payload (kg) whose prior would bring the sd below its limit. The arm does not feel a
-        force in some direction where, without a prior, its sd is _UNFELT_RATIO times as large.
+        force in some direction where nearly exact torques would change little; it is like a moment
+        there if they would without one.
 
         Args:
             estimator: estimator of the samples.
@@ -61,21 +66,18 @@ class UncertainForce:
         robot, reading = estimator.robot, estimator.reading.reconstruction
         limits = reading.limits
 
-        def covariances(factor: Array, force_sd: float) -> Array:
-            """Of the force where the joints' errors are `factor` (n,) as large.
-
-            `force_sd` is the prior's, N; its moment's is that of the limits.
-            """
+        def covariances(factor: Array, prior: PriorSds) -> Array:
+            """Of the force where the joints' errors are `factor` (n,) as large."""
             # A joint without an error to speak of leaves no information that numbers can hold.
             s = np.maximum(
                 torque_sd * factor, _ROUNDING_SHARE * torque_sd.max(axis=1, keepdims=True)
             )
             noise = s[:, :, None] * reading.torque_covariance * s[:, None, :]
-            return _force_covariances(J, noise, PriorSds(force_sd, limits.moment_sd))
+            return _force_covariances(J, noise, prior)
 
-        def worst_sd(factor: Array) -> float:
-            """N, in the worst direction, median over the samples, with the limits' prior."""
-            values = np.linalg.eigvalsh(covariances(factor, limits.force_sd))
+        def worst_sd(factor: Array, moment_sd: float = limits.moment_sd) -> float:
+            """N, in the worst direction, median over the samples; the prior's force has its sd."""
+            values = np.linalg.eigvalsh(covariances(factor, PriorSds(limits.force_sd, moment_sd)))
             return float(np.sqrt(np.median(values[:, -1])))
 
         n = robot.num_joints
@@ -83,9 +85,12 @@ class UncertainForce:
         worst = int(np.argmin([worst_sd(factor) for factor in factors]))
         sd = worst_sd(np.ones(n))
         # Eigenvalues and axes in rising order.
-        values, axes = np.linalg.eigh(covariances(np.ones(n), _NO_PRIOR))
+        without_prior = PriorSds(_NO_PRIOR, limits.moment_sd)
+        values, axes = np.linalg.eigh(covariances(np.ones(n), without_prior))
         free_sd = float(np.sqrt(np.median(values[:, -1])))
-        is_unfelt = free_sd > _UNFELT_RATIO * sd
+        exact, unfelt_sd = np.full(n, _NEGLIGIBLE_ERROR), _UNFELT_SHARE * sd
+        is_unfelt = worst_sd(exact) > unfelt_sd
+        is_like_moment = is_unfelt and worst_sd(exact, moment_sd=0.0) < unfelt_sd
         return cls(
             sd=sd,
             limit=limits.max_force_sd,
@@ -98,6 +103,7 @@ class UncertainForce:
             enough_payload=_MOMENT_FACTOR * 2.0 * np.sqrt(8.0) * free_sd / _STANDARD_GRAVITY,
             assumed=not estimator.model.provenance.logs,
             is_unfelt=is_unfelt,
+            is_like_moment=is_like_moment,
             unfelt_direction=_common_direction(axes[:, :, -1]) if is_unfelt else None,
         )
 
@@ -114,16 +120,19 @@ class UncertainForce:
         if valid_share > 0.0:
             valid = f"{100 * valid_share:.2g} % of readings are valid"
         if self.is_unfelt:
-            along = "one direction"
+            along = "a direction that turns with the arm"
             if self.unfelt_direction is not None:
                 rounded = np.round(self.unfelt_direction, 2) + 0.0  # no -0
                 numbers = ", ".join(f"{x:.2g}" for x in rounded)
                 along = f"({numbers}) in W"
+            unfelt = f"no joint feels a force at E along {along}"
+            if self.is_like_moment:
+                unfelt = f"a force at E along {along} moves the joints as a small moment there does"
             return (
-                f"{valid}: no joint feels a force at E along {along}, whose sd stays {self.sd:.2g} "
-                f"N, above its limit of {self.limit:.2g} N; an arm feels it whose joints move E "
-                "that way: check base, flange and tool_frame in robot.yaml, and which joints are "
-                "locked; or state the force's direction with `estimate --contact-axis`"
+                f"{valid}: {unfelt}, and its sd stays {self.sd:.2g} N, above its limit of "
+                f"{self.limit:.2g} N; an arm feels it whose joints move E that way: check base, "
+                "flange and tool_frame in robot.yaml, and which joints are locked; or state the "
+                "force's direction with `estimate --contact-axis`"
             )
         reason = (
             f"{valid}: the force's sd is {self.sd:.2g} N in its worst direction, above its limit "

@@ -46,6 +46,7 @@ class DescribedJoint:
         lower, upper: rad or m; infinite where there is none.
         velocity: rad/s or m/s; NaN where it is not stated.
         effort: N m or N; NaN where it is not stated.
+        rotor_inertia: kg m^2 (kg), its rotor on the joint side; 0 where it is not stated.
         X_PJ: pose of its frame in its parent's.
         axis: (3,) in its frame.
     """
@@ -59,6 +60,7 @@ class DescribedJoint:
     upper: float
     velocity: float
     effort: float
+    rotor_inertia: float
     X_PJ: RigidTransform
     axis: tuple[float, float, float]
 
@@ -104,7 +106,11 @@ class ArmStructure:
 
     def __init__(self, root: ET.Element, path: Path) -> None:
         self._path = path
-        self.joints = [_joint(element) for element in root.findall("joint")]
+        rotors = _reflected_rotors(root)
+        self.joints = [
+            _joint(element, rotors.get(element.get("name", ""), 0.0))
+            for element in root.findall("joint")
+        ]
         self._by_child = {joint.child: joint for joint in self.joints}
         self._below: dict[str, list[DescribedJoint]] = {}
         for joint in self.joints:
@@ -409,7 +415,33 @@ def _is_jaw(name: str) -> bool:
     return any(word in name.lower() for word in _JAW_WORDS)
 
 
-def _joint(element: ET.Element) -> DescribedJoint:
+def _reflected_rotors(root: ET.Element) -> dict[str, float]:
+    """Rotor inertias on the joint side, kg m^2 (kg), by joint, where a file states some for Drake.
+
+    Of an MJCF it is the `armature`, of an SDF Drake's own element: `drake_child` writes both so.
+    """
+    rotors: dict[str, float] = {}
+    for transmission in root.findall("transmission"):
+        joint, actuator = transmission.find("joint"), transmission.find("actuator")
+        if joint is None or actuator is None:
+            continue
+        inertia = _attribute(actuator.find("drake:rotor_inertia"), "value", 0.0)
+        ratio = _attribute(actuator.find("drake:gear_ratio"), "value", 1.0)
+        reflected = inertia * ratio**2
+        if 0.0 < reflected < math.inf:
+            rotors[joint.get("name", "")] = reflected
+    return rotors
+
+
+def _attribute(element: ET.Element | None, key: str, missing: float) -> float:
+    """A number of an element; `missing` where it is left out, NaN where it is no number."""
+    try:
+        return missing if element is None else float(element.get(key, missing))
+    except ValueError:
+        return math.nan
+
+
+def _joint(element: ET.Element, rotor_inertia: float) -> DescribedJoint:
     """A joint as its URDF element states it.
 
     A velocity or effort that is left out, or is no number, is NaN; an end of the range is then 0,
@@ -423,10 +455,7 @@ def _joint(element: ET.Element) -> DescribedJoint:
     limit, origin, axis = element.find("limit"), element.find("origin"), element.find("axis")
 
     def number(key: str) -> float:
-        try:
-            return float("nan" if limit is None else limit.get(key, "nan"))
-        except ValueError:
-            return math.nan
+        return _attribute(limit, key, math.nan)
 
     kind = element.get("type", "")
     is_free = kind == "continuous"
@@ -443,6 +472,7 @@ def _joint(element: ET.Element) -> DescribedJoint:
         upper=math.inf if is_free else float(np.nan_to_num(number("upper"))),
         velocity=number("velocity"),
         effort=number("effort"),
+        rotor_inertia=rotor_inertia,
         X_PJ=RigidTransform(RollPitchYaw(rpy), xyz),
         axis=_vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0")),
     )

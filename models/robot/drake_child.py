@@ -319,14 +319,16 @@ def _urdf_of_plant(
         X_LB = frames[body.name()] = in_body.get(index, RigidTransform()).inverse()
         link = ET.SubElement(robot, "link", name=body.name())
         _add_inertial(link, body, X_LB)
+    actuators = [plant.get_joint_actuator(k) for k in plant.GetJointActuatorIndices()]
     if efforts is None:
-        actuators = [plant.get_joint_actuator(k) for k in plant.GetJointActuatorIndices()]
         efforts = {actuator.joint().name(): actuator.effort_limit() for actuator in actuators}
     if any(joint.parent_body().index() == plant.world_body().index() for joint in joints):
         ET.SubElement(robot, "link", name="world")
     for joint in joints:
         X_LP = in_body.get(joint.parent_body().index(), RigidTransform()).inverse()
         _add_joint(robot, joint, X_LP, float(efforts.get(joint.name(), 0.0)))
+    for actuator in actuators:
+        _add_rotor(robot, actuator.joint().name(), actuator.default_reflected_inertia())
     return robot, frames
 
 
@@ -377,6 +379,16 @@ def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: floa
         limit.set("velocity", repr(velocity if math.isfinite(velocity) else 0.0))
         limit.set("effort", repr(effort if math.isfinite(effort) else 0.0))
     element.set("type", kind)
+
+
+def _add_rotor(robot: ET.Element, joint: str, reflected_inertia: float) -> None:
+    """Appends what a URDF for Drake has for a rotor, kg m^2 (kg) on the joint side, if any."""
+    if not reflected_inertia > 0.0:
+        return
+    transmission = ET.SubElement(robot, "transmission", name=f"{joint}_transmission")
+    ET.SubElement(transmission, "joint", name=joint)
+    actuator = ET.SubElement(transmission, "actuator", name=joint)
+    ET.SubElement(actuator, "drake:rotor_inertia", value=repr(float(reflected_inertia)))
 
 
 def _add_inertial(link: ET.Element, body: Any, X_LB: RigidTransform) -> None:

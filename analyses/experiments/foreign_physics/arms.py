@@ -5,6 +5,7 @@ A draw differs from the file as arms differ from theirs: masses by 15 %, centres
 what MuJoCo has, Coulomb and viscous. Noise of the currents is .05 to .08 A.
 """
 
+import re
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -70,6 +71,10 @@ def robot_file(arm: str, folder: Path) -> str:
     path = folder / f"{arm}.yaml"
     if not path.exists():
         draft_robot(stranger_urdf(), path)
+        # The true rotors are drawn here (ROTOR_SHARE), not about those that a draft assumes: its
+        # user knows none.
+        text = re.sub(r"rotor_inertia: [^,]+", "rotor_inertia: 0", path.read_text(encoding="utf-8"))
+        path.write_text(text, encoding="utf-8")
     return str(path)
 
 

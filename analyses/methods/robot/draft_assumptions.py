@@ -16,6 +16,8 @@ STANDARD_GRAVITY = 9.81  # m/s^2
 # of a stated effort limit over what the strongest joint needs: 15 at most where the limits may be
 # drives' (an SO-100; 1 on most arms), 32 to 1200 where an exporter wrote 100 to 2000 on every joint
 MAX_EFFORT_RATIO = 20.0
+# rad/s^2, of a drive at its effort limit with its rotor alone: 220 to 370 on a UR10e and a UR5e
+ROTOR_ACCELERATION = 300.0
 _NUM_CANDIDATES = 300  # postures that the home posture is chosen from
 _BEST_CONDITIONED = 60  # of them, tried first
 # m beyond the clearance: with the first no better home posture is looked for among the best
@@ -39,11 +41,6 @@ _MIN_PAYLOAD = 0.01  # kg, of which robot.yaml takes no zero
 _EFFORT_MARGIN = 1.5  # of an effort limit that is not known over what the joint must hold
 _LOAD_OFFSET = 0.05  # m, of a payload's centre of mass beside E
 _PLACEHOLDER_SHARE = 0.6  # of what gravity asks at most; Talos' shoulder has .8
-_NUM_MASS_POSTURES = 40  # in which the inertia about each joint is looked at
-# rad/s^2, of a joint by its drive alone. Most wrists of public files reach 1e4 to 1e5 without their
-# rotors, an iiwa's and a UR10's 1e5.
-_MAX_ACCELERATION = 2e5
-_DRIVE_ACCELERATION = 300.0  # rad/s^2, with its rotor: 220 to 370 on a UR10e and a UR5e
 _UNKNOWN_EFFORT = 100.0  # N m (N), with which a draft is first loaded
 # Of an arm without masses, over what its payload and the likely moving mass ask at full stretch:
 # a larger limit checks less of a log, a smaller one refuses it.
@@ -63,8 +60,8 @@ class Assumed:
         effort: (n,) N m (N), limits in the place of those that are not stated, cannot hold the
             arm or are of no drive of its size; 0 where the stated one stands.
         is_excessive: (n,) which stated limits are of no drive of the arm's size.
-        rotor_inertia: (n,) kg m^2 (kg) on the joint side; 0 but where the links alone are too light
-            for any drive.
+        rotor_inertia: (n,) kg m^2 (kg) on the joint side, in the place of those that are not
+            stated; 0 for a slide and without inertias.
     """
 
     payload: float
@@ -94,8 +91,9 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     What a joint carries is, in the worst of many postures, the weight of the links beyond it and
     what a brisk start of that joint alone takes, and at least a share of what the strongest joint
     of its kind (rotary or sliding) carries: seals turn with any load. A limit that is not known
-    also holds a push of the payload's weight beside E, in any direction. Without inertias only the
-    payload is assumed, from the arm's reach, and limits from both for joints that state none.
+    also holds a push of the payload's weight beside E, in any direction. Rotors that are not stated
+    are those of drives of that size. Without inertias only the payload is assumed, from the arm's
+    reach, and limits from both for joints that state none.
 
     Args:
         arm: the robot's joints, in its order.
@@ -126,7 +124,7 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
         needed=needed,
         effort=efforts.assumed,
         is_excessive=efforts.is_excessive,
-        rotor_inertia=_rotor_inertia(robot, q, efforts.limits),
+        rotor_inertia=_rotor_inertia(robot, arm, np.minimum(efforts.limits, efforts.likely)),
     )
 
 
@@ -151,11 +149,13 @@ class _Efforts(NamedTuple):
     """Effort limits of an arm's n joints.
 
     Attributes:
+        likely: (n,) N m (N), of drives of the arm's size.
         assumed: (n,) N m (N); 0 where the stated one stands.
         limits: (n,) N m (N), the assumed ones, and the stated ones where these stand.
         is_excessive: (n,) which stated limits are of no drive of the arm's size.
     """
 
+    likely: Array
     assumed: Array
     limits: Array
     is_excessive: Flags
@@ -176,27 +176,27 @@ def _efforts(arm: Sequence[DescribedJoint], needed: Array, held: Array) -> _Effo
     unknown = ~(stated > 0.0) | np.isin(stated, np.unique(stated[is_wrong]))
     assumed = np.where(is_excessive, likely, np.maximum(likely, stated))
     return _Efforts(
+        likely=likely,
         assumed=np.where(unknown, assumed, 0.0),
         limits=np.where(unknown, assumed, stated),
         is_excessive=is_excessive,
     )
 
 
-def _rotor_inertia(robot: Robot, q: Array, effort: Array) -> Array:
-    """(n,) kg m^2 (kg), rotors that a description leaves out where they are nearly all there is.
+def _rotor_inertia(robot: Robot, arm: Sequence[DescribedJoint], effort: Array) -> Array:
+    """(n,) kg m^2 (kg), rotors behind their gears that a description leaves out.
 
-    A wrist whose link has 2e-5 kg m^2 would be turned at 3e5 rad/s^2 by its drive's 5 N m; what
-    holds it together is the rotor behind its gear.
+    Hardly a URDF states any, and without them a wrist is next to nothing: its drive would turn it
+    at 1e4 to 1e5 rad/s^2, and no log could tell its inertia from its friction. No rotor is assumed
+    for a slide, of which nothing says how far a turn of its motor moves it.
 
     Args:
-        q: (N, n) rad or m, postures.
         effort: (n,) N m (N), limits of the drives.
     """
-    v = np.zeros(robot.num_joints)
-    M = np.array([np.diag(robot.chain.terms(q_i, v).M) for q_i in q[:_NUM_MASS_POSTURES]])
-    is_light = effort > _MAX_ACCELERATION * np.median(M, axis=0)
-    rotors = np.array([_rounded(value) for value in effort / _DRIVE_ACCELERATION])
-    return np.where(is_light & ~robot.chain.prismatic, rotors, 0.0)
+    stated = np.array([joint.rotor_inertia for joint in arm])
+    likely = np.array([_rounded(value) for value in effort / ROTOR_ACCELERATION])
+    likely[robot.chain.prismatic] = 0.0
+    return np.where(stated > 0.0, stated, likely)
 
 
 def is_placeholder(stated: Array, needed: Array) -> Flags:

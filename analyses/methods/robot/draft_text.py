@@ -7,6 +7,7 @@ import numpy as np
 
 from wrenchsight.analyses.methods.robot.draft_assumptions import (
     FRICTION_SHARE,
+    ROTOR_ACCELERATION,
     STANDARD_GRAVITY,
     Assumed,
 )
@@ -101,6 +102,7 @@ class DraftText:
             "# torque_per_ampere, N m/A on the joint side: motor torque constant times gear ratio",
             "# (data sheet). 1 where the log holds joint torque in N m instead of current.",
             "# rotor_inertia, kg m^2 on the joint side: data sheet, times the gear ratio squared.",
+            *_rotor_lines(self.arm, assumed),
             "drives:",
         ]
         lines += [_drive_line(joint, assumed, j) for j, joint in enumerate(self.arm)]
@@ -115,6 +117,17 @@ class DraftText:
             )
         vector = ", ".join(f"{value:.5g}" for value in np.round(self.gravity, 5) + 0.0)
         return f"gravity: [{vector}]  # in W, as the URDF mounts the base"
+
+
+def _rotor_lines(arm: list[DescribedJoint], assumed: Assumed) -> list[str]:
+    """A comment on rotors that are assumed; none where the description states all of them."""
+    is_stated = [joint.rotor_inertia > 0.0 for joint in arm]
+    if not (assumed.rotor_inertia > 0.0)[np.logical_not(is_stated)].any():
+        return []
+    return [
+        "# What the description does not state of it is assumed, as of drives whose effort limit",
+        f"# turns the rotor alone at {ROTOR_ACCELERATION:g} rad/s^2.",
+    ]
 
 
 def _drive_line(joint: DescribedJoint, assumed: Assumed, j: int) -> str:

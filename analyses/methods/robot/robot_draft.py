@@ -147,8 +147,8 @@ def _draft(
         origin: what robot.yaml says that it was drafted from.
 
     Returns:
-        With notes on what was decided: units, mounting, effort limits, rotors, joints at rest, and
-        what is in the arm's way.
+        With notes on what was decided: units, mounting, effort limits, joints at rest, and what is
+        in the arm's way.
     """
     root, _ = read_document(urdf)
     drop_commas(root)  # between numbers; `Robot.load` reports them when it reads the file
@@ -197,7 +197,7 @@ def _draft(
         text = draft.text(home, floor, assumed)
         write(text)
     robot = Robot.load(out)
-    notes = [*doubts, *mounting_note, *_effort_notes(arm, assumed), *_rotor_note(arm, assumed)]
+    notes = [*doubts, *mounting_note, *_effort_notes(arm, assumed)]
     notes += [
         f"{joint.name} and the joints that follow it (mimic) are held still in the arm: each of an "
         "arm's joints needs a motor of its own"
@@ -275,22 +275,6 @@ def _effort_notes(arm: list[DescribedJoint], assumed: Assumed) -> list[str]:
             "placeholders; write the data sheet's as effort_limit of the drives"
         )
     return notes
-
-
-def _rotor_note(arm: list[DescribedJoint], assumed: Assumed) -> tuple[str, ...]:
-    """A sentence on rotors that are assumed."""
-    rotors = [
-        f"{joint.name} {value:.2g}"
-        for joint, value in zip(arm, assumed.rotor_inertia, strict=True)
-        if value > 0.0
-    ]
-    if not rotors:
-        return ()
-    return (
-        "rotor inertias are assumed where the links alone are too light for any drive "
-        f"({', '.join(rotors)} kg m^2 on the joint side): write the data sheet's as rotor_inertia "
-        "of the drives",
-    )
 
 
 def _rest_notes(

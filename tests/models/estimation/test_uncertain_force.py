@@ -108,9 +108,25 @@ def test_the_direction_of_a_force_that_no_joint_feels_is_named(robot):
     J[25:] = np.random.default_rng(1).normal(size=(25, 6, 6))
     J[25:, 3] = 0.0
     turning = UncertainForce.of(estimator, J, np.full((50, 6), 0.1))
-    assert "along one direction, whose sd" in turning.sentence(0.0)
+    assert "along a direction that turns with the arm, and its sd" in turning.sentence(0.0)
 
 
 def test_a_joint_without_an_error_to_speak_of_is_judged(robot):
     judgement, _ = judged(robot, [3.0, 2.5, 1.5, 1e-100, 0.5, 0.2])
     assert np.isfinite(judgement.sd)
+
+
+def test_a_force_that_the_joints_feel_as_a_moment_is_no_joints_torque_error(robot):
+    """Behind a lift, a wrist's joints turn E in place: a force across them has a lever of 4 mm."""
+    estimator = WrenchEstimator(robot, IdentifiedModel.nominal(robot))
+    J = np.zeros((20, 6, 6))
+    J[:, 5, 0] = 1.0  # the lift, along z
+    J[:, :3, 1:4] = np.eye(3)  # a spherical wrist
+    J[:, 4, 3] = 0.004  # a lever along x
+    J[:, 3, 1] = 0.05  # z of a wrist's joint: along x it feels a force well enough
+    sd = np.full((20, 6), 1e-3)
+    judgement = UncertainForce.of(estimator, J, sd)
+    assert judgement.is_unfelt
+    assert judgement.is_like_moment
+    assert "as a small moment there does" in judgement.sentence(0.0)
+    assert "counts most" not in judgement.sentence(0.0)
