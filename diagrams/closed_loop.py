@@ -36,8 +36,8 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import AirPassCorrection
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_reference import PassPlan, initial_memory, plan_pass
-from wrenchsight.models.machining.tool_vibration import vibration_constants
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.machining.tool_vibration import VibrationConstants, vibration_constants
+from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
@@ -56,8 +56,9 @@ from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 from wrenchsight.systems.sampled_block import stepping_with_plant
 
 _READING_SIGNALS = ("tau_ext", "wrench", "covariance", "condition_number", "valid", "invalid")
+# Outputs of a machining pass's reference, and of the tracker after an air pass, that are logged.
 _PASS_SIGNALS = ("reference", "force_setpoint", "phase", "fault", "progress", "feed_time")
-_FREED_SIGNALS = ("freed_torque", "freed_sd", "tool_vibration")  # after an air pass
+_FREED_SIGNALS = ("freed_torque", "freed_sd", "tool_vibration")
 
 
 @dataclass(frozen=True)
@@ -162,18 +163,18 @@ class _LoopParts:
 
 @dataclass(frozen=True)
 class _EstimatorParts:
-    """What the estimator of a loop is made from: its diagram, and the mathematics in its blocks.
+    """What the estimator of a loop is made from, whose constants other blocks may need.
 
     Attributes:
-        robot, model, config: of it.
+        robot, model, config: as `make_estimator`.
     """
 
     robot: Robot
     model: IdentifiedModel
     config: WrenchEstimatorConfig
 
-    def mathematics(self) -> WrenchEstimator:
-        """The same stages as those of the diagram's blocks, to read their constants."""
+    def wrench_estimator(self) -> WrenchEstimator:
+        """The mathematics in the diagram's blocks, to read constants of; nothing of it runs."""
         return WrenchEstimator(self.robot, self.model, self.config)
 
 
@@ -259,9 +260,10 @@ def make_closed_loop(
     check_scenario(scenario)
     _check_estimator_request(scenario, estimator, is_drawn=meshcat is not None)
     planned = _planned_motion(scenario, robot, motion)
-    # All blocks that are made in here update in one phase of a tick with the plant, if that does
-    # not sample its output ports: they then share what is computed at a tick. The numbers are the
-    # same in any phase.
+    # A block decides when it is made in which phase of a tick it updates. All of the loop are made
+    # in here: where the plant's settings allow it they update together with the plant, and share
+    # what is computed at a tick. One that is made outside has the same numbers, and lets Drake
+    # compute the plant's contact twice at a tick.
     with _update_phase(scenario):
         builder = DiagramBuilder()
         cell = make_robot_cell(
@@ -278,10 +280,10 @@ def make_closed_loop(
             requested_estimator=estimator,
             cell=cell,
         )
-        # To `builder`, with reference and estimator; only the drives are left to be connected.
+        # Adds estimator, reference and controller; only the drives are left to be connected.
         control = _add_control(parts, planned)
         _connect_drives(builder, robot, control.tau_command, cell)
-        signals = _logged_signals(control, cell, log)
+        signals = _logged_signals(control, cell, log)  # the controller's, the cell's, the readings
         signal_log = _add_log(builder, signals, period=log.period or scenario.time_step)
         if meshcat is not None:
             _add_force_arrows(parts, control, meshcat)
@@ -318,7 +320,10 @@ def _connect_no_applied_force(builder: DiagramBuilder, cell: RobotCell) -> None:
 
 
 def _update_phase(scenario: Scenario) -> AbstractContextManager[None]:
-    """In which the blocks of a loop update: with the plant's step, where its outputs allow it."""
+    """In which the blocks of a loop update: with the plant's step, unless that samples its outputs.
+
+    Beside sampled outputs a block that updates with the plant would see the state after its step.
+    """
     samples_outputs = scenario.plant_config.use_sampled_output_ports
     return nullcontext() if samples_outputs else stepping_with_plant()
 
@@ -434,9 +439,10 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPor
         trajectory --> path_reference --> controller --> tau_command
         terms -------------------------------^
 
-    The terms are rigid-body terms (M, Cv, G...) at the measured q and v, which they hold, too: of
-    the estimator's model where there is an estimator (`LoopEstimator.model`), as it computes them
-    anyway, else of the controller's. Friction is always that of the controller's model.
+    The terms are rigid-body terms (M, Cv, G...) at the measured q and v, and hold these as well.
+    They are of the estimator's model where there is an estimator (`LoopEstimator.model`), as it
+    computes them anyway, else of the controller's. Friction is always that of the controller's
+    model.
     """
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert isinstance(scenario.controller, JointTrackingConfig)
@@ -494,63 +500,50 @@ def _add_machining(
     Air pass and vibration are there after an air pass alone. Without a sensor the command is then
     less the friction that the tool's vibration frees.
 
+    None of the loops is algebraic. The wrench that is fed back does not depend on the command of
+    the same tick (`_fed_back_wrench`). Reference and vibration read wrench and estimate in their
+    updates alone: their outputs depend on them from the next tick on.
+
     Args:
         plan: path and motion of the pass.
         requested: the estimator; its air pass, if any, was learnt along the same path.
 
     Raises:
-        ValueError: as `_check_observer_of_pass` and, of an air pass, `_add_correction`.
+        InputError: as `_fed_back_wrench` and `_add_impedance_controller`.
+        ValueError: an air pass with an observer that reads the wrench itself, or has no gain K_0.
     """
-    builder, scenario = parts.builder, parts.scenario
-    assert isinstance(scenario.controller, ImpedanceConfig)
     air_pass = requested.air_pass  # None: nothing was learnt beforehand, without contact
     made_from = _estimator_parts(parts, requested, _estimator_config_of_pass(parts, plan))
-    mathematics = made_from.mathematics()  # its observer and constants are read, nothing of it runs
-    _check_observer_of_pass(mathematics, has_air_pass=air_pass is not None)
     estimator = _add_loop_estimator(parts, requested, made_from)
-    readings = _logged_estimator_ports(estimator)
     terms = estimator.GetOutputPort("terms")
-    fed_back_wrench = _fed_back_wrench(parts, readings)  # of sensor or estimator, by the scenario
-
-    reference = _add_reference(parts, _with_trusted_times(plan, air_pass), terms, fed_back_wrench)
-    controller = _add_impedance_controller(parts, scenario.controller, plan.q_start)
-    # Every input of the controller is the estimator's terms, the wrench, or an output of the
-    # reference; one without a source of its name would raise KeyError.
-    _connect_by_name(builder, controller, reference | {"terms": terms, "wrench": fed_back_wrench})
-    controller_outputs = split_outputs(builder, controller)
+    wrench = _fed_back_wrench(parts, estimator)  # of sensor or estimator, by the scenario
+    # `steady` of this plan says when an estimate may be fed back; the paths are the same.
+    plan_with_trust = _with_trusted_times(plan, air_pass)
+    reference = _add_reference(parts, plan_with_trust, terms, wrench)
+    controller = _add_pass_controller(parts, plan, reference, terms, wrench)
+    controller_outputs = split_outputs(parts.builder, controller)
     tau_command = controller_outputs["tau_command"]
     signals = {name: reference[name] for name in _PASS_SIGNALS}
     signals["pose_error"] = controller_outputs["pose_error"]
 
     if air_pass is not None:
-        tracked = _add_correction(parts, mathematics, air_pass, estimator, reference)
+        vibration = vibration_constants(made_from.wrench_estimator())
+        tracked = _add_correction(parts, air_pass, vibration, estimator, reference)
         signals |= {name: tracked[name] for name in _FREED_SIGNALS}
         # The controller feeds friction forward in full, also what the vibration frees. A sensor's
         # feedback makes up for that; without a sensor it is taken off the command.
-        if not uses_sensor(scenario):
-            sources = reference | tracked | {"tau_command": tau_command}
-            tau_command = _add_freed_friction(parts, controller, mathematics, sources)
+        if not uses_sensor(parts.scenario):
+            tau_command = _add_freed_friction(
+                parts, controller.law, vibration.viscous, tau_command, reference, tracked
+            )
     return _ControlPorts(
         controller=controller,
         tau_command=tau_command,
         terms=terms,
         signals=signals,
-        readings=readings,
+        readings=_logged_estimator_ports(estimator),
         estimator=estimator,
     )
-
-
-def _check_observer_of_pass(mathematics: WrenchEstimator, has_air_pass: bool) -> None:
-    """Raises ValueError where the observer of a pass does not go with what the loop makes of it.
-
-    One that reads the present torque, which only the command makes, closes an algebraic loop. What
-    an air pass has learnt are joint torques.
-    """
-    observer = mathematics.observer
-    if observer.reads_present_torque:
-        raise ValueError("machining: an observer that reads the present torque closes a loop")
-    if has_air_pass and observer.reads_wrench:
-        raise ValueError("machining: an air pass corrects observed joint torques, not a wrench")
 
 
 def _with_trusted_times(plan: MachiningPath, air_pass: AirPassCorrection | None) -> MachiningPath:
@@ -564,25 +557,64 @@ def _with_trusted_times(plan: MachiningPath, air_pass: AirPassCorrection | None)
     return replace(plan, steady=air_pass.steady_at(plan.trajectory.t))
 
 
+def _add_pass_controller(
+    parts: _LoopParts,
+    plan: MachiningPath,
+    reference: Mapping[str, OutputPort],
+    terms: OutputPort,
+    wrench: OutputPort,
+) -> ImpedanceController:
+    """Adds the impedance controller of a pass and connects all of its inputs.
+
+    Args:
+        plan: starts where the controller's damper is checked.
+        reference: outputs of the block MachiningReference by their names, which say what the
+            controller makes of the wrench: force_active and feedback_valid.
+        terms: of the estimator's model at the measured q and v.
+        wrench: (6,) of the force feedback.
+
+    Raises:
+        InputError: as `_add_impedance_controller`.
+    """
+    assert isinstance(parts.scenario.controller, ImpedanceConfig)
+    controller = _add_impedance_controller(parts, parts.scenario.controller, plan.q_start)
+    of_reference = (
+        "pose_reference",
+        "reference",
+        "force_setpoint",
+        "force_active",
+        "feedback_valid",
+    )
+    sources = {name: reference[name] for name in of_reference}
+    sources |= {"terms": terms, "wrench": wrench}
+    _connect_by_name(parts.builder, controller, sources)
+    return controller
+
+
 def _add_freed_friction(
     parts: _LoopParts,
-    controller: ImpedanceController,
-    mathematics: WrenchEstimator,
-    sources: Mapping[str, OutputPort],
+    law: Record,
+    viscous: Array,
+    tau_command: OutputPort,
+    reference: Mapping[str, OutputPort],
+    tracked: Mapping[str, OutputPort],
 ) -> OutputPort:
     """Takes the friction that the tool's vibration frees off the command.
 
     Args:
-        controller: whose law feeds the friction forward.
-        mathematics: of the estimator, whose viscous friction the vibration leaves.
-        sources: outputs of reference and tracker and `tau_command`, by the names of the inputs.
+        law: constants of the controller, which has fed the friction forward.
+        viscous: (n,) N m s/rad, of the estimator's friction, which the vibration leaves.
+        tau_command: (n,) N m of the controller.
+        reference, tracked: outputs of MachiningReference and ToolVibrationTracker by their names.
 
     Returns:
         The command that is left, (n,) N m.
     """
-    viscous = mathematics.friction.feedforward.coulomb_viscous.viscous
-    less_freed = FreedFrictionFeedforward(controller.law, viscous)
+    less_freed = FreedFrictionFeedforward(law, viscous)
     parts.builder.AddNamedSystem("freed_friction", less_freed)
+    sources = {name: reference[name] for name in ("reference", "phase", "feed_time")}
+    sources |= {name: tracked[name] for name in ("joint_shares", "tool_vibration")}
+    sources["tau_command"] = tau_command
     _connect_by_name(parts.builder, less_freed, sources)
     return less_freed.get_output_port()
 
@@ -638,10 +670,10 @@ def _tables_of_pass(parts: _LoopParts, plan: MachiningPath, chain: SerialChain) 
 
 def _add_correction(
     parts: _LoopParts,
-    mathematics: WrenchEstimator,
     air_pass: AirPassCorrection,
+    vibration: VibrationConstants,
     estimator: Diagram,
-    reference: dict[str, OutputPort],
+    reference: Mapping[str, OutputPort],
 ) -> dict[str, OutputPort]:
     """Adds the air pass and the tracker of the tool's vibration, which correct the estimator.
 
@@ -650,44 +682,40 @@ def _add_correction(
     tracker reads the tau_ext that it corrects: it does so in its update alone, for the tick after,
     so that there is no algebraic loop.
 
-        feed_time --> air_pass --> correction --------- + --> tau_correction --> estimator
-        reference, correction, estimator --> vibration -^ freed_torque            ^
-                                                 +------- freed_sd ---------------+
+        feed_time --> air_pass --> correction --+------------------> + --> tau_correction
+                                                v                    ^ -
+        reference, estimator ------------> vibration --> freed_torque
+                                                +------> freed_sd -------> correction_sd
 
     Args:
-        mathematics: of `estimator`, whose constants the tracker gets.
         air_pass: what was learnt in it.
+        vibration: constants of the estimator, `vibration_constants`.
         estimator: made with `corrected`; its inputs for a correction are connected here.
         reference: outputs of the block MachiningReference by their names.
 
     Returns:
         The tracker's output ports by their names.
-
-    Raises:
-        ValueError: the observer has no gain K_0, behind which the vibration is found
-            (`vibration_constants`).
     """
     builder = parts.builder
     air_pass_block = builder.AddNamedSystem("air_pass", AirPassCorrectionSystem(air_pass))
-    _connect_by_name(builder, air_pass_block, reference)
-    tracker = builder.AddNamedSystem(
-        "vibration",
-        ToolVibrationTracker(vibration_constants(mathematics), parts.scenario.time_step),
-    )
+    builder.Connect(reference["feed_time"], air_pass_block.GetInputPort("feed_time"))
     correction = split_outputs(builder, air_pass_block)
+    tracker = builder.AddNamedSystem(
+        "vibration", ToolVibrationTracker(vibration, parts.scenario.time_step)
+    )
     tracked = split_outputs(builder, tracker)
-    # Sources of the tracker's inputs, by the names of these; the others are the reference's. Its
-    # `fault`, of the pass, is none of them: the estimator's, of the sample, replaces it below.
-    learnt = {
+    # By the names of the tracker's inputs, none of them twice: `fault` is the estimator's, of the
+    # sample, and not that of the reference, why a pass was broken off.
+    sources = {
         "correction": correction["correction"],
         "correction_spread": correction["spread"],
         "correction_valid": correction["valid"],
     }
-    observed = {
-        name: estimator.GetOutputPort(name)
-        for name in ("terms", "tau_ext", "tau_ext_valid", "torque_error", "tau_f", "fault")
-    }
-    _connect_by_name(builder, tracker, reference | learnt | observed)
+    for name in ("pose_reference", "reference", "phase", "feed_time"):
+        sources[name] = reference[name]
+    for name in ("terms", "tau_ext", "tau_ext_valid", "torque_error", "tau_f", "fault"):
+        sources[name] = estimator.GetOutputPort(name)
+    _connect_by_name(builder, tracker, sources)
     _connect_correction(parts, estimator, reference, correction, tracked)
     return tracked
 
@@ -701,26 +729,29 @@ def _connect_correction(
 ) -> None:
     """Connects the estimator's inputs for a correction.
 
-    tau_correction = correction - freed_torque; its sd, which holds that of the correction, is the
-    tracker's.
+        tau_correction   = correction - freed_torque
+        correction_valid = the air pass's
+        correction_sd    = freed_sd, which holds the sd of the air pass's correction already
+        v_planned        = v_d of the reference
 
     Args:
         reference, correction, tracked: outputs of reference, air pass and tracker, by their names.
     """
     builder, n = parts.builder, parts.robot.num_joints
     minus_freed = builder.AddNamedSystem("less_freed", Gain(-1.0, n))
-    total = builder.AddNamedSystem("tau_correction", Adder(2, n))
-    planned_motion = builder.AddNamedSystem("reference_joints", Demultiplexer(3 * n, n))
     builder.Connect(tracked["freed_torque"], minus_freed.get_input_port())
+    total = builder.AddNamedSystem("tau_correction", Adder(2, n))
     builder.Connect(correction["correction"], total.get_input_port(0))
     builder.Connect(minus_freed.get_output_port(), total.get_input_port(1))
-    builder.Connect(reference["reference"], planned_motion.get_input_port())
     builder.Connect(total.get_output_port(), estimator.GetInputPort("tau_correction"))
     builder.Connect(correction["valid"], estimator.GetInputPort("correction_valid"))
     builder.Connect(tracked["freed_sd"], estimator.GetInputPort("correction_sd"))
-    # The correction was learnt with friction at the planned speed, which a law with memory does not
-    # take.
+    # On the air pass, too, a friction law of speed alone was evaluated at the planned speed. An
+    # estimator whose friction law has a memory has no such input: that law follows the measured
+    # motion on both passes.
     if estimator.HasInputPort("v_planned"):
+        planned_motion = builder.AddNamedSystem("reference_joints", Demultiplexer(3 * n, n))
+        builder.Connect(reference["reference"], planned_motion.get_input_port())
         v_planned = planned_motion.get_output_port(1)  # of q_d, v_d, vdot_d
         builder.Connect(v_planned, estimator.GetInputPort("v_planned"))
 
@@ -739,11 +770,18 @@ def uses_sensor(scenario: Scenario) -> bool:
     return scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
 
 
-def _fed_back_wrench(parts: _LoopParts, readings: Mapping[str, OutputPort]) -> OutputPort:
-    """The wrench that force control feeds back: the sensor's, or that among the readings."""
+def _fed_back_wrench(parts: _LoopParts, estimator: Diagram) -> OutputPort:
+    """The wrench (6,) that force control feeds back: the sensor's, or else the estimator's.
+
+    Neither depends on the command of the same tick, so that no loop through it is algebraic.
+
+    Raises:
+        InputError: the estimator's would depend on it (`_check_that_estimate_may_be_fed_back`).
+    """
     if uses_sensor(parts.scenario):
         return parts.cell.diagram.GetOutputPort("ft_wrench")
-    return readings["wrench"]
+    _check_that_estimate_may_be_fed_back(estimator)
+    return estimator.GetOutputPort("wrench")
 
 
 def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPorts:
@@ -752,27 +790,27 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
     trajectory --> path_reference --> pose_reference --> controller --> tau_command
     terms of the estimator ---------------------------------^
     force_setpoint, wrench (of sensor or estimator) --------^   with a controlled force
+
+    Raises:
+        InputError: as `_add_impedance_controller` and `_connect_force_control`.
     """
     builder, config, requested = parts.builder, parts.scenario.controller, parts.requested_estimator
-    assert isinstance(config, ImpedanceConfig) and requested is not None
+    assert isinstance(config, ImpedanceConfig)
+    assert requested is not None  # `_check_estimator_request`
     estimator = _add_loop_estimator(parts, requested, _estimator_parts(parts, requested))
-    readings = _logged_estimator_ports(estimator)
     terms = estimator.GetOutputPort("terms")
     reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
     chain = parts.controller_model.chain(parts.robot)
     pose = builder.AddNamedSystem("pose_reference", PoseReference(chain))
     builder.Connect(reference.get_output_port(), pose.get_input_port())
-    controller = _add_impedance_controller(parts, config, trajectory.q[0])
+    controller = _add_impedance_controller(parts, config, q_start=trajectory.q[0])
     builder.Connect(pose.get_output_port(), controller.GetInputPort("pose_reference"))
     builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
     builder.Connect(terms, controller.GetInputPort("terms"))
     # The pose follows from the joints' reference: it need not be in the log.
     signals = {"reference": reference.get_output_port()}
     if config.force is not None:
-        signals["force_setpoint"] = _add_force_setpoint(parts, controller)
-        if not uses_sensor(parts.scenario):
-            _check_that_estimate_may_be_fed_back(estimator)
-        builder.Connect(_fed_back_wrench(parts, readings), controller.GetInputPort("wrench"))
+        signals["force_setpoint"] = _connect_force_control(parts, controller, estimator)
     controller_outputs = split_outputs(builder, controller)
     signals["pose_error"] = controller_outputs["pose_error"]
     return _ControlPorts(
@@ -780,17 +818,29 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
         tau_command=controller_outputs["tau_command"],
         terms=terms,
         signals=signals,
-        readings=readings,
+        readings=_logged_estimator_ports(estimator),
         estimator=estimator,
     )
 
 
-def _add_force_setpoint(parts: _LoopParts, controller: ImpedanceController) -> OutputPort:
-    """Adds the set-point of force control over time, (1,) N, and connects it.
+def _connect_force_control(
+    parts: _LoopParts, controller: ImpedanceController, estimator: Diagram
+) -> OutputPort:
+    """Connects the fed back wrench and the set-point over time, which is added; returns the latter.
 
     The controller's switches, force_active and feedback_valid, stay open: force control is always
-    on, and the fed back wrench always used.
+    on, and the fed back wrench always counts, also an estimate that is not valid. With `valid` as a
+    switch the force would not be controlled wherever joints rest or turn round. A machining pass
+    has a plan of where an estimate counts (`_with_trusted_times`); a motion of the joints has none.
+
+    Returns:
+        Port of the set-point, (1,) N.
+
+    Raises:
+        InputError: as `_fed_back_wrench`.
     """
+    wrench = _fed_back_wrench(parts, estimator)
+    parts.builder.Connect(wrench, controller.GetInputPort("wrench"))
     setpoint = TrajectorySource(_setpoint_trajectory(parts.scenario))
     source = parts.builder.AddNamedSystem("force_setpoint", setpoint).get_output_port()
     parts.builder.Connect(source, controller.GetInputPort("force_setpoint"))
