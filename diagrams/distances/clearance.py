@@ -383,6 +383,19 @@ class Clearance:
             for pair in self.shapes.pairs(q, 1e-3)
         )
 
+    def lowest_at_rest(self) -> tuple[float, str] | None:
+        """Height in W, m, of the lowest point of the robot's parts that stand still, and its link.
+
+        A mesh counts as its convex hull, another shape as its box. None: none of them has a shape.
+        """
+        heights = []
+        for shape in (shape for shape in self.shapes.body if shape in self._arm_shapes):
+            corners = _corners(self.shapes.inspector, shape)
+            if self._level(shape) == 0 and corners.size:
+                X_WF = self.shapes.body[shape].EvalPoseInWorld(self.shapes.context)
+                heights.append((float((X_WF @ corners)[2].min()), self.shapes.name(shape)))
+        return min(heights, default=None)
+
     def is_free(self, q: ArrayLike) -> bool:
         """Whether nothing is nearer than it may be at q (n,)."""
         return all(pair.slack >= 0.0 for pair in self.slacks(q, self.margin))
@@ -619,6 +632,15 @@ def box_corners(inspector: Any, shape: Any) -> Array:
         return np.empty((3, 0))
     corners = (np.array(_BOX_CORNERS) * box.half_width()).T
     return np.asarray(inspector.GetPoseInFrame(shape) @ box.pose() @ corners)
+
+
+def _corners(inspector: Any, shape: Any) -> Array:
+    """(3, N) corners of a mesh's convex hull, or of a shape's box, in its link's frame, m."""
+    hull = inspector.GetConvexHull(shape)
+    if hull is None:
+        return box_corners(inspector, shape)
+    corners = np.array([hull.vertex(k) for k in range(hull.num_vertices())]).T
+    return np.asarray(inspector.GetPoseInFrame(shape) @ corners)
 
 
 def _speed_radius(robot: Robot, shapes: ArmShapes) -> Array:

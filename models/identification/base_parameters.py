@@ -24,6 +24,7 @@ from wrenchsight.models.numerics.arrays import Array
 # Dependent columns have pivots of 1e-15; a joint axis written as 1.57079632679 makes that 1e-11.
 # Determined columns lie above 1e-3 even for poor motions. No value in between has occurred.
 RANK_TOLERANCE = 1e-7
+HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
 _LENGTH_POWER = 0.05  # by which a longer column is preferred; small, so that the rank decides
 _ORDER_WEIGHT = 1e-6  # relative; how much a column's place counts against its length
 

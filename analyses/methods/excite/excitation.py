@@ -4,7 +4,7 @@ Several random motions within all limits are drawn; the best of them starts the 
 `models.planning.excitation.excitation_program`. Its result is checked between the samples: torque
 at the controller's rate, clearance by a bound on the arm's speed (`diagrams.distances.clearance`).
 Where a check fails, the program is solved again with more in reserve. Where that fails, too,
-motions on the way back to the random one are tried until all checks pass.
+motions on the way back to the random ones are tried, the best first, until all checks pass.
 """
 
 from collections import Counter
@@ -25,7 +25,9 @@ from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
 from wrenchsight.diagrams.pages.motion_page import write_motion_page
 from wrenchsight.models.files.configuration import nearest, save_configuration
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.base_parameters import HIGH_CONDITION_NUMBER
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.ties import in_order
 from wrenchsight.models.planning.excitation.excitation_information import (
     MEASURES,
     ExcitationInformation,
@@ -54,9 +56,9 @@ SOLVE_RESERVES = (
     Reserve(slack=0.008, torque_share=0.05),
     Reserve(slack=0.015, torque_share=0.15),
 )
-# Where all of the solver's ends break a limit: parts of the way to the last one, from the random
+# Where all of the solver's ends break a limit: parts of the way to each of them, from the random
 # motion that it came from. Where a solver ends depends on rounding; whether it finds one must not.
-RETREAT_SHARES = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
+RETREAT_SHARES = (0.95, 0.85, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.06, 0.0)
 _SPEED_MARGIN = 1.01  # of the speeds at samples of 10 ms: they may be higher between these
 _EVALUATIONS_PER_ITERATION = 1.6  # as the solver usually needs; for the progress shown alone
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
@@ -243,10 +245,11 @@ def excite(
     motion = checked.motion  # one period, without the stops
     undetermined = tuple(exact.undetermined(*motion, MIN_PIVOT_RATIO))
     unweighted = replace(exact, weight=np.ones(robot.num_joints))
+    unweighted_condition = unweighted.base_parameters(*motion).condition_number
     result = ExcitationResult(
         trajectory=trajectory,
         condition_number=exact.condition_number(*motion),
-        unweighted_condition_number=unweighted.base_parameters(*motion).condition_number,
+        unweighted_condition_number=unweighted_condition,
         random_condition_numbers=condition_of_starts,
         num_parameters=len(exact.columns),
         undetermined=undetermined,
@@ -257,6 +260,7 @@ def excite(
         evaluations=checked.solution.evaluations,
         warnings=(
             *_warnings(robot, undetermined, clearance),
+            *_condition_warnings(unweighted_condition),
             *_stop_warnings(trajectory, config),
         ),
         config=config,
@@ -308,6 +312,18 @@ def _with_stops(
     return checked.trajectory
 
 
+def _condition_warnings(condition_number: float) -> list[str]:
+    """A sentence on a motion that determines the parameters poorly; none on a good one."""
+    if condition_number <= HIGH_CONDITION_NUMBER:
+        return []
+    return [
+        "the motion determines the parameters poorly: condition number "
+        f"{condition_number:.3g} in `identify`, good is below {HIGH_CONDITION_NUMBER:g}; take "
+        "more --starts and --iterations, another --seed, or give the arm more room (floor, locked "
+        "joints, clearance)"
+    ]
+
+
 def _stop_warnings(trajectory: FourierTrajectory, config: ExcitationConfig) -> list[str]:
     if trajectory.stops.number >= config.num_stops:
         return []
@@ -338,9 +354,9 @@ def _candidates(
     """Motions to check against the limits, in the order of preference.
 
     First the solver's ends: the second solve goes on from the first one's end, each later one
-    starts from the next random motion. Then, for the last solve, motions on the way back from its
-    end to its random motion (RETREAT_SHARES), which is within the limits at its samples. Each is
-    computed when it is asked for.
+    starts from the next random motion. Each is computed when it is asked for. Then motions on the
+    way back from each of these ends to its random motion (RETREAT_SHARES), which is within the
+    limits at its samples: those of the least measure first.
 
     Args:
         programs: to solve, one for each of SOLVE_RESERVES; one or more.
@@ -358,6 +374,7 @@ def _candidates(
 
     # The random motion from which a solve, and what it went on from, began.
     origin = start = ranked[0]
+    ways_back: list[_Candidate] = []
     for attempt, program in enumerate(programs):
         # Solve 0 begins at motion 0, solve 1 goes on from its end, solve 2 begins at motion 1;
         # where there are too few motions, the last is taken again.
@@ -366,8 +383,13 @@ def _candidates(
         solution = program.solve(start, config.iterations, report)
         yield _Candidate(solution, solution.trajectory)
         start = solution.trajectory
-    for share in RETREAT_SHARES:
-        yield _Candidate(solution, _between(origin, solution.trajectory, share))
+        ways_back += [
+            _Candidate(solution, _between(origin, solution.trajectory, share))
+            for share in RETREAT_SHARES
+        ]
+    costs = [program.cost(candidate.trajectory) for candidate in ways_back]
+    for index in in_order(costs):
+        yield ways_back[index]
 
 
 def _refusal(last: _Checked) -> InputError:

@@ -11,6 +11,7 @@ from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, LawS
 from wrenchsight.analyses.methods.identify.low_passed_logs import LowPassedLog
 from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit, pooled_rmse, rms
 from wrenchsight.models.identification.base_parameters import (
+    HIGH_CONDITION_NUMBER,
     RANK_TOLERANCE,
     BaseParameters,
     triangular_factor,
@@ -159,7 +160,6 @@ PAYLOAD_DIFFERENCE = 0.3  # kg between logs; on the UR10e's unloaded runs 0.01
 GAIN_DIFFERENCE = 0.2  # of 1; on the UR10e with plain friction up to 0.1 with right constants
 SURE_SDS = 6.0  # standard deviations; many, as these do not cover errors of the model's structure
 NO_FRICTION = 0.005  # of a joint's torque: friction below that is none, of whichever sign
-HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
 
 
 def repeated_logs(recordings: Sequence[Recording], validation: Sequence[Recording]) -> list[str]:
@@ -258,7 +258,7 @@ def warnings_of(
         result.append(
             "the motion determines the parameters poorly: condition number "
             f"{base.condition_number:.3g}, good is below {HIGH_CONDITION_NUMBER:g}; log a motion "
-            "of `wrenchsight excite`"
+            "of `wrenchsight excite` that has less (more of its --starts and --iterations)"
         )
     law = model.friction.coulomb_viscous
     kinds = (  # coefficient, and the speed at which its torque is judged

@@ -28,6 +28,10 @@ _BETTER_SLACK = 1e-3
 _HOME_SPAN = 0.7  # of each joint's range, about its middle: a home posture is far from the limits
 _HOME_DECIMALS = 2  # of a home posture in robot.yaml, rad or m
 _NAMED_DISTANCE = 0.005  # m, of shapes that are named
+# m below a floor, to which what stands on it may reach: the base plates of public files end up to
+# 0.03 m below W, the feet, wheels and pedestals that carry an arm 0.1 m and more.
+_MAX_SUNK_BASE = 0.05
+_FLOOR_DECIMALS = 3  # of a floor in robot.yaml, m
 _FULL_TURN = np.pi
 # Of the simulated arm, which no URDF describes; as on the UR10e, whose friction was identified: its
 # second joint carries 120 N m, and has 6 N m of Coulomb friction.
@@ -227,6 +231,34 @@ def _stated(arm: Sequence[DescribedJoint]) -> Array:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.2g}")
+
+
+def floors_below(
+    robot: Robot, floors: Sequence[float | None]
+) -> tuple[tuple[float | None, ...], str]:
+    """Lowers floors to what the machine stands on: legs, wheels or a pedestal that carry the arm.
+
+    Args:
+        robot: with all that stands still.
+        floors: m in W; None: no floor.
+
+    Returns:
+        The floors, none of them higher than _MAX_SUNK_BASE above the machine's lowest point, and a
+        sentence where one was; else ''.
+    """
+    lowest = Clearance(robot, floor=None).lowest_at_rest()
+    if lowest is None:
+        return tuple(floors), ""
+    height, link = lowest
+    height = round(height, _FLOOR_DECIMALS)
+    is_high = [floor is not None and floor > height + _MAX_SUNK_BASE for floor in floors]
+    if not any(is_high):
+        return tuple(floors), ""
+    lowered = [height if high else floor for floor, high in zip(floors, is_high, strict=True)]
+    return tuple(lowered), (
+        f"the floor is assumed at {height:g} m in W: {link}, which stands still, reaches down to "
+        "it; if it is higher, or none is near, correct floor in robot.yaml"
+    )
 
 
 def good_posture(

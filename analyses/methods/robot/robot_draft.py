@@ -14,6 +14,7 @@ from wrenchsight.analyses.methods.robot.draft_assumptions import (
     STANDARD_GRAVITY,
     Assumed,
     assume,
+    floors_below,
     good_posture,
     in_the_way,
     is_placeholder,
@@ -191,13 +192,16 @@ def _draft(
             write(draft.text(middle, 0.0, Assumed.nothing(arm)))
             robot = Robot.load(partial)
         doubts = unit_doubts(robot, postures(robot))
+        floors, floor_note = floors_below(robot, floors)
         # floor: height in the base frame, m, the first of `floors` that the arm can stand above.
         home, floor = good_posture(robot, middle, floors)
+        # No floor where the arm hangs below it at every posture.
+        floor_note = floor_note if floor is not None else ""
         assumed = assume(robot, arm)
         text = draft.text(home, floor, assumed)
         write(text)
     robot = Robot.load(out)
-    notes = [*doubts, *mounting_note, *_effort_notes(arm, assumed)]
+    notes = [*doubts, *mounting_note, floor_note, *_effort_notes(arm, assumed)]
     notes += [
         f"{joint.name} and the joints that follow it (mimic) are held still in the arm: each of an "
         "arm's joints needs a motor of its own"

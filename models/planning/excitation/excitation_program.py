@@ -336,13 +336,18 @@ class ExcitationProgram:
         x = np.asarray(result.GetSolution(self._x), dtype=np.float64)
         if not np.isfinite(x).all():  # SNOPT returned none
             x = self._coefficients(start)
-        q, v, vdot = (basis @ x.T for basis in self._basis)
+        trajectory = self._trajectory(x)
         return ExcitationSolution(
-            trajectory=self._trajectory(x),
-            cost=self.information.cost(self.measure, q, v, vdot)[0],
+            trajectory=trajectory,
+            cost=self.cost(trajectory),
             status=f"snopt {result.get_solver_details().info}",
             evaluations=self._evaluations,
         )
+
+    def cost(self, trajectory: FourierTrajectory) -> float:
+        """The smooth measure of a motion of the same harmonics, within the limits or not."""
+        q, v, vdot = (basis @ self._coefficients(trajectory).T for basis in self._basis)
+        return self.information.cost(self.measure, q, v, vdot)[0]
 
     def _trajectory(self, x: Array) -> FourierTrajectory:
         H = self.num_harmonics

@@ -50,6 +50,13 @@ def test_home_keeps_any_margin(sts, margin):
         assert pair.slack >= 0.5 * pair.distance - 1e-12
 
 
+def test_the_lowest_point_at_rest_is_of_what_stands(sts):
+    """Of the robot's own links that no joint of the arm moves: not of the floor."""
+    height, link = Clearance(sts, floor=-2.0).lowest_at_rest()
+    assert link == "base_link"
+    assert height == pytest.approx(0.0, abs=1e-9)  # the base stands on W's plane
+
+
 def test_the_floor_counts(sts):
     q = near_floor(sts, Clearance(sts))
     assert Clearance(sts).slack(q) < Clearance(sts, floor=-0.1).slack(q)

@@ -226,6 +226,25 @@ def test_gravity_and_floor_follow_the_mounting(
     assert any("states gravity" in n for n in Robot.load(tmp_path / "other.yaml").notices)
 
 
+@pytest.mark.parametrize(("foot", "floor"), [(-0.9, -0.9), (-0.03, 0.0)])
+def test_the_floor_is_no_higher_than_what_the_machine_stands_on(
+    tmp_path: Path, foot: float, floor: float
+) -> None:
+    """A leg that a joint moves, held still, ends at `foot` in W; a base plate may be sunk."""
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    leg = (
+        "<link name='leg'><collision><geometry><box size='0.1 0.1 0.02'/></geometry></collision>"
+        "</link><joint name='knee' type='revolute'><parent link='base'/><child link='leg'/>"
+        f"<origin xyz='0 0 {foot + 0.01}'/><axis xyz='0 0 1'/>"
+        "<limit lower='-1' upper='1' velocity='3' effort='10'/></joint></robot>"
+    )
+    urdf.write_text(urdf.read_text().replace("</robot>", leg))
+    robot, _, notes = draft_robot(urdf, tmp_path / "robot.yaml", flange="gripper_link")
+    assert robot.floor == pytest.approx(floor, abs=1e-9)
+    said = [note for note in notes if "floor is assumed at -0.9 m in W: leg, " in note]
+    assert len(said) == (floor < 0.0)
+
+
 def test_placeholder_efforts_are_filled_in_with_what_gravity_needs(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")
     text = urdf.read_text().replace("effort='10'", "effort='1'")
