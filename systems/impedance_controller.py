@@ -20,7 +20,11 @@ from wrenchsight.models.friction.semi_parametric_friction import SemiParametricF
 from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
-from wrenchsight.systems.declarations import declare_cached, declare_held_outputs
+from wrenchsight.systems.declarations import (
+    TunedParameters,
+    declare_cached,
+    declare_held_outputs,
+)
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -114,7 +118,7 @@ class ImpedanceController(SampledBlock):
                  integral_limit. Without force control there is no state
     Parameters:  stiffness       (36,) row by row, rotation first
                  damping         (36,)
-                 force_gains     (3,) proportional, integral, integral_limit
+                 force_gains     (3,) proportional, integral, integral_limit; with force control
 
     At a tick that is not valid the command holds the arm's weight (Cv + G), or is 0 where its
     position or velocity is not known, pose_error is 0 and the state stays, so that the next tick is
@@ -152,54 +156,34 @@ class ImpedanceController(SampledBlock):
             period=time_step if self._has_force else 0.0,
             initial_memory=np.zeros(1),  # N s, the integral of the force error
         )
-        self._friction = friction.table
-        self._effort_limit = np.array(effort_limit, dtype=np.float64)
-        self._n = len(self._effort_limit)
         self._time_step = time_step
+        limit = np.array(effort_limit, dtype=np.float64)
+        self._n = len(limit)
+        self._default_law = _law_of(config, friction, limit, time_step)
+        # Of the stiffness, the damping and pose_error; else they are in axes of W.
+        self._has_axes_of_E = bool(self._default_law["in_E"].item())
         self.output_sizes = {"tau_command": self._n, "pose_error": 6, "valid": 1, "integral": 1}
         self._at_rest = np.zeros(3 * self._n)  # q_d, v_d, vdot_d of a reference not connected
-        self._declare_law(config)
+        self._declare_parameters()
         self._declare_ports()
 
-    def _declare_law(self, config: ImpedanceConfig) -> None:
-        """Checks `config`, and declares the law that the outputs follow, with its parameters.
+    def _declare_parameters(self) -> None:
+        """Declares the numeric parameters, and the cached law that follows from them.
 
-        Stiffness, damping and force gains become numeric parameters of the Context. `_calc_law`
-        makes the law of a Context: `_default_law` with these three replaced by the Context's. All
-        else is fixed: axes, direction of the force, null-space damping, friction. Reads what the
-        constructor has set before: `_effort_limit`, `_friction`, `_has_force`, `_time_step`.
-
-        Raises:
-            InputError: as the class.
+        `_calc_law` puts those of a Context in the place of the default law's. All else of the law
+        is fixed: axes, direction of the force, null-space damping, friction, effort limits.
         """
-        self._has_axes_of_E = _in_E(config.axes, "axes")  # of stiffness, damping and pose_error
-        stiffness = _matrix(config.stiffness, "stiffness")
-        damping = _matrix(config.damping, "damping")
-        # The parameter force_gains is there without force control, too: default gains, not read.
-        force = _force_gains(config.force or ForceControlConfig())
-        self._default_law = impedance_law(
-            effort_limit=self._effort_limit,
-            friction=self._friction,
-            spring_damper=SpringDamper(
-                stiffness, damping, self._has_axes_of_E, _null_space_damping(config)
-            ),
-            force=force if self._has_force else None,
-            time_step=self._time_step,
-            friction_velocity=config.friction_velocity,
-        )
-        self._declare_parameters(stiffness, damping, force)
-
-    def _declare_parameters(self, stiffness: Array, damping: Array, force: ForceGains) -> None:
-        """Declares the numeric parameters, and the cached law `_law` that follows from them."""
-        gains = np.array([force.proportional, force.integral, force.integral_limit])
-        self._stiffness = self.DeclareNumericParameter(BasicVector(stiffness.ravel()))
-        self._damping = self.DeclareNumericParameter(BasicVector(damping.ravel()))
-        self._force_gains = self.DeclareNumericParameter(BasicVector(gains))
+        law = self._default_law[0]
+        parameters = {"stiffness": law["stiffness"], "damping": law["damping"]}
+        if self._has_force:
+            gains = [law["proportional"], law["integral"], law["integral_limit"]]
+            parameters["force_gains"] = np.array(gains)
+        self._parameters = TunedParameters(self, parameters)
         # Made anew when a parameter changes, not at every tick.
-        self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
+        self._law = declare_cached(self, "law", self._calc_law, self._parameters.tickets)
 
     def _declare_ports(self) -> None:
-        """Declares the ports; all outputs depend on all inputs and on the law of `_declare_law`.
+        """Declares the ports; all outputs depend on all inputs and on `_law`.
 
         With force control they are held from tick to tick, and depend on the integral as well,
         which `declare_held_outputs` adds. Without it they are functions of their inputs at any
@@ -228,12 +212,12 @@ class ImpedanceController(SampledBlock):
         return self._has_force and _is_on(self._force_active, context)
 
     def _calc_law(self, context: Context) -> Record:
-        law = self._default_law.copy()
-        stiffness = context.get_numeric_parameter(self._stiffness).CopyToVector()
-        damping = context.get_numeric_parameter(self._damping).CopyToVector()
-        law["stiffness"], law["damping"] = stiffness.reshape(6, 6), damping.reshape(6, 6)
-        gains = context.get_numeric_parameter(self._force_gains).CopyToVector()
-        law["proportional"], law["integral"], law["integral_limit"] = gains
+        law, parameters = self._default_law.copy(), self._parameters.at(context)
+        law["stiffness"], law["damping"] = parameters["stiffness"], parameters["damping"]
+        if self._has_force:
+            proportional, integral, integral_limit = parameters["force_gains"]
+            law["proportional"], law["integral"] = proportional, integral
+            law["integral_limit"] = integral_limit
         return law
 
     @property
@@ -277,6 +261,35 @@ class ImpedanceController(SampledBlock):
 def _is_on(port: InputPort, context: Context) -> bool:
     """Whether a switch is on; an unconnected one is on."""
     return not port.HasValue(context) or port.Eval(context).item() > 0.5
+
+
+def _law_of(
+    config: ImpedanceConfig,
+    friction: SemiParametricFriction,
+    effort_limit: Array,
+    time_step: float,
+) -> Record:
+    """The constants of the controller with the gains of `config`, which is checked.
+
+    Args:
+        config, friction, effort_limit, time_step: as the class.
+
+    Raises:
+        InputError: as the class.
+    """
+    return impedance_law(
+        effort_limit=effort_limit,
+        friction=friction.table,
+        spring_damper=SpringDamper(
+            stiffness=_matrix(config.stiffness, "stiffness"),
+            damping=_matrix(config.damping, "damping"),
+            in_E=_in_E(config.axes, "axes"),
+            null_space_damping=_null_space_damping(config),
+        ),
+        force=None if config.force is None else _force_gains(config.force),
+        time_step=time_step,
+        friction_velocity=config.friction_velocity,
+    )
 
 
 def _null_space_damping(config: ImpedanceConfig) -> float:

@@ -37,8 +37,8 @@ from wrenchsight.systems.sampled_block import SampledBlock
 
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 _OBSERVED_SIZE = 42  # entries of a wrench and its covariance
-# A log of one sample's flag, (1,), by the flag: made once, as a reading takes two at each tick.
-_FLAG_LOGS = {flag: np.array([flag]) for flag in (False, True)}
+# (1,) a flag as the log of one sample, by the flag: made once, as a reading takes two at each tick.
+_LOG_OF_FLAG = {flag: np.array([flag]) for flag in (False, True)}
 _READING_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
 _READING_SIZE = sum(_READING_PARTS.values())
 
@@ -50,7 +50,7 @@ class _TunedReading(NamedTuple):
         wrench_reading: with them.
         constant_error: torque error of one sample where the port torque_error is not connected; its
             J_seen is to be filled in.
-        has_usable_pole: whether the pole is one of an observer, or none.
+        has_usable_pole: whether all joints have a pole of MIN_POLE or more, or none has one.
         unseen_rest_table: `TorqueErrorStage.table`, by which `with_unseen_rests` finds a joint that
             rests and rested in no log of the model. None where no joint can, where friction is not
             known, or without a period: rests are then no reason against a reading.
@@ -127,7 +127,8 @@ class JacobianWrenchReconstruction(SampledBlock):
 
     The outputs are always finite, but for the condition number at a singular J. An input that is
     not finite gives a wrench of zero with the prior's covariance, and valid = 0; so does a pole of
-    0 to MIN_POLE, behind which no reading settles.
+    0 to MIN_POLE, behind which no reading settles. Of another input than `observed` that is not
+    finite, the observed wrench stays, and is not valid.
 
     Args:
         reading: of one estimator; `WrenchReading.constant(config, torque_covariance)` for errors of
@@ -255,34 +256,41 @@ class JacobianWrenchReconstruction(SampledBlock):
     def _samples(
         self, context: Context, terms: Record, error: TorqueError, has_usable_pole: bool
     ) -> ReadingSamples:
-        """The present sample, of N = 1 row; with NaN for q, v and tau_ext where it is not usable.
+        """The present sample, of N = 1 row.
 
-        The reading takes a sample whose v or tau_ext is not finite, or too large for its square,
-        for missing, whatever the other arrays hold. Here only the rest is looked at.
+        Here are checked q, J, torque error, pole, fault and observed wrench. Where one of them is
+        of no use, q, v and tau_ext are NaN: the reading takes the sample for missing, whatever the
+        other arrays hold. It does so by itself where v or tau_ext is not finite, or too large for
+        its square.
 
         Args:
             terms: of the input, with an axis of one row; that of the port tau_ext is added here.
             error: of the torque, at the sample.
-            has_usable_pole: whether the observer's pole is one that a lag can have.
+            has_usable_pole: as _TunedReading.
         """
-        fault = self._fault_code(context)  # None: the input is no code, and the sample is missing
+        fault = self._fault_code(context)  # None: the input is no code
+        observed = self._observed_wrench(context)  # None: the observer does not read a wrench
+        is_observed_usable = observed is None or all_below(observed, LARGEST_INPUT)
         # `are_readable`: these arrays hold finite numbers alone, none beyond the largest input.
         is_readable = are_readable(LARGEST_INPUT, terms["q"], terms["J"], *error)
-        is_usable = has_usable_pole and fault is not None and is_readable
+        is_usable = has_usable_pole and fault is not None and is_readable and is_observed_usable
         if is_usable:
             q, v, tau_ext = terms["q"], terms["v"], self._tau_ext.Eval(context)[None]
         else:
             q = v = tau_ext = self._no_signal
         is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
-        # Both None, unless the observer reads the wrench itself.
-        observed_wrench, observed_covariance = self._observed_wrench(context)
+        # Without an observed wrench the reading is of tau_ext: zero where the sample is missing.
+        observed_wrench, observed_covariance = None, None
+        if observed is not None and is_observed_usable:
+            observed_wrench = observed[None, :6]
+            observed_covariance = observed[6:].reshape(1, 6, 6)
         return ReadingSamples(
             J=terms["J"],
             tau_ext=tau_ext,
-            is_fresh=_FLAG_LOGS[is_fresh],
+            is_fresh=_LOG_OF_FLAG[is_fresh],
             q=q,
             v=v,
-            is_corrected=_FLAG_LOGS[self._is_set(context, self._corrected)],
+            is_corrected=_LOG_OF_FLAG[self._is_set(context, self._corrected)],
             fault=np.array([0 if fault is None else fault]),
             wrench=observed_wrench,
             covariance=observed_covariance,
@@ -306,12 +314,9 @@ class JacobianWrenchReconstruction(SampledBlock):
         # constant error knows of no lag: it is the sample's J.
         return tuned.constant_error._replace(J_seen=J)
 
-    def _observed_wrench(self, context: Context) -> tuple[Array | None, Array | None]:
-        """(1, 6) and (1, 6, 6) of an observer that reads the wrench itself; None of any other."""
-        if not self._observed.HasValue(context):
-            return None, None
-        observed = self._observed.Eval(context)
-        return observed[None, :6], observed[6:].reshape(1, 6, 6)
+    def _observed_wrench(self, context: Context) -> Array | None:
+        """(42,) wrench and covariance of an observer that reads them itself; None of any other."""
+        return self._observed.Eval(context) if self._observed.HasValue(context) else None
 
     def _is_set(self, context: Context, port: InputPort) -> bool:
         """Whether a port is 1 or not connected."""

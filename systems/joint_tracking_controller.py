@@ -1,8 +1,7 @@
 """Tracking control of a joint reference."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import cast
 
 import numpy as np
@@ -97,43 +96,19 @@ class JointTrackingController(SampledBlock):
     ) -> None:
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
         self._n = n = self._effort_limit.shape[0]
-        gains = {name: _per_joint(config, name, n) for name in _GAINS}
+        default_gains = np.array([_per_joint(config, name, n) for name in _GAINS])  # (4, n)
+        integrates = default_gains[_GAINS.index("ki")].any()
         SampledBlock.__init__(
             self,
             # Without an integral there is nothing to remember: no ticks.
-            period=time_step if gains["ki"].any() else 0.0,
+            period=time_step if integrates else 0.0,
             initial_memory=np.zeros(n),  # rad s, the integral of the error
         )
-        self._declare_law(friction, time_step, config, gains)
-        self._declare_ports()
-
-    def _declare_law(
-        self,
-        friction: SemiParametricFriction,
-        time_step: float,
-        config: JointTrackingConfig,
-        gains: Mapping[str, Array],
-    ) -> None:
-        """Declares the parameter `gains` (4n,), and the law with those that a Context has.
-
-        The law is made when a gain changes, not at every tick.
-        """
-        if config.law not in TRACKING_LAWS:
-            raise InputError(
-                "joint tracking", "law", f"{config.law!r} is none of {', '.join(TRACKING_LAWS)}"
-            )
-        # All of the law but its argument `gains` (4, n).
-        self._law_with_gains = partial(
-            tracking_law,
-            computed=config.law == "computed_torque",
-            effort_limit=self._effort_limit,
-            friction=friction.table,
-            friction_velocity=config.friction_velocity,
-            time_step=time_step,
-        )
-        rows_of_gains = np.concatenate([gains[name] for name in _GAINS])
-        self._gains = self.DeclareNumericParameter(BasicVector(rows_of_gains))
+        self._law_of_gains = _law_of_gains(config, friction, self._effort_limit, time_step)
+        self._gains = self.DeclareNumericParameter(BasicVector(default_gains.ravel()))
+        # Made anew when a gain changes, not at every tick.
         self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
+        self._declare_ports()
 
     def _declare_ports(self) -> None:
         """Declares inputs and outputs; `take_sample` returns the outputs in this order."""
@@ -163,7 +138,7 @@ class JointTrackingController(SampledBlock):
                 "joint tracking: the Context has a ki, and the block, made without, integrates "
                 "nothing; state ki in JointTrackingConfig"
             )
-        return self._law_with_gains(gains=gains)
+        return self._law_of_gains(gains)
 
     def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
         tau = output.get_mutable_value()
@@ -181,6 +156,41 @@ class JointTrackingController(SampledBlock):
         if is_usable:
             advance_integral(law, terms["q"][0], reference[: self._n], tau, memory)
         return tau, self._valid.Eval(context)
+
+
+def _law_of_gains(
+    config: JointTrackingConfig,
+    friction: SemiParametricFriction,
+    effort_limit: Array,
+    time_step: float,
+) -> Callable[[Array], Record]:
+    """The constants of the controller as a function of its gains (4, n), rows as _GAINS.
+
+    Args:
+        config: its law and friction_velocity are read, not its gains.
+        friction, effort_limit, time_step: as the class.
+
+    Raises:
+        InputError: an unknown law.
+    """
+    if config.law not in TRACKING_LAWS:
+        raise InputError(
+            "joint tracking", "law", f"{config.law!r} is none of {', '.join(TRACKING_LAWS)}"
+        )
+
+    friction_table = friction.table
+
+    def law_of(gains: Array) -> Record:
+        return tracking_law(
+            computed=config.law == "computed_torque",
+            gains=gains,
+            effort_limit=effort_limit,
+            friction=friction_table,
+            friction_velocity=config.friction_velocity,
+            time_step=time_step,
+        )
+
+    return law_of
 
 
 def _per_joint(config: JointTrackingConfig, name: str, n: int) -> Array:

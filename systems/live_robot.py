@@ -83,10 +83,11 @@ class LiveRobot(LeafSystem):
         self._grid = SampleGrid(time_step)
         self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
         # The signals of a tick are (3n,) q, v, current; NaN where they are unknown.
+        # Arrays of them are passed on as they are, and never written into.
         self._unknown = np.full(3 * robot.num_joints, np.nan)
-        self._waiting: deque[Array] = deque()  # have arrived, of the ticks to come, in their order
-        self._num_ticks = 0  # whose signals were put out
-        self._last_signals = self._unknown  # of the last such tick
+        self._waiting: deque[Array] = deque()  # signals that have arrived, of the ticks to come
+        self._num_ticks = 0  # number of ticks whose signals were put out, from t = 0 on
+        self._last_signals = self._unknown  # signals of the last of these ticks
         self._declare_outputs()
 
     def _declare_outputs(self) -> None:

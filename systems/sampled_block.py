@@ -81,8 +81,8 @@ class SampledBlock(LeafSystem):
 
     Attributes:
         has_memory: whether `period` is positive.
-        time_and_memory_tickets: what a cache entry depends on, besides its inputs, whose calc asks
-            for the block's memory.
+        time_and_memory_tickets: of time and of all discrete state; what a cache entry depends on,
+            besides its inputs, whose calc asks for the block's memory. Empty with `period` 0.
     """
 
     def __init__(self, *, period: float, initial_memory: Any) -> None:
@@ -117,9 +117,9 @@ class SampledBlock(LeafSystem):
     ) -> OutputPort:
         """Declares a vector output that is computed at a tick and held until the next one.
 
-        At each tick `_take` writes the values which `take_sample` returns into the held outputs, in
-        the order of these calls. A block with `period` 0 holds nothing: `calc` is called for every
-        context, and `take_sample` never.
+        `take_sample` returns a sequence with one array for each call of this, in the order of the
+        calls: at each tick `_take` writes the k-th array into the k-th held output. A block with
+        `period` 0 holds nothing: `calc` is called for every context, and `take_sample` never.
 
         Args:
             name: of the port.
@@ -127,8 +127,8 @@ class SampledBlock(LeafSystem):
             calc: writes the output of the present sample. It is called only where the context's
                 sample has not been taken, so that `memory` is the one before the sample: at a tick
                 ahead of its update, and before the first tick.
-            tickets: of the inputs, parameters and cache entries that `calc` reads; time and memory
-                are added here.
+            tickets: of the inputs, parameters and cache entries that `calc` reads; time and all
+                discrete state (memory, ticks, what is held) are added here.
 
         Returns:
             The port. What it holds after a tick is what `take_sample` returned there.

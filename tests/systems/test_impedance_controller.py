@@ -432,6 +432,22 @@ def test_one_tick_that_is_not_finite_leaves_no_trace(sts, name, bad):
     assert context.get_discrete_state(0).GetAtIndex(0) == pytest.approx(4 * T * 20.0, rel=1e-12)
 
 
+def test_force_gains_through_the_context(sts):
+    """They are parameters of a controller of force alone."""
+    alone = ImpedanceController(no_friction(6), sts.effort_limit, T, ImpedanceConfig())
+    assert alone.CreateDefaultContext().num_numeric_parameter_groups() == 2
+    block, terms, values = forced(sts)
+    context = block.CreateDefaultContext()
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    for name, value in values.items():
+        block.GetInputPort(name).FixValue(context, value)
+    context.SetDiscreteState(0, [0.1])  # N s, the integral
+    context.get_mutable_numeric_parameter(2).SetFromVector([2.0, 30.0, 60.0])
+    tau = block.GetOutputPort("tau_command").Eval(context)
+    press = 40.0 + 2.0 * (40.0 - 20.0) + 30.0 * 0.1
+    np.testing.assert_allclose(tau - terms.G, -press * terms.J[5], atol=1e-9)
+
+
 def test_a_wrench_that_is_not_finite_counts_as_no_feedback(sts):
     block, terms, values = forced(sts)
     blind = torque(block, terms, values.pop("pose_reference"), **values, feedback_valid=[0.0])

@@ -246,3 +246,26 @@ def test_terms_of_an_unknown_position_are_flagged(chain):
     wrench, covariance, valid = outputs_of(block, context)
     assert valid == 0.0
     assert np.isfinite(wrench).all() and np.isfinite(covariance).all()
+
+
+@pytest.mark.parametrize("entry", [0, 5, 6, 41])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])
+def test_an_observed_wrench_that_is_no_number_is_flagged(chain, entry, bad):
+    """Of an observer that reads the wrench itself: one that is a number is passed on as it is."""
+    block = block_of(config(), SIGMA)
+    context = block.CreateDefaultContext()
+    terms = chain.terms(Q, np.zeros(6))
+    observed = np.r_[2.0 * WRENCH, np.eye(6).ravel()]
+    block.GetInputPort("observed").FixValue(context, observed)
+    outputs = evaluate(block, context, terms, terms.J.T @ WRENCH)
+    np.testing.assert_array_equal(outputs["wrench"], 2.0 * WRENCH)
+    np.testing.assert_array_equal(outputs["covariance"], np.eye(6))
+    assert outputs["valid"] == 1.0
+    observed[entry] = bad
+    block.GetInputPort("observed").FixValue(context, observed)
+    outputs = evaluate(block, context, terms, terms.J.T @ WRENCH)
+    assert outputs["valid"] == 0.0
+    np.testing.assert_array_equal(outputs["wrench"], np.zeros(6))
+    # With nothing read the covariance is the prior's.
+    prior = np.diag([MOMENT_SD**2] * 3 + [FORCE_SD**2] * 3)
+    np.testing.assert_allclose(outputs["covariance"], prior, rtol=1e-12)
