@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
 
-from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
+from wrenchsight.models.estimation.torque_error_stage import TorqueError, TorqueErrorStage
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import take_transmitted
 from wrenchsight.models.numerics.arrays import Array
@@ -89,11 +89,11 @@ class TorqueErrorSystem(SampledBlock):
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         q, v, J = terms["q"], terms["v"], terms["J"]
         stage: TorqueErrorStage = self._tuned_stage.EvalAbstract(context).get_value()
-        rows = stage.follow(state, q, v)
-        error = stage.sds(state, rows, q, v, none, none, J)
+        error = TorqueError.of_flat(out[: self._error_size], len(self._no_torque[0]))
+        stage.follow(state, q, v, error)
+        stage.sds(state, q, v, none, none, J, error)
         if self._added_sd.HasValue(context):
-            error = error._replace(sd=np.sqrt(error.sd**2 + self._added_sd.Eval(context) ** 2))
-        out[: self._error_size] = error.flat
+            error.sd[:] = np.sqrt(error.sd**2 + self._added_sd.Eval(context) ** 2)
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         outputs = self._all.Eval(context)

@@ -62,10 +62,10 @@ from wrenchsight.models.observers.observer import (
     ObserverSamples,
 )
 from wrenchsight.models.observers.observer_kinds import AnyObserverConfig, make_observer
-from wrenchsight.models.observers.sample_check import Codes, SampleCheck
+from wrenchsight.models.observers.sample_check import CheckedSamples, Codes, SampleCheck
 from wrenchsight.models.observers.signals import signals_of
 from wrenchsight.models.robot.arm import Arm
-from wrenchsight.models.robot.motors import joint_torque, motor_gain
+from wrenchsight.models.robot.motors import joint_torque, joint_torque_rows, motor_gain
 
 
 @dataclass
@@ -117,6 +117,46 @@ class EstimatorState(NamedTuple):
     friction: Array
     observer: Any
     reading: ReadingState
+
+
+class StageMemory(NamedTuple):
+    """Arrays that the stages up to the observer write for N samples.
+
+    A log takes new ones. `WrenchEstimator.step` keeps those of its one sample from tick to tick: a
+    third of what a tick takes is making arrays and records of them.
+
+    Attributes:
+        checked: of the check, q and v among them those of `samples`.
+        samples: for the observer; sd, stiction and drift are those of `error`.
+        error: of the torque error.
+        is_corrected: (N,) ones, where no correction is made.
+    """
+
+    checked: CheckedSamples
+    samples: ObserverSamples
+    error: TorqueError
+    is_corrected: Flags
+
+    @classmethod
+    def empty(cls, N: int, n: int) -> "StageMemory":
+        """Memory for N samples of n joints."""
+        checked, error = CheckedSamples.empty(N, n), TorqueError.empty(N, n)
+        q, v, _ = checked.signals
+        momentum, CTv, G, tau_J, tau_f = np.empty((5, N, n))
+        samples = ObserverSamples(
+            q=q,
+            v=v,
+            momentum=momentum,
+            CTv=CTv,
+            G=G,
+            tau_J=tau_J,
+            tau_f=tau_f,
+            J=np.empty((N, 6, n)),
+            sd=error.sd,
+            stiction=error.stiction,
+            drift=error.drift,
+        )
+        return cls(checked, samples, error, np.ones(N, np.bool_))
 
 
 class TakenSamples(NamedTuple):
@@ -340,7 +380,10 @@ class WrenchEstimator:
             self.check = SampleCheck(robot, self.resolution)
         self.gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
         self._motor_rates = robot.motor_rates if robot.is_coupled else np.zeros((0, n))
+        self._period = np.array([T])  # as the check takes it
         self._shapes = _shapes_of(self.initial_state())
+        self._checked_state: EstimatorState | None = None  # whose shapes were looked at last
+        self._tick = StageMemory.empty(1, n)
 
     def _position_resolution(self) -> list[float] | None:
         """(n,) rad of the encoders: the configuration's, else the robot's, else None."""
@@ -389,6 +432,7 @@ class WrenchEstimator:
             self.resolution,
             self.chain,
         )
+        other._tick = StageMemory.empty(1, self.num_joints)
         return other
 
     def with_prior(self, force_sd: float, moment_sd: float) -> Self:
@@ -427,22 +471,25 @@ class WrenchEstimator:
             current: (n,) A, as the drives report it.
             correction: learnt correction of an air pass, for this sample.
 
+        Returns:
+            The estimate, in arrays of its own.
+
         Raises:
             ValueError: shapes that disagree.
         """
-        rows = [np.asarray(signal, float)[None] for signal in (q, v, current)]
+        signals = [signal[None] for signal in contiguous(q, v, current)]
         if correction is not None:
             correction = Correction(*(np.asarray(part, float)[None] for part in correction))
-        q_row, v_row, current_row = rows
-        taken = self.take(state, q_row, v_row, current_row, correction=correction)
+        self._check_shapes(state, signals, correction, None)
+        taken = self._take(state, signals, self._tick, correction)
         reading = self.read(state.reading, taken)
         return TickEstimate(
-            tau_ext=taken.tau_ext[0],
-            wrench=reading.wrench[0],
-            covariance=reading.covariance[0],
-            condition_number=reading.condition_number.item(),
-            invalid=reading.invalid.item(),
-            fault=taken.fault.item(),
+            taken.tau_ext[0],
+            reading.wrench[0],
+            reading.covariance[0],
+            reading.condition_number.item(),
+            reading.invalid.item(),
+            taken.fault.item(),
         )
 
     def run(
@@ -523,17 +570,39 @@ class WrenchEstimator:
         """
         signals = contiguous(q, v, current)
         self._check_shapes(state, signals, correction, tau_f)
-        q_rows, v_rows, current_rows = signals
+        memory = StageMemory.empty(len(signals[0]), self.num_joints)
+        known_friction = None if tau_f is None else np.asarray(tau_f, float)
+        return self._take(state, signals, memory, correction, known_friction, check)
+
+    def _take(
+        self,
+        state: EstimatorState,
+        signals: Sequence[Array],
+        memory: StageMemory,
+        correction: Correction | None,
+        known_friction: Array | None = None,
+        check: bool = True,
+    ) -> TakenSamples:
+        """`take` of signals and state that have been looked at.
+
+        Args:
+            state, correction, check: as `take`.
+            signals: q, v and current, (N, n) each, contiguous.
+            memory: of N samples, written; the result are arrays of it, but for those that observer
+                and correction make.
+            known_friction: (N, n) N m, or None.
+        """
+        q, v, current = signals
+        checked, samples = memory.checked, memory.samples
         if check and self.check is not None:
             # What is impossible becomes NaN.
-            (q_rows, v_rows, current_rows), fault = self.check.run(
-                state.check, q_rows, v_rows, current_rows, self.observer.time_step
-            )
+            self.check.run(state.check, q, v, current, self._period, checked)
+            current = checked.signals[2]
         else:
-            fault = np.zeros(len(q_rows), np.int64)
-        tau_J = joint_torque(self.gain, self._motor_rates, current_rows)
-        known_friction = None if tau_f is None else np.asarray(tau_f, float)
-        return self._stages(state, q_rows, v_rows, tau_J, fault, correction, known_friction)
+            samples.q[:], samples.v[:] = q, v
+            checked.fault.fill(0)
+        joint_torque_rows(self.gain, self._motor_rates, current, samples.tau_J)
+        return self._stages(state, memory, True, correction, known_friction)
 
     def take_motion(
         self, state: EstimatorState, q: Array, v: Array, correction: Correction | None = None
@@ -548,12 +617,14 @@ class WrenchEstimator:
             q, v: (1, n) rad and rad/s (m and m/s), contiguous.
             correction: learnt correction of an air pass, for this sample.
         """
-        fault = np.zeros(1, np.int64)
-        if self.check is not None:
-            checked = np.empty((2, self.num_joints))
-            fault[0] = self.check.motion(state.check, q[0], v[0], self.observer.time_step, checked)
-            q, v = checked[:1], checked[1:]
-        return self._stages(state, q, v, None, fault, correction)
+        memory = StageMemory.empty(1, self.num_joints)
+        (signals, fault), samples = memory.checked, memory.samples
+        if self.check is None:
+            samples.q[:], samples.v[:], fault[0] = q, v, 0
+        else:
+            motion, period = signals[:2, 0], self.observer.time_step
+            fault[0] = self.check.motion(state.check, q[0], v[0], period, motion)
+        return self._stages(state, memory, False, correction)
 
     def take_current(
         self,
@@ -584,7 +655,7 @@ class WrenchEstimator:
         # The check begins before the sample: `take_motion` has taken q and v alone into the other
         # state's.
         if self.check is not None:
-            checked, _ = self.check.run(state.check, q, v, current, self.observer.time_step)
+            checked, _ = self.check.run(state.check, q, v, current, self._period)
             current = checked[2]
         tau_J = joint_torque(self.gain, self._motor_rates, current)
         # What the motor torque changes: the memory of the friction, of the torque error's loads
@@ -605,10 +676,8 @@ class WrenchEstimator:
     def _stages(
         self,
         state: EstimatorState,
-        q: Array,
-        v: Array,
-        known_tau_J: Array | None,
-        fault: Codes,
+        memory: StageMemory,
+        has_current: bool,
         correction: Correction | None,
         known_friction: Array | None = None,
     ) -> TakenSamples:
@@ -619,59 +688,42 @@ class WrenchEstimator:
 
         Args:
             state: all but the check's and the reading's is changed.
-            q, v: (N, n) rad and rad/s, NaN where impossible.
-            known_tau_J: (N, n) N m; None of one sample whose current is not known yet. It leaves
-                the torques of the sample before in the torque error's state.
-            fault: (N,) codes of the check, passed on.
+            memory: q, v, with NaN where impossible, fault and, where it is known, tau_J are read;
+                all else is written.
+            has_current: False of one sample whose current is not known yet. It leaves the torques
+                of the sample before in the torque error's state.
             correction: of an air pass, or None.
             known_friction: (N, n) N m, in place of the law's; None: the law's.
         """
-        momentum, CTv, G, J = self.chain.observer_terms(q, v)
-        if known_tau_J is None:
+        checked, samples, error, is_corrected = memory
+        q, v, tau_J, tau_f = samples.q, samples.v, samples.tau_J, samples.tau_f
+        self.chain.write_observer_terms(q, v, samples.momentum, samples.CTv, samples.G, samples.J)
+        transmitted = tau_J
+        if not has_current:
             # What the zeros do to the memory of friction and observer, `take_current` does anew;
             # NaN leaves the torque error's state as it is.
-            tau_J, transmitted = np.zeros_like(q), np.full_like(q, np.nan)
-        else:
-            tau_J = transmitted = known_tau_J
-        rows = self.error.follow(state.error, q, v)
+            tau_J.fill(0.0)
+            transmitted = np.full_like(tau_J, np.nan)
+        self.error.follow(state.error, q, v, error)
         if known_friction is None:
-            friction = self._friction_torque(state.friction, q, v, tau_J, rows, correction)
+            rest = self._rest(error.rows)
+            tau_f[:] = self._friction_torque(state.friction, q, v, tau_J, rest, correction)
         else:  # it is taken off the motor torque: the stages see an arm without friction
-            tau_J, friction = tau_J - known_friction, np.zeros_like(tau_J)
-            transmitted = tau_J
+            tau_J -= known_friction
+            tau_f.fill(0.0)
         # The torque error, which holds what a correction does not know.
-        error = self.error.sds(state.error, rows, q, v, transmitted, friction, J)
+        self.error.sds(state.error, q, v, transmitted, tau_f, samples.J, error)
         if correction is not None:
-            error = error._replace(sd=np.sqrt(error.sd**2 + np.square(correction.sd)))
-        samples = ObserverSamples(
-            q=q,
-            v=v,
-            momentum=momentum,
-            CTv=CTv,
-            G=G,
-            tau_J=tau_J,
-            tau_f=friction,
-            J=J,
-            sd=error.sd,
-            stiction=error.stiction,
-            drift=error.drift,
-        )
+            error.sd[:] = np.sqrt(error.sd**2 + np.square(correction.sd))
         observed = self.observer.observe(state.observer, samples)
         # What an air pass has shown of the observed torque, where it is known.
-        tau_ext, is_corrected = observed.tau_ext, np.ones(len(q), np.bool_)
+        tau_ext = observed.tau_ext
         if correction is not None:
             added = np.asarray(correction.tau_correction, float)
             is_known = np.isfinite(added)
             tau_ext = tau_ext + np.where(is_known, added, 0.0)
             is_corrected = is_known.all(axis=1) & (np.asarray(correction.counts) == 1.0)
-        return TakenSamples(
-            samples=samples,
-            error=error,
-            observed=observed,
-            tau_ext=tau_ext,
-            is_corrected=is_corrected,
-            fault=fault,
-        )
+        return TakenSamples(samples, error, observed, tau_ext, is_corrected, checked.fault)
 
     def checked_torque(self, check_state: Array, current: Array) -> Array:
         """tau_J (N, n) of currents (N, n) in A, NaN where one is impossible; q and v are not read.
@@ -715,16 +767,16 @@ class WrenchEstimator:
         q: Array,
         v: Array,
         tau_J: Array,
-        rows: Array,
+        rest: Array | None,
         correction: Correction | None,
     ) -> Array:
-        """tau_f (N, n) by the law, which is told what rests (`rows`); its state is changed.
+        """tau_f (N, n) by the law, which is told what rests (`_rest`); its state is changed.
 
         A law without memory is taken at the planned speed where an air pass has a correction.
         """
         if correction is not None and self.friction.is_of_speed_alone:
             return self.friction.feedforward.torque(correction.v_planned)
-        return self.friction.run(friction_state, q, v, tau_J, self._rest(rows))
+        return self.friction.run(friction_state, q, v, tau_J, rest)
 
     def _check_shapes(
         self,
@@ -747,8 +799,10 @@ class WrenchEstimator:
             raise ValueError(
                 f"q, v and current must be (N, {n}), not {q.shape}, {v.shape} and {current.shape}"
             )
-        if _shapes_of(state) != self._shapes:
-            raise ValueError("state must be of this estimator's initial_state")
+        if state is not self._checked_state:  # a tick comes with the same one each time
+            if _shapes_of(state) != self._shapes:
+                raise ValueError("state must be of this estimator's initial_state")
+            self._checked_state = state
         N = len(q)
         if correction is not None and tau_f is not None:
             raise ValueError(

@@ -147,42 +147,48 @@ class TorqueErrorStage:
             J: (N, 6, n) at E in axes of W.
         """
         q, v, load, J = contiguous(q, v, transmitted, J)
-        rows = self.follow(state, q, v)
-        return self.sds(state, rows, q, v, load, np.zeros_like(load), J)
+        error = TorqueError.empty(len(q), self.num_joints)
+        self.follow(state, q, v, error)
+        self.sds(state, q, v, load, np.zeros_like(load), J, error)
+        return error
 
-    def follow(self, state: Array, q: Array, v: Array) -> Array:
+    def follow(self, state: Array, q: Array, v: Array, error: TorqueError) -> None:
         """Follows the motion of N samples: the first half of `run`, before friction is known.
 
         Args:
             state: (STAGE_ROWS, n), the rows of the motion are changed.
             q, v: (N, n) rad and rad/s, contiguous.
-
-        Returns:
-            (N, TORQUE_ERROR_ROWS, n) for `sds`; REST_ROW is the share by which each joint rests.
+            error: of N samples, whose `rows` are written in part, for `sds`. Their REST_ROW is the
+                share by which each joint rests.
         """
-        rows = np.empty((len(q), TORQUE_ERROR_ROWS, self.num_joints))
-        rest_rows(self.table, state[:TORQUE_ERROR_ROWS], q, v, rows)
-        return rows
+        rest_rows(self.table, state, q, v, error.rows)
 
     def sds(
-        self, state: Array, rows: Array, q: Array, v: Array, tau_J: Array, tau_f: Array, J: Array
-    ) -> TorqueError:
+        self,
+        state: Array,
+        q: Array,
+        v: Array,
+        tau_J: Array,
+        tau_f: Array,
+        J: Array,
+        error: TorqueError,
+    ) -> None:
         """States the uncertainty of N samples: the second half of `run`.
 
         Args:
             state: (STAGE_ROWS, n), the other rows are changed.
-            rows: of `follow`, completed.
             q, v, tau_J, tau_f: (N, n) rad, rad/s, N m; the torques count for the sample after.
             J: (N, 6, n) at E in axes of W.
+            error: as `follow` has left it; completed.
         """
-        N, n = q.shape
-        sd, stiction, drift = np.zeros((N, n)), np.empty((N, n)), np.empty((N, n))
+        error.sd.fill(0.0)  # variance of the posture's gravity, where it has one
         if self._has_spread:
             in_row_blocks(
-                lambda block: posture_variance_rows(self.table, q[block], sd[block]), N, _BLOCK_ROWS
+                lambda block: posture_variance_rows(self.table, q[block], error.sd[block]),
+                len(q),
+                _BLOCK_ROWS,
             )
-        torques = state[:TORQUE_ERROR_ROWS]
-        torque_sd_rows(self.table, torques, v, tau_J, tau_f, rows, sd, stiction, drift)
-        J_seen = np.empty(J.shape)
-        see_jacobian_rows(self.poles, state[TORQUE_ERROR_ROWS:], J, J_seen)
-        return TorqueError(sd, stiction, drift, J_seen, rows)
+        torque_sd_rows(
+            self.table, state, v, tau_J, tau_f, error.rows, error.sd, error.stiction, error.drift
+        )
+        see_jacobian_rows(self.poles, state[TORQUE_ERROR_ROWS:], J, error.J_seen)

@@ -51,7 +51,6 @@ from wrenchsight.models.estimation.invalid import InvalidCodes
 from wrenchsight.models.estimation.wrench_kernels import CONDITION, reasons_log
 from wrenchsight.models.estimation.wrench_methods import (
     METHODS,
-    TorqueSamples,
     WrenchConstants,
     reconstruct_log,
 )
@@ -314,8 +313,9 @@ class WrenchReconstruction:
         tau_rows, sd_rows, stiction_rows = contiguous(
             tau.reshape(N, n), error_sd.reshape(N, n), stiction_sd.reshape(N, n)
         )
-        samples = TorqueSamples(J=J_seen_rows, tau_ext=tau_rows, sd=sd_rows, stiction=stiction_rows)
-        out = reconstruct_log(self.constants, J_present_rows, samples)
+        out = reconstruct_log(
+            self.constants, J_present_rows, J_seen_rows, tau_rows, sd_rows, stiction_rows
+        )
         invalid = np.empty(N, np.int64)
         limits = self.limits
         reasons_log(limits.max_force_sd, limits.max_stiction_force, out.quality, invalid)

@@ -66,8 +66,9 @@ def posterior_rows(
     n = J.shape[2]
     # Work space; y, A, R as the module has them, of one sample after another.
     A, y = np.empty((6, n)), np.empty(n)
-    Ay, AAT = np.empty(6), np.empty((6, 6))
-    R, gain = np.zeros((6, 6)), np.empty((3, n))
+    Ay, AAT, RPAy = np.empty(6), np.empty((6, 6)), np.empty(6)
+    L, R, gain = np.empty((6, 6)), np.zeros((6, 6)), np.empty((3, n))
+    white_gain = np.empty(n)
     by_live_prior = np.empty((6, 6))  # covariance
     force_covariance, stiction_covariance = np.empty((3, 3)), np.empty((3, 3))
     is_same_prior = True
@@ -84,14 +85,14 @@ def posterior_rows(
             continue
         _whiten(whitening, J[k], tau_ext[k], sd[k], A, y)
         _project(A, y, AAT, Ay)
-        _factorise_information(AAT, prior_sd, R)
-        _write_mean(R, prior_sd, Ay, wrench[k])
+        _factorise_information(AAT, prior_sd, L, R)
+        _write_mean(R, prior_sd, Ay, RPAy, wrench[k])
         _write_covariance(R, prior_sd, covariance[k])
         # What `valid` rests on is computed with the live prior; R is that prior's from here on.
         live_covariance = covariance[k]
         if not is_same_prior:
             live_covariance = by_live_prior
-            _factorise_information(AAT, live_prior_sd, R)
+            _factorise_information(AAT, live_prior_sd, L, R)
             _write_covariance(R, live_prior_sd, live_covariance)
         if not _are_small(wrench[k], covariance[k]):
             _write_prior(prior_sd, wrench[k], covariance[k])
@@ -105,7 +106,7 @@ def posterior_rows(
         quality[k, FORCE_SD] = np.sqrt(max(force_variance, 0.0))
         if not _are_zero(stiction[k]):
             # By the live prior's gain, whatever the reading's is.
-            _write_force_gain(live_covariance, A, whitening, sd[k], gain)
+            _write_force_gain(live_covariance, A, whitening, sd[k], white_gain, gain)
             _propagate(gain, stiction[k], stiction_covariance)
             stiction_variance = largest_eigenvalue_3x3(stiction_covariance)
             # Of a uniform distribution the bound is sqrt(3) sds.
@@ -178,9 +179,8 @@ def _project(A: Array, y: Array, AAT: Array, Ay: Array) -> None:
 
 
 @kernel
-def _factorise_information(AAT: Array, prior_sd: Array, R: Array) -> None:
-    """Writes R = L^-1 (6, 6), lower triangular, with L L^T = B = 1 + P A A^T P."""
-    L = np.empty((6, 6))
+def _factorise_information(AAT: Array, prior_sd: Array, L: Array, R: Array) -> None:
+    """Writes L and R = L^-1 (6, 6), lower triangular, with L L^T = B = 1 + P A A^T P."""
     for i in range(6):
         for j in range(i + 1):
             L[i, j] = prior_sd[i] * prior_sd[j] * AAT[i, j] + (1.0 if i == j else 0.0)
@@ -188,9 +188,8 @@ def _factorise_information(AAT: Array, prior_sd: Array, R: Array) -> None:
 
 
 @kernel(inline="always")
-def _write_mean(R: Array, prior_sd: Array, Ay: Array, wrench: Array) -> None:
-    """Writes F = P R^T R P A y (6,)."""
-    RPAy = np.empty(6)
+def _write_mean(R: Array, prior_sd: Array, Ay: Array, RPAy: Array, wrench: Array) -> None:
+    """Writes RPAy = R P A y and F = P R^T R P A y (6,)."""
     for i in range(6):
         RPAy[i] = 0.0
         for j in range(i + 1):
@@ -216,11 +215,18 @@ def _write_covariance(R: Array, prior_sd: Array, covariance: Array) -> None:
 
 @kernel
 def _write_force_gain(
-    live_covariance: Array, A: Array, whitening: Array, sd: Array, gain: Array
+    live_covariance: Array,
+    A: Array,
+    whitening: Array,
+    sd: Array,
+    white_gain: Array,
+    gain: Array,
 ) -> None:
-    """Writes the gain (3, n) of the force: the last rows of Cov(F) A W diag(1 / sd)."""
+    """Writes the gain (3, n) of the force: the last rows of Cov(F) A W diag(1 / sd).
+
+    `white_gain` (n,) is overwritten with that of the last component, from white torque.
+    """
     n = sd.shape[0]
-    white_gain = np.empty(n)  # of one component, from white torque
     for i in range(3):
         for k in range(n):
             white_gain[k] = 0.0

@@ -83,24 +83,26 @@ class WrenchLog(NamedTuple):
     quality: Array
 
 
-def reconstruct_log(constants: WrenchConstants, J_now: Array, samples: TorqueSamples) -> WrenchLog:
+def reconstruct_log(
+    constants: WrenchConstants, J_now: Array, J: Array, tau_ext: Array, sd: Array, stiction: Array
+) -> WrenchLog:
     """The readings of N samples, by threads.
 
     Args:
         constants: of `WrenchReconstruction`.
         J_now: (N, 6, n) of the samples, for the condition numbers, which are NaN where it has no
             rows.
-        samples: N of them.
+        J, tau_ext, sd, stiction: of N samples, as TorqueSamples.
     """
-    N = len(samples.J)
+    N, samples = len(J), (J, tau_ext, sd, stiction)
     log = WrenchLog(np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, NUM_QUALITY)))
     if N <= _BLOCK_SAMPLES:  # whole: a tick hands over no rows of arrays
         _read_block(constants, J_now, samples, log)
         return log
 
     def read(rows: slice) -> None:
-        part = TorqueSamples._make(signal[rows] for signal in samples)
         out = WrenchLog._make(signal[rows] for signal in log)
+        part = J[rows], tau_ext[rows], sd[rows], stiction[rows]
         _read_block(constants, J_now[rows], part, out)
 
     in_row_blocks(read, N, _BLOCK_SAMPLES)
@@ -108,9 +110,12 @@ def reconstruct_log(constants: WrenchConstants, J_now: Array, samples: TorqueSam
 
 
 def _read_block(
-    constants: WrenchConstants, J_now: Array, samples: TorqueSamples, out: WrenchLog
+    constants: WrenchConstants,
+    J_now: Array,
+    samples: tuple[Array, Array, Array, Array],
+    out: WrenchLog,
 ) -> None:
-    """Writes the readings of N samples; arguments as those of `reconstruct_log`."""
+    """Writes the readings of N samples, the fields of TorqueSamples; else as `reconstruct_log`."""
     condition = np.empty(len(J_now))
     if len(J_now):
         condition_numbers_of(J_now, condition)
@@ -126,7 +131,7 @@ def _read_block(
             *out,
         )
     else:
-        _read_by_singular_values(constants, samples, out)
+        _read_by_singular_values(constants, TorqueSamples(*samples), out)
         out.quality[:, CONDITION] = np.nan
         if len(J_now):
             out.quality[:, CONDITION] = np.where(np.isnan(condition), np.inf, condition)

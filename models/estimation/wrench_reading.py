@@ -36,7 +36,7 @@ from wrenchsight.models.estimation.wrench_kernels import (
     HAS_FULL_RANK,
     STICTION_FORCE,
 )
-from wrenchsight.models.estimation.wrench_methods import TorqueSamples, reconstruct_log
+from wrenchsight.models.estimation.wrench_methods import reconstruct_log
 from wrenchsight.models.identification.torque_error_model import (
     TAU_J_ROW,
     TRANSMITTED_ROW,
@@ -46,7 +46,7 @@ from wrenchsight.models.identification.torque_error_model import (
     torque_at_unseen_rest,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, Record, contiguous, record_of
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 from wrenchsight.models.observers.explained_torque import (
     ONSET_SDS,
     explained_constants,
@@ -185,6 +185,7 @@ class WrenchReading:
         self.faults = fault_constants(
             torque_of_motors, judged_K_0, time_step, is_learnt, error.correlation, error.scale
         )
+        self._work = np.empty((2, 6))  # of `judge_rows`, which holds the interpreter's lock
         limits = self.reconstruction.limits
         self._judgement = record_of(
             JudgementNumbers(
@@ -289,9 +290,10 @@ class WrenchReading:
         if self.error.read_load > 0.0:
             sd = np.empty_like(error.sd)
             load_sd_rows(self.error.read_load, error.sd, tau_ext, sd)
-        torques = TorqueSamples(J=error.J_seen, tau_ext=tau_ext, sd=sd, stiction=error.stiction)
         J_now = samples.J if conditions else samples.J[:0]  # for the condition numbers alone
-        reading = reconstruct_log(self.reconstruction.constants, J_now, torques)
+        reading = reconstruct_log(
+            self.reconstruction.constants, J_now, error.J_seen, tau_ext, sd, error.stiction
+        )
         if samples.wrench is not None and samples.covariance is not None:
             reading = reading._replace(wrench=samples.wrench, covariance=samples.covariance)
         invalid = np.empty(len(tau_ext), np.int64)
@@ -305,7 +307,7 @@ class WrenchReading:
             tau_ext,
             sd,
             unexplained_log(self.explained, error.J_seen, tau_ext, sd),
-            np.ascontiguousarray(error.rows[:, TAU_J_ROW]),
+            error.rows,
             samples.q,
             samples.v,
             samples.is_fresh,
@@ -313,12 +315,10 @@ class WrenchReading:
             samples.fault,
             *reading,
             invalid,
+            self._work,
         )
         return WrenchEstimate(
-            wrench=reading.wrench,
-            covariance=reading.covariance,
-            condition_number=reading.quality[:, CONDITION],
-            invalid=invalid,
+            reading.wrench, reading.covariance, reading.quality[:, CONDITION], invalid
         )
 
 
@@ -339,7 +339,7 @@ def with_unseen_rests(
     return reading._replace(invalid=marked(reading.invalid, UNSEEN_REST, is_unseen))
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def are_readable(
     bound: float,
     q: Array,
@@ -392,7 +392,7 @@ def load_sd_rows(read_load: float, sd: Array, tau_ext: Array, with_load: Array) 
             with_load[k, i] = np.sqrt(sd[k, i] * sd[k, i] + load_sd * load_sd)
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def judge_rows(
     constants: Record,
     poles: Array,
@@ -405,7 +405,7 @@ def judge_rows(
     tau_ext: Array,
     sd: Array,
     unexplained: Array,
-    tau_J: Array,
+    error_rows: Array,
     q: Array,
     v: Array,
     is_fresh: Flags,
@@ -415,6 +415,7 @@ def judge_rows(
     covariance: Array,
     quality: Array,
     invalid: InvalidCodes,
+    work: Array,
 ) -> None:
     """Says of N readings why they are not valid, and adds lag and scale to their covariances.
 
@@ -426,19 +427,21 @@ def judge_rows(
         tau_ext, sd: (N, n) N m, the sd with what grows with the torque that is read. Row by row in
             the order of their times, like all that follows.
         unexplained: (N,) of `unexplained_log`, how far tau_ext is from that of any wrench at E.
-        tau_J: (N, n) N m, motor torque of the sample before.
+        error_rows: (N, TORQUE_ERROR_ROWS, n) of TorqueError, with the motor torque of the sample
+            before.
         q, v, is_fresh, is_corrected, fault: as ReadingSamples.
         wrench, covariance, quality: the readings, as WrenchLog; the covariance is changed.
         invalid: (N,) written: the reasons, a sum; 0 of a valid reading.
+        work: (2, 6) of `lag_tick`.
     """
     numbers = constants[0]
     signature = FaultConstants(numbers.faults, poles, lines, correlation)
     fault_memory = FaultState(means, torques)
-    lateness = np.empty(6)  # work space of `lag_tick`
     for k in range(wrench.shape[0]):
         # At the first sample, when no wrench has been low-passed (lag is NaN), no torque comes
         # before it, and none is missing.
-        lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J[k].sum())
+        tau_J = error_rows[k, TAU_J_ROW]
+        lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J.sum())
         lacks_motion = not np.isfinite(q[k].sum() + v[k].sum())
         is_at_E, unexplained_time[0] = is_explained(
             numbers.period, numbers.max_unexplained, unexplained_time[0], unexplained[k]
@@ -448,13 +451,13 @@ def judge_rows(
             fault_memory,
             tau_ext[k],
             sd[k],
-            tau_J[k],
+            tau_J,
             unexplained[k],
             is_fresh[k] and is_corrected[k],
             fault[k] & BEYOND_LIMITS != 0,
         )
         # Adds lag and scale to the covariance; the low-pass is that of the samples before.
-        keeps_pace = lag_tick(numbers.lag, lag, wrench[k], covariance[k], lateness)
+        keeps_pace = lag_tick(numbers.lag, lag, wrench[k], covariance[k], work)
         invalid[k] = invalid_reasons(
             Findings(
                 is_fresh=is_fresh[k],

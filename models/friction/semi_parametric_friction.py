@@ -18,7 +18,7 @@ from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.slip_elements import SlipElements, run_friction
 from wrenchsight.models.numerics.arrays import Array, contiguous
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 
 Handover = Literal["continuous", "literal"]
 
@@ -203,7 +203,7 @@ def friction_torque(table: Array, v: Array, tau_f: Array) -> None:
             tau_f[i] = table[i, _OFFSET] + table[i, _COULOMB] * np.sign(x) + table[i, _VISCOUS] * x
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _friction_log(table: Array, v: Array, tau_f: Array) -> None:
     for k in range(v.shape[0]):
         friction_torque(table, v[k], tau_f[k])

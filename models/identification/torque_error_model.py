@@ -96,7 +96,7 @@ from wrenchsight.models.identification.gravity_spread import (
     spread_table,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 VISCOUS_DRIFT = 0.05  # of the viscous torque
@@ -492,7 +492,7 @@ def initial_torque_error_state(num_joints: int) -> Array:
     return state
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def rest_rows(table: Array, state: Array, q: Array, v: Array, rows: Array) -> None:
     """Follows the motion of N samples: which joints rest, which turn.
 
@@ -501,7 +501,7 @@ def rest_rows(table: Array, state: Array, q: Array, v: Array, rows: Array) -> No
 
     Args:
         table: `TorqueErrorModel.table`.
-        state: (TORQUE_ERROR_ROWS, n), its rows of the motion changed.
+        state: (TORQUE_ERROR_ROWS, n) or more rows, those of the motion changed.
         q, v: (N, n) rad, rad/s.
         rows: (N, TORQUE_ERROR_ROWS, n), the same rows written after each sample.
     """
@@ -512,7 +512,7 @@ def rest_rows(table: Array, state: Array, q: Array, v: Array, rows: Array) -> No
                 rows[k, row, i] = state[row, i]
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def torque_sd_rows(
     table: Array,
     state: Array,
@@ -534,7 +534,7 @@ def torque_sd_rows(
 
     Args:
         table: `TorqueErrorModel.table`.
-        state: (TORQUE_ERROR_ROWS, n), its rows of the torques changed.
+        state: (TORQUE_ERROR_ROWS, n) or more rows, those of the torques changed.
         v, tau_J, tau_f: (N, n) rad/s and N m; the torques count for the sample after.
         rows: (N, TORQUE_ERROR_ROWS, n) of `rest_rows`; completed: the state after each sample, but
             with the torques of the one before.
@@ -576,7 +576,7 @@ def torque_sd_rows(
         take_transmitted(state, tau_J[k], tau_f[k])  # for the next sample
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
     """Stores L = tau_J - tau_f and tau_J, (n,) N m, for the next sample, where they are finite."""
     for i in range(tau_J.shape[0]):

@@ -20,6 +20,16 @@ import numba
 from numba import njit
 from numba.core import caching
 
+NO_NEW_ARRAYS = {"_nrt": False}
+"""Option of a kernel that makes, returns and stores no array: numba counts no references to those
+that it is handed. Counting takes half of what a call from Python does, and most of the time of a
+kernel that hands on tuples of arrays. One that makes an array all the same is refused when it is
+compiled ("Only accept returning of array passed into the function")."""
+
+NEW_ARRAYS = {"_nrt": True}
+"""Option of a kernel that makes arrays where one of NO_NEW_ARRAYS calls it: without either option a
+kernel has that of its first caller."""
+
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _Definitions = dict[str, tuple[str, tuple[str, ...]]]
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import NEW_ARRAYS, kernel
 from wrenchsight.models.numerics.row_blocks import in_row_blocks
 from wrenchsight.models.numerics.small_matrices import factorise_with_floor, solve_lower
 
@@ -182,7 +182,7 @@ def _write_error(
         floor[i] = _FLOOR_SHARE * (error_sd[i] * error_sd[i])
 
 
-@kernel
+@kernel(**NEW_ARRAYS)
 def beside_lines(
     scale_squared: float, correlation: Array, lines: Array, tau_ext: Array, sd: Array
 ) -> float:

@@ -43,7 +43,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 from wrenchsight.models.observers.explained_torque import beside_lines
 
 MIN_LOADED_SQUARE, MAX_FREE_SQUARE, MAX_OTHERS_SQUARE = 4.5, 3.0, 2.5  # of |z|^2, by joint
@@ -161,7 +161,7 @@ def initial_fault_state(num_joints: int) -> FaultState:
     return FaultState(np.zeros(_NUM_MEANS), np.full((_NUM_TORQUES, num_joints), np.nan))
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def is_believed(
     constants: FaultConstants,
     state: FaultState,
@@ -231,7 +231,7 @@ def is_believed(
     return believed
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _along(lines: Array, tau_ext: Array, sd: Array) -> float:
     """The largest part of |z|^2 along one of the lines."""
     n, largest = tau_ext.shape[0], 0.0
@@ -246,7 +246,7 @@ def _along(lines: Array, tau_ext: Array, sd: Array) -> float:
     return largest
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _time_shares(
     constants: FaultConstants, state: FaultState, tau_ext: Array, sd: Array, tau_J: Array
 ) -> tuple[float, float]:
@@ -306,7 +306,7 @@ def _time_shares(
     return _delay_share(means, _LATE), early_share
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _delay_share(means: Array, first: int) -> float:
     """The share of |z|^2 that a and b explain; 0 where they are not those of a delay.
 

@@ -62,7 +62,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 
 JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
 RATE_CORNERS = 2.0  # corner of the rate's low-pass, in units of the stated bandwidth
@@ -171,7 +171,7 @@ def observer_poles(K_0: ArrayLike | None, num_joints: int, time_step: float) -> 
     return np.asarray(np.exp(-rates * time_step))
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def see_jacobian_rows(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
     """Writes J as the observer saw it, right after each of N samples.
 
@@ -196,9 +196,9 @@ def see_jacobian_rows(poles: Array, state: Array, J: Array, J_seen: Array) -> No
                 state[i, j] = pole * seen + half * J[k, i, j]
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def lag_tick(
-    settings: LagSettings, state: Array, wrench: Array, covariance: Array, lateness: Array
+    settings: LagSettings, state: Array, wrench: Array, covariance: Array, work: Array
 ) -> bool:
     """Single-sample kernel: adds lag and scale to the covariance (6, 6).
 
@@ -217,13 +217,13 @@ def lag_tick(
             (_RATES); the latter two are updated. `lag_update` takes the sample.
         wrench: (6,) the reading, moment first; where it is not finite, f is 0 and L fades.
         covariance: (6, 6), changed.
-        lateness: (6,) N m and N, overwritten with h.
+        work: (2, 6) N m and N, overwritten with g and h.
 
     Returns:
         Whether the reading keeps pace with the force.
     """
     fast_power, slow_power, force_variance = 0.0, 0.0, 0.0  # of the three forces, N^2
-    g, h = np.empty(6), lateness
+    g, h = work[0], work[1]
     for i in range(6):
         f, slow_f = 0.0, 0.0  # slow_f: what f is through the lower corner, omega
         if np.isfinite(state[_FAST, i]) and np.isfinite(wrench[i]):
@@ -260,7 +260,7 @@ def lag_tick(
     return not (is_fast and lag_variance > MAX_LAG_RATIO * force_variance)
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def lag_update(settings: LagSettings, state: Array, wrench: Array, is_force: bool) -> None:
     """Single-sample kernel: updates `state` with the reading of a sample, in place.
 

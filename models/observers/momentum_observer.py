@@ -35,7 +35,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 from wrenchsight.models.observers.observer import Observed, ObserverSamples
 from wrenchsight.models.observers.period_torque import (
     arrived_momentum,
@@ -68,7 +68,7 @@ class MomentumObserverConfig:
     have them; held, they would be read half a time step late)"""
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def observe_momentum(
     table: Array,
     state: Array,

@@ -44,7 +44,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 from wrenchsight.models.robot.arm import Arm
 
 Codes = NDArray[np.int64]
@@ -76,6 +76,24 @@ OTHER_FAULT_WEIGHT = 0.25
 _LOW, _HIGH, _SPEED, _CURRENT, _CURRENT_STEP = range(5)
 _ACCELERATION, _SHARE, _ENCODER, _DRIFT, _MOVING, _ZERO_FALL, _NUM_BOUNDS = range(5, 12)
 _Q, _V, _I, _AGE, _I_AGE, _LARGEST, _SUM, _DISORDER, _SAME, _PREVIOUS_CODE, CHECK_ROWS = range(11)
+
+
+class CheckedSamples(NamedTuple):
+    """Signals of N samples after the check.
+
+    Attributes:
+        signals: (3, N, n) q, v and current, with NaN in place of impossible entries.
+        fault: (N,) the faults of q and v of each sample and of the current of the one before: a sum
+            of FAULT_BEYOND, FAULT_DISAGREES and FAULT_FROZEN, or 0.
+    """
+
+    signals: Array
+    fault: Codes
+
+    @classmethod
+    def empty(cls, N: int, n: int) -> "CheckedSamples":
+        """Memory for N samples of n joints."""
+        return cls(np.empty((3, N, n)), np.empty(N, np.int64))
 
 
 class SampleCheck:
@@ -121,25 +139,27 @@ class SampleCheck:
         return state
 
     def run(
-        self, state: Array, q: Array, v: Array, current: Array, period: ArrayLike
-    ) -> tuple[Array, Codes]:
+        self,
+        state: Array,
+        q: Array,
+        v: Array,
+        current: Array,
+        period: ArrayLike,
+        out: CheckedSamples | None = None,
+    ) -> CheckedSamples:
         """Checks successive samples.
 
         Args:
             state: of `initial_state`, changed in place.
             q, v, current: (N, n), contiguous.
-            period: (N,) or () s since the sample before.
-
-        Returns:
-            (3, N, n) q, v and current with NaN in place of impossible entries; and (N,) the faults
-            of q and v of each sample and of the current of the one before: a sum of FAULT_BEYOND,
-            FAULT_DISAGREES and FAULT_FROZEN, or 0.
+            period: (N,) s since the sample before; () or (1,): of all.
+            out: of N samples, written and returned; None: new memory.
         """
-        checked, codes = np.empty((3, len(q), self.num_joints)), np.empty(len(q), np.int64)
-        periods = np.empty(len(q))
-        periods[:] = period
-        check_rows(self.table, state, periods, q, v, current, checked, codes)
-        return checked, codes
+        if out is None:
+            out = CheckedSamples.empty(len(q), self.num_joints)
+        periods = np.array(period, float, ndmin=1)
+        check_rows(self.table, state, periods, q, v, current, out.signals, out.fault)
+        return out
 
     def motion(self, state: Array, q: Array, v: Array, period: float, checked: Array) -> int:
         """Checks q and v of the sample that follows, as `run` would; `state` stays as it is.
@@ -190,7 +210,7 @@ class _Joint(NamedTuple):
     j: int
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _check_motion(
     table: Array,
     state: Array,
@@ -226,7 +246,7 @@ def _check_motion(
     return codes
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _check_current(
     table: Array,
     state: Array,
@@ -243,7 +263,7 @@ def _check_current(
         checked[j] = current[j] if code == 0 else np.nan
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _take_sample(
     table: Array,
     state: Array,
@@ -288,7 +308,7 @@ class _Fades(NamedTuple):
     drift: float
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _take_motion(
     joint: _Joint, age: float, fades: _Fades, q: float, v: float, is_possible: bool
 ) -> None:
@@ -332,7 +352,7 @@ def _take_motion(
     state[_Q, j], state[_V, j], state[_AGE, j] = q, v, 0.0
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _take_current(joint: _Joint, v: float, current: float, is_possible: bool) -> None:
     """Updates the state of the current of one joint, A, at the measured velocity v."""
     table, state, period, j = joint
@@ -347,7 +367,7 @@ def _take_current(joint: _Joint, v: float, current: float, is_possible: bool) ->
         state[_I, j], state[_I_AGE, j] = current, 0.0
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _wrong_motion(joint: _Joint, fade: float, q: float, v: float) -> int:
     """The fault code of q and v of one joint; `fade` as in `_drift`."""
     table, state, period, j = joint
@@ -371,7 +391,7 @@ def _wrong_motion(joint: _Joint, fade: float, q: float, v: float) -> int:
     return FAULT_DISAGREES if abs(total) > drift or disorder > drift else 0
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _wrong_current(joint: _Joint, i: float) -> int:
     """The fault code of the current of one joint."""
     table, state, period, j = joint
@@ -389,14 +409,14 @@ def _wrong_current(joint: _Joint, i: float) -> int:
     return FAULT_FROZEN if i == state[_I, j] and state[_SAME, j] >= FROZEN_TIME else 0
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _disagreement(joint: _Joint, age: float, q: float, v: float) -> float:
     """The disagreement r of one joint, rad/s (m/s)."""
     r: float = (q - joint.state[_Q, joint.j]) / age - 0.5 * (v + joint.state[_V, joint.j])
     return r
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _drift(joint: _Joint, age: float, fade: float, r: float, v: float) -> tuple[float, float]:
     """Drift and disorder of one joint with a sample, rad (m); `fade` exp(-age / DRIFT_TIME)."""
     table, state, _, j = joint
@@ -408,14 +428,14 @@ def _drift(joint: _Joint, age: float, fade: float, r: float, v: float) -> tuple[
     return fade * state[_SUM, j] + r * age, max(disorder, 0.0)
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def _bound(joint: _Joint) -> float:
     """Largest r of one joint, rad/s (m/s)."""
     largest: float = max(joint.table[_SHARE, joint.j], MAX_RISE * joint.state[_LARGEST, joint.j])
     return largest
 
 
-@kernel
+@kernel(**NO_NEW_ARRAYS)
 def check_rows(
     table: Array,
     state: Array,
@@ -433,14 +453,15 @@ def check_rows(
 
     Args:
         table, state: of SampleCheck; the state is changed.
-        periods: (N,) s since the sample before.
+        periods: (N,) or (1,) s since the sample before.
         q, v, current: (N, n) rad, rad/s, A.
         checked: (3, N, n) the same, written, NaN where impossible.
         codes: (N,) written: the faults of q and v, and of the current of the sample before.
     """
     for k in range(q.shape[0]):
         motion, measured = checked[:2, k], checked[2, k]
+        period = periods[min(k, len(periods) - 1)]
         # Both checks compare with the sample before, in whose place `_take_sample` puts this one.
-        codes[k] = _check_motion(table, state, periods[k], q[k], v[k], motion)
-        _check_current(table, state, periods[k], current[k], measured)
-        _take_sample(table, state, periods[k], q[k], v[k], current[k], motion, measured)
+        codes[k] = _check_motion(table, state, period, q[k], v[k], motion)
+        _check_current(table, state, period, current[k], measured)
+        _take_sample(table, state, period, q[k], v[k], current[k], motion, measured)

@@ -281,13 +281,17 @@ class SerialChain:
         n = self.num_joints
         return momentum.reshape(*shape, n), CTv.reshape(*shape, n), G.reshape(*shape, n)
 
-    def observer_terms(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
-        """`momentum_terms` and `jacobian` of N samples in one pass; q and v contiguous."""
-        N, n = q.shape
-        momentum, CTv, G = np.empty((N, n)), np.empty((N, n)), np.empty((N, n))
-        J = np.empty((N, 6, n))
+    def write_observer_terms(
+        self, q: Array, v: Array, momentum: Array, CTv: Array, G: Array, J: Array
+    ) -> None:
+        """Writes `momentum_terms` and `jacobian` of N samples in one pass.
+
+        Args:
+            q, v: (N, n) rad and rad/s, contiguous.
+            momentum, CTv, G: (N, n) kg m^2/s, N m and N m, written.
+            J: (N, 6, n) rows [angular; linear] at E in axes of W, written.
+        """
         self._run(observer_terms_rows, q, v, momentum, CTv, G, J)
-        return momentum, CTv, G, J
 
     def gravity_torque(self, q: ArrayLike) -> Array:
         """G (..., n) in N m: the torque that holds the arm (minus Drake's gravity forces)."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.sparse_products import products
+from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 
 
 def motor_gain(torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> Array:
@@ -40,7 +40,22 @@ def joint_torque(gain: Array, motor_rates: Array, current: Array) -> Array:
     Args:
         gain: (n,) signed, of the motors, N m/A.
         motor_rates: (n, n) D with v_motor = D v_joint; (0, n) where each moves its own alone.
-        current: (N, n) A. A NaN stays with the joints it belongs to.
+        current: (N, n) A, contiguous. A NaN stays with the joints it belongs to.
     """
-    tau_motor = np.asarray(gain * current)
-    return products(motor_rates.T, tau_motor) if len(motor_rates) else tau_motor
+    tau_J = np.empty_like(current)
+    joint_torque_rows(gain, motor_rates, current, tau_J)
+    return tau_J
+
+
+@kernel(**NO_NEW_ARRAYS)
+def joint_torque_rows(gain: Array, motor_rates: Array, current: Array, tau_J: Array) -> None:
+    """Writes `joint_torque` of N samples into tau_J (N, n), N m; the other arguments are its."""
+    n, is_coupled = gain.shape[0], motor_rates.shape[0] > 0
+    for k in range(current.shape[0]):
+        for i in range(n):
+            tau_J[k, i] = 0.0 if is_coupled else gain[i] * current[k, i]
+        for motor in range(motor_rates.shape[0]):
+            for i in range(n):
+                # No product with a zero, which would hand on the NaN of a motor that moves others.
+                if motor_rates[motor, i] != 0.0:
+                    tau_J[k, i] += motor_rates[motor, i] * (gain[motor] * current[k, motor])

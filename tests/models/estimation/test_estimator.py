@@ -131,6 +131,18 @@ def test_a_tick_is_a_row_of_the_log_and_chunks_are_one_pass(method: str) -> None
         np.testing.assert_array_equal(tick, column)
 
 
+def test_an_estimate_stays_as_it_is_when_the_next_samples_are_taken() -> None:
+    """The estimator keeps memory between ticks; what it hands out is none of it."""
+    (q, v, current), tool = log(300), estimator()
+    state = tool.initial_state()
+    ticks = [tool.step(state, q[k], v[k], current[k]) for k in range(200)]
+    first = copy.deepcopy(ticks[150])
+    assert np.abs(first.wrench).max() > 0.0
+    tool.step(state, q[-1], v[-1], current[-1])
+    for before, after in zip(first, ticks[150], strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
 def test_a_long_log_crosses_the_memory_bound_unchanged() -> None:
     q, v, current = (np.tile(x, (30, 1)) for x in log())  # 18,000 rows
     tool = estimator()

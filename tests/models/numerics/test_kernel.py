@@ -4,10 +4,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numba.core.errors import NumbaError
 
 from wrenchsight.models.numerics import kernel as kernel_module
-from wrenchsight.models.numerics.kernel import kernel_stamp
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import NEW_ARRAYS, NO_NEW_ARRAYS, kernel, kernel_stamp
 
 CHAIN = """
 from wrenchsight.scale import FACTOR, UNUSED
@@ -107,6 +110,30 @@ def test_a_kernel_runs_in_its_present_version_and_from_disk_if_nothing_changed(
     assert run() == "6.0 1"  # a docstring, and another line: the compiled one is taken
     caller.write_text(f"{head}@kernel\ndef twice(x):\n    return 2.5 * x\n")
     assert run() == "7.5 0"
+
+
+@kernel(**NO_NEW_ARRAYS)
+def _makes_one_all_the_same(x: Array) -> float:
+    return np.empty(2).size + x[0]
+
+
+@kernel(**NEW_ARRAYS)
+def _by_a_made_one(x: Array) -> float:
+    made = np.empty(1)
+    made[0] = 2.0 * x[0]
+    return float(made[0])
+
+
+@kernel(**NO_NEW_ARRAYS)
+def _borrows(x: Array) -> float:
+    return _by_a_made_one(x[1:])
+
+
+def test_a_kernel_that_only_borrows_arrays_says_so_for_itself_alone() -> None:
+    x = np.array([1.0, 3.0])
+    assert _borrows(x) == 6.0  # what it calls makes an array, and is compiled for that
+    with pytest.raises(NumbaError, match="Only accept returning of array passed"):
+        _makes_one_all_the_same(x)
 
 
 def test_a_record_that_was_renamed_since_is_compiled_anew(tmp_path: Path) -> None:

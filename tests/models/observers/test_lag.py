@@ -25,7 +25,7 @@ def lag_log(settings, wrench, valid, covariance):
     """Lag and scale of samples, one after another; returns where the reading keeps pace."""
     state, keeps_pace = initial_lag_state(), np.empty(len(wrench), bool)
     for k in range(len(wrench)):
-        keeps_pace[k] = lag_tick(settings, state, wrench[k], covariance[k], np.empty(6))
+        keeps_pace[k] = lag_tick(settings, state, wrench[k], covariance[k], np.empty((2, 6)))
         lag_update(settings, state, wrench[k], valid[k])
     return keeps_pace
 
