@@ -22,6 +22,7 @@ _SCALE_END_QUANTILE = 0.99
 # its noise no colours.
 _MIN_SCALE_RATIO = 1.01
 _PAUSE_TIME = 0.7  # s, between two motions
+_MIN_PAUSE_FRAMES = 2  # of a page of few frames a second: a motion that is shown lasts two at least
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,8 @@ def write_path_page(
     _check_motions(motions)
     low, high = _ends_of_scale(motions)
     tips = [robot.chain.pose(motion.q)[1] for motion in motions]  # (N, 3) m, of E in W
-    meshcat = make_meshcat(robot, np.mean(np.concatenate(tips), axis=0))
+    middle = np.mean(np.concatenate(tips), axis=0)
+    meshcat = make_meshcat(robot, middle)  # which the page looks at
     picture = ArmPicture(robot, meshcat, fps)
     if workpiece is not None:
         _draw_workpiece(meshcat, workpiece)
@@ -88,10 +90,11 @@ def write_path_page(
         _draw_tube(meshcat, _meshcat_path(motion), tip, colour_scale(motion.measure, low, high))
     # From here on each `picture.show` is a frame of the page, at its time in s.
     start_animation(meshcat, fps)
+    pause = max(_PAUSE_TIME, _MIN_PAUSE_FRAMES / fps)
     start = 0.0  # s, of a motion in the page's time
     for number, motion in enumerate(motions):
         if number > 0:
-            start = start + seconds + _PAUSE_TIME
+            start = start + seconds + pause
             # Meshcat moves the arm evenly from frame to frame. The last posture once more, one
             # frame before the next motion, lets it rest through the pause and then jump.
             picture.show(motions[number - 1].q[-1], start - 1.0 / fps)

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrenchsight.diagrams.pages.arm_picture import colour_scale, scale_legend
+from wrenchsight.diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
 from wrenchsight.diagrams.pages.path_page import PathMotion, TriangleMesh, write_path_page
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
@@ -24,6 +24,26 @@ def test_a_page_with_both_motions_is_written_whole(sts: Robot, tmp_path: Path) -
     assert not list(tmp_path.glob(".*"))
     with pytest.raises(InputError, match="cannot be written"):
         write_path_page(sts, motions, tmp_path / "no" / "x.html", "A", seconds=0.1)
+
+
+@pytest.mark.parametrize(("seconds", "fps"), [(0.5, 10.0), (0.5, 0.8), (7.0, 0.5)])
+def test_frames_rise_in_time_however_few_there_are(
+    sts: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seconds: float, fps: float
+) -> None:
+    """Between two motions the arm rests: its last posture is shown after all of the first."""
+    shown: list[tuple[float, float]] = []
+    monkeypatch.setattr(
+        ArmPicture, "show", lambda self, q, time: shown.append((time, float(q[0] - sts.home[0])))
+    )
+    q = sts.home + np.array([[0.0], [0.1], [0.2]])
+    motions = [PathMotion("first", q, np.ones(3)), PathMotion("second", q + 1.0, np.ones(3))]
+    write_path_page(sts, motions, tmp_path / "x.html", "A", seconds=seconds, fps=fps)
+    times, places = np.transpose(shown)
+    assert np.all(np.diff(times) > 0.0)
+    assert np.all(np.diff(places) >= 0.0)
+    rest = int(np.flatnonzero(places < 0.5)[-1])
+    assert places[rest] == pytest.approx(0.2)
+    assert times[rest + 1] - times[rest] == pytest.approx(1.0 / fps)
 
 
 @pytest.mark.parametrize(
