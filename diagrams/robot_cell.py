@@ -81,9 +81,10 @@ class _CellParts:
     Attributes:
         builder: builder of the cell's diagram; the plant is in it.
         scenario: as given.
-        robot: as it is described, with the scenario's friction: its joints, drives, sensors, and
-            its tool's tip are the true ones.
-        true_model: the same with its true joint frames and tool weight: its links are true.
+        robot_of_joints: what the true joints, drives, sensors and the tool's tip are made from: the
+            robot as it is described, with the part of its true friction that the scenario has.
+        robot_of_links: what the true links are made from, the plant and the chain: the same robot
+            with its true joint frames and tool weight.
         plant: plant of the arm, the workpiece and the floor.
         scene_graph: scene graph of the plant's shapes; None where nothing touches or is drawn.
         arm: the robot's model instance, joints, actuators and frame E in the plant.
@@ -91,8 +92,8 @@ class _CellParts:
 
     builder: DiagramBuilder
     scenario: Scenario
-    robot: Robot
-    true_model: Robot
+    robot_of_joints: Robot
+    robot_of_links: Robot
     plant: MultibodyPlant
     scene_graph: SceneGraph | None
     arm: RobotInPlant
@@ -121,25 +122,26 @@ def make_robot_cell(
 ) -> RobotCell:
     """Builds the true robot with its tool, drives, sensors and surroundings.
 
-                         +------------+ --> q, v             (n,) encoders, rad, rad/s
-                         |            | --> current          (n,) A, as the drives report it
-                         |            | --> ft_wrench        (6,) sensor, where there is one
-      current_command -->| robot_cell | --> state            (2n,) q and v
-        (n,) A           |            | --> plant_state      of all bodies of the plant
-                         |            | --> tau_J_true       (n,) N m
-                         |            | --> tau_f_true       (n,) N m
-                         |            | --> tau_ext_true     (n,) N m
-                         |            | --> wrench_true      (6,) F_E_W, N m, N
-                         +------------+ --> wrench_unbalance (6,) of a spindle, when machining
+                               +------------+ --> q, v             (n,) encoders, rad, rad/s
+                               |            | --> current          (n,) A, as the drives report it
+                               |            | --> ft_wrench        (6,) F_E_W of the sensor
+      current_command       -->|            | --> state            (2n,) q and v
+        (n,) A                 | robot_cell | --> plant_state      of all bodies of the plant
+      applied_spatial_force -->|            | --> tau_J_true       (n,) N m
+                               |            | --> tau_f_true       (n,) N m
+                               |            | --> tau_ext_true     (n,) N m
+                               |            | --> wrench_true      (6,) F_E_W, N m, N
+                               |            | --> wrench_unbalance (6,) of a spindle
+                               +------------+ --> contact_results  of the plant
+
+    Only some cells have: ft_wrench, with a force/torque sensor; wrench_unbalance, when machining;
+    contact_results, with something to touch; applied_spatial_force, where the scenario asks for it:
+    list[ExternallyAppliedSpatialForce] in World, forces on any body besides those of the scenario.
 
     The ports `*_true` are for measuring errors: no estimator may see them. Every 6-vector is
     rotation first. The plant is discrete at the scenario's time step. All blocks see the state
     before the step, and a force at time t acts from t to t + time_step. The drives saturate at the
     robot's effort limits.
-
-    With something to touch there is an output contact_results of the plant. With the scenario's
-    `applied_spatial_force` there is an input of that name, list[ExternallyAppliedSpatialForce] in
-    World, for forces on any body besides those of the scenario.
 
     Args:
         scenario: what stands in the cell, and what acts on the tool.
@@ -148,6 +150,9 @@ def make_robot_cell(
         meshcat: draws the cell into it; without it there are no pictures.
         clear_links: names of links that never touch anything: they are left out of contact.
 
+    Returns:
+        The diagram with what is asked of its parts while it runs.
+
     Raises:
         InputError: a sensor without a tool to sit on, true friction out of range, or directives
             that Drake cannot follow.
@@ -155,15 +160,17 @@ def make_robot_cell(
     cell = _add_surroundings_and_arm(scenario, robot, is_drawn=meshcat is not None)
     # The plant is finalized. Its default positions and shapes are changed here, which has to be
     # done before the diagram's first Context.
-    joints = TrueJoints.of(cell.robot, scenario.time_step)
+    joints = TrueJoints.of(cell.robot_of_joints, scenario.time_step)
     _put_encoders_at(cell, joints, np.asarray(q_0, dtype=np.float64))
     if cell.scene_graph is not None:  # there is none where nothing touches or is drawn
         _prepare_contact(cell, cell.scene_graph, clear_links)
         if meshcat is None:
             _remove_pictures(cell.plant, cell.scene_graph)
     script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
-    true_arm = TrueArm(_arm_parts(cell, joints, script))
-    _connect_arm(cell, true_arm)  # adds it to the cell's builder, with drives and all ports
+    true_arm = cell.builder.AddNamedSystem("true_arm", TrueArm(_arm_parts(cell, joints, script)))
+    _connect_inputs(cell, true_arm)
+    for name, port in _connect_outputs(cell, true_arm).items():
+        cell.builder.ExportOutput(port, name)
     if meshcat is not None and cell.scene_graph is not None:
         parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
         MeshcatVisualizer.AddToBuilder(cell.builder, cell.scene_graph, meshcat, parameters)
@@ -176,7 +183,7 @@ def make_robot_cell(
 
 def _put_encoders_at(cell: _CellParts, joints: TrueJoints, q_0: Array) -> None:
     """Makes the plant start where the encoders read q_0 (n,), gears bent by the arm's weight."""
-    q_start = joints.links_at(q_0, cell.true_model.chain)
+    q_start = joints.links_at(q_0, cell.robot_of_links.chain)
     cell.plant.SetDefaultPositions(cell.arm.model_instance, q_start)
 
 
@@ -184,14 +191,14 @@ def _arm_parts(cell: _CellParts, joints: TrueJoints, script: WrenchScript) -> Ar
     """What the true arm is made of: true links, joints, drives, sensors, and what it touches."""
     scenario = cell.scenario
     return ArmParts(
-        chain=cell.true_model.chain,
+        chain=cell.robot_of_links.chain,
         joints=joints,
         tool_body=tool_body(cell.plant, cell.arm).index(),
         p_BE=_p_BE(cell.plant, cell.arm),
         script=script,
         contacts=_tool_contacts(cell) if cell.has_contact else None,
         process=_machining_process(scenario),
-        current=_current_sensor(cell.robot) if scenario.current_noise else None,
+        current=_current_sensor(cell.robot_of_joints) if scenario.current_noise else None,
         sensor=_force_torque_sensor(cell),
         seed=scenario.seed,
     )
@@ -202,14 +209,21 @@ def _add_surroundings_and_arm(scenario: Scenario, robot: Robot, is_drawn: bool) 
 
     Args:
         scenario: what stands in the cell.
-        robot: the arm as it is described.
+        robot: the arm as it is described, with its truth, from which both robots of the cell follow
+            (see `_CellParts`).
         is_drawn: whether pictures are needed.
+
+    Returns:
+        The builder with the plant, finalized, and what it holds.
+
+    Raises:
+        InputError: the truth is out of range, or Drake cannot follow the directives.
     """
-    robot_with_friction = with_true_friction(robot, scenario.friction)
-    true_model = true_robot(robot_with_friction)
+    robot_of_joints = with_true_friction(robot, scenario.friction)
+    robot_of_links = true_robot(robot_of_joints)
     builder = DiagramBuilder()
     plant, scene_graph = _add_plant(builder, scenario, _has_contact(scenario) or is_drawn)
-    arm = true_model.add_to_plant(plant)
+    arm = robot_of_links.add_to_plant(plant)
     for joint in arm.joints:
         joint.set_default_damping(0.0)  # `TrueArm` puts viscous friction on them, too
     if scenario.workpiece is not None:
@@ -222,35 +236,54 @@ def _add_surroundings_and_arm(scenario: Scenario, robot: Robot, is_drawn: bool) 
     return _CellParts(
         builder=builder,
         scenario=scenario,
-        robot=robot_with_friction,
-        true_model=true_model,
+        robot_of_joints=robot_of_joints,
+        robot_of_links=robot_of_links,
         plant=plant,
         scene_graph=scene_graph,
         arm=arm,
     )
 
 
-def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
-    """Adds the true arm, connects it with drives and plant, and exports the cell's ports.
+def _connect_inputs(cell: _CellParts, true_arm: TrueArm) -> None:
+    """Connects what the true arm takes, and exports the cell's input current_command.
 
-    current_command --> drives --> true_arm --> actuation, forces --> plant
-                                      ^------- state, contacts ---------+
+    current_command --> drives --> true_arm
+                                     ^ state, contacts, reaction forces of the plant
     """
-    builder, plant, instance = cell.builder, cell.plant, cell.arm.model_instance
-    builder.AddNamedSystem("true_arm", true_arm)
-    # `_add_drives_and_get_sources` exports the input current_command, and has a source for each
-    # input of this arm: those of contact and sensor only some have.
-    for name, port in _add_drives_and_get_sources(cell).items():
-        builder.Connect(port, true_arm.GetInputPort(name))
+    plant, instance = cell.plant, cell.arm.model_instance
+    limit = cell.robot_of_joints.current_limit
+    drives = cell.builder.AddNamedSystem("drives", Saturation(-limit, limit))
+    cell.builder.ExportInput(drives.get_input_port(), "current_command")
+    sources = {
+        "state": plant.get_state_output_port(instance),
+        "current_command": drives.get_output_port(),
+    }
+    if cell.has_contact:
+        sources["contact_results"] = plant.get_contact_results_output_port()
+        sources["tau_contact"] = plant.get_generalized_contact_forces_output_port(instance)
+    if cell.has_sensor:
+        sources["reaction_forces"] = plant.get_reaction_forces_output_port()
+        sources["vdot"] = plant.get_generalized_acceleration_output_port(instance)
+    for name, port in sources.items():
+        cell.builder.Connect(port, true_arm.GetInputPort(name))
+
+
+def _connect_outputs(cell: _CellParts, true_arm: TrueArm) -> dict[str, OutputPort]:
+    """Connects what the true arm puts on the plant; returns the cell's outputs by name.
+
+    An input of the cell for forces of a user is exported where the scenario has one.
+
+    true_arm --> actuation, generalized and spatial forces --> plant
+    """
+    builder, instance = cell.builder, cell.arm.model_instance
     # Two outputs of the true arm hold many signals each. Here each signal is a port, by its name:
     # what encoders, force/torque sensor and environment say, and torques and currents.
     motion = _add_demultiplexer(builder, true_arm, "motion", true_arm.motion_sizes)
     drives = _add_demultiplexer(builder, true_arm, "drives", true_arm.drive_sizes)
-    builder.Connect(drives["tau_J"], plant.get_actuation_input_port(instance))
+    builder.Connect(drives["tau_J"], cell.plant.get_actuation_input_port(instance))
     _connect_generalized_force(cell, drives["generalized_force"])
-    _connect_spatial_forces(cell, true_arm)  # exports the input of a user's forces, if there is one
-    for name, port in _cell_outputs(cell, true_arm, motion, drives).items():
-        builder.ExportOutput(port, name)
+    _connect_spatial_forces(cell, true_arm)
+    return _cell_outputs(cell, true_arm, motion, drives)
 
 
 def _cell_outputs(
@@ -259,13 +292,16 @@ def _cell_outputs(
     motion: dict[str, OutputPort],
     drives: dict[str, OutputPort],
 ) -> dict[str, OutputPort]:
-    """The cell's outputs by name, in the order of their export; those that it has.
+    """Those of the cell's outputs that it has, by name. They are found by name: any order will do.
 
     Args:
-        motion, drives: parts of the true arm's outputs of these names, by their names.
+        cell, true_arm: connected.
+        motion: ports of the signals in the true arm's output of this name: q_read and v_read of the
+            encoders, sensed of the force/torque sensor; wrench and torque without contact.
+        drives: likewise tau_J, tau_f and current, as the drives report it.
     """
     plant, instance = cell.plant, cell.arm.model_instance
-    outputs = _truth_outputs(cell, true_arm, motion) | {
+    outputs = {
         "q": motion["q_read"],
         "v": motion["v_read"],
         "state": plant.get_state_output_port(instance),
@@ -274,6 +310,7 @@ def _cell_outputs(
         "tau_J_true": drives["tau_J"],
         "tau_f_true": drives["tau_f"],
     }
+    outputs |= _truth_outputs(cell, true_arm, motion)  # wrench_true and tau_ext_true
     if true_arm.HasOutputPort("wrench_unbalance"):
         outputs["wrench_unbalance"] = true_arm.GetOutputPort("wrench_unbalance")
     if cell.has_sensor:
@@ -289,7 +326,7 @@ def _connect_generalized_force(cell: _CellParts, arm_force: OutputPort) -> None:
     The plant's port takes the generalized force of all bodies: those that are not the arm's get
     none.
     """
-    to_plant = np.zeros((cell.plant.num_velocities(), cell.robot.num_joints))
+    to_plant = np.zeros((cell.plant.num_velocities(), cell.robot_of_joints.num_joints))
     for i, joint in enumerate(cell.arm.joints):
         to_plant[joint.velocity_start(), i] = 1.0
     spread = cell.builder.AddNamedSystem("generalized_force", MatrixGain(to_plant))
@@ -327,25 +364,6 @@ def _follow_directives(plant: MultibodyPlant, scenario: Scenario) -> None:
         raise InputError("scenario", "directives", f"Drake cannot follow them: {error}") from error
 
 
-def _add_drives_and_get_sources(cell: _CellParts) -> dict[str, OutputPort]:
-    """The sources of the true arm's inputs, by their names. One of them, the drives, is added."""
-    plant, instance = cell.plant, cell.arm.model_instance
-    limit = cell.robot.current_limit
-    drives = cell.builder.AddNamedSystem("drives", Saturation(-limit, limit))
-    cell.builder.ExportInput(drives.get_input_port(), "current_command")
-    sources = {
-        "state": plant.get_state_output_port(instance),
-        "current_command": drives.get_output_port(),
-    }
-    if cell.has_contact:
-        sources["contact_results"] = plant.get_contact_results_output_port()
-        sources["tau_contact"] = plant.get_generalized_contact_forces_output_port(instance)
-    if cell.has_sensor:
-        sources["reaction_forces"] = plant.get_reaction_forces_output_port()
-        sources["vdot"] = plant.get_generalized_acceleration_output_port(instance)
-    return sources
-
-
 def _add_demultiplexer(
     builder: DiagramBuilder, true_arm: TrueArm, name: str, sizes: dict[str, int]
 ) -> dict[str, OutputPort]:
@@ -374,7 +392,7 @@ def _truth_outputs(
         return {"wrench_true": motion["wrench"], "tau_ext_true": motion["torque"]}
     # Zero, without a call into Python.
     ports = {}
-    for name, size in (("wrench_true", 6), ("tau_ext_true", cell.robot.num_joints)):
+    for name, size in (("wrench_true", 6), ("tau_ext_true", cell.robot_of_joints.num_joints)):
         zero_source = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size)))
         ports[name] = zero_source.get_output_port()
     return ports
@@ -383,7 +401,7 @@ def _truth_outputs(
 def _tool_contacts(cell: _CellParts) -> ToolContacts:
     tool = tool_body(cell.plant, cell.arm)
     geometries = cell.plant.GetCollisionGeometriesForBody(tool)
-    radius = tip_radius(cell.robot) if cell.scenario.machining is not None else 0.0
+    radius = tip_radius(cell.robot_of_joints) if cell.scenario.machining is not None else 0.0
     return ToolContacts(tool.index(), geometries, radius)
 
 
@@ -476,6 +494,8 @@ def _material_of(
     cell: _CellParts, body: RigidBody, shape: Shape, clear_links: Collection[str]
 ) -> ProximityProperties | None:
     """The contact material of a shape of the arm; None: it touches nothing."""
+    if not cell.has_contact:
+        return None
     workpiece = cell.scenario.workpiece
     if isinstance(workpiece, BladeConfig):
         # A mesh is touched by patches alone: only the tip has a shape that makes them.
@@ -494,8 +514,8 @@ def _prepare_contact(
 ) -> None:
     """Says which shapes of the arm touch what stands around it, and in which material.
 
-    At a blade only the ball at the tool's tip makes contact: the links pass through the blade. The
-    links never touch each other.
+    They are none where there is nothing to touch, and at a blade only the ball at the tool's tip:
+    the links pass through the blade. Shapes of the arm never touch each other.
 
     Args:
         cell: its plant is finalized, so that all shapes are there.
@@ -509,10 +529,8 @@ def _prepare_contact(
     for index in plant.GetBodyIndices(arm.model_instance):
         body = plant.get_body(index)
         for geometry in plant.GetCollisionGeometriesForBody(body):
-            material = None  # of a shape that touches nothing
-            if cell.has_contact:
-                material = _material_of(cell, body, inspector.GetShape(geometry), clear_links)
-            if material is None:
+            material = _material_of(cell, body, inspector.GetShape(geometry), clear_links)
+            if material is None:  # it touches nothing
                 # Without this role a shape costs no time at a tick.
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
             else:
@@ -520,12 +538,15 @@ def _prepare_contact(
                 arm_shapes.Add(geometry)
     filters = scene_graph.collision_filter_manager()
     filters.Apply(CollisionFilterDeclaration().ExcludeWithin(arm_shapes))
-    if cell.scenario.floor:
+    if cell.scenario.floor:  # a floor that can be touched: the robot always stands on it
         _exclude_foot_on_floor(cell, scene_graph)
 
 
 def _exclude_foot_on_floor(cell: _CellParts, scene_graph: SceneGraph) -> None:
-    """Leaves the contact out of the floor with what the robot stands on, which never ends."""
+    """Leaves contact of the floor with the robot's foot out, the body before its first joint.
+
+    That contact never ends, and moves nothing.
+    """
     inspector = scene_graph.model_inspector()
     foot_body = cell.arm.joints[0].parent_body()
     foot = GeometrySet(cell.plant.GetCollisionGeometriesForBody(foot_body))
@@ -540,7 +561,7 @@ def _exclude_foot_on_floor(cell: _CellParts, scene_graph: SceneGraph) -> None:
 
 
 def _force_torque_sensor(cell: _CellParts) -> ForceTorqueSensor | None:
-    arm, robot, scenario = cell.arm, cell.robot, cell.scenario
+    arm, robot, scenario = cell.arm, cell.robot_of_joints, cell.scenario
     config = scenario.force_torque_sensor
     if config is None:
         return None
