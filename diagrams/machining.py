@@ -37,9 +37,11 @@ from wrenchsight.models.robot.robot import Robot
 # and `refine` goes on between them.
 NUM_ANGLES = 36
 _TOOL_AXIS_E = (0.0, 0.0, 1.0)  # working direction of the tool, held into the surface
-# rad, of a joint from one sample to the next: more is a jump to another branch, not a motion.
+# rad, of a joint from one sample to the next: more is a jump to another branch, not a motion. Of a
+# joint that slides it is the same number in m, 14 cm.
 _MAX_STEP = math.radians(8.0)
-# deg, kept from the limits of joints that turn, so that control stays off them
+# deg, kept from the limits of joints that turn, so that control stays off them: in the bundled
+# polishing a joint strays by 1 deg at most. A joint that slides keeps none.
 _LIMIT_MARGIN_DEG = 5.0
 # N per rad^2: a smooth motion matters more here than the last millinewton
 _SMOOTHNESS_WEIGHT = 0.05
@@ -95,14 +97,17 @@ def posture_problem(
 
     Postures differ by the angle about the tool's axis, which the work leaves free. Minimised is the
     mean over the path of the force's stated sd, N, plus _SMOOTHNESS_WEIGHT times (N - 1) sum dq^2,
-    rad^2, dq the steps of all joints between the N samples. The sd is that of the nominal model:
-    what is planned must not depend on an identification. Bounds are hard: joint limits, less
-    _LIMIT_MARGIN, and _MAX_STEP, rad a joint from one sample to the next.
+    rad^2 (m^2 of slides), dq the steps of all joints between the N samples. The sd is that of the
+    nominal model: what is planned must not depend on an identification. Bounds are hard: joint
+    limits, less _LIMIT_MARGIN_DEG of joints that turn, and _MAX_STEP for each joint from one sample
+    to the next.
 
     Args:
-        robot, path: whose samples the postures are of.
-        machining: states narrower joint limits, if any, and the first angle of the grid, from which
-            the others are even steps (`angle_deg`; without one 0).
+        robot: the arm.
+        path: N samples, a posture each.
+        machining: states narrower joint limits, if any. Its `angle_deg` (without one 0) is the
+            first of the grid's angles, from which the others are even steps. Where it is stated
+            `postures` searches no grid, but keeps this angle: it takes cost and bounds from here.
         source: named in messages.
 
     Raises:

@@ -110,7 +110,8 @@ class LineMotion:
     start: float = 0.0
     """s, at rest before"""
     lead_in: float = 0.0
-    """s, of a way back that goes before the first of two or more passes"""
+    """s, of a way back that goes before the first of two or more passes, up to one_way. A shorter
+    one begins in its middle: the motion starts there at speed, from an arm at rest."""
     time_law: str = "constant_speed"
     """or thirds, uniform_acceleration"""
     ramp: float = 0.1
@@ -481,9 +482,11 @@ def _check_workpiece(workpiece: PlateConfig | BladeConfig | None, source: str) -
 
 
 def _check_machining(scenario: Scenario, source: str) -> None:
-    """Raises InputError where machining lacks a part, or has a number out of range.
+    """Raises InputError where machining lacks a part, or has a time or height out of range.
 
-    It is only called where there is machining.
+    `check_scenario` calls it where there is machining, after `_check_numbers`: all numbers are
+    finite, and counts within LIMITS. What hangs on the workpiece or the robot is checked as the
+    pass is planned (`diagrams.machining`): ends of the path, angles, joint ranges, force.
     """
     machining = scenario.machining
     assert machining is not None
@@ -500,10 +503,9 @@ def _check_machining(scenario: Scenario, source: str) -> None:
     if len(machining.start) != 2 or len(machining.end) != 2:
         raise InputError(source, "machining", "start and end take two numbers each, u and v")
     for name, value in (("one_way", machining.one_way), ("ramp", machining.ramp)):
-        if not (np.isfinite(value) and value > 0):
+        if not value > 0:
             raise InputError(source, f"machining.{name}", f"{value:g} s, expected more than 0")
-    # m above the surface; 0: there is no air pass.
-    if not (np.isfinite(machining.air_pass) and machining.air_pass >= 0):
+    if not machining.air_pass >= 0:  # m above the surface; 0: there is no air pass
         raise InputError(
             source, "machining.air_pass", f"{machining.air_pass:g} m, expected 0 or more"
         )
@@ -593,9 +595,14 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
                   `passes` of them, each takes one_way
 
     Equal cycles of there and back are put one after another, cycle 0 from `begin` on, and what lies
-    between start and end is cut out of them. The lead-in is the end of a way back, cycle -1: it is
-    one_way long at most, and there is none before a single pass, whose cycle is the way there
-    alone (`_check_line`). Of an odd number of passes the last cycle is cut in its middle.
+    between start and end is cut out of them. Of an odd number of passes the last cycle is cut in
+    its middle.
+
+    The lead-in is the end of a way back, cycle -1: it is one_way long at most, and there is none
+    before a single pass, whose cycle is the way there alone (`_check_line`). One that is shorter
+    than one_way begins amid that way: until start the arm rests there, and then the reference has
+    the speed of that place at once. Its first sample is the first of the cycle at or after start,
+    up to _TRAJECTORY_STEP later. The end always is a sample: a turning point.
     """
     _check_line(motion)
     cycle = _line_cycle(motion, robot)

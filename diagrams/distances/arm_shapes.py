@@ -1,6 +1,6 @@
 """The collision shapes of an arm and of its surroundings, and their distances."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, Role
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, Joint, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
-from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot import Robot, RobotInPlant
 
 
 class ArmShapes:
@@ -37,46 +38,27 @@ class ArmShapes:
         self, robot: Robot, add: Callable[[MultibodyPlant], None] = lambda plant: None
     ) -> None:
         builder = DiagramBuilder()
-        plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
         # Hulls: distances of meshes are those of their convex hulls.
-        self.plant = plant
-        self.parts = robot.add_to_plant(plant, hulls=True)
+        self.parts = parts = robot.add_to_plant(plant, hulls=True)
         add(plant)
         plant.Finalize()
+        self.plant = plant
         self.diagram = builder.Build()
         self.inspector = self._scene_graph.model_inspector()
         shapes = sorted(self.inspector.GetAllGeometryIds(Role.kProximity), key=GeometryId.get_value)
         self.body = {
             shape: plant.GetBodyFromFrameId(self.inspector.GetFrameId(shape)) for shape in shapes
         }
-        self.level = self._levels()
-        weld = self.parts.tool_weld  # of the tool to the flange; None: there is no tool
-        self.tool = (
-            self.parts.frame_E.body() if weld is None else plant.get_joint(weld).child_body()
-        )
-        self.position_indices = [joint.position_start() for joint in self.parts.joints]
-        self._floating_start = self._start_of_floating_pose()
+        self.level = _levels(plant, parts.joints)
+        self.tool = _tool(plant, parts)
+        self.position_indices = [joint.position_start() for joint in parts.joints]
+        # Index of the pose of the body that floats among the plant's positions: 7 numbers,
+        # quaternion and position. None: no body floats.
+        self._floating_start = _start_of_floating_pose(plant)
         # Contexts of the diagram, kept alive: `new_context` gives away the plant's parts of them,
         # which Drake deletes with the whole.
         self._diagram_contexts: list[Any] = []
-
-    def _levels(self) -> dict[Any, int]:
-        """`level`: what is welded to the child of joint j moves with it, and has level j + 1."""
-        plant = self.plant
-        level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
-        for j, joint in enumerate(self.parts.joints):
-            for body in plant.GetBodiesWeldedTo(joint.child_body()):
-                level[body.index()] = j + 1
-        return level
-
-    def _start_of_floating_pose(self) -> int | None:
-        """Index of the first floating body's pose among the plant's positions; None: none floats.
-
-        It is 7 numbers, quaternion and position, which `pairs` sets. Other bodies that float stay
-        where they are by default.
-        """
-        floating = [self.plant.get_body(index) for index in self.plant.GetFloatingBaseBodies()]
-        return min((body.floating_positions_start() for body in floating), default=None)
 
     @cached_property
     def context(self) -> Any:
@@ -126,6 +108,33 @@ class ArmShapes:
         return self.plant.get_geometry_query_input_port().Eval(self.context)
 
 
+def _levels(plant: MultibodyPlant, joints: Sequence[Joint]) -> dict[BodyIndex, int]:
+    """`ArmShapes.level`: what is welded to the child of joint j moves with it, and has j + 1."""
+    level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
+    for j, joint in enumerate(joints):
+        for body in plant.GetBodiesWeldedTo(joint.child_body()):
+            level[body.index()] = j + 1
+    return level
+
+
+def _tool(plant: MultibodyPlant, parts: RobotInPlant) -> RigidBody:
+    """The body of the robot's tool; without one the body that E lies on."""
+    if parts.tool_weld is None:
+        return parts.frame_E.body()
+    return plant.get_joint(parts.tool_weld).child_body()
+
+
+def _start_of_floating_pose(plant: MultibodyPlant) -> int | None:
+    """Index of the first floating body's pose among the positions; None: none floats.
+
+    Of several bodies that float it is the one that was added first: the others stay where they are
+    by default.
+    """
+    floating = [plant.get_body(index) for index in plant.GetFloatingBaseBodies()]
+    return min((body.floating_positions_start() for body in floating), default=None)
+
+
 def _without(pair: tuple[Any, Any]) -> Any:
+    """The declaration that leaves a pair of shapes out of all distances."""
     first, second = (GeometrySet(shape) for shape in pair)
     return CollisionFilterDeclaration().ExcludeBetween(first, second)
