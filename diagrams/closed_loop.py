@@ -228,7 +228,7 @@ def make_closed_loop(
                          |   +---------------- terms ---- estimator <-------+
                          +-- wrench: of the sensor or of the estimator
 
-    Logged at every tick, unless `log` says otherwise:
+    K is the drives' torque per ampere. Logged at every tick, unless `log` says otherwise:
 
         reference, tau_command, q, v, current
         tau_ext, wrench, covariance, condition_number, valid, invalid   of the estimator
@@ -253,9 +253,11 @@ def make_closed_loop(
 
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; an
-            air-pass correction without machining; a motion that is not of the scenario's kind.
-        InputError: the scenario does not fit the robot, the model is of another robot, or force
-            control feeds back an estimate that depends on the torque that it commands.
+            air-pass correction without machining, or of an observer that it cannot correct; a
+            motion that is not of the scenario's kind.
+        InputError: the scenario does not fit the robot, the model is of another robot, the damper
+            of an impedance would chatter, or force control feeds back an estimate that depends on
+            the torque that it commands.
     """
     check_scenario(scenario)
     _check_estimator_request(scenario, estimator, is_drawn=meshcat is not None)
@@ -520,7 +522,7 @@ def _add_machining(
     # `steady` of this plan says when an estimate may be fed back; the paths are the same.
     plan_with_trust = _with_trusted_times(plan, air_pass)
     reference = _add_reference(parts, plan_with_trust, terms, wrench)
-    controller = _add_pass_controller(parts, plan, reference, terms, wrench)
+    controller = _add_pass_controller(parts, plan.q_start, reference, terms, wrench)
     controller_outputs = split_outputs(parts.builder, controller)
     tau_command = controller_outputs["tau_command"]
     signals = {name: reference[name] for name in _PASS_SIGNALS}
@@ -559,7 +561,7 @@ def _with_trusted_times(plan: MachiningPath, air_pass: AirPassCorrection | None)
 
 def _add_pass_controller(
     parts: _LoopParts,
-    plan: MachiningPath,
+    q_start: Array,
     reference: Mapping[str, OutputPort],
     terms: OutputPort,
     wrench: OutputPort,
@@ -567,7 +569,7 @@ def _add_pass_controller(
     """Adds the impedance controller of a pass and connects all of its inputs.
 
     Args:
-        plan: starts where the controller's damper is checked.
+        q_start: (n,) rad, where the controller's damper is checked.
         reference: outputs of the block MachiningReference by their names, which say what the
             controller makes of the wrench: force_active and feedback_valid.
         terms: of the estimator's model at the measured q and v.
@@ -577,7 +579,7 @@ def _add_pass_controller(
         InputError: as `_add_impedance_controller`.
     """
     assert isinstance(parts.scenario.controller, ImpedanceConfig)
-    controller = _add_impedance_controller(parts, parts.scenario.controller, plan.q_start)
+    controller = _add_impedance_controller(parts, parts.scenario.controller, q_start)
     of_reference = (
         "pose_reference",
         "reference",
@@ -602,7 +604,7 @@ def _add_freed_friction(
     """Takes the friction that the tool's vibration frees off the command.
 
     Args:
-        law: constants of the controller, which has fed the friction forward.
+        law: `ImpedanceController.law` of the controller, which has fed the friction forward.
         viscous: (n,) N m s/rad, of the estimator's friction, which the vibration leaves.
         tau_command: (n,) N m of the controller.
         reference, tracked: outputs of MachiningReference and ToolVibrationTracker by their names.

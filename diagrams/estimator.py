@@ -315,7 +315,11 @@ def _staged(
     correction = _add_correction(builder, estimator.num_joints, uncorrected) if corrected else {}
     signals = uncorrected | correction
     signals |= _connect_reconstruction(
-        builder, stages.reconstruction, signals, uncorrected["tau_ext_valid"], wiring
+        builder,
+        stages.reconstruction,
+        signals,
+        observer_valid=uncorrected["tau_ext_valid"],
+        wiring=wiring,
     )
     # The output `terms` is of the model, at q and v as they come. The stages' terms are taken for
     # it where they are of the same q and v; not a user's, which may be of another model.

@@ -23,6 +23,9 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot_config import DriveConfig
 
+_MAX_ROUNDING = 1e-6
+"""Largest part of a plant's step by which a period may miss a multiple of it: above what rounding
+makes of steps such as 1/3 ms, far below a step."""
 DEFAULT_TIME_STEP = 1e-3
 """s, period of the estimator of an arm in a continuous plant."""
 
@@ -89,17 +92,20 @@ def add_estimator(
             another plant, or given together with what describes one; actuation and current are
             both given; the period is no multiple of the plant's time step.
     """
-    _check_request(builder, plant, actuation, current, name)
+    # Only what this function adds to the request is checked here: `ArmInPlant` checks what
+    # describes an arm, `add_estimator_to_ports` the name and the model.
+    _check_signals(builder, plant, actuation, current, name)
     description = (model_instance, frame_E, drives, base, payload)
-    if arm is not None and (arm.plant is not plant or any(x is not None for x in description)):
+    if arm is None:
+        arm = ArmInPlant(plant, model_instance, frame_E, drives, base=base, payload=payload)
+    elif arm.plant is not plant or any(part is not None for part in description):
         raise ValueError(
             f"{name}: give an arm of this plant, or model_instance, frame_E, drives, base and "
             "payload, not both"
         )
-    if arm is None:
-        arm = ArmInPlant(plant, model_instance, frame_E, drives, base=base, payload=payload)
     # Of the same joints and drives: only the axes of its wrench are others.
     estimated_arm = arm.in_base_axes() if in_base_axes else arm
+    config_at_plant_rate = _config_at_plant_rate(plant, config, name)
     q, v = _joint_motion(builder, estimated_arm, name)
     if current is None:
         current = _motor_current(builder, estimated_arm, actuation, name)
@@ -107,7 +113,7 @@ def add_estimator(
         builder,
         estimated_arm,
         estimated_arm.nominal_model() if model is None else model,
-        _config_at_plant_rate(plant, config, name),
+        config_at_plant_rate,
         q=q,
         v=v,
         current=current,
@@ -118,7 +124,7 @@ def add_estimator(
     )
 
 
-def _check_request(
+def _check_signals(
     builder: DiagramBuilder,
     plant: MultibodyPlant,
     actuation: OutputPort | None,
@@ -156,14 +162,21 @@ def _selected(builder: DiagramBuilder, state: OutputPort, rows: Array, name: str
 def _config_at_plant_rate(
     plant: MultibodyPlant, config: WrenchEstimatorConfig | None, name: str
 ) -> WrenchEstimatorConfig:
-    """The configuration, at a period that the plant can be sampled with."""
-    time_step = plant.time_step()
+    """The configuration, at a period that is a multiple of the plant's time step.
+
+    Args:
+        config: checked; None: the default one, at the plant's time step.
+
+    Raises:
+        ValueError: its period is no multiple of the plant's time step.
+    """
+    time_step = plant.time_step()  # s; 0 of a continuous plant, which may be sampled at any period
     if config is None:
         config = WrenchEstimatorConfig()
         period = time_step if time_step > 0.0 else DEFAULT_TIME_STEP
         return replace(config, observer=replace(config.observer, time_step=period))
     ticks = config.observer.time_step / time_step if time_step > 0.0 else 1.0
-    if abs(ticks - max(round(ticks), 1)) > 1e-6:
+    if abs(ticks - max(round(ticks), 1)) > _MAX_ROUNDING:
         raise ValueError(
             f"{name}: the observer's time_step is {config.observer.time_step:g} s, and the plant "
             f"steps every {time_step:g} s: take a multiple of it"

@@ -81,15 +81,16 @@ def make_held_arm(
 ) -> HeldArm:
     """Builds an arm that a joint controller holds at `q`, with its estimators.
 
-        reference --> controller --> drive_hold ------------> plant --> q, v
-                          |                                     ^
-                          +--> current sensor --> estimators    +-- external wrench
+        reference --> controller --> drive_hold ------------> plant --> q, v --> estimators
+                       ^  |                                     ^
+                       |  +--> current sensor --> estimators    +-- external wrench
+                       +-- terms of the first estimator
 
     The plant is continuous in time, so that the scripted wrench acts at every moment and not only
     at the ticks. It has no joint friction. The drives hold their torque from tick to tick, and
     encoders, current sensors and estimators sample at the ticks. Controller and estimators have the
-    true rigid-body model: their readings differ from the truth by the observer's dynamics and the
-    current's noise alone.
+    true rigid-body model, also without friction: their readings differ from the truth by the
+    observer's dynamics and the current's noise alone.
 
     Args:
         robot: the arm.
@@ -104,7 +105,8 @@ def make_held_arm(
         ValueError: no estimator, or time steps that differ.
     """
     time_step = _common_time_step(estimators)
-    model = IdentifiedModel.nominal(robot)  # the parameters of the robot file: here the true ones
+    # The inertias of the robot file, which are the plant's, and no friction.
+    model = IdentifiedModel.nominal(robot)
     q_start = np.asarray(q, float)
     builder = DiagramBuilder()
     arm = _add_arm(builder, robot, q_start)
@@ -119,8 +121,8 @@ def make_held_arm(
         )
         for name, config in estimators.items()
     }
-    # The controller needs rigid-body terms at the measured q and v. All estimators have one model
-    # and put out the same: those of the first are taken.
+    # The controller needs rigid-body terms at the measured q and v. All estimators have the same
+    # model and read the same q and v, so that all put out the same terms.
     terms = next(iter(estimator_diagrams.values())).GetOutputPort("terms")
     tau_command = _add_holding_controller(builder, robot, model, q_start, terms, time_step)
     _add_drives(builder, robot, arm, tau_command, time_step)
