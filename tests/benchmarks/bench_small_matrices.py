@@ -17,10 +17,12 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.observers.explained_torque import explained_constants, unexplained_log
 from wrenchsight.models.planning.motion.damped_least_squares import damped_step
+from wrenchsight.models.planning.motion.posture_cost import gradient_by_q
 from wrenchsight.models.rigid_body.conditioning import condition_number
 
 SAMPLES = 4096
 ROUNDS = 7
+PATH_POSTURES = 21
 PRIOR_SD = np.repeat([3.0, 60.0], 3)  # N m and N
 EVIDENCE_SDS = 3.0, 60.0
 
@@ -161,6 +163,22 @@ def steps_by_numpy(J: Array, errors: Array) -> Array:
     return np.asarray((np.swapaxes(J, 1, 2) @ np.linalg.solve(matrices, errors[..., None]))[..., 0])
 
 
+def gradient_by_numpy(J: Array, G: Array) -> Array:
+    """As `models.planning.motion.posture_cost.gradient_by_q`."""
+    w, v, a, b = J[:, :3], J[:, 3:], G[:, :3], G[:, 3:]
+    from_j_on = np.cross(w, a, axis=1) + np.cross(v, b, axis=1)
+    before_j = np.cross(b, w, axis=1)
+    sum_from_j_on = np.cumsum(from_j_on[..., ::-1], axis=2)[..., ::-1]
+    sum_before_j = np.cumsum(before_j, axis=2) - before_j
+    return np.asarray(np.sum(w * sum_from_j_on + v * sum_before_j, axis=1))
+
+
+def path_by_path(gradient: Callable[[Array, Array], Array], J: Array, G: Array) -> Array:
+    """Gradients (N, n), for the postures of one path after another, as a search asks for them."""
+    paths = [slice(k, k + PATH_POSTURES) for k in range(0, len(J), PATH_POSTURES)]
+    return np.concatenate([gradient(J[rows], G[rows]) for rows in paths])
+
+
 def main() -> None:
     """Prints the table."""
     rng, n = np.random.default_rng(0), 6
@@ -223,6 +241,14 @@ def main() -> None:
             "kernel": lambda: steps_by_kernel(J, tau, steps),
             "numba's linear algebra": lambda: steps_by_numba(J, tau, others),
             "numpy on all": lambda: steps_by_numpy(J, tau),
+        },
+    )
+    G = rng.normal(size=J.shape)
+    compare(
+        f"gradient of a path's cost, {PATH_POSTURES} postures at a time",
+        {
+            "kernel": lambda: path_by_path(gradient_by_q, J, G),
+            "numpy on a path": lambda: path_by_path(gradient_by_numpy, J, G),
         },
     )
 

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.rigid_body.structural_rank import parallel_columns, structural_rank
 
@@ -233,13 +234,45 @@ def gradient_by_q(J: Array, G: Array) -> Array:
     Args:
         J, G: (N, 6, n).
     """
-    w, v, a, b = J[:, :3], J[:, 3:], G[:, :3], G[:, 3:]
-    # a.(w_j x w) + b.(w_j x v) = w_j.(w x a + v x b), and b.(w x v_j) = v_j.(b x w).
-    from_j_on = np.cross(w, a, axis=1) + np.cross(v, b, axis=1)
-    before_j = np.cross(b, w, axis=1)
-    sum_from_j_on = np.cumsum(from_j_on[..., ::-1], axis=2)[..., ::-1]
-    sum_before_j = np.cumsum(before_j, axis=2) - before_j
-    return np.asarray(np.sum(w * sum_from_j_on + v * sum_before_j, axis=1))
+    J, G = contiguous(J, G)
+    gradient = np.empty((J.shape[0], J.shape[2]))
+    gradient_rows(J, G, gradient)
+    return gradient
+
+
+@kernel
+def gradient_rows(J: Array, G: Array, gradient: Array) -> None:
+    """Writes `gradient_by_q` of N postures.
+
+    A search of a placement asks for it thousands of times, of a path's postures each; numpy's cross
+    products take most of the time of a cost there (`tests/benchmarks/bench_small_matrices.py`).
+
+    Args:
+        J, G: (N, 6, n).
+        gradient: (N, n), written.
+    """
+    n = J.shape[2]
+    sum_from_j_on = np.empty((3, n))
+    for k in range(J.shape[0]):
+        w, v, a, b = J[k, :3], J[k, 3:], G[k, :3], G[k, 3:]
+        # a.(w_j x w) + b.(w_j x v) = w_j.(w x a + v x b), and b.(w x v_j) = v_j.(b x w).
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            total = 0.0
+            for j in range(n - 1, -1, -1):
+                total += (w[y, j] * a[z, j] - w[z, j] * a[y, j]) + (
+                    v[y, j] * b[z, j] - v[z, j] * b[y, j]
+                )
+                sum_from_j_on[x, j] = total
+        for j in range(n):
+            gradient[k, j] = 0.0
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            total = 0.0
+            for j in range(n):
+                of_j = b[y, j] * w[z, j] - b[z, j] * w[y, j]
+                total += of_j
+                gradient[k, j] += w[x, j] * sum_from_j_on[x, j] + v[x, j] * (total - of_j)
 
 
 def _rows(chain: SerialChain, q: ArrayLike) -> Array:
