@@ -307,7 +307,7 @@ def _limits(
     Args:
         joints: of the chain, base to tool.
         actuators: of each joint, or None.
-        chain: from the arm's base to E.
+        chain: of these joints, for gravity.
     """
     lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
     upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])

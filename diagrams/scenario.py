@@ -602,7 +602,7 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     before a single pass, whose cycle is the way there alone (`_check_line`). One that is shorter
     than one_way begins amid that way: until start the arm rests there, and then the reference has
     the speed of that place at once. Its first sample is the first of the cycle at or after start,
-    up to _TRAJECTORY_STEP later. The end always is a sample: a turning point.
+    less than a step between samples later. The end always is a sample: a turning point.
     """
     _check_line(motion)
     cycle = _line_cycle(motion, robot)

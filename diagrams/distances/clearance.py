@@ -267,10 +267,10 @@ class Clearance:
 
         Returns:
             m, by the ids of the two shapes, in the order in which Drake states them; -inf of a pair
-            that is left out. It lacks pairs that are farther at home, which must keep the margin,
-            and jointed ones, which Drake does not state. And the names of overlapping pairs.
+            that is left out. Pairs that are not in it must keep the margin, but for jointed ones,
+            whose distance Drake never states. And the names of overlapping pairs.
         """
-        # Half the distance at home of any pair beyond is more than the margin.
+        # m. Of any pair beyond, half the distance at home is more than the margin.
         near = max(_NEAR_AT_HOME, self.margin / _KEPT_SHARE_OF_HOME)
         at_home = {
             (pair.id_A, pair.id_B): pair.distance
@@ -279,15 +279,12 @@ class Clearance:
         }
         rigid = {pair for pair in at_home if self._is_rigid(pair)}
         overlapping = {pair for pair, distance in at_home.items() if distance <= 0.0} - rigid
-        always_clear = self._always_clear(
-            robot,
-            {
-                pair: distance
-                for pair, distance in at_home.items()
-                if self._are_neighbours(pair) and pair not in rigid | overlapping
-            },
-        )
-        left_out = rigid | overlapping | always_clear
+        neighbours = {
+            pair: distance
+            for pair, distance in at_home.items()
+            if self._are_neighbours(pair) and pair not in rigid | overlapping
+        }
+        left_out = rigid | overlapping | self._always_clear(robot, neighbours)
         requirements = {
             pair: -np.inf if pair in left_out else min(self.margin, _KEPT_SHARE_OF_HOME * distance)
             for pair, distance in at_home.items()
@@ -315,13 +312,14 @@ class Clearance:
             is_fixed = self.shapes.body[shape].index() == self.shapes.plant.world_body().index()
             for other in self.shapes.body:
                 if other in self._arm_shapes and is_workpiece:
-                    is_left_out = other in self._may_touch_workpiece
-                    is_left_out |= is_fixed and self._level(other) == 0
-                    required = -np.inf if is_left_out else self.margin
-                elif other in self._arm_shapes:
-                    required = -np.inf if self._level(other) == 0 else self.margin
+                    is_working = other in self._may_touch_workpiece
+                    is_rigid = is_fixed and self._level(other) == 0
+                    required = -np.inf if is_working or is_rigid else self.margin
+                elif other in self._arm_shapes:  # and `shape` is an obstacle's
+                    required = -np.inf if self._level(other) == 0 else self.margin  # -inf: rigid
                 elif is_workpiece and not is_fixed:
-                    required = -np.inf if other in self._workpiece_shapes else 0.0
+                    is_rigid = other in self._workpiece_shapes
+                    required = -np.inf if is_rigid else 0.0  # 0: resting
                 else:
                     continue  # both stand still, or the other way round
                 requirements[shape, other] = requirements[other, shape] = required
@@ -440,13 +438,13 @@ class Clearance:
             slack_i  = scale_i (distance_i - required_i),  scale_i of `_scales`
             gradient = sum_i w_i scale_i d distance_i / dq,  w_i = exp(-k slack_i) / the sum in ln
 
-        over all pairs that count within INFLUENCE_DISTANCE + margin. There a pair enters or leaves
-        the sum with a slack of INFLUENCE_DISTANCE or more, ten e-folds beyond _FAR_SLACK, which
-        moves the value by e^-10 / k = 0.1 um at most. Where there is no pair the value is
-        _FAR_SLACK. It is never more, and positive only where `slack` is.
+        over all pairs that count within INFLUENCE_DISTANCE + margin. At that distance a pair enters
+        or leaves the sum, with a slack of INFLUENCE_DISTANCE or more, ten e-folds of its term
+        beyond _FAR_SLACK: that moves the value by e^-10 / k = 0.1 um at most. Where there is no
+        pair the value is _FAR_SLACK. It is never more, and positive only where `slack` is.
 
-        The gradient leaves out pairs with w_i scale_i < _MIN_GRADIENT_SHARE, in which it differs
-        from that of the value.
+        The gradient is that of the value, but for pairs with w_i scale_i < _MIN_GRADIENT_SHARE,
+        which it leaves out.
         """
         pairs = self._pairs_that_count(q, INFLUENCE_DISTANCE + self.margin)
         context_at_q = self.shapes.context  # where looking for pairs has left it
@@ -470,7 +468,8 @@ class Clearance:
 
         They are margin / required, at most _LARGEST_SCALE: 1 for most pairs, more for those that
         must keep less than the margin, as the parts of a wrist. What a caller keeps in reserve of
-        the margin then fits them too. Without a margin all are 1.
+        the margin then fits them too. Where 0 must be kept, it is _LARGEST_SCALE. Without a margin
+        all are 1.
         """
         quotient = self.margin / np.maximum(required, _MIN_REQUIRED)
         return np.clip(quotient, 1.0, _LARGEST_SCALE)
@@ -478,16 +477,18 @@ class Clearance:
     def _distance_gradient(self, pair: SignedDistancePair, context: Context) -> Array:
         """(n_q,) gradient of a pair's distance by the plant's positions.
 
-        The distance grows as the nearest points Ca and Cb move apart along the normal.
+            d distance / dt = n . (v_Ca - v_Cb)
+
+        with the shapes' nearest points Ca and Cb, and n the normal from B to A.
 
         Args:
-            pair: as Drake states it.
+            pair: as Drake states it: these points in the frames of their shapes, n in W.
             context: context of the plant, at the posture in which the pair was found.
         """
         plant, world = self.shapes.plant, self.shapes.plant.world_frame()
 
         def jacobian(shape: GeometryId, p_GC: Array) -> Array:
-            """(3, n_q) of a point of a shape by the positions, in axes of W."""
+            """(3, n_q) of a shape's point, by the positions' rates; in axes of W."""
             X_FG = self.shapes.inspector.GetPoseInFrame(shape)
             return np.asarray(
                 plant.CalcJacobianTranslationalVelocity(
@@ -515,7 +516,7 @@ class Clearance:
         it: its slack is 0 or more. At all other times half of that is proved: no slack is below
         -allowance, half of the least that any pair must keep (0 where a workpiece may rest on
         something). Pairs beyond INFLUENCE_DISTANCE are not looked at: they count with the least
-        slack that they can have there.
+        slack that they can have there. With a margin above it, no motion counts as clear.
 
         The proof: no point of the arm moves faster than sum_j speed_j r_j, r_j the farthest that it
         can be from joint j, and the distance of two moving links changes at twice that, `fastest`,

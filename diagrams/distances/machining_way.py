@@ -44,18 +44,24 @@ class Overlap:
 def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) -> dict[str, Array]:
     """Postures (N, n) by part: approach, pass and lift.
 
-    Those of the pass are of its first way along the path: all others go through the same postures.
+    The approach goes from the plan's start along the normal to the end of the search for contact,
+    the lift along the normal off the place where the pass ends. Postures of the pass are those of
+    its first way along the path: all other ways go through the same ones.
+
+    Args:
+        robot: the arm.
+        plan: the pass.
+        phases: its distances of approach and lift.
 
     Raises:
         InputError: the arm cannot lift that far.
     """
-    q = plan.trajectory.q
-    approach = moved_along(
-        robot, plan.q_start, plan.path.n_W[0], -(phases.standoff + phases.search)
-    )
-    path_end = 0 if plan.s[-1] < 0.5 else -1
+    q, normals = plan.trajectory.q, plan.path.n_W  # of the trajectory's samples; of the path's
+    approach = moved_along(robot, plan.q_start, normals[0], -(phases.standoff + phases.search))
+    # An even number of passes ends at the path's beginning.
+    last_normal = normals[0] if plan.s[-1] < 0.5 else normals[-1]
     try:
-        lift = moved_along(robot, q[-1], plan.path.n_W[path_end], phases.lift)
+        lift = moved_along(robot, q[-1], last_normal, phases.lift)
     except InputError as error:
         raise InputError(
             "machining",
