@@ -4,9 +4,10 @@
 puts a block in the place of ours. Its input ports are connected by their names: q, v, current,
 terms, tau_J, tau_f, tau_ext, tau_ext_valid, pole, sliding, torque_error, fault, and for `detection`
 the outputs of `reconstruction`. Inputs of other names stay open. With a correction `reconstruction`
-and `detection` get the corrected tau_ext and tau_ext_valid. A `reconstruction` with an input
-`corrected` (1,) finds there whether the correction holds, and tau_ext_valid is the observer's
-alone. A block must have the outputs of its stage:
+and `detection` get the corrected tau_ext and tau_ext_valid, and `friction` v_planned in the place
+of v where the model's law is of the speed alone. A `reconstruction` with an input `corrected` (1,)
+finds there whether the correction holds, and tau_ext_valid is the observer's alone. A block must
+have the outputs of its stage:
 
     samples         q, v, current (n,), fault (1,); from inputs of those names
     terms           terms (abstract)
