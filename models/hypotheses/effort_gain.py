@@ -14,7 +14,9 @@ from wrenchsight.models.recordings.recording_format import PER_CENT, PER_MILLE
 NAME = "unit or gain of the drives"
 # of the logarithm of a gain: less is a load, a model's masses, a torque constant
 MIN_LOG_GAIN = 0.3
-ALL_SMALLEST = 0.9  # the same, of all joints together
+ALL_SMALLEST = 0.9  # the same, of all joints together, without a model of `identify`
+RMS_GAIN = math.sqrt(0.5)  # of a sine's amplitude: drives state either of a phase's current
+RMS_TOLERANCE = 0.1  # of the logarithm, within which a common gain is this one, or its inverse
 LOG_GAIN_TOLERANCE = 0.3  # of the logarithm, within which a gain is that of a known unit
 ALL_SMALL = 0.2  # gains of another unit; a single drive of less has the error of the others
 RATED_UNITS = {1e3: PER_MILLE, 1e2: PER_CENT}  # by the parts of a rated torque that they count
@@ -70,7 +72,9 @@ def _forms(case: Case) -> list[_Form]:
     forms: list[_Form] = []
     if is_known.any():
         common = float(np.exp(np.median(np.log(gain_of_each[is_known]))))
-        if abs(math.log(common)) > ALL_SMALLEST:  # of the whole arm: a unit, not a tolerance
+        # Of the whole arm: a unit, not a tolerance. A model of the same drives leaves less open.
+        smallest = ALL_SMALLEST if case.model is None else MIN_LOG_GAIN
+        if abs(math.log(common)) > smallest:
             forms.append(_Form(np.full(n, common), num_free=1.0))
             each = np.where(is_known, gain_of_each, common)
             forms.append(_Form(each, num_free=float(is_known.sum())))
@@ -197,6 +201,19 @@ def _of_known_unit(case: Case, gains: Array) -> _Finding | None:
     def are_near(log_expected: Array | float) -> bool:
         return bool(np.abs(log_gains - log_expected).max() < LOG_GAIN_TOLERANCE)
 
+    for gain, logged, modelled in (
+        (RMS_GAIN, "effective values (rms)", "amplitudes"),
+        (1.0 / RMS_GAIN, "amplitudes", "effective values (rms)"),
+    ):
+        is_common = bool(np.ptp(log_gains) == 0.0)
+        if is_common and abs(float(log_gains[0]) - math.log(gain)) < RMS_TOLERANCE:
+            return _Finding(
+                f"{case.word}s of {gains[0]:.3g} times the model's size, as where the log has "
+                f"{logged} and the model's logs had {modelled}",
+                f"set {key}: {{gain: {numbers_text(np.full(1, 1.0 / gain))}}} in a description, "
+                "or identify the model from such logs",
+                {},
+            )
     unit = "mN m" if case.rows.is_torque else "mA"
     if are_near(math.log(1e3)):
         return _Finding(

@@ -226,6 +226,30 @@ def test_units_are_named(ur10e: Robot, gain: float, word: str) -> None:
     assert word in fault.cause
 
 
+@pytest.mark.parametrize(
+    ("gain", "word"),
+    [(0.5**0.5, "the log has effective values (rms)"), (2.0**0.5, "had effective values"),
+     (2.0, "a multiple of what the arm needs"), (1.05, "")],
+)  # fmt: skip
+def test_a_common_gain_is_named_beside_a_model_of_the_same_drives(
+    ur10e: Robot, gain: float, word: str
+) -> None:
+    """A torque constant is some per cent off; a load or a force explains no gain of all joints."""
+    model = replace(
+        IdentifiedModel.nominal(ur10e),
+        friction=SemiParametricFriction(CoulombViscous(COULOMB, np.zeros(6), np.zeros(6))),
+        residual_covariance=0.5**2 * np.eye(6),
+        provenance=Provenance(logs=[LogSource("identification.csv")]),
+    )
+    log = motion(ur10e)
+    fault = judge_log([replace(log, current=gain * log.current)], ur10e, model).fault
+    assert (fault is not None) == bool(word)
+    if fault is not None:
+        assert fault.name == "unit or gain of the drives"
+        assert word in fault.cause
+        assert f"gain: [{1.0 / gain:.3g}" in fault.remedy
+
+
 def test_a_coupled_wrist_that_is_not_stated_is_a_remedy_of_a_gain(
     data: Callable[[str], Path], tmp_path: Path
 ) -> None:
