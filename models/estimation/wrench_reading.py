@@ -78,11 +78,12 @@ class ReadingState(NamedTuple):
     Attributes:
         lag: (LAG_ROWS, 6) of `models.observers.lag`.
         unexplained_time: (1,) s, of `models.observers.explained_torque`.
-        means, torques: of `models.observers.fault_signature`.
+        times, means, torques: of `models.observers.fault_signature`.
     """
 
     lag: Array
     unexplained_time: Array
+    times: Array
     means: Array
     torques: Array
 
@@ -266,7 +267,7 @@ class WrenchReading:
 
     def initial_state(self) -> ReadingState:
         """Returns the state before the first sample."""
-        faults = initial_fault_state(self.num_joints)
+        faults = initial_fault_state(self.faults)
         return ReadingState(initial_lag_state(), np.array([np.nan]), *faults)
 
     def run(
@@ -400,6 +401,7 @@ def judge_rows(
     correlation: Array,
     lag: Array,
     unexplained_time: Array,
+    times: Array,
     means: Array,
     torques: Array,
     tau_ext: Array,
@@ -422,8 +424,8 @@ def judge_rows(
     Args:
         constants: of JudgementNumbers.
         poles, lines, correlation: of FaultConstants.
-        lag, unexplained_time, means, torques: ReadingState of the sample before; changed to that
-            after the last sample.
+        lag, unexplained_time, times, means, torques: ReadingState of the sample before; changed to
+            that after the last sample.
         tau_ext, sd: (N, n) N m, the sd with what grows with the torque that is read. Row by row in
             the order of their times, like all that follows.
         unexplained: (N,) of `unexplained_log`, how far tau_ext is from that of any wrench at E.
@@ -436,7 +438,7 @@ def judge_rows(
     """
     numbers = constants[0]
     signature = FaultConstants(numbers.faults, poles, lines, correlation)
-    fault_memory = FaultState(means, torques)
+    fault_memory = FaultState(times, means, torques)
     for k in range(wrench.shape[0]):
         # At the first sample, when no wrench has been low-passed (lag is NaN), no torque comes
         # before it, and none is missing.

@@ -5,7 +5,6 @@ import pytest
 from numpy.typing import NDArray
 
 from wrenchsight.models.observers.fault_signature import (
-    EARLY_AMBIGUOUS_SHARE,
     REPORT_TIME,
     FaultConstants,
     fault_constants,
@@ -44,7 +43,7 @@ def _believed(
     unexplained: float,
 ) -> NDArray[np.bool_]:
     """(N,) whether each of N samples is believed."""
-    state = initial_fault_state(6)
+    state = initial_fault_state(constants)
     return np.array(
         [
             is_believed(constants, state, ext, _SD, motor, unexplained, True, False)
@@ -107,26 +106,17 @@ def _low_passed(x: Array, K_0: float) -> Array:
     return out
 
 
-@pytest.mark.parametrize(
-    ("delay", "later"),
-    [
-        (0.2, 0.0),  # late currents leave what a wrench explains, and no push leaves it for long
-        (0.5, 0.0),
-        # A push that begins looks like early currents for a while.
-        (-0.2, REPORT_TIME / EARLY_AMBIGUOUS_SHARE - REPORT_TIME),
-        (-0.3, REPORT_TIME / EARLY_AMBIGUOUS_SHARE - REPORT_TIME),
-    ],
-)
-def test_a_delay_is_doubted_though_a_wrench_explains_it(delay: float, later: float) -> None:
-    """By how much later than one that no wrench explains; all are within .7 s of motion."""
+@pytest.mark.parametrize("delay", [0.2, 0.5, -0.2, -0.3])
+def test_a_delay_is_doubted_though_a_wrench_explains_it(delay: float) -> None:
+    """As soon as one that no wrench explains; late ones within .2 s, leads .2 s after their own."""
     t = _STEP * np.arange(1000)
     tau_J = _need(t - delay)
     tau_ext = _low_passed(_need(t) - tau_J, 20.0)
     is_valid = _believed(_constants(), tau_ext, tau_J, unexplained=0.0)
     is_valid_unexplained = _believed(_constants(), tau_ext, tau_J, unexplained=1e9)
-    seconds = (np.argmin(is_valid) - np.argmin(is_valid_unexplained)) * _STEP
-    assert seconds == pytest.approx(later, abs=1.5 * _STEP)
-    assert not is_valid[round(0.7 / _STEP) :].any()
+    np.testing.assert_array_equal(is_valid, is_valid_unexplained)
+    # Late currents have no past before the first sample: d passes for them, too.
+    assert not is_valid[round((abs(delay) + 0.2) / _STEP) :].any()
 
 
 @pytest.mark.parametrize("frequency", [0.5, 1.0, 2.0])
