@@ -82,13 +82,13 @@ class ArmInPlant(Arm):
         payload: float | None = None,
         name: str | None = None,
     ) -> None:
-        self._find(plant, model_instance, frame_E)
-        # The chain with the reflected inertia of the plant's actuators.
+        self._find(plant, model_instance, frame_E)  # sets these three
+        # The chain with the reflected inertia of the plant's actuators; sets X_WB and joints.
         chain = self._find_chain(base, context)
         actuators = _actuators_of(plant, self.joints)
         # Messages of errors name the model instance where they name the file of another arm.
         source = Path(plant.GetModelInstanceName(self.model_instance))
-        Arm.__init__(
+        Arm.__init__(  # which refuses drives that are not one a joint
             self,
             name=name or str(source),
             source=source,

@@ -168,7 +168,8 @@ def make_robot_cell(
             _remove_pictures(cell.plant, cell.scene_graph)
     script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
     true_arm = cell.builder.AddNamedSystem("true_arm", TrueArm(_arm_parts(cell, joints, script)))
-    _connect_inputs(cell, true_arm)
+    _connect_inputs(cell, true_arm)  # exports current_command
+    # Exports applied_spatial_force, if the cell has it.
     for name, port in _connect_outputs(cell, true_arm).items():
         cell.builder.ExportOutput(port, name)
     if meshcat is not None and cell.scene_graph is not None:

@@ -11,17 +11,17 @@ from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.planning.placement.placement_task import WORKPIECE
 from wrenchsight.models.robot.robot import Robot
 
-# m. Links are looked at in some postures of the plan, and the arm gets this far from none of them:
-# the tool of the bundled polishing at most 4 mm, between postures and off its plan together. A link
-# that is wrongly left out would pass through the plate; one that is kept costs time alone.
+# m. It is far more than the arm gets away from the nearest of the postures that are looked at, by
+# moving to the next one and by straying from its plan: the tool of the bundled polishing 4 mm. A
+# link that is wrongly left out would pass through the plate; one that is kept costs time alone.
 CLEAR_DISTANCE = 0.05
 
 
 def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozenset[str]:
     """Names of the links that keep more than CLEAR_DISTANCE from the plate on the way of a pass.
 
-    They keep it in the postures of `postures_of_pass`. It is meant to cover how far the arm gets
-    from these, between them and as it strays from the plan.
+    They keep it in the postures of `postures_of_pass`; it covers what the arm does between these
+    and beside its plan.
 
     The set is empty without machining of a plate, if other contact is possible (a floor or bodies
     of directives to touch, a wrench that pushes the arm off its path), or if the path cannot be

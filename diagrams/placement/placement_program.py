@@ -303,8 +303,9 @@ class PlacementProgram:
             start: need not keep the constraints.
             solver: one of SOLVERS.
             options: options of the solver, by its own names, beside or in place of the defaults.
-            measure: what to minimise the mean of, in place of the program's own; the cost of the
-                solution is the program's own all the same. None where the program has no cost.
+            measure: what to minimise the mean of; None: the program's own measure. The cost of the
+                solution is that of the program's own in either case. A program without a cost takes
+                None only.
 
         Returns:
             Where the solver ended, converged or not; the start itself where it gave up.
