@@ -23,6 +23,9 @@ PRIOR_WRONG_SHARE = 1.0 / 30.0  # share of logs that are wrong in one of the way
 RIVAL_ODDS = 10.0  # odds within which a second hypothesis is named beside the best one
 MAX_LEFT_SHARE = 0.67  # of what the log as it is leaves unexplained, which a fault leaves at most
 MAX_SMALL_LEFT_SHARE = 0.88  # of it, which a small fault leaves where no other explains more
+# share of the torque that a fault with something to fit explains, unless all rows that it leaves
+# fit a force at the tool
+MIN_FAULT_EXPLAINED = 0.5
 MOST_LOGS = 3
 LASTING_SHARE = 0.9  # share of a log from which on a contact lasts for all of it
 MAX_EXPLAINED = 0.9  # by a log as it is that lacks gravity, or that `identify` refuses
@@ -76,7 +79,7 @@ class Judgement:
                 f"the {self.word}s of {100.0 * unexplained:.0f} % of the log fit neither the model "
                 "nor a force at the tool of a plausible size, and none of these explains them: "
                 f"{_all_else()}; check that the log is of this robot and the model of "
-                "this arm, tool and mounting"
+                "this arm, tool and mounting, from logs that moved as far and as fast"
             )
         if shares["touched"] > LASTING_SHARE:
             return (
@@ -248,7 +251,11 @@ def judge(case: Case) -> Judgement:
 
 
 def _explains_enough(fault: Explanation, case: Case, explained: float, is_likeliest: bool) -> bool:
-    """Whether a fault leaves little of what the log as it is leaves unexplained.
+    """Whether a fault explains the log, and leaves little of what it leaves unexplained as it is.
+
+    An order, a sign or a number that leaves more than it explains is the least wrong of many where
+    the model fits nothing, and no cause; unless it leaves contact alone. External torque and
+    missing gravity have nothing to fit, and may leave no torque to explain.
 
     A small fault needs not explain much more; but where all is as the model has it, it may not
     stand for what the model's own error explains, nor for another fault that is as likely.
@@ -259,6 +266,10 @@ def _explains_enough(fault: Explanation, case: Case, explained: float, is_likeli
         explained: share of the torque's mean square that the log as it is explains.
         is_likeliest: whether no other fault has larger odds.
     """
+    kind_share = dict(zip(KINDS, fault.kind_share, strict=True))
+    is_implausible = kind_share["odd"] + kind_share["pressed"] > MIN_IMPLAUSIBLE
+    if fault.has_form and fault.explained < MIN_FAULT_EXPLAINED and is_implausible:
+        return False
     if fault.is_small and not case.base_is_good:
         return True
     # Beside an identified model: a robot's file has masses that gravity shows as a zero.

@@ -351,6 +351,33 @@ def test_a_force_that_lasts_is_no_fault(base, left, stands):
     assert stands_beside_contact(fault(left, has_form=False), np.array(base), 0.7)
 
 
+@pytest.mark.parametrize(
+    ("explained", "odd", "has_form", "is_named"),
+    [
+        (0.4, 0.2, True, False),
+        (0.6, 0.2, True, True),
+        (0.4, 0.0, True, True),  # contact is all that is left: a heavy push, all the time
+        (0.4, 0.2, False, True),  # external torque, of which a log may hold nearly none
+    ],
+)
+def test_a_choice_that_leaves_more_than_it_explains_is_no_cause(
+    ur10e, monkeypatch, explained, odd, has_form, is_named
+):
+    """Of many orders one always fits best, also where the model fits nothing of the log."""
+
+    def explain(case: Case) -> Explanation:
+        share = np.array((0.2, 0.3, 0.5 - odd, 0.0, odd))
+        evidence = case.base_fit.log_evidence + 60.0
+        return Explanation("order", evidence, explained, share, "it", "mend it", has_form=has_form)
+
+    monkeypatch.setattr(judgement, "HYPOTHESES", {"order": explain})
+    log = motion(ur10e)
+    current = 0.8 * np.sin(3.0 * log.t[:, None] + np.arange(6)) * ur10e.current_limit
+    result = judged(replace(log, current=current), ur10e)
+    assert result.explained < 0.1
+    assert (result.fault is not None) == is_named, result.sentence()
+
+
 @pytest.mark.parametrize(("delay", "stands"), [(0.0, False), (0.3, True)])
 def test_a_small_fault_is_none_where_the_log_fits_as_it_is(ur10e, monkeypatch, delay, stands):
     """A tenth of what a log that fits leaves unexplained is the model's own error, at any odds; of
