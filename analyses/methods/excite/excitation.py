@@ -356,7 +356,8 @@ def _candidates(
     First the solver's ends: the second solve goes on from the first one's end, each later one
     starts from the next random motion. Each is computed when it is asked for. Then motions on the
     way back from each of these ends to its random motion (RETREAT_SHARES), which is within the
-    limits at its samples: those of the least measure first.
+    limits at its samples: those of the least measure first. With these is an end that is no better
+    than the best random motion, as a solve of few iterations from a poor one has it.
 
     Args:
         programs: to solve, one for each of SOLVE_RESERVES; one or more.
@@ -374,22 +375,26 @@ def _candidates(
 
     # The random motion from which a solve, and what it went on from, began.
     origin = start = ranked[0]
-    ways_back: list[_Candidate] = []
+    pool: list[_Candidate] = []
     for attempt, program in enumerate(programs):
         # Solve 0 begins at motion 0, solve 1 goes on from its end, solve 2 begins at motion 1;
         # where there are too few motions, the last is taken again.
         if attempt > 1:
             origin = start = ranked[min(attempt - 1, len(ranked) - 1)]
         solution = program.solve(start, config.iterations, report)
-        yield _Candidate(solution, solution.trajectory)
+        end = _Candidate(solution, solution.trajectory)
+        if solution.cost < program.cost(ranked[0]):
+            yield end
+        else:
+            pool.append(end)
         start = solution.trajectory
-        ways_back += [
+        pool += [
             _Candidate(solution, _between(origin, solution.trajectory, share))
             for share in RETREAT_SHARES
         ]
-    costs = [program.cost(candidate.trajectory) for candidate in ways_back]
+    costs = [program.cost(candidate.trajectory) for candidate in pool]
     for index in in_order(costs):
-        yield ways_back[index]
+        yield pool[index]
 
 
 def _refusal(last: _Checked) -> InputError:

@@ -99,16 +99,18 @@ def test_the_ways_back_are_tried_from_all_ends_and_the_best_first():
     class Program:
         def solve(self, start, iterations, watch):
             end = FourierTrajectory(0.1, start.centre + 10.0, [[0.0]], [[0.0]])
-            return ExcitationSolution(end, 0.0, "snopt 31", 1)
+            return ExcitationSolution(end, self.cost(end), "snopt 31", 1)
 
         def cost(self, trajectory):
             return abs(float(trajectory.centre[0]) - 8.0)  # best on the way to the first end
 
     programs = [Program() for _ in SOLVE_RESERVES]
     candidates = list(_candidates(programs, starts, ExcitationConfig(), lambda *_: None))
-    ends, ways_back = candidates[: len(programs)], candidates[len(programs) :]
-    assert [float(end.trajectory.centre[0]) for end in ends] == [11.0, 21.0, 12.0, 13.0]
-    assert len(ways_back) == len(programs) * len(RETREAT_SHARES)
+    # The first random motion costs 7: the second end, at 21, costs more, and waits its turn.
+    ends, ways_back = candidates[:3], candidates[3:]
+    assert [float(end.trajectory.centre[0]) for end in ends] == [11.0, 12.0, 13.0]
+    assert len(ways_back) == 1 + len(programs) * len(RETREAT_SHARES)
+    assert float(ways_back[-1].trajectory.centre[0]) == 21.0
     costs = [Program().cost(way.trajectory) for way in ways_back]
     assert costs == sorted(costs)
     assert float(ways_back[0].trajectory.centre[0]) == 8.0
