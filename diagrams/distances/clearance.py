@@ -120,6 +120,42 @@ class _LeastSlacks:
         return min(closest.slack, self.far_slack)
 
 
+def _stays_above(
+    bound: float, least_slacks: _LeastSlacks, intervals: Sequence[_Interval], fastest: float
+) -> bool:
+    """Whether it is proved that no slack of a motion is below a bound in some intervals.
+
+    Between two times with slacks s_0 and s_1 no slack is below
+
+        (s_0 + s_1 - fastest (t_1 - t_0)) / 2
+
+    as it falls and rises at `fastest` at most. Where this is below the bound the interval is
+    halved. The proof fails where a slack is found below the bound, or this is below it in an
+    interval shorter than _MIN_INTERVAL.
+
+    Args:
+        bound: m.
+        least_slacks: slacks of the motion at any time.
+        intervals: with slacks that are not below the bound.
+        fastest: m/s, at which a distance changes at most.
+    """
+    unproved = list(intervals)  # in any order
+    while unproved:
+        interval = unproved.pop()
+        length = interval.end - interval.start
+        if 0.5 * (interval.first_slack + interval.last_slack - fastest * length) >= bound:
+            continue
+        if length < _MIN_INTERVAL:
+            return False
+        middle = 0.5 * (interval.start + interval.end)
+        slack = least_slacks.at(middle)
+        if slack < bound:
+            return False
+        unproved.append(_Interval(interval.start, middle, interval.first_slack, slack))
+        unproved.append(_Interval(middle, interval.end, slack, interval.last_slack))
+    return True
+
+
 class Clearance:
     """Distances between the links of an arm, its tool, the floor, obstacles and a workpiece.
 
@@ -513,17 +549,14 @@ class Clearance:
         """Whether a motion keeps clear at every time, not only at samples.
 
         At samples, a tenth of a second apart or closer, every pair must keep what is required of
-        it: its slack is 0 or more. At all other times half of that is proved: no slack is below
-        -allowance, half of the least that any pair must keep (0 where a workpiece may rest on
-        something). Pairs beyond INFLUENCE_DISTANCE are not looked at: they count with the least
-        slack that they can have there. With a margin above it, no motion counts as clear.
+        it: its slack is 0 or more. At all other times half of that is proved (`_stays_above`): no
+        slack is below -allowance, half of the least that any pair must keep (0 where a workpiece
+        may rest on something). Pairs beyond INFLUENCE_DISTANCE are not looked at: they count with
+        the least slack that they can have there. With a margin above it, no motion counts as clear.
 
-        The proof: no point of the arm moves faster than sum_j speed_j r_j, r_j the farthest that it
-        can be from joint j, and the distance of two moving links changes at twice that, `fastest`,
-        at most. Between two times with slacks s_0 and s_1 no slack is therefore below
-        (s_0 + s_1 - fastest time between) / 2. Where this is below -allowance the interval is
-        halved. The motion counts as not clear where a slack is found below -allowance, or an
-        interval gets shorter than _MIN_INTERVAL.
+        No point of the arm moves faster than sum_j speed_j r_j, r_j the farthest that it can be
+        from joint j, and the distance of two moving links changes at twice that, `fastest`, at
+        most.
 
         Args:
             position: from time in s, 0 to duration, to q (n,).
@@ -534,7 +567,7 @@ class Clearance:
             Whether it keeps clear, and the pair with the least slack; None where nothing is near.
         """
         fastest = 2.0 * float(speed @ self._speed_radius)  # m/s, of two moving links to each other
-        # m, of pairs that count and must keep something else than the margin
+        # m, of the pairs in `_required` that count; all others must keep the margin.
         required = [value for value in self._required.values() if value > -np.inf]
         allowance = 0.5 * min([self.margin, *required])  # m, by which a slack may be below 0
         least_slacks = _LeastSlacks(
@@ -548,21 +581,7 @@ class Clearance:
         intervals = [
             _Interval(times[k], times[k + 1], slacks[k], slacks[k + 1]) for k in range(num_periods)
         ]
-        is_clear = min(slacks) >= 0.0  # at the samples
-        while intervals and is_clear:  # `intervals` are still to be proved, in any order
-            interval = intervals.pop()
-            length = interval.end - interval.start
-            least = 0.5 * (interval.first_slack + interval.last_slack - fastest * length)
-            if least >= -allowance:
-                continue  # proved
-            if length < _MIN_INTERVAL:
-                is_clear = False
-                break
-            middle = 0.5 * (interval.start + interval.end)
-            slack = least_slacks.at(middle)
-            is_clear = slack >= -allowance
-            intervals.append(_Interval(interval.start, middle, interval.first_slack, slack))
-            intervals.append(_Interval(middle, interval.end, slack, interval.last_slack))
+        is_clear = min(slacks) >= 0.0 and _stays_above(-allowance, least_slacks, intervals, fastest)
         return is_clear, least_slacks.worst
 
     def _pairs_that_count(
