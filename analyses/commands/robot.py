@@ -86,8 +86,9 @@ def command(
     draft = draft_robot(Path(source), path, base=base, flange=flange, xacro=xacro)
     _print(draft.robot)
     show(*notes(draft.notes))
-    # The draft assumes friction from the inertias: without these it states none.
-    has_friction = draft.robot.config.simulated_truth.friction.coulomb.size > 0
+    # The draft assumes friction from the inertias: without these, or masses, it states none.
+    truth = draft.robot.config.simulated_truth
+    has_friction = truth.friction.coulomb.size > 0
     note = (
         "friction, rotors, noise and resolution of the simulated arm are assumed: see "
         "simulated_truth and drives in the file"
@@ -95,6 +96,8 @@ def command(
         else "the URDF has no inertias: the simulated arm has no friction; state it in "
         "simulated_truth"
     )
+    if truth.link_masses:
+        note = f"the URDF's missing masses are assumed in simulations alone; {note}"
     show(f"note: {note}", f"robot: {path}; look for {FILL_IN}: {', '.join(draft.places)}")
 
 

@@ -2,7 +2,7 @@
 
 import copy
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.collision_meshes import CollisionMeshes
-from wrenchsight.models.robot.urdf_elements import set_pose
+from wrenchsight.models.robot.rotational_inertia import ball_moment, inertia_values
+from wrenchsight.models.robot.urdf_elements import INERTIA, set_pose, text_of
 
 _NAMESPACES = {"drake": "http://drake.mit.edu"}
 
@@ -42,6 +43,7 @@ class EffectiveUrdf:
         meshes: CollisionMeshes,
         inertia_fault: InputError | None = None,
         inertias_may_be_mended: bool = False,
+        massless: tuple[str, ...] = (),
         standing: tuple[tuple[ET.Element, ET.Element], ...] = (),
         base_link: str = "",
     ) -> None:
@@ -55,6 +57,7 @@ class EffectiveUrdf:
         self._standing = standing  # links around the arm and their joints, where distances count
         self.inertia_fault = inertia_fault  # the first, where dynamics cannot be computed
         self.inertias_may_be_mended = inertias_may_be_mended  # by possible_inertias of a robot.yaml
+        self.massless = massless  # links that move; where only their masses are missing
 
     def with_moved_joints(self, joint_poses: Mapping[str, tuple[Array, Array]]) -> "EffectiveUrdf":
         """A copy with the frames of some joints moved, relative to their parents' links.
@@ -76,6 +79,48 @@ class EffectiveUrdf:
         moved = copy.copy(self)
         moved._root = root
         return moved
+
+    @property
+    def massless_joints(self) -> tuple[int, ...]:
+        """The joints whose links have no mass, where that is all that dynamics lack."""
+        children = self._moved_links()
+        return tuple(j for j, link in enumerate(children) if link in self.massless)
+
+    def with_rods(self, masses: Sequence[float], ends: Array) -> "EffectiveUrdf":
+        """A copy in which links without a mass are even rods, where that is all that is missing.
+
+        Args:
+            masses: (n,) kg of the moving links; those of links with a mass are not read.
+            ends: (n, 3) m, in each link's frame: the rods reach from its origin to there.
+        """
+        root = copy.deepcopy(self._root)
+        links = {link.get("name"): link for link in root.findall("link")}
+        children = self._moved_links()
+        for j in self.massless_joints:
+            rod = masses[j] / 12.0 * (ends[j] @ ends[j] * np.eye(3) - np.outer(ends[j], ends[j]))
+            values = inertia_values(rod + ball_moment(masses[j]) * np.eye(3))
+            link = links[children[j]]
+            for stated in link.findall("inertial"):  # without a mass
+                link.remove(stated)
+            inertial = ET.SubElement(link, "inertial")
+            ET.SubElement(inertial, "origin", xyz=text_of(0.5 * ends[j]))
+            ET.SubElement(inertial, "mass", value=repr(float(masses[j])))
+            attributes = dict(zip(INERTIA, map(repr, values), strict=True))
+            ET.SubElement(inertial, "inertia", attributes)
+        heavy = copy.copy(self)
+        heavy._root = root
+        heavy.notices = tuple(n for n in self.notices if not n.endswith(str(self.inertia_fault)))
+        heavy.inertia_fault, heavy.massless = None, ()
+        return heavy
+
+    def _moved_links(self) -> list[str]:
+        """Names of the links that the moving joints carry, base to tool."""
+        children = {}
+        for joint in self._root.findall("joint"):
+            child = joint.find("child")
+            if child is not None:
+                children[joint.get("name", "")] = child.get("link", "")
+        return [children[joint.name] for joint in self.joints]
 
     def text(self, name: str, hulls: bool = False) -> str:
         """The document, with `name` as the robot's.

@@ -161,6 +161,32 @@ class Robot(Arm):
         """Whether `possible_inertias` in robot.yaml gives inertias to a robot that has none."""
         return not self.has_inertias and self._urdf.inertias_may_be_mended
 
+    @property
+    def massless_joints(self) -> tuple[int, ...]:
+        """The joints whose links the URDF gives no mass, where that is all that dynamics lack."""
+        return self._urdf.massless_joints
+
+    def with_assumed_masses(self) -> "Robot":
+        """As simulations have it: with `link_masses` of its truth where the URDF has no masses.
+
+        Raises:
+            InputError: `link_masses` are not as many as the joints, or one that is needed is not
+                above 0.
+        """
+        masses, missing = self.config.simulated_truth.link_masses, self.massless_joints
+        if not (masses and missing):
+            return self
+        key = "simulated_truth.link_masses"
+        if len(masses) != self.num_joints:
+            problem = f"{len(masses)} numbers, expected {self.num_joints}"
+            raise InputError(self.source, key, problem)
+        needed = [masses[j] for j in missing]
+        if not all(0.0 < mass <= _MAX_MASS for mass in needed):
+            problem = f"{needed}, expected numbers above 0 of at most {_MAX_MASS:g} kg"
+            raise InputError(self.source, key, problem)
+        ends = np.concatenate([self.chain.p_PJ[1:], self.chain.p_LE[np.newaxis]])
+        return Robot(self.config, self.source, self._urdf.with_rods(masses, ends))
+
     def require_inertias(self, source: str) -> None:
         """Checks that the URDF states inertias that its links can have.
 
@@ -178,6 +204,11 @@ class Robot(Arm):
                 remedy += (
                     f", or set possible_inertias: true in {self.source.name}, which takes the "
                     "nearest possible ones"
+                )
+            if self.massless_joints and source == "simulate":
+                remedy += (
+                    f", or state link_masses, kg, under simulated_truth in {self.source.name}, of "
+                    "which simulations make even rods"
                 )
             remedy += "; `jcn-map`, `place`, `redundancy` and `excite` need none"
             raise InputError(source, "", problem, remedy)

@@ -64,10 +64,15 @@ def possible_inertia(inertia: Array, mass: float) -> Array:
         mass: kg, above 0.
     """
     moments, axes = np.linalg.eigh(inertia)
-    ball = 0.4 * mass * (3.0 * mass / (4.0 * np.pi * _WATER_DENSITY)) ** (2.0 / 3.0)
+    ball = ball_moment(mass)
     if not moments[2] > _NO_SIZE * ball:
         return np.asarray(ball * np.eye(3))
     return np.asarray((axes * _possible_moments(np.maximum(moments, 0.0))) @ axes.T)
+
+
+def ball_moment(mass: float) -> float:
+    """kg m^2, about its centre, of a ball of `mass` kg that is as dense as water."""
+    return float(0.4 * mass * (3.0 * mass / (4.0 * np.pi * _WATER_DENSITY)) ** (2.0 / 3.0))
 
 
 def _possible_moments(moments: Array) -> Array:

@@ -284,3 +284,6 @@ class SimulatedTruthConfig:
 
     friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
     mechanisms: MechanismsConfig | None = None
+    link_masses: list[float] = field(default_factory=list)
+    """kg, (n,) of the moving links, base to tool: where the URDF gives one no mass, it is an even
+    rod to the next joint in simulations"""

@@ -73,6 +73,7 @@ class _Reader:
         # mends them.
         self.inertia_faults: list[InputError] = []
         self.may_be_mended = False
+        self.massless: tuple[str, ...] = ()  # links that move without a mass
         self.mended: list[str] = []  # links whose impossible inertia a possible one replaces
         self.rounded: list[str] = []  # joints whose angles were written with few digits
         self.meshes = CollisionMeshes()  # those that `drop_pictures` drops, for their hulls
@@ -128,6 +129,7 @@ class _Reader:
             meshes=self.meshes,
             inertia_fault=self.inertia_faults[0] if self.inertia_faults else None,
             inertias_may_be_mended=self.may_be_mended,
+            massless=self.massless if len(self.inertia_faults) == 1 else (),
             standing=standing,
             base_link=self.base,
         )
@@ -459,6 +461,7 @@ class _Reader:
                 self._settle_fault(link, fault, moves=name in carried, is_fixed=is_fixed)
         if without_mass := [body for body in bodies if not self._mass_with_fixed(body) > 0.0]:
             self.inertia_faults.append(self._fault_without_mass(without_mass))
+            self.massless = tuple(without_mass)
         for body in bodies:
             if body in without_mass:
                 continue

@@ -40,6 +40,8 @@ _SLOW_ACCELERATION = 0.5  # rad/s^2 (m/s^2), a start that every drive must manag
 FRICTION_SHARE = 0.05  # of what a joint carries
 _LEAST_CARRIED = 0.1  # of the joint that carries most
 _PAYLOAD_SHARE = 0.3  # of the moving mass: UR5 .27, iiwa .31, UR10e .38
+_LEAST_WAY = 0.05  # of the arm's length, of a joint to the tool: in place of the flange's thickness
+_LEAST_LINK_MASS = 1e-3  # kg
 _PAYLOAD_PER_REACH = 7.0  # kg/m^2 of an arm without masses: UR5e 6.9, UR10e 7.4, Panda 4.1
 _MIN_PAYLOAD = 0.01  # kg, of which robot.yaml takes no zero
 _EFFORT_MARGIN = 1.5  # of an effort limit that is not known over what the joint must hold
@@ -66,6 +68,8 @@ class Assumed:
         is_excessive: (n,) which stated limits are of no drive of the arm's size.
         rotor_inertia: (n,) kg m^2 (kg) on the joint side, in the place of those that are not
             stated; 0 for a slide and without inertias.
+        link_masses: (n,) kg of links that the description gives no mass, for simulations; 0 where
+            it gives one.
     """
 
     payload: float
@@ -74,6 +78,7 @@ class Assumed:
     effort: Array
     is_excessive: Flags
     rotor_inertia: Array
+    link_masses: Array
 
     @classmethod
     def nothing(cls, arm: Sequence[DescribedJoint]) -> "Assumed":
@@ -86,6 +91,7 @@ class Assumed:
             effort=np.where(_stated(arm) > 0.0, 0.0, _UNKNOWN_EFFORT),
             is_excessive=np.zeros(len(arm), bool),
             rotor_inertia=zero,
+            link_masses=zero,
         )
 
 
@@ -96,20 +102,61 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     what a brisk start of that joint alone takes, and at least a share of what the strongest joint
     of its kind (rotary or sliding) carries: seals turn with any load. A limit that is not known
     also holds a push of the payload's weight beside E, in any direction. Rotors that are not stated
-    are those of drives of that size. Without inertias only the payload is assumed, from the arm's
-    reach, and limits from both for joints that state none.
+    are those of drives of that size. Of an arm without masses the payload follows from its reach,
+    and limits from both for joints that state none: real logs are held against these. What only
+    simulations read follows from the masses that are assumed for them.
 
     Args:
         arm: the robot's joints, in its order.
     """
     q = postures(robot)  # (N, n)
-    if not robot.has_inertias:
-        reach = reach_of(robot, q)
-        payload = _rounded(max(_PAYLOAD_PER_REACH * reach**2, _MIN_PAYLOAD))
-        weight = (payload + 0.5 * payload / _PAYLOAD_SHARE) * STANDARD_GRAVITY  # the arm's halfway
-        likely = _rounded(_UNKNOWN_EFFORT_MARGIN * weight * reach)
-        effort = np.where(_stated(arm) > 0.0, 0.0, likely)
+    if robot.has_inertias:
+        return _assume_of_masses(robot, arm, q)
+    reach = reach_of(robot, q)
+    payload = _rounded(max(_PAYLOAD_PER_REACH * reach**2, _MIN_PAYLOAD))
+    weight = (payload + 0.5 * payload / _PAYLOAD_SHARE) * STANDARD_GRAVITY  # the arm's halfway
+    likely = _rounded(_UNKNOWN_EFFORT_MARGIN * weight * reach)
+    effort = np.where(_stated(arm) > 0.0, 0.0, likely)
+    if not robot.massless_joints:  # something else is wrong with its inertias
         return replace(Assumed.nothing(arm), payload=payload, effort=effort)
+    link_masses = _link_masses(robot, payload / _PAYLOAD_SHARE)
+    truth = replace(robot.config.simulated_truth, link_masses=link_masses.tolist())
+    simulated = _assume_of_masses(robot.with_truth(truth).with_assumed_masses(), arm, q)
+    simulated = replace(simulated, link_masses=link_masses)
+    if len(robot.massless_joints) < robot.num_joints:
+        return simulated  # as of an arm with masses: most of it has some
+    return replace(
+        simulated,
+        payload=payload,
+        effort=effort,
+        needed=np.zeros(len(arm)),
+        is_excessive=np.zeros(len(arm), bool),
+    )
+
+
+def _link_masses(robot: Robot, moving_mass: float) -> Array:
+    """(n,) kg of links without a mass: shares of the moving mass, or as heavy as the others.
+
+    A link's share is as its joint's way to the tool, on which its drive depends: of a UR10e's 29 kg
+    it gives 9 8 5 3 2 1 kg for 7 13 4 2 2 1 kg.
+
+    Args:
+        moving_mass: kg, of an arm that states no mass.
+    """
+    chain, missing = robot.chain, list(robot.massless_joints)
+    ways = np.linalg.norm(np.vstack([chain.p_PJ[1:], chain.p_LE]), axis=1)  # to the next joint
+    shares = np.cumsum(ways[::-1])[::-1] + _LEAST_WAY * ways.sum()
+    stated = chain.inertial_parameters[:, 0]
+    is_missing = np.isin(np.arange(robot.num_joints), missing)
+    mass_of_share = moving_mass / shares.sum()
+    if not is_missing.all():
+        mass_of_share = stated[~is_missing].sum() / shares[~is_missing].sum()
+    rounded = [_rounded(max(mass_of_share * share, _LEAST_LINK_MASS)) for share in shares]
+    return np.where(is_missing, rounded, 0.0)
+
+
+def _assume_of_masses(robot: Robot, arm: Sequence[DescribedJoint], q: Array) -> Assumed:
+    """`assume` of an arm whose links have masses; q (N, n) rad or m are postures."""
     gravity, brisk_start = _gravity_and_start(robot, q)
     slow_start = _SLOW_ACCELERATION / _BRISK_ACCELERATION * brisk_start
     needed = np.maximum(gravity, slow_start)
@@ -129,6 +176,7 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
         effort=efforts.assumed,
         is_excessive=efforts.is_excessive,
         rotor_inertia=_rotor_inertia(robot, arm, np.minimum(efforts.limits, efforts.likely)),
+        link_masses=np.zeros(len(arm)),
     )
 
 

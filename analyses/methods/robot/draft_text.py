@@ -107,7 +107,7 @@ class DraftText:
         ]
         lines += [_drive_line(joint, assumed, j) for j, joint in enumerate(self.arm)]
         if assumed.carried.any():
-            lines += _truth_lines(self.arm, assumed.carried)
+            lines += _truth_lines(self.arm, assumed)
         return "\n".join(lines) + "\n"
 
     def _gravity_line(self) -> str:
@@ -149,12 +149,12 @@ def _drive_line(joint: DescribedJoint, assumed: Assumed, j: int) -> str:
     return f"  - {{{fields}}}  # {comment}; limits {_limits(joint)}"
 
 
-def _truth_lines(arm: list[DescribedJoint], carried: Array) -> list[str]:
+def _truth_lines(arm: list[DescribedJoint], assumed: Assumed) -> list[str]:
     """Plain friction and resolution of the simulated arm, which only `simulate` reads.
 
-    Args:
-        carried: (n,) N m (N), of which the friction is a share.
+    Where the description gives links no mass, theirs, too.
     """
+    carried = assumed.carried
     slides = np.array([joint.kind == "prismatic" for joint in arm])
     coulomb = FRICTION_SHARE * carried
     rows = {
@@ -171,6 +171,9 @@ def _truth_lines(arm: list[DescribedJoint], carried: Array) -> list[str]:
     def listed(values: Array) -> str:
         return "[" + ", ".join(f"{value:.2g}" for value in values) + "]"
 
+    masses = []
+    if assumed.link_masses.any():
+        masses = [f"  link_masses: {listed(assumed.link_masses)}  # kg, of links without a mass"]
     friction_lines = [f"    {name}: {listed(values)}" for name, values in rows.items()]
     encoder_lines = [f"      {name}: {listed(values)}" for name, values in encoder.items()]
     return [
@@ -178,6 +181,7 @@ def _truth_lines(arm: list[DescribedJoint], carried: Array) -> list[str]:
         "# What only simulations read, all of it assumed: friction of a twentieth of what a joint",
         "# carries, as the noise and steps of the currents above are parts of it. N m, rad, s.",
         "simulated_truth:",
+        *masses,
         "  friction:",
         *friction_lines,
         "  mechanisms:",

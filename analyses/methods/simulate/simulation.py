@@ -102,7 +102,7 @@ def _simulate_into(
     """
     requested = _requested_scenario(settings)
     scenario = requested.scenario
-    robot = with_truth_named(Robot.load(scenario.robot), settings.truth)
+    robot = with_truth_named(Robot.load(scenario.robot).with_assumed_masses(), settings.truth)
     model = None if settings.model is None else IdentifiedModel.load(Path(settings.model), robot)
     notices: tuple[str, ...] = ()
     if settings.robot is not None and robot.config.tool is None and scenario.force_torque_sensor:

@@ -695,6 +695,34 @@ def test_all_links_without_mass_are_named_at_once(tmp_path: Path) -> None:
         load_small(tmp_path, massless).require_inertias("simulate")
 
 
+def test_links_without_mass_are_even_rods_in_simulations(tmp_path: Path) -> None:
+    massless = re.sub("<inertial>.*?</inertial>", "", SMALL_URDF, flags=re.DOTALL)
+    truth = {"link_masses": [2.0, 3.0]}
+    robot = load_small(tmp_path, massless, simulated_truth=truth)
+    assert not robot.has_inertias  # no other command reads them
+    simulated = robot.with_assumed_masses()
+    simulated.require_inertias("simulate")
+    assert not any("will refuse this robot" in notice for notice in simulated.notices)
+    parameters = simulated.chain.inertial_parameters
+    np.testing.assert_allclose(parameters[:, 0], [2.0, 3.0], rtol=1e-12)
+    ends = np.array([robot.chain.p_PJ[1], robot.chain.p_LE])
+    halfway = 0.5 * ends * np.array([[2.0], [3.0]])
+    np.testing.assert_allclose(parameters[:, 1:4], halfway, atol=1e-12)
+    # About its end a rod of length L has m L^2 / 3, and each a ball's moment, .4 m r^2, as water.
+    ball = 0.4 * 3.0 * (3.0 * 3.0 / (4.0 * np.pi * 1000.0)) ** (2.0 / 3.0)
+    L = float(np.linalg.norm(ends[1]))
+    moments = parameters[1, 4:7]
+    assert moments.max() == pytest.approx(3.0 * L**2 / 3.0 + ball, rel=1e-9)
+    # What has a mass keeps it, and other commands do not see the assumed ones.
+    sound = load_small(tmp_path, simulated_truth=truth)
+    assert sound.with_assumed_masses() is sound
+    with pytest.raises(InputError, match="link_masses: 1 numbers, expected 2"):
+        load_small(tmp_path, massless, simulated_truth={"link_masses": [2.0]}).with_assumed_masses()
+    with pytest.raises(InputError, match="expected numbers above 0"):
+        wrong = {"link_masses": [2.0, 0.0]}
+        load_small(tmp_path, massless, simulated_truth=wrong).with_assumed_masses()
+
+
 def test_a_file_that_is_no_urdf(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.urdf: no such file; see .*robot\.yaml"):
         load_small(tmp_path, urdf_name="absent.urdf")

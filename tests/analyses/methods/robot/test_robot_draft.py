@@ -313,6 +313,25 @@ def test_limits_of_an_arm_without_masses_follow_its_size(tmp_path: Path) -> None
     assert limits[1] > 500.0 * limits[0]  # the cube of the size
 
 
+@pytest.mark.parametrize("kept", [0, 4])
+def test_an_arm_without_masses_is_simulated_with_assumed_ones(tmp_path: Path, kept: int) -> None:
+    """Of files that ROS-Industrial has, none of the links; of a Gen3 lite's, the last one."""
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    head, *links = re.split(r"(?=<link )", urdf.read_text())
+    bare = [re.sub("<inertial>.*?</inertial>", "", link) for link in links]
+    urdf.write_text(head + "".join(links[:kept] + bare[kept:]))
+    robot, _, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert not robot.has_inertias  # of real logs no command takes them for the arm's
+    simulated = robot.with_assumed_masses()
+    masses = simulated.chain.inertial_parameters[:, 0]
+    assert (masses > 0.0).all()
+    assert (np.diff(masses[kept:]) <= 0.0).all()  # the nearer the tool, the lighter
+    if not kept:
+        assert masses.sum() == pytest.approx(robot.payload / 0.3, rel=0.05)
+    assert (robot.truth.coulomb > 0.0).all()
+    assert (robot.reflected_inertia > 0.0).all()
+
+
 def test_a_strong_drive_is_no_placeholder(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")  # 10 N m: some five times what is needed
     robot, places, _ = draft_robot(urdf, tmp_path / "robot.yaml")

@@ -1,4 +1,5 @@
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from wrenchsight.models.machining.machining_phases import Fault, Phase
 from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.truth_config import SimulatedTruthConfig
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
@@ -295,3 +297,20 @@ def test_a_failure_of_linear_algebra_is_not_blamed_on_the_scenario(tmp_path, mon
     monkeypatch.setattr("wrenchsight.analyses.methods.simulate.simulation.simulate", fails)
     with pytest.raises(np.linalg.LinAlgError, match="Singular matrix"):
         run(tmp_path / "out")
+
+
+def test_an_arm_without_masses_moves_with_those_that_its_truth_assumes(tmp_path):
+    robot = Robot.load("ur5e")
+    text = (robot.source.parent / robot.config.urdf).read_text()
+    urdf = re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.DOTALL)
+    (tmp_path / "arm.urdf").write_text(urdf)
+    truth = replace(robot.config.simulated_truth, link_masses=[4.0, 8.0, 2.3, 1.2, 1.2, 0.2])
+    for name, its_truth in (("bare", SimulatedTruthConfig()), ("heavy", truth)):
+        config = replace(robot.config, urdf=tmp_path / "arm.urdf", simulated_truth=its_truth)
+        save_configuration(config, tmp_path / f"{name}.yaml")
+    result = run(tmp_path / "out", robot=str(tmp_path / "heavy.yaml"), duration_s=0.1)
+    assert np.isfinite(result.q).all()
+    holding = np.abs(result.robot.chain.gravity_torque(result.q)).max(axis=0)
+    assert holding[1] > 10.0  # N m at the shoulder
+    with pytest.raises(InputError, match="or state link_masses, kg, under simulated_truth"):
+        run(tmp_path / "refused", robot=str(tmp_path / "bare.yaml"), duration_s=0.1)
