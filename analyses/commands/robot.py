@@ -141,6 +141,12 @@ def _export(robot: str | None, model: Path | None, form: str, out: Path | None) 
     )
     if form == "urdf":
         show("note: Drake reads damping and rotors of this file, and no Coulomb friction")
+    if exported.robot.is_coupled:
+        show(
+            "note: motors move several joints each, for which the file has no element: rotors and "
+            "friction are those of a joint that moves alone; left out are rotors of up to "
+            f"{exported.uncoupled:.3g} kg m^2 between joints, and friction by others' motion"
+        )
     show(f"{form}: {exported.path}")
 
 

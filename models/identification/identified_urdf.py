@@ -20,13 +20,15 @@ def identified_urdf(
 
     Bodies that are fixed to a link (flange, tool) are part of that link's inertia: they keep their
     shapes and lose their inertias. Rotor inertia goes into a transmission with a gear ratio of
-    one, which Drake reads; URDF itself has no place for it, and other programs leave it out.
+    one, which Drake reads; URDF itself has no place for it, and other programs leave it out. Neither
+    has a place for a rotor that turns with several joints: the caller says what is left out of such
+    an arm (`robot export` does).
 
     Args:
         robot: whose effective URDF.
         inertial: (n, 10) per moving link about its joint frame, as
             `models.rigid_body.serial_chain.SerialChain.inertial_parameters`.
-        reflected_inertia: (n,) kg m^2 (kg if prismatic).
+        reflected_inertia: (n,) kg m^2 (kg if prismatic), of what turns with each joint alone.
         friction: friction of the joints; None: the file states none. Drake reads `damping` and
             leaves `friction` (Coulomb) out.
 

@@ -30,7 +30,8 @@ class SimulatorFriction(NamedTuple):
 def simulator_friction(law: FrictionLaw, largest_speed: Array) -> SimulatorFriction:
     """Fits both coefficients to a law by least squares over the speeds that it was identified at.
 
-    What depends on load, direction or position is left out.
+    What depends on load, direction or position is left out. Each joint moves alone: where motors
+    are coupled, friction that comes from another joint's motion is left out, too.
 
     Args:
         law: law of n joints.
@@ -41,7 +42,12 @@ def simulator_friction(law: FrictionLaw, largest_speed: Array) -> SimulatorFrict
     v = share * np.asarray(largest_speed)
     q = np.cumsum(v, axis=0) * _RAMP_SECONDS / _NUM_SPEEDS
     none = np.zeros_like(v)
-    torque = 0.5 * (law.torque_along(q, v, none) - law.torque_along(-q, -v, none))
+    torque = np.empty_like(v)
+    for j in range(n):
+        alone = np.arange(n) == j
+        q_j, v_j = q * alone, v * alone
+        both_ways = law.torque_along(q_j, v_j, none) - law.torque_along(-q_j, -v_j, none)
+        torque[:, j] = 0.5 * both_ways[:, j]
     moves = slice(_NUM_SPEEDS // 20, None)  # the first samples: from rest
     coefficients = np.empty((n, 2))
     error = np.empty(n)

@@ -30,12 +30,15 @@ class ExportedRobot(NamedTuple):
         path: path of the file.
         friction: as the file states it.
         rotors: (n,) kg m^2 (kg), inertia of the motors behind their gears.
+        uncoupled: kg m^2, largest inertia of rotors between two joints, which the file leaves out;
+            0 where each motor moves its own joint alone.
     """
 
     robot: Robot
     path: Path
     friction: SimulatorFriction
     rotors: Array
+    uncoupled: float
 
 
 def export_robot(
@@ -65,11 +68,14 @@ def export_robot(
         raise InputError(model_path, "inertial_parameters", problem, "identify with --consistent")
     if robot.is_coupled and form == "mjcf":
         problem = "has motors that move several joints, for which MJCF has no element"
-        raise InputError(robot.source, "coupling", problem, "export --to urdf")
+        remedy = "export --to urdf, which states each joint's own part and what it leaves out"
+        raise InputError(robot.source, "coupling", problem, remedy)
     # Coulomb and viscous, all that these files have a place for.
     friction = simulator_friction(model.friction, _largest_speed(model, robot))
     chain = model.chain(robot)
     rotors = np.asarray(chain.rotor_matrix.diagonal())
+    # Of coupled motors a URDF has no place for what is off the diagonal.
+    uncoupled = float(np.abs(chain.rotor_matrix - np.diag(rotors)).max())
     if form == "urdf":
         text = identified_urdf(robot, model.inertial_parameters, rotors, friction)
     else:
@@ -86,7 +92,7 @@ def export_robot(
         out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial, writing_to(out):
         partial.write_text(text, encoding="utf-8")
-    return ExportedRobot(robot, out, friction, rotors)
+    return ExportedRobot(robot, out, friction, rotors, uncoupled)
 
 
 def _named_robot(model_path: Path) -> str:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.identification.simulator_friction import simulator_friction
@@ -37,3 +38,11 @@ def test_of_a_presliding_law_the_sliding_level_counts_and_the_rest_is_stated() -
     assert friction.error[0] < 0.01
     # A Stribeck peak of 1 N m: at most that is left out, and much of it near zero speed
     assert 0.3 < friction.error[1] <= 1.0
+
+
+def test_of_coupled_motors_each_joint_has_the_friction_of_moving_alone() -> None:
+    below = SemiParametricFriction(CoulombViscous(COULOMB, VISCOUS, np.zeros(2)))
+    law = CoupledFriction(below, np.array([[1.0, 0.0], [-1.0, 1.0]]))  # joint 1 turns both motors
+    friction = simulator_friction(law, SPEED)
+    np.testing.assert_allclose(friction.coulomb, [COULOMB.sum(), COULOMB[1]], rtol=1e-9)
+    np.testing.assert_allclose(friction.viscous, [VISCOUS.sum(), VISCOUS[1]], rtol=1e-9)

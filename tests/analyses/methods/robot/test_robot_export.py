@@ -129,6 +129,24 @@ def test_a_model_that_is_not_physical_names_the_remedy(model: Path) -> None:
     assert not path.with_suffix(".xml").exists()
 
 
+def test_a_file_of_coupled_motors_states_what_it_leaves_out(
+    model: Path, coupled_wrist: Robot, tmp_path: Path
+) -> None:
+    path, out = tmp_path / "model.yaml", tmp_path / "arm.urdf"
+    IdentifiedModel.nominal(coupled_wrist).save(path)
+    robot_yaml = str(coupled_wrist.source)
+    exported = export_robot(path, "urdf", out, robot_yaml)
+    of_rotors = coupled_wrist.chain.rotor_matrix
+    np.testing.assert_allclose(exported.rotors, of_rotors.diagonal(), rtol=1e-12)
+    # Motors 4 and 5 turn with joint 4, motors 5 and 6 with joint 5.
+    assert exported.uncoupled == pytest.approx(np.abs(np.triu(of_rotors, 1)).max())
+    assert exported.uncoupled > 0.0
+    with pytest.raises(InputError, match="states each joint's own part and what it leaves out"):
+        export_robot(path, "mjcf", tmp_path / "arm.xml", robot_yaml)
+    plain = export_robot(model, "urdf", model.with_name("plain.urdf"))
+    assert plain.uncoupled == 0.0
+
+
 def test_an_unknown_format_and_an_unknown_robot_are_named(model: Path) -> None:
     with pytest.raises(InputError, match="give urdf or mjcf"):
         export_robot(model, "sdf", model.with_name("arm.sdf"))
