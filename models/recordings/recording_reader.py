@@ -128,11 +128,26 @@ def read_recording(
 
 
 class _OpenedLog(NamedTuple):
-    """A log and the description of its columns."""
+    """A log and the description of its columns.
+
+    Attributes:
+        form: the description.
+        form_source: its file; where the log's own header describes it, the log's path.
+        table: the log as a table of numbers, open.
+        notices: what was recognised, and what is left out.
+        torque_is_effort: whether the log calls its motor torque effort.
+        torque_substitute: what the log holds instead of torque; empty: nothing.
+        unpacked: the file to which the log was unpacked, which is removed with this object; None:
+            it was not packed.
+    """
 
     form: RecordingFormat
-    form_source: str  # file of the description; the log's own path where its header describes it
+    form_source: str
     table: LogTable
+    notices: tuple[str, ...] = ()
+    torque_is_effort: bool = False
+    torque_substitute: str = ""
+    unpacked: UnpackedFile | None = None
 
 
 class RecordingReader:
@@ -190,11 +205,7 @@ class RecordingReader:
         self._words = words or LogWords()
         self._is_described = description is not None and words is None
         self.gravity_torque: Callable[[Array], Array] | None = None  # set by who knows a better one
-        # What the steps below find; so it stays where they find nothing.
-        self._notices: list[str] = []
-        self._unpacked: UnpackedFile | None = None
-        self._torque_is_effort = False  # whether the log calls its motor torque effort
-        self._torque_substitute = ""  # what the log holds instead of torque
+        # What the steps below change; so it stays where they find nothing.
         self._is_differentiated = False
         self.effort_holds_gravity = True
         # What each pass over the log counts anew.
@@ -202,8 +213,11 @@ class RecordingReader:
         self._first_missing = ""  # row and column of the first missing number
         self._stamps = StampFilter()
         self._angles = Unwrapper(robot)
-        # The steps. The first sets `_unpacked`, and what a recognised log says of its torque.
+        # The steps.
         log = self._open(None if words is not None else description)
+        self._notices = list(log.notices)  # to which the steps below add
+        self._torque_substitute = log.torque_substitute
+        self._unpacked = log.unpacked  # kept: with it the file that `table` reads would go
         self.format = log.form
         self.table = log.table
         self.layout: ColumnLayout = self._resolved_layout(log)
@@ -216,7 +230,7 @@ class RecordingReader:
         self._check_num_joints()
         self._settle_time_unit()
         self._settle_velocities()
-        if self._torque_is_effort:
+        if log.torque_is_effort:
             self._settle_effort_unit()
 
     def _resolved_layout(self, log: _OpenedLog) -> ColumnLayout:
@@ -276,24 +290,29 @@ class RecordingReader:
             if len(idle):
                 names = ", ".join(self.layout.column_of("v", int(j)) for j in idle)
                 names = "all" if len(idle) == chunk.num_joints else names
-                self._replace_signals({"v": None})
+                self._leave_out("v")
                 self._is_differentiated = True
                 self._notices.append(
                     f"the velocities stand still while the joints move ({names}): {differentiation}"
                 )
             return
 
-    def _replace_signals(self, changed: dict[str, Signal | None]) -> None:
-        """Changes signals of the layout; None leaves one out."""
+    def _replace_signals(self, changed: dict[str, Signal]) -> None:
+        """Changes signals of the layout, by name."""
         signals = [changed.get(signal.name, signal) for signal in self.layout.signals]
-        self.layout = replace(self.layout, signals=tuple(s for s in signals if s is not None))
+        self.layout = replace(self.layout, signals=tuple(signals))
+
+    def _leave_out(self, name: str) -> None:
+        """Takes a signal out of the layout."""
+        signals = [signal for signal in self.layout.signals if signal.name != name]
+        self.layout = replace(self.layout, signals=tuple(signals))
 
     def _settle_effort_unit(self) -> None:
         """Decides whether the log's effort is torque or current, and adds a notice.
 
         An effort in A becomes the current; beside currents of the log's own it is left out.
         """
-        unit, robot = self._words.effort, self._robot
+        unit, robot = self._words.effort, self._robot  # '' is not stated: N m, if nothing decides
         if unit:
             self._notices.append(f"effort is read in {unit}, as --log-format says")
         elif robot is None:
@@ -315,7 +334,7 @@ class RecordingReader:
         if self.layout.signal("current") is None:
             self._replace_signals({"tau_J": replace(effort, name="current")})
         else:
-            self._replace_signals({"tau_J": None})
+            self._leave_out("tau_J")
             self._notices.append("the effort is left out: the log has currents of its own")
 
     @property
@@ -420,7 +439,7 @@ class RecordingReader:
         )
         time = self.layout.signal("t")
         time_columns = time.columns if time is not None else ()
-        optional = {
+        optional = {  # also where another signal needs the column
             c for signal in self.layout.signals if signal.may_be_empty for c in signal.columns
         }
         is_mandatory = np.array([column not in optional for column in used_columns])  # (k,)
@@ -443,7 +462,7 @@ class RecordingReader:
             chunk = self._stamps.kept(chunk)
             if chunk.num_samples:
                 yield self._angles.unwrapped(chunk)
-        last_samples = self._stamps.rest()
+        last_samples = self._stamps.rest()  # one sample at most: it has no angle to unwrap
         if last_samples is not None:
             yield last_samples
 
@@ -486,8 +505,9 @@ class RecordingReader:
     def _recording(self, values: Array, rows: NDArray[np.int64], used: list[int]) -> Recording:
         """The recording in SI units of some rows of the log.
 
-        A log without positions or velocities has zeros in their place; one with torque alone the
-        current that the robot's torque per ampere makes of it. A sample in which a number is
+        A log without positions, velocities or drives has zeros in their place; one with torque
+        alone the current that the robot's torque per ampere makes of it, or zeros without a robot.
+        A sample in which a number is
         missing (NaN) counts as dropout.
 
         Args:
@@ -546,45 +566,26 @@ class RecordingReader:
         Args:
             description: a bundled name or a file; None: the columns are recognised.
 
-        Returns:
-            The description, the name of its source for error lines, and the open table. Where the
-            user states a rate instead of a time, the table has the time as one column more.
+        Where the user states a rate instead of a time, the table has the time as one column more.
 
         Raises:
             InputError: no such file, an ending that is not known, or columns that are not.
         """
-        path = self.path
-        _check_exists(path)
-        about_to_read(path)
-        if is_packed(path):
-            self._unpacked = UnpackedFile(path)
-            path = self._unpacked.path
+        _check_exists(self.path)
+        about_to_read(self.path)  # tells who lists the files that are read
+        unpacked = UnpackedFile(self.path) if is_packed(self.path) else None
+        path = self.path if unpacked is None else unpacked.path
         container = container_of(path)
         if description is not None:
-            form, form_path = load_format(description)
-            # A described file of an unknown ending is one of text.
-            table = (container or TEXT).open(path, form)
-            if form.rate_hz:
-                # The time is one more column, behind those of the log; the description is changed
-                # to one of that table. (A num_columns of 0 states none.)
-                time = by_number([table.num_columns])
-                num_columns = form.num_columns + 1 if form.num_columns else 0
-                table = RatedTable(table, form.rate_hz)
-                form = replace(form, time=time, rate_hz=0.0, num_columns=num_columns)
-            return _OpenedLog(form, str(form_path), table)
-        if container is DATA_SETS:
+            log = _described(container or TEXT, path, description)  # of an unknown ending: text
+        elif container is DATA_SETS:
             episode = DATA_SETS.open(path, None)
-            form = self._adopt(episode.layout(self._robot, self._words.angle))
-            return _OpenedLog(form, str(path), episode)
-        if container is None:
-            problem = (
-                f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
-            )
-            remedy = "export the log as CSV, or as npz with arrays t, q, v and i"
-            if _is_table_of_text(path):
-                remedy = "name the file .csv, " + _DESCRIBE
-            raise InputError(path, "", problem, remedy)
-        return self._open_undescribed(container, path)
+            log = _recognised(episode.layout(self._robot, self._words.angle), self.path, episode)
+        elif container is None:
+            raise _unknown_ending(path)
+        else:
+            log = self._open_undescribed(container, path)
+        return log._replace(unpacked=unpacked)
 
     def _open_undescribed(self, container: LogContainer, path: Path) -> _OpenedLog:
         """Recognises the columns: by a bundled description, a known program's names, or t,q1..
@@ -606,15 +607,16 @@ class RecordingReader:
             return bundled
         layout = self._recognised_layout(table)
         if layout is not None:
-            form = self._in_requested_angle(self._adopt(layout))
             # A text log without a header was opened as if its first row were one.
-            return _OpenedLog(form, str(path), table if form.header else container.open(path, form))
+            table = table if layout.form.header else container.open(path, layout.form)
+            return self._in_requested_angle(_recognised(layout, self.path, table))
         if table.names is None:
             problem = f"holds {table.num_columns} numbers and no names"
             remedy = "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE
             raise InputError(path, "line 1", problem, remedy)
+        notices: tuple[str, ...] = ()
         if "" in table.names:
-            self._notices.append("a column without a name is left out")
+            notices += ("a column without a name is left out",)
         if time_columns(table.names) is None:
             raise _no_time(path, table.names)
         num_joints = self._robot.num_joints if self._robot is not None else None
@@ -627,16 +629,18 @@ class RecordingReader:
         names = _in_lower_case([name for name in table.names if name not in further_names])
         try:
             form, others = header_format(names, path, num_joints)
+            log = _OpenedLog(form, str(self.path), table)
         except InputError:  # reported where the words in the names leave doubt, too
             joint_names = self._robot.joint_names if self._robot is not None else None
             layout = column_words_layout(table.names, path, joint_names, self._words)
             if layout is None:
                 raise
-            form, others = self._adopt(layout), ()
+            log, others = _recognised(layout, self.path, table), ()
+        notices += log.notices
         if others:
             more = f" and {len(others) - 6} more" if len(others) > 6 else ""
-            self._notices.append(f"columns left out: {', '.join(others[:6])}{more}")
-        return _OpenedLog(self._in_requested_angle(form), str(path), table)
+            notices += (f"columns left out: {', '.join(others[:6])}{more}",)
+        return self._in_requested_angle(log._replace(notices=notices))
 
     def _recognised_layout(self, table: LogTable) -> KnownLayout | None:
         """The layout of a log that another program wrote; None where none is recognised."""
@@ -651,31 +655,22 @@ class RecordingReader:
             layout = layout or array_layout(names, self.path, table.row_words, joint_names, words)
         return layout
 
-    def _in_requested_angle(self, form: RecordingFormat) -> RecordingFormat:
+    def _in_requested_angle(self, log: _OpenedLog) -> _OpenedLog:
         """In degrees where `--log-format` says so; a unit that the layout states stays.
 
         Joints of the robot that slide stay in metres.
         """
+        form = log.form
         position = form.position
         if self._words.angle != "deg" or position is None or position.unit:
-            return form
+            return log
         prismatic = [] if self._robot is None else list(self._robot.chain.prismatic)
         sliding = ", of joints that slide in m" if any(prismatic) else ""
-        self._notices.append(
-            f"positions and velocities are read in degrees{sliding}, as --log-format says"
-        )
+        notice = f"positions and velocities are read in degrees{sliding}, as --log-format says"
         position = in_degrees(position, "deg", prismatic)
         velocity = form.velocity and in_degrees(form.velocity, "deg/s", prismatic)
-        return replace(form, position=position, velocity=velocity)
-
-    def _adopt(self, layout: KnownLayout) -> RecordingFormat:
-        """The description of a recognised layout, whose notices become the reader's."""
-        self._notices += layout.notices
-        if layout.torque_substitute:
-            self._notices.append(layout.torque_substitute)
-        self._torque_substitute = layout.torque_substitute
-        self._torque_is_effort = layout.torque_is_effort
-        return layout.form
+        form = replace(form, position=position, velocity=velocity)
+        return log._replace(form=form, notices=(*log.notices, notice))
 
     def _bundled_format(self, table: LogTable) -> _OpenedLog | None:
         """The bundled description that fits a log: by its name, or by the names of its columns."""
@@ -693,9 +688,56 @@ class RecordingReader:
             rows = rows_for(form, self.path)
             if rows:
                 notice += f", rows {rows[0]} to {rows[1]}"
-            self._notices.append(notice)
-            return _OpenedLog(form, str(form_path), table)
+            return _OpenedLog(form, str(form_path), table, (notice,))
         return None
+
+
+def _described(container: LogContainer, path: Path, description: str | Path) -> _OpenedLog:
+    """Opens a log whose columns a description names.
+
+    Args:
+        container: opens a file of this ending as a table.
+        path: of the log, unpacked.
+        description: a bundled name or a file.
+    """
+    form, form_path = load_format(description)
+    table = container.open(path, form)
+    if form.rate_hz:
+        # The time is one more column, behind those of the log; the description is changed to one of
+        # that table. (A num_columns of 0 states none.)
+        time = by_number([table.num_columns])
+        num_columns = form.num_columns + 1 if form.num_columns else 0
+        table = RatedTable(table, form.rate_hz)
+        form = replace(form, time=time, rate_hz=0.0, num_columns=num_columns)
+    return _OpenedLog(form, str(form_path), table)
+
+
+def _recognised(layout: KnownLayout, path: Path, table: LogTable) -> _OpenedLog:
+    """A log of a recognised layout.
+
+    Args:
+        layout: of its columns, with its notices.
+        path: of the log, as the user has it.
+        table: the log.
+    """
+    substitute = layout.torque_substitute
+    return _OpenedLog(
+        form=layout.form,
+        form_source=str(path),
+        table=table,
+        notices=(*layout.notices, substitute) if substitute else layout.notices,
+        torque_is_effort=layout.torque_is_effort,
+        torque_substitute=substitute,
+    )
+
+
+def _unknown_ending(path: Path) -> InputError:
+    """The error of a log whose ending is that of no container."""
+    problem = f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
+    remedy = "export the log as CSV, or as npz with arrays t, q, v and i"
+    if _is_table_of_text(path):
+        remedy = "name the file .csv, " + _DESCRIBE
+    return InputError(path, "", problem, remedy)
 
 
 def _is_table_of_text(path: Path) -> bool:

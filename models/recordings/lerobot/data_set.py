@@ -274,7 +274,7 @@ def _episodes_v3(root: Path, info: dict[str, Any]) -> tuple[Episode, ...]:
     """
     rows: list[dict[str, Any]] = []
     for path in v3_episode_files(root):
-        about_to_read(path)
+        about_to_read(path)  # every reader calls it: it tells who lists the files that are read
         try:
             with pq.ParquetFile(path) as file:
                 if file.metadata.num_rows > MOST_EPISODES:

@@ -261,7 +261,7 @@ def _angle_unit(
     -100..100. Their size is that of the data set's statistics; without these they are radians.
 
     Args:
-        joints: entries of the positions.
+        joints: entries of the positions; where `prismatic` is given, one of each of these joints.
         prismatic: which of them slide; None: none.
         angle: deg or rad as the user states; '': the size decides.
 
@@ -273,7 +273,7 @@ def _angle_unit(
     if angle:
         return angle, [f"positions are read in {angle}{sliding}, as --log-format says"]
     largest = 0.0
-    for joint, slides in zip(joints, is_prismatic, strict=False):
+    for joint, slides in zip(joints, is_prismatic, strict=True):
         magnitudes = data_set.largest(joint.feature)  # of all entries of the feature
         if magnitudes is not None and not slides:
             largest = max(largest, float(magnitudes[joint.index]))

@@ -664,6 +664,9 @@ def test_a_packed_log_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, s
     packed = tmp_path / f"other.csv{suffix}"
     packed.write_bytes(pack[suffix](plain.read_bytes()))
     np.testing.assert_array_equal(read_recording(packed).q, _table()[:, 1:3])
+    capitals = _csv(tmp_path, _HEADER.upper(), *_lines(_table()), name="capitals.txt")
+    packed.write_bytes(pack[suffix](capitals.read_bytes()))
+    np.testing.assert_array_equal(read_recording(packed).q, _table()[:, 1:3])
     packed.write_bytes(packed.read_bytes()[:-20] + bytes(20))
     _refused(packed, "cannot be unpacked")
     # The bound itself takes seconds to pack.
