@@ -4,7 +4,8 @@ A file of zeros compresses to a thousandth: without a bound, a small file fills 
 """
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -81,6 +82,7 @@ class UnpackedFile:
     """
 
     def __init__(self, path: Path) -> None:
+        self._packed = path
         self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
         self.path = Path(self._folder.name) / path.stem
         packed = path.stat().st_size
@@ -100,6 +102,21 @@ class UnpackedFile:
         except Exception as error:  # each kind of compression has errors of its own
             problem = f"cannot be unpacked ({str(error)[:200] or type(error).__name__})"
             raise InputError(path, "", problem, "unpack it by hand, or record it again") from error
+
+    @contextmanager
+    def errors_of_packed(self) -> Iterator[None]:
+        """Lets errors about the unpacked file name the packed one: the user knows no other.
+
+        Raises:
+            InputError: one was raised in the block.
+        """
+        try:
+            yield
+        except InputError as error:
+            own, line = f"{self.path}: ", str(error)
+            if not line.startswith(own):
+                raise
+            raise InputError(self._packed, "", line.removeprefix(own)) from error
 
 
 def is_packed(path: Path) -> bool:

@@ -2,8 +2,8 @@
 
 import difflib
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
 from functools import lru_cache
 from itertools import islice
@@ -416,7 +416,7 @@ class RecordingReader:
             if signal is None:
                 continue
             columns = sorted(signal.columns)
-            values, _ = next(self.table.blocks(columns, self._rows, columns), (np.empty(0), None))
+            values, _ = next(self._blocks(columns, columns), (np.empty(0), None))
             words = raw_words(values[np.isfinite(values).all(axis=1)]) if values.size else None
             if words is not None:
                 problem = f"holds words of {words.bits} bits without a sign, not numbers"
@@ -428,6 +428,13 @@ class RecordingReader:
         """The parts of the log, with the velocities that it lacks."""
         chunks = with_velocities(self._read()) if self._is_differentiated else self._read()
         return corrected_chunks(chunks, self.layout, self._robot, self.gravity_torque)
+
+    def _blocks(
+        self, columns: list[int], may_be_empty: Collection[int]
+    ) -> Iterator[tuple[Array, NDArray[np.int64]]]:
+        """The blocks of the selected rows, as `LogTable.blocks` gives them."""
+        with _errors_of_packed(self._unpacked):
+            yield from self.table.blocks(columns, self._rows, may_be_empty)
 
     def _read(self) -> Iterator[Recording]:
         """The parts of the log as written, without the samples that lack a number.
@@ -451,7 +458,7 @@ class RecordingReader:
         # The table refuses a row without its time. What else is missing is dealt with here: a
         # sample that lacks a mandatory number is left out, of others the number stays NaN.
         may_be_empty = {*used_columns} - {*time_columns}
-        for values, rows in self.table.blocks(used_columns, self._rows, may_be_empty):
+        for values, rows in self._blocks(used_columns, may_be_empty):
             is_missing = np.isnan(values) & is_mandatory
             if is_missing.any():
                 values, rows = self._without_missing(values, rows, is_missing, used_columns)
@@ -576,15 +583,17 @@ class RecordingReader:
         unpacked = UnpackedFile(self.path) if is_packed(self.path) else None
         path = self.path if unpacked is None else unpacked.path
         container = container_of(path)
-        if description is not None:
-            log = _described(container or TEXT, path, description)  # of an unknown ending: text
-        elif container is DATA_SETS:
-            episode = DATA_SETS.open(path, None)
-            log = _recognised(episode.layout(self._robot, self._words.angle), self.path, episode)
-        elif container is None:
-            raise _unknown_ending(path)
-        else:
-            log = self._open_undescribed(container, path)
+        with _errors_of_packed(unpacked):
+            if description is not None:
+                log = _described(container or TEXT, path, description)  # of an unknown ending: text
+            elif container is DATA_SETS:
+                episode = DATA_SETS.open(path, None)
+                layout = episode.layout(self._robot, self._words.angle)
+                log = _recognised(layout, self.path, episode)
+            elif container is None:
+                raise _unknown_ending(path)
+            else:
+                log = self._open_undescribed(container, path)
         return log._replace(unpacked=unpacked)
 
     def _open_undescribed(self, container: LogContainer, path: Path) -> _OpenedLog:
@@ -690,6 +699,11 @@ class RecordingReader:
                 notice += f", rows {rows[0]} to {rows[1]}"
             return _OpenedLog(form, str(form_path), table, (notice,))
         return None
+
+
+def _errors_of_packed(unpacked: UnpackedFile | None) -> AbstractContextManager[None]:
+    """Errors of the block name the packed log where there is one."""
+    return nullcontext() if unpacked is None else unpacked.errors_of_packed()
 
 
 def _described(container: LogContainer, path: Path, description: str | Path) -> _OpenedLog:

@@ -667,7 +667,16 @@ def test_a_packed_log_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, s
     capitals = _csv(tmp_path, _HEADER.upper(), *_lines(_table()), name="capitals.txt")
     packed.write_bytes(pack[suffix](capitals.read_bytes()))
     np.testing.assert_array_equal(read_recording(packed).q, _table()[:, 1:3])
-    packed.write_bytes(packed.read_bytes()[:-20] + bytes(20))
+    for lines, problem in (
+        ((_HEADER, "0,x,0,0,0,0,0"), 'line 2, column 2 (q1): holds "x"'),
+        (("q1,q2", "0,0"), "has no column of time"),
+    ):
+        packed.write_bytes(pack[suffix]("\n".join(lines).encode()))
+        with pytest.raises(InputError) as refusal:
+            read_recording(packed)
+        assert str(refusal.value).startswith(f"{packed}: ")
+        assert problem in str(refusal.value)
+    packed.write_bytes(pack[suffix](capitals.read_bytes())[:-20] + bytes(20))
     _refused(packed, "cannot be unpacked")
     # The bound itself takes seconds to pack.
     monkeypatch.setattr(packed_file, "_LARGEST_FILE", 1 << 22)
