@@ -24,6 +24,7 @@ holds any torque of its stiction band. A tool that slides for the whole log leav
 and then x hardly leaves its prior.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -43,7 +44,6 @@ FREE_PROBABILITY, ELSEWHERE_PROBABILITY = 0.5, 0.02  # of a segment before the l
 SURELY_FREE = 0.9  # of a segment, from which its rows count as contact-free
 FIRST_SWEEPS, SWEEPS = 10, 20  # over all segments: before samples count, and that count
 # States of a segment: free; touched at E, a state for each of FORCE_SHARES; touched elsewhere.
-_NUM_STATES = 2 + len(FORCE_SHARES)
 _FREE_STATE, _TOUCHED_STATE = 0, 1  # touched by the first of FORCE_SHARES
 _LEAST_PRIOR_SD = 1e-12  # N m, N m s/rad: of a coefficient that the prior holds, for a division
 
@@ -76,12 +76,22 @@ class _Segments(NamedTuple):
     projection: Array
     constant: Array
 
+    @classmethod
+    def stacked(cls, segments: "Sequence[_Segments]") -> "_Segments":
+        """Several segments of one each as one with the axis S."""
+        return cls(
+            information=np.array([segment.information for segment in segments]),
+            projection=np.array([segment.projection for segment in segments]),
+            constant=np.array([segment.constant for segment in segments]),
+        )
+
 
 def refresh_beside_contact(
     rows: ResidualRows,
     J: Array,
     law: CoulombViscous,
-    wrench_sd: tuple[float, float],
+    force_sd: float,
+    moment_sd: float,
     drift: FrictionDrift | None = None,
 ) -> RefreshBesideContact:
     """Estimates the coefficients of today from rows in which something may touch the arm.
@@ -92,30 +102,30 @@ def refresh_beside_contact(
         rows: m rows of the known model's residual.
         J: (m, 6, n) rows [angular; linear] at E, in axes of W.
         law: that model's coefficients.
-        wrench_sd: standard deviations of the force and of the moment, N and N m.
+        force_sd, moment_sd: of the wrench's prior, N and N m.
         drift: the prior; None: the default of FrictionDrift.
 
     Returns:
         The coefficients with the covariance of each joint's three (those between joints are left
         out) and a `scale` of one, which is not estimated here; and the rows that are free.
     """
-    force_sd, moment_sd = wrench_sd
     wrench_variance = np.repeat([moment_sd**2, force_sd**2], 3)  # in the order of J's rows
     segment_of_row = np.floor((rows.t - rows.t[0]) / SEGMENT_TIME).astype(int)
     segment_masks = [segment_of_row == segment for segment in np.unique(segment_of_row)]
-    each_segment = [
-        _segment(rows[is_in_segment], J[is_in_segment], wrench_variance)
-        for is_in_segment in segment_masks
-    ]
-    # Each has no axis S; they are stacked along it.
-    segments = _Segments(*(np.array(field) for field in zip(*each_segment, strict=True)))
+    segments = _Segments.stacked(
+        [
+            _segment(rows[is_in_segment], J[is_in_segment], wrench_variance)
+            for is_in_segment in segment_masks
+        ]
+    )
     n = rows.num_joints
     prior = (drift or FrictionDrift()).deviation(rows, law)
     mean, covariance, free_share = _sampled(segments, prior.ravel())
+    by_joint, joints = covariance.reshape(n, 3, n, 3), np.arange(n)
     refresh = FrictionRefresh(
         model_law=law,
         change=mean.reshape(n, 3),
-        covariance=covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)],
+        covariance=by_joint[joints, :, joints],  # (n, 3, 3)
         prior_deviation=prior,
         scale=np.ones(n),
     )
@@ -139,6 +149,7 @@ def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> _Segments:
         wrench_variance: (6,) of P, moment first.
     """
     m, n = rows.residual.shape
+    # What x explains, and what is left without a contact.
     residual = rows.residual.T.ravel()
     columns, noise = np.zeros((m * n, 3 * n)), np.zeros((m * n, m * n))
     drift = rows.drift
@@ -146,21 +157,22 @@ def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> _Segments:
         joint_rows = slice(j * m, (j + 1) * m)
         columns[joint_rows, 3 * j : 3 * j + 3] = drift[:, j]
         noise[joint_rows, joint_rows] = rows.covariance(j)
+    # What a contact adds to the covariance: a wrench at E, or each joint's torque by itself.
     time_correlation = np.tile(np.exp(-np.abs(rows.t[:, None] - rows.t) / FORCE_TIME), (n, n))
     levers = J.transpose(1, 2, 0).reshape(6, n * m)
     shared = np.einsum("ai,a,aj->ij", levers, wrench_variance, levers) * time_correlation
     elsewhere = shared * np.kron(np.eye(n), np.ones((m, m)))  # each joint's block alone
-    covariances = [noise, *(noise + share**2 * shared for share in FORCE_SHARES), noise + elsewhere]
-    touched = 1.0 - FREE_PROBABILITY - ELSEWHERE_PROBABILITY
-    probabilities = [
-        FREE_PROBABILITY,
-        *(touched / len(FORCE_SHARES) for _ in FORCE_SHARES),
-        ELSEWHERE_PROBABILITY,
+    # Probability beforehand and covariance of each state: places _FREE_STATE, _TOUCHED_STATE on.
+    each_touched = (1.0 - FREE_PROBABILITY - ELSEWHERE_PROBABILITY) / len(FORCE_SHARES)
+    states = [
+        (FREE_PROBABILITY, noise),
+        *((each_touched, noise + share**2 * shared) for share in FORCE_SHARES),
+        (ELSEWHERE_PROBABILITY, noise + elsewhere),
     ]
     k = columns.shape[1]
-    information, projection = np.empty((_NUM_STATES, k, k)), np.empty((_NUM_STATES, k))
-    constant = np.log(probabilities)
-    for state, covariance in enumerate(covariances):
+    information, projection = np.empty((len(states), k, k)), np.empty((len(states), k))
+    constant = np.log([probability for probability, _ in states])
+    for state, (_, covariance) in enumerate(states):
         factor = cho_factor(covariance, lower=True)
         weighted = cho_solve(factor, residual)
         information[state] = columns.T @ cho_solve(factor, columns)

@@ -209,7 +209,7 @@ class FrictionTracker:
         return (columns * x).sum(axis=2) * self.share, variance
 
     def learn(self, tau_ext: Array, J_seen: Array, is_contact_free: Flags) -> None:
-        """Takes the readings of the very samples that `correction` had last.
+        """Takes the readings of the very samples that `correction` had last, at most `until_step`.
 
         Where they end a step of the filter, the state is predicted; it is updated with the last
         sample where that is learnt from: CONTACT_MARGIN after a contact, and with columns that
@@ -228,6 +228,7 @@ class FrictionTracker:
             self._contact_free = (count - 1 - touched[-1]) * self.time_step
         else:
             self._contact_free = count * self.time_step + self._contact_free
+        # Never below zero: `correction` has refused more samples than are left.
         self._samples_left -= count
         if self._samples_left > 0:
             return
@@ -242,7 +243,7 @@ class FrictionTracker:
             and np.isfinite(self._columns).all()
         ):
             self._update(tau_ext[-1], J_seen[-1])
-        self._covariances = self._joint_covariances()
+        self._covariances = self._joint_covariances()  # for `correction`
 
     def _joint_covariances(self) -> Array:
         """(n, 3, 3) covariance of each joint's coefficients."""

@@ -155,7 +155,7 @@ class GainCalibration:
 
 
 class GainProblem:
-    """The least squares of this module for given logs."""
+    """The least squares of this module for given logs: `solve` runs it."""
 
     def __init__(
         self,
@@ -181,6 +181,8 @@ class GainProblem:
         self._sd = residual_sd
         self._counts = [len(terms) for terms in structure.terms]
         self._start = start
+        # Places in the columns and values: the arm's (those of x by `_columns`), the loads', u. The
+        # friction's drift stands behind them, log by log and three a joint.
         self._columns = parameter_columns(self._counts)
         self._arm = slice(0, len(start))
         self._all_loads = slice(len(start), len(start) + _NUM_INERTIAL * len(loads))

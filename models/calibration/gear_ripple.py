@@ -180,6 +180,8 @@ def _weighed(
 ) -> GearRipple:
     """The arm's ripple from that of each joint with each of K numbers of periods.
 
+    Probabilities of the joints are given that the arm ripples; `log_odds` is of that.
+
     Args:
         fits: of n joints.
         periods: (K,) per turn.
@@ -207,6 +209,7 @@ def _weighed(
         log_odds=float(np.log(PRIOR_ODDS) + log_sum - np.log(2.0)),
         probability=joint_probability,
         amplitude=np.sqrt((weight * amplitude_square).sum(axis=1)),
+        # Of the likeliest number alone: how far amplitudes of other numbers differ is no error.
         amplitude_sd=np.sqrt(variance[np.arange(len(fits)), likeliest]),
         periods=mean_periods,
         periods_sd=np.sqrt(periods_variance),

@@ -239,12 +239,13 @@ def _solve(
     blocks: list[Array] = []  # of each joint (m, k + 1): unknowns, residual
     considered: list[Array] = []  # of each joint (m, c): the model's parameters, in their sds
     for j in range(n):
+        # (m, k + c + 1): unknowns, the model's parameters, residual; not yet over the scale s.
         whole = _whitened_rows(logs, j, frame, k)
         blocks.append(np.hstack([whole[:, :k], whole[:, -1:]]))
         considered.append(whole[:, k:-1] * logs[0].model_sd)
     fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _NUM_LOAD)]))
     # Of each joint (k, m), how the solution responds to an error e of its whitened torque:
-    # covariance A^T e / s^2.
+    # covariance A^T e / s^2, as the fit divides rows A and torque by the scale s.
     responses = [
         fit.covariance @ block[:, :-1].T / s**2 for block, s in zip(blocks, fit.scale, strict=True)
     ]

@@ -21,6 +21,8 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 COM_SD = 0.2  # m, sd of the centre of mass about E, for a load of half the payload
 LEAST_REST = 0.2  # s that a joint rests before it counts
 _NEW_POSTURE = 0.3  # rad that a joint turns between two postures
+# Sums over a rest of a joint: the four columns, torque, variance.
+_COLUMN_SUMS, _TORQUE_SUM, _VARIANCE_SUM, _NUM_SUMS = slice(0, 4), 4, 5, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +104,8 @@ class PayloadZero:
         self._prior = np.diag(np.array([payload, reach, reach, reach]) ** -2.0)
         # Normal equations of the four parameters, without the prior.
         self._information, self._right = np.zeros((4, 4)), np.zeros(4)
-        # Of each joint's present rest: sums of the four columns, torque and variance; samples.
-        self._rest_sums = np.zeros((n, 6))
+        # Of each joint's present rest.
+        self._rest_sums = np.zeros((n, _NUM_SUMS))
         self._rest_samples = np.zeros(n)
         self._postures: list[Array] = []
 
@@ -113,8 +115,8 @@ class PayloadZero:
         """Takes the next samples.
 
         Moving joints count in each sample, by `_sample_share` since errors last; a rest of a joint
-        counts once, with its mean, when it ends (`_take_rest`). Postures in which the whole arm
-        rests are remembered.
+        counts once, with its mean, when it ends (`_take_rest`), or in `result`. Postures in which
+        the whole arm rests are remembered.
 
         Args:
             q, v: (N, n) rad and rad/s.
@@ -134,8 +136,9 @@ class PayloadZero:
             self._information += (A * weight[:, None]).T @ A
             self._right += A.T @ (weight * tau_ext[k, moving])
             self._rest_samples[rests] += 1.0
-            for j in np.flatnonzero(rests):
-                self._rest_sums[j] += (*columns[k, j], tau_ext[k, j], sd[k, j] ** 2)
+            self._rest_sums[rests, _COLUMN_SUMS] += columns[k, rests]
+            self._rest_sums[rests, _TORQUE_SUM] += tau_ext[k, rests]
+            self._rest_sums[rests, _VARIANCE_SUM] += sd[k, rests] ** 2
             if rests.all() and not any(
                 np.abs(q[k] - posture).max() < _NEW_POSTURE for posture in self._postures
             ):
@@ -148,8 +151,9 @@ class PayloadZero:
         self._rest_sums[j], self._rest_samples[j] = 0.0, 0.0
 
     def _with_rest(self, j: int, information: Array, right: Array) -> tuple[Array, Array]:
+        """Normal equations with one rest of joint j: one torque, whatever its length."""
         mean = self._rest_sums[j] / self._rest_samples[j]
-        A, tau, variance = mean[:4], mean[4], mean[5]
+        A, tau, variance = mean[_COLUMN_SUMS], mean[_TORQUE_SUM], mean[_VARIANCE_SUM]
         return information + np.outer(A, A) / variance, right + A * tau / variance
 
     def result(self) -> ZeroedPayload:

@@ -5,8 +5,12 @@ The observer's estimate is the external torque through K_0 / (s + K_0), exactly 
 over each period. Means of these over blocks go to the filter of `models.estimation.contact_filter`,
 with the sd that the model states of each joint's torque.
 
-A joint at rest may carry any friction. Expected is a share of the friction of its last motion. Its
-torque is computed with the torque per ampere at rest, which may differ from that in motion.
+A joint at rest may carry any friction. Expected is a share of the friction of its last motion.
+
+A calibration may have found that the drives give s times as much torque per ampere in motion as at
+rest. It then scales the whole model by s, masses and friction included, so that free motion reads
+as before. At rest nothing is s times as large: the torque that such a model reads there is divided
+by s, its rigid body and friction included (`identify --other-specimen`).
 """
 
 from typing import Any, NamedTuple
@@ -122,6 +126,7 @@ class ContactReader:
         self._pole = np.exp(-np.asarray(K_0, float) * time_step)
         self._rest_speed, self._rest_share = config.rest_speed, robot.rest_friction_share
         self._friction = np.zeros(robot.num_joints)  # N m, of each joint's last motion; 0: unknown
+        # 1 / s of each joint, see the module.
         self._rest_scale = robot.rest_torque_per_ampere / robot.torque_per_ampere
         self._size = max(round(config.block / time_step), 1)
         period = self._size * time_step
@@ -156,9 +161,7 @@ class ContactReader:
     ) -> None:
         """Adds N samples to those that wait, each with the mean torque over the period before it.
 
-        A joint that rests carries not the law's friction but an expected share of that of its last
-        motion. As tau_ext = need - (tau_J - tau_f), the expected friction takes the place of the
-        law's tau_f in it; `_rest_scale` makes torque per ampere that at rest.
+        Of a joint that rests the torque is that of `_torque_at_rest`.
 
         Args:
             q, v, tau_J: (N, n) rad, rad/s, N m; NaN where a sample is missing.
@@ -174,8 +177,8 @@ class ContactReader:
         rigid = np.where(is_period[:, None], tau_mean + batch.transmitted, 0.0)
         is_moving = np.abs(v) >= self._rest_speed
         tau_f = tau_J - batch.transmitted  # friction of the law
-        expected = self._rest_share * self._last_friction(tau_f, is_moving, is_usable)
-        tau_at_rest = self._rest_scale * (tau_mean + expected - tau_f)
+        last_tau_f = self._last_friction(tau_f, is_moving, is_usable)
+        tau_at_rest = self._torque_at_rest(tau_mean, tau_f, last_tau_f)
         tau_ext = np.where(is_period[:, None] & ~is_moving, tau_at_rest, tau_mean)
         R_WE, _ = self._chain.pose(np.where(is_finite[:, None], q, 0.0))
         J = np.where(is_period[:, None, None], batch.J, 0.0)
@@ -191,6 +194,21 @@ class ContactReader:
             is_resting=is_period & ~is_moving.any(axis=1),
         )
         self._waiting = samples if self._waiting is None else self._waiting.joined(samples)
+
+    def _torque_at_rest(self, tau_ext: Array, tau_f: Array, last_tau_f: Array) -> Array:
+        """(N, n) N m, the external torque of joints that rest.
+
+        A joint that rests carries not the law's friction but an expected share of that of its last
+        motion. As tau_ext = need - (tau_J - tau_f) with the need of the rigid body, that share
+        takes the place of tau_f. All of it is then of a model made for the torque per ampere in
+        motion: need and friction are as much too large at rest as tau_J is.
+
+        Args:
+            tau_ext: (N, n) N m, as read with the law's friction.
+            tau_f, last_tau_f: (N, n) N m, friction of the law, and that of the last motion.
+        """
+        expected = self._rest_share * last_tau_f
+        return np.asarray(self._rest_scale * (tau_ext + expected - tau_f))
 
     def _period_means(self, tau_ext: Array, is_measured: Flags) -> tuple[Array, Flags]:
         """The mean external torque (N, n) over the period before each sample, and where known."""

@@ -32,7 +32,6 @@ from wrenchsight.models.estimation.torque_error_stage import (
 )
 from wrenchsight.models.estimation.wrench import (
     WrenchEstimate,
-    WrenchReconstruction,
     WrenchReconstructionConfig,
     observer_prior,
 )
@@ -331,33 +330,24 @@ class WrenchEstimator:
         observer) is informed of them before the stages that depend on its pole are made. Arguments
         as the class has them.
         """
-        config = config if config is not None else WrenchEstimatorConfig()
-        self.robot = robot
-        self.model = model
-        force_sd, moment_sd = live_prior(robot.payload)
-        reconstruction = config.reconstruction.with_prior(force_sd, moment_sd)
-        if reconstruction is not config.reconstruction:
-            config = replace(config, reconstruction=reconstruction)
-        self.config = config
+        self.robot, self.model = robot, model
         self.num_joints = n = robot.num_joints
+        self.config = _with_prior(config or WrenchEstimatorConfig(), robot)
         self.chain = model.chain(robot)
-        uninformed = make_observer(self.config.observer, n)
-        self.reconstruction = WrenchReconstruction(
-            self.config.reconstruction, model.residual_covariance
-        )
         self.resolution = self._position_resolution()
+        self.learnt = model.torque_error is not None
+        residual_sd = np.sqrt(np.diag(model.residual_covariance))
+        error = self._torque_error_model()
+        live_config = self.config.reconstruction.with_live(*live_prior(robot.payload))
+
+        uninformed = make_observer(self.config.observer, n)
         T = uninformed.time_step
         self.friction = model.friction.sampled(T, self.resolution)
-        self.learnt = model.torque_error is not None
-        error = self._torque_error_model()
-        # What `valid` rests on, of a learnt torque error alone.
-        live_config = self.config.reconstruction.with_live(force_sd, moment_sd)
-        residual_sd = np.sqrt(np.diag(self.reconstruction.torque_covariance))
-        pole = uninformed.pole
+        # The live prior, whatever `valid` rests on: it says how fast a force may change.
         self.knowledge = ModelKnowledge(
             torque_error=model.torque_error,
             torque_sd=residual_sd,
-            rates=np.broadcast_to(error.K_0 if pole is None else pole, (n,)),
+            rates=np.broadcast_to(error.K_0 if uninformed.pole is None else uninformed.pole, (n,)),
             prior=observer_prior(live_config),
         )
         self.observer: Observer = uninformed
@@ -368,11 +358,12 @@ class WrenchEstimator:
         )
         self.reading = WrenchReading(
             error=error,
+            # Only with a learnt torque error does `valid` rest on the live prior.
             config=live_config if self.learnt else self.config.reconstruction,
             K_0=self.observer.pole,
             time_step=T,
             force_bandwidth_hz=self.config.force_bandwidth_hz,
-            usual_sd=np.sqrt(np.diag(model.residual_covariance)) if self.learnt else None,
+            usual_sd=residual_sd if self.learnt else None,
             torques=robot.joint_torque(np.eye(n)),  # of one ampere in each motor
         )
         self.check: SampleCheck | None = None
@@ -398,7 +389,7 @@ class WrenchEstimator:
             return self.model.torque_error
         ranges = self.model.validity
         return ConstantTorqueError.of(
-            self.reconstruction.torque_covariance, ranges.v_max or 0.0, ranges.tau_max or 0.0
+            self.model.residual_covariance, ranges.v_max or 0.0, ranges.tau_max or 0.0
         )
 
     def tuned(
@@ -792,7 +783,8 @@ class WrenchEstimator:
             signals: q, v and current.
 
         Raises:
-            ValueError: shapes that disagree; correction and tau_f together.
+            ValueError: shapes that disagree; a state of another estimator; correction and tau_f
+                together; a correction beside an observer that reads the wrench itself.
         """
         n, (q, v, current) = self.num_joints, signals
         if not (q.ndim == 2 and q.shape == v.shape == current.shape and q.shape[1] == n):
@@ -816,8 +808,9 @@ class WrenchEstimator:
             raise ValueError(
                 "an observer that reads the wrench itself takes no correction of an air pass"
             )
-        # Its sd may be one number, and is broadcast.
-        shapes = [np.shape(part) for part in correction[:3]]
+        # The sd is left out: it may be one number, and is broadcast.
+        by_sample = (correction.tau_correction, correction.v_planned, correction.counts)
+        shapes = [np.shape(part) for part in by_sample]
         if shapes != [(N, n), (N, n), (N,)]:
             raise ValueError(
                 "tau_correction, v_planned and counts of an air pass must be "
@@ -835,6 +828,14 @@ class WrenchEstimator:
         return Observation(
             taken.tau_ext, samples.tau_J, samples.tau_f, taken.counts, samples.J, taken.error
         )
+
+
+def _with_prior(config: WrenchEstimatorConfig, robot: Arm) -> WrenchEstimatorConfig:
+    """The configuration, with the prior of the robot's payload where it states none."""
+    reconstruction = config.reconstruction.with_prior(*live_prior(robot.payload))
+    if reconstruction is config.reconstruction:
+        return config
+    return replace(config, reconstruction=reconstruction)
 
 
 def _shapes_of(state: EstimatorState) -> tuple[tuple[int, ...], ...]:

@@ -68,7 +68,12 @@ def evidence_prior_and_noise(
 def _maximum_evidence(
     J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike, scale_range: tuple[float, float]
 ) -> ScaledPrior:
-    """The most evident prior, its noise scale within `scale_range`.
+    """The most evident prior, its noise scale c within `scale_range`.
+
+    With whitened torques y, S the sds of the wrench and L the part that `_log_evidence` computes,
+    the mean log likelihood is, up to a constant,
+
+        log N = -|y|^2 / (2 c^2) - n log c + L(S / c, 1 / c)
 
     Args:
         J: (N, 6, n) at E, rows [angular; linear].
@@ -100,17 +105,13 @@ def _maximum_evidence(
     n = tau_ext.shape[1]
 
     def cost(log_sds: Array) -> tuple[float, Array]:
-        """Minus the mean log likelihood up to a constant, and its gradient.
-
-        The gradient is by the logarithms of force_sd, moment_sd and the noise scale c, which
-        divides J and tau_ext.
-        """
+        """-log N at the logarithms of (force_sd, moment_sd, c), and its gradient by these."""
         force_sd, moment_sd, c = np.exp(log_sds)
         evidence = _log_evidence(gram, projected, moment_sd / c, force_sd / c, 1.0 / c)
-        # c divides both sds and the torque: by log c the evidence changes by minus the sum of its
-        # three derivatives, the terms written here by n - mean_square / c^2.
-        by_c = n - mean_square / c**2 + evidence.by_moment + evidence.by_force + evidence.by_weight
         value = float(0.5 * mean_square / c**2 + n * np.log(c) - evidence.value)
+        # Of L by log c: minus its derivatives by the logarithms of its three arguments, which c
+        # divides.
+        by_c = n - mean_square / c**2 + evidence.by_moment + evidence.by_force + evidence.by_weight
         return value, np.array([-evidence.by_force, -evidence.by_moment, by_c])
 
     # Rows in the order of log_sds.

@@ -195,7 +195,7 @@ def invalid_reasons(found: Findings) -> int:
     if not found.is_fresh or not found.has_reading:
         if found.fault != 0:
             invalid |= SAMPLE_FAULT
-        elif found.is_missing or found.is_fresh:
+        elif found.is_missing or found.is_fresh:  # fresh without a reading: it is not finite
             invalid |= SAMPLE_MISSING
         else:
             invalid |= SETTLING

@@ -21,7 +21,7 @@ from wrenchsight.models.numerics.arrays import Array
 MIN_ODDS = 1e3  # of P against E
 MAX_LEVER = 0.3  # m; a force further off is none at a tool
 CORRELATION_TIME = 0.3  # s, over which a joint's errors last: samples closer than it tell no more
-MAX_SAMPLES = 400
+MAX_SAMPLES = 400  # spread over the log; they bound the time of the fit
 
 
 class Lever(NamedTuple):

@@ -9,7 +9,8 @@ from wrenchsight.models.estimation.wrench_prior import PriorSds
 from wrenchsight.models.numerics.arrays import Array
 
 _STANDARD_GRAVITY = 9.81  # m/s^2
-_MOMENT_FACTOR = 1.2  # by which the sd grows with the prior of the moment
+# By which the sd grows with the prior of the moment, which grows with the payload as well.
+_MOMENT_FACTOR = 1.2
 _NO_PRIOR = 1e6  # N, sd of a force of which nothing is known
 _MAX_PAYLOAD_FACTOR = 20.0  # by which a rated payload may be wrong
 _ROUNDING_SHARE = 1e-6  # of the largest sd of the joints
@@ -59,7 +60,8 @@ class UncertainForce:
         there if they would without one.
 
         Args:
-            estimator: estimator of the samples.
+            estimator: estimator of the samples. Its reading has the correlation of the torques'
+                errors, the prior and the limits; its model says whether the error is `assumed`.
             J: (N, 6, n) at E in axes of W, rows [angular; linear].
             torque_sd: (N, n) N m, as the estimator stated.
         """
@@ -72,7 +74,8 @@ class UncertainForce:
             s = np.maximum(
                 torque_sd * factor, _ROUNDING_SHARE * torque_sd.max(axis=1, keepdims=True)
             )
-            noise = s[:, :, None] * reading.torque_covariance * s[:, None, :]
+            correlation = reading.torque_covariance  # in units of the samples' sds
+            noise = s[:, :, None] * correlation * s[:, None, :]
             return _force_covariances(J, noise, prior)
 
         def worst_sd(factor: Array, moment_sd: float = limits.moment_sd) -> float:
@@ -97,9 +100,8 @@ class UncertainForce:
             joint=robot.joint_names[worst],
             torque_sd=float(np.median(torque_sd[:, worst])),
             payload=robot.payload,
-            # With a prior of half the payload's weight W the sd is below a third of that prior
-            # where W / 2 is sqrt(8) times what the torques alone leave; the moment's prior grows,
-            # too.
+            # The prior's sd p is half the payload's weight, the limit p / 3 (`TRUSTED_SHARE`). With
+            # s the sd without a prior, 1 / (1 / s^2 + 1 / p^2) <= p^2 / 9 where p >= sqrt(8) s.
             enough_payload=_MOMENT_FACTOR * 2.0 * np.sqrt(8.0) * free_sd / _STANDARD_GRAVITY,
             assumed=not estimator.model.provenance.logs,
             is_unfelt=is_unfelt,

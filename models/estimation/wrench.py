@@ -208,10 +208,11 @@ class WrenchReconstruction:
     Where each sample has its own sds, the torque covariance is in units of these sds.
 
     Args:
-        config: method and prior.
-        torque_covariance: (n, n), see above.
-        usual_sd: (n,) N m of the errors over all states, which balances the weights of
-            `force_only`; None: the sample's sds alone are the weights.
+        config: method, priors and limits.
+        torque_covariance: (n, n) Sigma_tau, N^2 m^2; where each sample has its own sds, the
+            correlation.
+        usual_sd: (n,) or () N m, of the errors over all states, which balances the weights of
+            `force_only`; None: the sample's sds alone are the weights. Other methods leave it out.
 
     Attributes:
         limits: of a valid reading.
@@ -229,18 +230,7 @@ class WrenchReconstruction:
         torque_covariance: ArrayLike,
         usual_sd: ArrayLike | None = None,
     ) -> None:
-        """Checks and packs the constants of all readings; arguments as the class has them.
-
-        Args:
-            config: method, priors and limits.
-            torque_covariance: (n, n) Sigma_tau, N^2 m^2; where each sample has its own sds, the
-                correlation.
-            usual_sd: (n,) or () N m, typical sds of the torque error, by which `force_only` weighs
-                besides the sample's own; None: by those alone. Other methods leave it out.
-
-        Raises:
-            ValueError: as the class states.
-        """
+        """Checks and packs the constants of all readings; arguments as the class has them."""
         Sigma = np.array(torque_covariance, float)
         if Sigma.ndim != 2 or Sigma.shape[0] != Sigma.shape[1] or not Sigma.shape[0]:
             raise ValueError(f"torque covariance must be (n, n), not {Sigma.shape}")
@@ -253,10 +243,10 @@ class WrenchReconstruction:
             usual = np.broadcast_to(np.asarray(usual_sd, float), (n,)).copy()
             if not (np.isfinite(usual).all() and (usual > 0.0).all()):
                 raise ValueError("usual_sd: expected finite numbers above zero")
-        self.limits = ValidityLimits.of(config)
+        self.limits = ValidityLimits.of(config)  # which refuses a configuration that cannot be
         self.constants = WrenchConstants(
             method=config.method,
-            whitening=np.ascontiguousarray(whitening_matrix(Sigma)),
+            whitening=np.ascontiguousarray(whitening_matrix(Sigma)),  # refuses another Sigma
             torque_covariance=Sigma,
             prior_sd=_by_axis(_reading_prior(config)),
             live_prior_sd=_by_axis(PriorSds(self.limits.force_sd, self.limits.moment_sd)),

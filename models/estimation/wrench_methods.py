@@ -259,6 +259,7 @@ def _balanced(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
         unseen_sd[:, :count] /= 1.0 + (force_sd * s) ** 2
         return H, _propagated(constants, H, sd) + _squared(U * unseen_sd[:, np.newaxis])
 
+    # Sds of all axes, rotation first; those of the force are equal.
     live_force_sd, prior_force_sd = constants.live_prior_sd[3], constants.prior_sd[3]
     force_gain, force_covariance = reading(live_force_sd)
     H, covariance = reading(prior_force_sd)

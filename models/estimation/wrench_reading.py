@@ -254,7 +254,7 @@ class WrenchReading:
             and covariance is not None
             and not np.array_equal(covariance, error.covariance)
         ):
-            error = ConstantTorqueError.of(covariance)
+            error = ConstantTorqueError.of(covariance, error.fitted_speed, error.fitted_load)
         return WrenchReading(
             error=error,
             config=config,
@@ -304,7 +304,7 @@ class WrenchReading:
             self.faults.poles,
             self.faults.lines,
             self.faults.correlation,
-            *state,
+            *state,  # lag, unexplained_time, means, torques
             tau_ext,
             sd,
             unexplained_log(self.explained, error.J_seen, tau_ext, sd),
@@ -314,7 +314,7 @@ class WrenchReading:
             samples.is_fresh,
             samples.is_corrected,
             samples.fault,
-            *reading,
+            *reading,  # wrench, covariance, quality
             invalid,
             self._work,
         )

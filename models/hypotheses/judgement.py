@@ -1,4 +1,10 @@
-"""The judgement of a log: what is wrong with it, at which odds; or that nothing is."""
+"""The judgement of a log: what is wrong with it, at which odds; or that nothing is.
+
+Every hypothesis of `models.hypotheses` that explains the log in its way states the evidence of its
+fit. Each row of a fit is of a kind (`models.hypotheses.evidence.KINDS`): free of contact; poor, as
+free with a larger error; touched, a force at E of a size that the arm is made for; pressed, a
+larger one; odd, an error of each joint by itself. Pressed and odd rows are implausible.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -28,7 +34,7 @@ MAX_SMALL_LEFT_SHARE = 0.88  # of it, which a small fault leaves where no other 
 MIN_FAULT_EXPLAINED = 0.5
 MOST_LOGS = 3
 LASTING_SHARE = 0.9  # share of a log from which on a contact lasts for all of it
-MAX_EXPLAINED = 0.9  # by a log as it is that lacks gravity, or that `identify` refuses
+MAX_EXPLAINED = 0.9  # share of the torque's mean square, below which a log as it is explains little
 MIN_IMPLAUSIBLE = 0.05  # share of rows from which on no force at the tool explains a log
 MIN_WITHOUT_CONTACT = 0.10  # share of rows without contact that a log with a contact in it has
 MAX_CONTACT_LEFT = 0.04  # share of rows in contact that a fault leaves in a log without contact
@@ -59,6 +65,20 @@ class Judgement:
     rival: Explanation | None
 
     @property
+    def implausible_share(self) -> float:
+        """Share of the rows that no force at the tool of a plausible size explains."""
+        return self.kind_share["odd"] + self.kind_share["pressed"]
+
+    @property
+    def is_far_off(self) -> bool:
+        """Whether the log explains little, or most of its rows fit no plausible force.
+
+        Less than MAX_EXPLAINED of the torque's mean square, or more than MAX_UNEXPLAINED_SHARE of
+        the rows: more than masses of a robot's file that are a little wrong would leave.
+        """
+        return self.explained < MAX_EXPLAINED or self.implausible_share > MAX_UNEXPLAINED_SHARE
+
+    @property
     def fault(self) -> Explanation | None:
         """What is wrong with the log at odds of SURE_ODDS or more; None: nothing."""
         if self.best is None or self.log_odds[self.best.name] < math.log(SURE_ODDS):
@@ -72,8 +92,7 @@ class Judgement:
         """
         if self.fault is not None:
             return f"{self.problem()}: {self.remedy()}; until then no reading is valid"
-        shares = self.kind_share
-        unexplained = shares["odd"] + shares["pressed"]
+        unexplained = self.implausible_share
         if unexplained > MAX_UNEXPLAINED_SHARE:
             return (
                 f"the {self.word}s of {100.0 * unexplained:.0f} % of the log fit neither the model "
@@ -81,7 +100,7 @@ class Judgement:
                 f"{_all_else()}; check that the log is of this robot and the model of "
                 "this arm, tool and mounting, from logs that moved as far and as fast"
             )
-        if shares["touched"] > LASTING_SHARE:
+        if self.kind_share["touched"] > LASTING_SHARE:
             return (
                 f"a force at the tool explains the {self.word}s of nearly the whole log; all else "
                 f"that was tried explains them less ({_all_else()})"
@@ -148,7 +167,9 @@ def refuse_faulty(
 ) -> list[str]:
     """Refuses logs that something is wrong with.
 
-    Without a model of `identify` a fault of a log that is not far off is a warning alone.
+    Without a model of `identify` a fault of a log that is not far off (`Judgement.is_far_off`) is a
+    warning alone: masses of a robot's file may be further off than is assumed, and the fit is then
+    to find them.
 
     Args:
         recordings: logs, of which at most MOST_LOGS, the longest ones, are looked at.
@@ -167,10 +188,7 @@ def refuse_faulty(
         judgement = judge_log([resampled(recording)], robot, model)
         if judgement is None or judgement.fault is None:
             continue
-        # Masses of a robot's file may be further off than is assumed: the fit is then to find them.
-        implausible = judgement.kind_share["odd"] + judgement.kind_share["pressed"]
-        is_far_off = judgement.explained < MAX_EXPLAINED or implausible > MAX_UNEXPLAINED_SHARE
-        if model is not None or is_far_off:
+        if model is not None or judgement.is_far_off:
             remedy = f"{judgement.remedy()}; --no-check reads the log as it is"
             raise InputError(recording.source, "", judgement.problem(), remedy)
         warnings.append(

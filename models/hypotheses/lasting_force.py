@@ -24,7 +24,7 @@ MAX_FREE_PROBABILITY = 0.5  # of a row of a stretch
 MIN_DURATION = 1.0  # s, of a force
 MAX_GAP = 0.5  # s, within one force
 MAX_FORCES = 4
-_NUM_PASSES = 2
+_NUM_PASSES = 2  # of new stretches, after the fit within the first ones
 _NUM_FORMS = 2  # axes
 _SHARE = KIND_PRIOR / KIND_PRIOR.sum()
 
@@ -63,8 +63,8 @@ def explain(case: Case) -> Explanation | None:
 def _fitted(case: Case, columns: Array, first_stretches: Sequence[_Stretch]) -> tuple[View, Fit]:
     """The view and the fit of constant wrenches, from a first guess of their stretches.
 
-    In turns the wrenches are fitted within their stretches, and the stretches to the wrenches, as
-    long as the evidence grows, _NUM_PASSES times at most.
+    The wrenches are fitted within the first stretches. Then, as long as the evidence grows and
+    _NUM_PASSES times at most, the stretches are fitted to the wrenches and these within them.
 
     Args:
         case: the log, its model and the fit of the log as it is.
@@ -72,25 +72,41 @@ def _fitted(case: Case, columns: Array, first_stretches: Sequence[_Stretch]) -> 
             `Case.at`.
         first_stretches: one for each wrench.
     """
-    t = case.rows.t[case.at]
-    stretches = list(first_stretches)
-    best: tuple[View, Fit] | None = None
-    for _ in range(_NUM_PASSES + 1):
-        masks = [(t >= begin) & (t <= end) for begin, end in stretches]
-        prior_sd = np.tile(case.base.kinds.wrench_sd, len(masks))
-        blocks = [columns * is_within[:, None, None] for is_within in masks]
-        view = case.base.with_columns(np.concatenate(blocks, axis=2), prior_sd)
-        fit = case.fit(view)
-        if best is not None and fit.log_evidence <= best[1].log_evidence:
-            break
-        best = view, fit
-        # theta holds six numbers of each stretch's wrench, then what is open of the model.
-        stretches = [
-            _best_interval(case, fit, columns @ fit.theta[6 * k : 6 * k + 6], is_within)
-            for k, is_within in enumerate(masks)
+    masks = [_rows_within(case, stretch) for stretch in first_stretches]
+    view, fit = _fitted_within(case, columns, masks)
+    for _ in range(_NUM_PASSES):
+        # What `with_columns` adds comes first in theta: six numbers a stretch.
+        wrenches = fit.theta[: 6 * len(masks)].reshape(-1, 6)
+        masks = [
+            _rows_within(case, _best_interval(case, fit, columns @ wrench, is_within))
+            for wrench, is_within in zip(wrenches, masks, strict=True)
         ]
-    assert best is not None
-    return best
+        next_view, next_fit = _fitted_within(case, columns, masks)
+        if next_fit.log_evidence <= fit.log_evidence:
+            break
+        view, fit = next_view, next_fit
+    return view, fit
+
+
+def _rows_within(case: Case, stretch: _Stretch) -> Flags:
+    """(N,) which of the rows `Case.at` lie in a stretch."""
+    t = case.rows.t[case.at]
+    begin, end = stretch
+    return np.asarray((t >= begin) & (t <= end))
+
+
+def _fitted_within(case: Case, columns: Array, masks: Sequence[Flags]) -> tuple[View, Fit]:
+    """The view and the fit with a constant wrench in each of some stretches.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+        columns: (N, n, 6) as `_fitted`.
+        masks: (N,) rows of each stretch.
+    """
+    blocks = [columns * is_within[:, None, None] for is_within in masks]
+    prior_sd = np.tile(case.base.kinds.wrench_sd, len(masks))
+    view = case.base.with_columns(np.concatenate(blocks, axis=2), prior_sd)
+    return view, case.fit(view)
 
 
 def _best_interval(case: Case, fit: Fit, torque: Array, is_within: Flags) -> _Stretch:

@@ -21,8 +21,9 @@ _MIN_MEAN_ROWS = 3.0  # rows in an average's window, below which the rows do not
 # Odds beforehand: half for a shift alone, half for all averages, each of which is as likely.
 _SHIFT_ALONE_PRIOR = 0.5
 _EACH_MEAN_PRIOR = 0.5 / len(MEAN_TIMES)
-_COARSE_STEP = 0.05  # s, between shifts around one that is known; else every second is tried first
-_FIRST_STEPS = 2  # coarse ones at either side of a known shift
+_WIDE_STEP = 0.1  # s, between the first shifts that are tried, of all up to MAX_SHIFT
+_COARSE_STEP = 0.05  # s, between the first ones around a shift that is known
+_FIRST_STEPS = 2  # of _COARSE_STEP, at either side of a known shift
 _FINE_STEP = 2e-3  # s, at which the search ends: far below MIN_SHIFT
 _SHIFT_DECIMALS = 4  # of s; shifts that are the same to 0.1 ms are fitted once
 # s, from the best shift to the neighbours of the parabola through it: at ten times _FINE_STEP the
@@ -164,17 +165,18 @@ class _Shift(NamedTuple):
 def _best_shift(case: Case, window: float, around: float | None = None) -> _Shift:
     """The most likely shift of the drives' signals, with the model averaged over `window` s.
 
-    Shifts on a coarse grid are tried first; then the best one's neighbours at half the step again
-    and again, down to _FINE_STEP. The result is the peak of a parabola through the best shift and
-    its neighbours (`peak_of_parabola`). The evidence is the largest of a shift that was tried.
+    Shifts on a grid are tried first; then the best one's neighbours at half the step again and
+    again, down to _FINE_STEP. The shift is the peak of a parabola through the best one and its
+    neighbours at _PARABOLA_STEP (`peak_of_parabola`). The evidence is the largest of all that were
+    tried: it ranks averages, and a neighbour's may be larger by what the search has missed.
 
     Args:
         case: the log.
         window: s; 0: no average.
-        around: s, within two coarse steps of which it is looked for; None: within MAX_SHIFT.
+        around: s, within _FIRST_STEPS coarse steps of which it is looked for; None: within
+            MAX_SHIFT.
     """
-    evidence_of: dict[float, float] = {}  # log evidence by shift, of those tried so far
-
+    evidence_of: dict[float, float] = {}  # log evidence by shift, of those that `score` has tried
     model_view, effort = _model_view(case, window), _spline(case)
 
     def score(shift: float) -> float:
@@ -188,7 +190,7 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
         return max(evidence_of, key=lambda shift: evidence_of[shift])
 
     if around is None:
-        grid_step = 2.0 * _COARSE_STEP
+        grid_step = _WIDE_STEP
         grid = np.arange(-MAX_SHIFT, MAX_SHIFT + 1e-9, grid_step)  # both ends included
     else:
         grid_step = _COARSE_STEP

@@ -290,12 +290,13 @@ class FrictionMonitor:
         if is_free.all() or rows is None or len(rows.t) != self._count:
             return judged
         # Drift makes the flags doubtful: a wrench at E is among the explanations.
-        payload = LIVE_PAYLOAD if self._robot is None else self._robot.payload
+        prior = live_prior(LIVE_PAYLOAD if self._robot is None else self._robot.payload)
         beside_contact = refresh_beside_contact(
             rows,
             np.concatenate(self._J),
             self._model.friction.coulomb_viscous,
-            live_prior(payload),
+            force_sd=prior.force_sd,
+            moment_sd=prior.moment_sd,
         )
         free_rows = rows[beside_contact.is_free]
         if self._mostly_free() and beside_contact.is_free.mean() > UNTOUCHED_SHARE:

@@ -19,7 +19,7 @@ LAW = CoulombViscous(
     np.zeros(N),
 )
 SD = np.array([1.0, 0.7, 0.4, 0.3, 0.3, 0.3])  # N m
-WRENCH_SD = (60.0, 3.0)
+WRENCH_SD = {"force_sd": 60.0, "moment_sd": 3.0}
 
 
 def log(
@@ -78,7 +78,7 @@ def test_drift_is_told_from_a_force_that_comes_and_goes() -> None:
     """+10 % Coulomb, +20 % viscous: every joint is named."""
     drift = np.stack([0.1 * LAW.coulomb, 0.2 * LAW.viscous], axis=1)
     rows, J = log(drift, steps())
-    beside_contact = refresh_beside_contact(rows, J, LAW, WRENCH_SD)
+    beside_contact = refresh_beside_contact(rows, J, LAW, **WRENCH_SD)
     error = errors(beside_contact.refresh, drift)
     assert (np.abs(error) < 3.5).all()  # 12 errors: one beyond 3.5 sd in 180 logs
     assert (beside_contact.refresh.sliding_errors > MIN_STANDARD_ERRORS).all()
@@ -102,7 +102,7 @@ def test_a_weak_force_is_told_from_drift_in_a_short_log() -> None:
     is_touched = t.astype(int) % 2 == 1
     for seed in range(3):
         rows, J = log(drift, np.where(is_touched[:, None], 6.0 * direction, 0.0), 16.0, seed)
-        beside_contact = refresh_beside_contact(rows, J, LAW, WRENCH_SD)
+        beside_contact = refresh_beside_contact(rows, J, LAW, **WRENCH_SD)
         error = errors(beside_contact.refresh, drift)
         assert (np.abs(error) < 3.5).all()
         assert (beside_contact.refresh.sliding_errors > MIN_STANDARD_ERRORS).all()
@@ -117,7 +117,7 @@ def test_a_torque_that_no_wrench_at_E_explains_is_no_drift() -> None:
     side = np.random.default_rng(4).choice([-1.0, 1.0], k[-1] // 30 + 1)[k // 30]
     is_touched = k % 30 >= 10
     rows.residual[is_touched, 2] += 15.0 * side[is_touched]
-    beside_contact = refresh_beside_contact(rows, J, LAW, WRENCH_SD)
+    beside_contact = refresh_beside_contact(rows, J, LAW, **WRENCH_SD)
     assert (beside_contact.refresh.sliding_errors < MIN_STANDARD_ERRORS).all()
     assert not (beside_contact.is_free & is_touched).any()
 
@@ -131,13 +131,13 @@ def test_a_tool_that_slides_is_no_drift(friction: float) -> None:
     force = -friction * 50.0 * np.sign(rows.v[:, :1]) * along
     force[:, 2] += 50.0
     rows, J = log(np.zeros((N, 2)), force)
-    refresh = refresh_beside_contact(rows, J, LAW, WRENCH_SD).refresh
+    refresh = refresh_beside_contact(rows, J, LAW, **WRENCH_SD).refresh
     assert (refresh.sliding_errors < MIN_STANDARD_ERRORS).all()
 
 
 def test_a_log_without_a_force_is_free_and_without_drift() -> None:
     rows, J = log(np.zeros((N, 2)), np.zeros((600, 3)))
-    beside_contact = refresh_beside_contact(rows, J, LAW, WRENCH_SD)
+    beside_contact = refresh_beside_contact(rows, J, LAW, **WRENCH_SD)
     assert beside_contact.is_free.mean() > 0.9
     assert (beside_contact.refresh.sliding_errors < 3.5).all()
 
@@ -146,7 +146,7 @@ def test_a_joint_that_rests_says_nothing_of_its_friction() -> None:
     """The second joint rests under 9 N m of its 11; its coefficients stay, and their sds."""
     rows, J = log(np.zeros((N, 2)), np.zeros((600, 3)))
     rows.v[:, 1], rows.residual[:, 1] = 0.0, 9.0
-    refresh = refresh_beside_contact(rows, J, LAW, WRENCH_SD).refresh
+    refresh = refresh_beside_contact(rows, J, LAW, **WRENCH_SD).refresh
     np.testing.assert_allclose(refresh.change[1, :2], 0.0, atol=1e-9)
     np.testing.assert_allclose(refresh.standard_deviation[1, :2], refresh.prior_deviation[1, :2])
 
