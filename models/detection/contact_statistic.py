@@ -130,28 +130,76 @@ REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
 MIN_REST_SHARE = 0.5  # w of a joint that rests; of one that creeps at 3 mrad/s it is .3
 
-# Rows of the state, of each joint: momentum and transmitted torque of the last two samples; the
-# base of the change, LP(x) without contact; the square of the torque jump; g^2, the mean square of
-# z; mean and mean square of z over LOCAL_TIME, through contacts and all; LP(z / g); LP(y^2); g'^2;
-# sds of the friction that a stopping joint releases and a starting one has carried; the square of
-# the white noise, and the second differences of momentum and torque that it follows.
-_MOMENTUM, _PREVIOUS_MOMENTUM, _TORQUE, _PREVIOUS_TORQUE, _BASE, _JUMP2, _LOCAL2 = range(7)
-_SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _NOISE2, _LAST_P, _LAST_TAU, _START = range(7, 17)
+# Rows of the state, (n,) each; symbols as above.
+(
+    _MOMENTUM,  # p of the last sample
+    _PREVIOUS_MOMENTUM,  # p of the one before
+    _TORQUE,  # L of the last sample, transmitted torque
+    _PREVIOUS_TORQUE,  # L of the one before
+    _BASE,  # LP(x) without contact, N m: from it the change counts
+    _JUMP2,  # jump^2, (N m)^2
+    _LOCAL2,  # g^2
+    _SLOW,  # mean of z over LOCAL_TIME, through contacts and all
+    _SQUARE,  # mean square of z likewise
+    _MEAN,  # LP(z / g)
+    _POWER,  # LP(y^2)
+    _CHANGE2,  # g'^2
+    _STOP,  # N m, sd of the friction that a stopping joint releases
+    _NOISE2,  # noise^2, (N m)^2
+    _LAST_P,  # d_p of the last sample
+    _LAST_TAU,  # d_L of it
+    _START,  # N m, sd of the friction that a starting joint has carried
+) = range(17)
 NUM_UNKNOWN = _JUMP2  # rows before it are not known before the first sample
 _SINGLE_ROW = _START + 1  # first of the rows that hold single numbers
 # The single numbers: the memory of `decide_contact`, then these.
-_MISFIT, _RESTING, _TOUCHED, _SEEN, NUM_SINGLE = range(NUM_MEMORY, NUM_MEMORY + 5)
+(
+    _MISFIT,  # LP(D) since the contact began
+    _RESTING,  # s, for which all joints have rested
+    _TOUCHED,  # s, of the present contact
+    _SEEN,  # s, since the log began
+    NUM_SINGLE,
+) = range(NUM_MEMORY, NUM_MEMORY + 5)
 
-# Rows of `joints`; JUMP_POLE: the observer's pole, per tick.
-JUMP_POLE, USUAL_JUMP, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(6)
-# From CHANGE on: the shares of a change's variance, and that of the torque jump.
+# Rows of `joints`, (n,) each.
+(
+    JUMP_POLE,  # the observer's pole, per tick
+    USUAL_JUMP,  # N m, torque jump that most samples stay below
+    MEAN_SCALE,  # mean_scale
+    FITTED_SPEED,  # rad/s, of the fitted logs; inf: any
+    FITTED_LOAD,  # N m, likewise
+    CHANGE,  # from here on the shares of s'^2: NUM_FEATURES of sd^2's parts, and of the jump
+) = range(6)
 NUM_JOINT_ROWS = CHANGE + NUM_FEATURES + 1
 # Entries of `settings`.
-PERIOD, SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, MOMENT_SD, SCALE = range(6)
-SAMPLE_RELEASE, MEAN_RELEASE, CHANGE_LEVEL, PRESENT, MISFIT_LEVEL, NUM_SETTINGS = range(6, 12)
+(
+    PERIOD,  # s
+    SAMPLE_LEVEL,  # of the norm `sample`, as the others of theirs
+    MEAN_LEVEL,
+    POWER_LEVEL,
+    MOMENT_SD,  # N m, prior of a contact at E
+    SCALE,  # relative sd of what is read
+    SAMPLE_RELEASE,  # of `sample`, below which contact may end
+    MEAN_RELEASE,  # of `mean`, likewise
+    CHANGE_LEVEL,
+    PRESENT,  # 1: tau_ext depends on the motor torque of its own sample
+    MISFIT_LEVEL,
+    NUM_SETTINGS,
+) = range(12)
 # Entries of a detection.
-STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
-SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, CHANGE_LENGTH, NUM_OUT = range(6, 11)
+(
+    STATISTIC,  # largest norm over its level
+    CONTACT,  # 1 or 0
+    MISFIT,  # 1 or 0
+    LINK,  # touched, from 1; 0: at E, or not known
+    REST,  # 1 or 0
+    OUT_OF_RANGE,  # 1 or 0
+    SAMPLE_LENGTH,  # the norm `sample`, as the others theirs; 0 where it is not read
+    MEAN_LENGTH,
+    POWER_LENGTH,
+    CHANGE_LENGTH,
+    NUM_OUT,
+) = range(11)
 
 _MIN_VARIANCE_SHARE = 1e-6  # of sd^2, left of it at rest
 _FORCE_SD = 1e4  # N; stands for unknown, small enough that 1 is not lost beside its square

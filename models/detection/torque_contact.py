@@ -63,9 +63,16 @@ _MIN_SD = 1e-4  # N m, where a log shows no error
 _MIN_MEDIAN_SAMPLES = 20  # samples, of which a median is taken
 _MIN_STEPS = 3  # contacts, of whose steps of the baseline a median is taken
 _SETTLING_TIME = 0.15  # s after a contact, from when a sample counts as free
-# Entries of `_State.numbers`; _TIME is NaN before the first sample, _ABOVE where s is not above
-# CONTACT_LEVEL.
-_TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _MOVED, _NUM_NUMBERS = range(7)
+# Entries of `_State.numbers`.
+(
+    _TIME,  # s, of the last sample; NaN before the first
+    _CONTACT,  # 1: contact, 0: none
+    _WAIT,  # s left of the pause after a contact
+    _SMALLEST,  # smallest s in that pause
+    _ABOVE,  # s, for which s has been above CONTACT_LEVEL; NaN: it is not
+    _MOVED,  # s, for which the arm still counts as moving
+    _NUM_NUMBERS,
+) = range(7)
 # Columns of `torque_contact_log`'s output.
 _STATISTIC_COLUMN, _CONTACT_COLUMN, _MOVING_COLUMN, _NUM_COLUMNS = range(4)
 

@@ -22,10 +22,14 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise, largest_eigenvalue_3x3
 
-# Entries of a reading's quality: condition number; N, largest principal sd of the force, NaN where
-# the torques are not finite; N, force that stiction alone may look like; 1 where J has full rank or
-# the method does not need it, else 0.
-CONDITION, FORCE_SD, STICTION_FORCE, HAS_FULL_RANK, NUM_QUALITY = range(5)
+# Entries of a reading's quality.
+(
+    CONDITION,  # condition number; NaN: not wanted
+    FORCE_SD,  # N, largest principal sd of the force; NaN where the torques are not finite
+    STICTION_FORCE,  # N, that stiction alone may look like
+    HAS_FULL_RANK,  # 1 where J has it or the method does not need it, else 0
+    NUM_QUALITY,
+) = range(5)
 
 MAX_NUMBER = 1e60  # N, N m and their squares; more counts as not finite
 

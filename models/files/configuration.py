@@ -66,6 +66,9 @@ def load_configuration(path: str | Path, schema: type[T]) -> T:
 def _loaded(path: Path, text: str, schema: Any) -> Any:
     """The content of a YAML text as an object of `schema`; see `load_configuration`.
 
+    It is cached by its content, so that a file that has changed is read anew. `load_configuration`
+    gives out copies, as the objects can be changed.
+
     Keys and types are checked before Drake's loader reads it, whose errors name no line.
 
     Args:

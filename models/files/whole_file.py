@@ -29,13 +29,14 @@ def whole_file(path: str | Path) -> Iterator[Path]:
             _remove_left_overs(path)
             flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
             descriptor = os.open(partial, flags, 0o666)
-        _locked(descriptor)  # until it is closed: this file is no left-over
+        # Until it is closed, another process's `_remove_left_overs` leaves this file alone.
+        _locked(descriptor)
         try:
             yield partial
         except OSError as error:
             if error.filename not in (None, str(partial)):  # of another file, which is read
                 raise
-            with writing_to(path):
+            with writing_to(path):  # makes an InputError of it
                 raise
         with writing_to(path):
             with partial.open("rb") as file:

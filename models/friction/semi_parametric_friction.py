@@ -22,8 +22,17 @@ from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 
 Handover = Literal["continuous", "literal"]
 
-# Columns of the table that the kernel reads, before the networks' 3 h weights (W1, b1, W2).
-_COULOMB, _VISCOUS, _OFFSET, _V_CRIT, _BIAS, _SLOPE, _INVERSE_SCALE, _WEIGHTS = range(8)
+# Columns of the table that the kernel reads.
+(
+    _COULOMB,  # N m
+    _VISCOUS,  # N m s/rad
+    _OFFSET,  # N m
+    _V_CRIT,  # rad/s
+    _BIAS,  # N m, of the handover
+    _SLOPE,  # N m s/rad, of the handover
+    _INVERSE_SCALE,  # s/rad, on the networks' velocity
+    _WEIGHTS,  # from here on the networks' 3 h weights: W1, b1, W2
+) = range(8)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,27 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.sparse_products import add_transposed_product, product
 
-# Columns of the slip table; then K weights and K displacements. The first seven are of sliding:
-# level C, S, 1 / v_s, load; cubic, fitted speed, slope of the cubic part beyond it.
+# Columns of the slip table, a row a joint (a motor). The first SLIDING_COLUMNS are of sliding.
 SLIDING_COLUMNS = 7
-COULOMB, STRIBECK, INVERSE_SPEED, LOAD, CUBIC, SPEED_LIMIT, SLOPE_BEYOND = range(SLIDING_COLUMNS)
-HALF_STEP, PERIOD, DECAY, ELEMENTS = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 4)
-# Rows of the state; then K slips z_k.
-POSITION, TRANSMITTED, SLIPS = range(3)
+(
+    COULOMB,  # N m
+    STRIBECK,  # N m
+    INVERSE_SPEED,  # 1 / v_s, s/rad
+    LOAD,  # N m per N m
+    CUBIC,  # N m s^3/rad^3
+    SPEED_LIMIT,  # rad/s, up to which the law was fitted
+    SLOPE_BEYOND,  # N m s/rad, of the cubic part beyond it
+    HALF_STEP,  # rad, half an encoder's step
+    PERIOD,  # s
+    DECAY,  # what a period of rest leaves of the slip
+    ELEMENTS,  # from here on K weights, then K displacements
+) = range(11)
+# Rows of the state.
+(
+    POSITION,  # p, rad
+    TRANSMITTED,  # L of the sample before, N m
+    SLIPS,  # from here on K slips z_k
+) = range(3)
 # Share of its Coulomb friction that a joint at rest is taken to hold at least. Logs of fast motion
 # hardly tell the level at a crawl: fits of short ones put C + S anywhere down to zero.
 LEAST_HELD = 0.5

@@ -20,9 +20,9 @@ def identified_urdf(
 
     Bodies that are fixed to a link (flange, tool) are part of that link's inertia: they keep their
     shapes and lose their inertias. Rotor inertia goes into a transmission with a gear ratio of
-    one, which Drake reads; URDF itself has no place for it, and other programs leave it out. Neither
-    has a place for a rotor that turns with several joints: the caller says what is left out of such
-    an arm (`robot export` does).
+    one, which Drake reads; URDF itself has no place for it, and other programs leave it out.
+    Neither has a place for a rotor that turns with several joints: the caller says what is left out
+    of such an arm (`robot export` does).
 
     Args:
         robot: whose effective URDF.

@@ -112,42 +112,63 @@ UNSEEN_REST = 0.5  # r, from which on it is
 CREEP_SPEED = 1e-4  # rad/s (m/s), of a motion that a rest cannot be told from
 RECOGNITION_TIME = 0.1  # s without motion, in which a joint is known to rest
 
-# Columns of the table after the sliding law's.
-_C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COLUMNS)
+# Columns of the table, a row a joint; symbols as above, s and rad (m for a joint that slides).
+# First those of the sliding law, in the order of SlidingLaw's first fields.
 (
-    VISCOUS,
-    _HALF_STEP,
-    _PERIOD,
-    _POLE,
-    _GAIN,
-    _DECAY,
-    _INVERSE_REACH,
-    _CONSTANT2,
-    _SPEED2,
-    _LOAD2,
-    _ACCELERATION2,
-    _REVERSAL2,
-    _DRIFT2,
-    _BEYOND_SPEED2,
-    _FITTED_SPEED,
-    _BEYOND_LOAD2,
-    _FITTED_LOAD,
-    _INVERSE_REST_SPEED,
-    OFFSET,
-    _PLAY,
-    _RECOGNISED,
-    _SUDDEN,
-    _INVERSE_CREEP,
-    _HELD,
-    _UNSEEN,
+    _C,  # C, N m
+    _S,  # S, N m, as the level holds it (`held_stribeck`)
+    _INVERSE_SPEED,  # 1 / v_s
+    _LOAD,  # l
+    _CUBIC,  # N m s^3/rad^3, of the law
+    _SPEED_LIMIT,  # rad/s, up to which the cubic part is the law's
+    _BEYOND,  # N m s/rad, its slope beyond
+) = range(SLIDING_COLUMNS)
+(
+    VISCOUS,  # N m s/rad, of the law
+    _HALF_STEP,  # rad, half an encoder's step
+    _PERIOD,  # s, dt
+    _POLE,  # exp(-K_0 dt), of LP
+    _GAIN,  # 1/s, K_0
+    _DECAY,  # exp(-2 dt / rest_time), what a period at rest leaves of 1 - w
+    _INVERSE_REACH,  # 1 / reach
+    _CONSTANT2,  # the terms' squares, for this K_0: constant^2
+    _SPEED2,  # speed^2
+    _LOAD2,  # load^2
+    _ACCELERATION2,  # acceleration^2
+    _REVERSAL2,  # reversal^2
+    _DRIFT2,  # drift^2
+    _BEYOND_SPEED2,  # (beyond_speed times the viscous coefficient)^2
+    _FITTED_SPEED,  # rad/s, beyond which that counts; inf: nowhere
+    _BEYOND_LOAD2,  # beyond_load^2
+    _FITTED_LOAD,  # N m, beyond which that counts; inf: nowhere
+    _INVERSE_REST_SPEED,  # rest_time / reach with `resting_only`, as of g; else 0
+    OFFSET,  # N m, of the law
+    _PLAY,  # rad, play
+    _RECOGNISED,  # 1 - exp(-dt / forgetting); 0: no joint is known to rest
+    _SUDDEN,  # m
+    _INVERSE_CREEP,  # 1 / (CREEP_SPEED dt)
+    _HELD,  # held
+    _UNSEEN,  # 1 where the joint rested in no log, else 0
     _COLUMNS,
 ) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 26)
 
 # Rows of the state.
-_POSITION, _UNKNOWN_SHARE, _TURN, _UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED, _TAU_J = range(8)
-_PLAY_POSITION, REST_ROW, HIDDEN_ROW = range(8, 11)  # p_a, r, and hidden over level(0)
-_STILL, _TAKEN = 11, 12  # `still`; whether the last sample was taken
-TORQUE_ERROR_ROWS = 13
+(
+    _POSITION,  # p, rad
+    _UNKNOWN_SHARE,  # w
+    _TURN,  # z
+    _UNKNOWN,  # unknown, N m
+    _TURNING,  # turning, N m
+    _SLOW_SPEED,  # LP v, rad/s
+    _TRANSMITTED,  # L of the sample before, N m
+    _TAU_J,  # motor torque of the sample before, N m
+    _PLAY_POSITION,  # p_a, rad
+    REST_ROW,  # r
+    HIDDEN_ROW,  # hidden over held level(0)
+    _STILL,  # still
+    _TAKEN,  # whether the last sample was taken, and whether it was the first
+    TORQUE_ERROR_ROWS,
+) = range(14)
 _MOTION_ROWS = (_POSITION, _PLAY_POSITION, _UNKNOWN_SHARE, _TURN, REST_ROW, _STILL, _TAKEN)
 _LOAD_ROWS = (_UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED, _TAU_J, HIDDEN_ROW)
 _LOST_STATUS, _FIRST_STATUS, _LATER_STATUS = 0.0, 1.0, 2.0  # of _TAKEN
@@ -240,7 +261,8 @@ class TorqueErrorModel:
         n = np.size(self.constant)
         if self.spread is None or np.size(self.spread) == 0:
             object.__setattr__(self, "spread", np.zeros((0, n, NUM_PARAMETERS)))
-        shapes = {"correlation": (n, n), "spread": (len(self._directions), n, NUM_PARAMETERS)}
+        num_directions = len(np.asarray(self.spread))  # K
+        shapes = {"correlation": (n, n), "spread": (num_directions, n, NUM_PARAMETERS)}
         for attribute in fields(self):
             value = np.array(getattr(self, attribute.name), float)
             # A new attribute that is one number of the whole arm also goes into _NUMBERS.
@@ -318,9 +340,13 @@ class TorqueErrorModel:
         step = self.resolution if resolution is None else np.asarray(resolution, float)
         sliding = friction if isinstance(friction, SlidingLaw) else SlidingLaw.of(friction)
         table = np.zeros((n, _COLUMNS))
-        # The first fields of a SlidingLaw are the columns _C to _BEYOND.
-        table[:, :SLIDING_COLUMNS] = np.transpose(sliding[:SLIDING_COLUMNS])
-        table[:, _S] = held_stribeck(table[:, _C], table[:, _S])
+        table[:, _C] = sliding.coulomb
+        table[:, _S] = held_stribeck(table[:, _C], np.asarray(sliding.stribeck))
+        table[:, _INVERSE_SPEED] = sliding.inverse_speed
+        table[:, _LOAD] = sliding.load
+        table[:, _CUBIC] = sliding.cubic
+        table[:, _SPEED_LIMIT] = sliding.speed_limit
+        table[:, _BEYOND] = sliding.slope_beyond
         table[:, VISCOUS] = sliding.viscous
         table[:, OFFSET] = sliding.offset
         # Sampling and observer.

@@ -235,6 +235,8 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
             f"{robot.name} cannot do this motion {height:g} m above the surface",
             "choose a lower height, or place the workpiece elsewhere",
         ) from error
+    # Speeds by the Jacobian, from the tool's in `motion`: free of the search's rounding, which two
+    # differences of postures would enlarge. So accelerations are differences of speeds.
     v = _joint_speeds(robot, motion, q, height)
     vdot = np.gradient(v, motion.t, axis=0)
     vdot[[0, -1]] = 0.0  # the motion begins and ends at rest, where a difference would be one-sided

@@ -93,8 +93,8 @@ def plan_machining(
 ) -> MachiningPath:
     """Plans a pass: the joints' motion along a path, to and fro, with the force to push with.
 
-    Postures are joined by a quintic spline over the place s in [0, 1], not over time: velocity and
-    acceleration of the joints then follow the time law of the feed to its corners.
+    Postures are joined by a quintic spline over the place s in [0, 1], not over time: so velocity
+    and acceleration of the joints have the corners of the feed's time law, and none of their own.
 
     Args:
         robot: its chain and its limits of speed and torque.
@@ -102,6 +102,9 @@ def plan_machining(
         q: (N, n) postures there.
         settings: settings of the pass.
         source: named in messages.
+
+    Returns:
+        The pass; `steady` where the feed has had its full speed for _SETTLING_TIME.
 
     Raises:
         InputError: a duration that is not positive, a set-point that is not positive or too large

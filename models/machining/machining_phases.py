@@ -52,8 +52,17 @@ FAULT_SENTENCES = {
     Fault.JOINT_LIMIT: "a joint came to its limit",
     Fault.NOTHING_TOUCHED: "the approach met nothing",
 }
-PHASE, SINCE, FAULT, BASELINE, ABOVE, LOST, FORCE_THERE = range(7)  # entries of the state
-STATE_SIZE = 7
+# Entries of the state; `advance` says more.
+(
+    PHASE,  # of Phase
+    SINCE,  # s, when it began
+    FAULT,  # of Fault
+    BASELINE,  # N, of the force in free motion
+    ABOVE,  # s, for which the force has been above touch_force
+    LOST,  # s, for which it has been lost
+    FORCE_THERE,  # N above the baseline, from which the touch goes up
+    STATE_SIZE,
+) = range(8)
 RAMP_TIME = 0.15  # s, in which an approach or a lift reaches its speed
 # factor of the force limit: at rest an estimate errs by stiction, tens of newtons
 _UNTRUSTED_FORCE_RATIO = 3.0
@@ -102,7 +111,7 @@ class PhasesConfig:
         return np.array(astuple(self), dtype=np.float64)
 
 
-# Entries of PhasesConfig.table.
+# Entries of PhasesConfig.table: its fields in their order, which say units and meaning.
 (
     _STANDOFF,
     _APPROACH_SPEED,

@@ -46,8 +46,16 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
 _REST_SPEED = 2e-3  # m/s, below which the direction of the feed fades
-# Entries of MachiningProcess.table.
-_RATIO, _EXPONENT, _REFERENCE, _LAG, _OMEGA, _UNBALANCE, _VIBRATION = range(7)
+# Entries of MachiningProcess.table, the configuration's numbers in their order.
+(
+    _RATIO,  # cutting_ratio
+    _EXPONENT,  # speed_exponent
+    _REFERENCE,  # reference_speed, m/s
+    _LAG,  # s
+    _OMEGA,  # omega of the spindle, rad/s
+    _UNBALANCE,  # kg m
+    _VIBRATION,  # m/s
+) = range(7)
 
 PROCESS_STATE_SIZE = 10  # the memory of chatter follows behind
 NORMAL_FORCE, NORMAL, FEED, FORCE = 0, slice(1, 4), slice(4, 7), slice(7, 10)

@@ -56,20 +56,22 @@ NUM_WAVES = 24  # of a field
 
 # Entries of ProcessVariations.table.
 (
-    _STIFFNESS,
-    _EXPONENT,
-    _FRICTION,
-    _SPREAD,
-    _RUN_OUT,
-    _OMEGA,
-    _ZONE,
-    _MARGIN,
-    _CHATTER,
-    _OVERLAP,
-    _SLOW,
-    _TURN,
+    _STIFFNESS,  # c, N / m^p
+    _EXPONENT,  # p
+    _FRICTION,  # coefficient, of the simulator's contact
+    _SPREAD,  # s, sd of the logarithm of the material's factor
+    _RUN_OUT,  # a, m
+    _OMEGA,  # omega of the spindle, rad/s
+    _ZONE,  # m, radius of the tool's contact zone
+    _MARGIN,  # m, from the path's ends to the stock
+    _CHATTER,  # r
+    _OVERLAP,  # m of two turns
+    _SLOW,  # gain per tick of the low-pass that takes the slow motion
+    _TURN,  # T, ticks
 ) = range(12)
-_SLOWLY, _FILLED, _NEXT, _TRACE = range(4)  # entries of the memory; the trace goes on to its end
+# Entries of the memory of `regenerated`: the trace goes on to its end.
+_SLOWLY, _FILLED, _NEXT, _TRACE = range(4)
+_ORIGIN_ROW = 3  # row of a pose (4, 3): p_WP below R_WP
 
 
 @dataclass
@@ -457,7 +459,7 @@ def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: A
             (log of its factor), pose of the workpiece (R_WP and below it p_WP), ends of the path.
         sample: time s, normal force N of the simulator's contact, normal n out of the surface,
             direction of the tool's motion, and position of E in W, m.
-        memory: (memory_size,), changed; of chatter, empty without it.
+        memory: (memory_size,), changed by `regenerated`; of chatter, empty without it.
         force: (3,) N, steady cutting force in W; becomes all that acts besides the simulator's
             contact.
     """
@@ -469,13 +471,13 @@ def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: A
         return
     x, y = 0.0, 0.0  # of the tool, in P
     for i in range(3):
-        x += (p[i] - pose[3, i]) * pose[i, 0]
-        y += (p[i] - pose[3, i]) * pose[i, 1]
+        x += (p[i] - pose[_ORIGIN_ROW, i]) * pose[i, 0]
+        y += (p[i] - pose[_ORIGIN_ROW, i]) * pose[i, 1]
     height, slope_x, slope_y = field_at(waviness, x, y)
     height += table[_RUN_OUT] * math.cos(table[_OMEGA] * t)
     if len(memory) > 0:
         place = p[0] * n[0] + p[1] * n[1] + p[2] * n[2]
-        height += regenerated(table, place, memory)
+        height += regenerated(table, place, memory)  # stores what this turn leaves
     push = pressed(table[_STIFFNESS], table[_EXPONENT], normal_force, height)
     spread = table[_SPREAD]
     factor = math.exp(spread * field_at(patches, x, y)[0] - 0.5 * spread * spread)

@@ -186,14 +186,15 @@ def _write_error(
 def beside_lines(
     scale_squared: float, correlation: Array, lines: Array, tau_ext: Array, sd: Array
 ) -> float:
-    """The least of (tau_ext - a line)^T Sigma^-1 (tau_ext - a line) over a and all lines.
+    """The least of (tau_ext - a line)^T Sigma^-1 (tau_ext - a line) over all lines and numbers a.
 
     Sigma is the covariance that D has without a wrench: what a torque along one of the lines leaves
     is so compared with what a wrench at E leaves.
 
     Args:
         scale_squared, correlation: as `unexplained_rows`.
-        lines: (m, n) N m, of any length.
+        lines: (m, n) N m, of any length but zero: what one ampere in a motor, or one more in one
+            and less in another, puts on the joints (`models.observers.fault_signature`).
         tau_ext, sd: (n,) N m.
     """
     n = tau_ext.shape[0]

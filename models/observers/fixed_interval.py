@@ -138,6 +138,7 @@ def forward_log(
     is not measured: it starts the momentum anew.
 
     Args:
+        model: constants, and J of the same N samples.
         signals: (N, NUM_SIGNALS, n), rows as in `models.observers.observer`.
         changes: (N,) live prior's variances that F gains after a sample, beside its walk.
         state: before the first sample; changed to that before the one after the last.
@@ -186,6 +187,7 @@ def forward_log(
             for i in range(n):
                 P[i, i] += white[i]
                 P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - drift_decay * drift_decay
+        # Of a period that is not known, too: F goes on changing.
         for a in range(6):
             P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
 
@@ -476,14 +478,17 @@ def _backward_response(
 ) -> None:
     """Writes dF after smoothing, from the changes of the predictions.
 
-    The adjoint's part of the first n states is that of the momentum:
+    Back over each sample, in this order; lambda's parts are those of z = [p, F, x, beta]:
 
-        lambda <- A^T lambda                                    a period goes by
-        lambda <- lambda + H^T (S^-1 dp - K^T lambda)           a sample is measured
+        lambda <- A^T lambda, then lambda_x <- decay lambda_x   back over a period that is known
+        lambda_p <- lambda_p + S^-1 dp - K^T lambda             over a sample that is measured
+        lambda_p <- 0                                           over one that is not
         dF = dz_F - P_F lambda                                  P_F: rows of F
 
-    It is the step of `_take_adjoint` with the innovation -dp: the reading does not change, its
-    prediction does.
+    The second line is the step of `_take_adjoint` with the innovation -dp: the torques change not
+    the measurement but its prediction. The third is that of `_forget_momentum`: a sample that is
+    not measured starts the momentum anew, whatever dp was before it. dF is of the prediction, as z
+    and P of the log are: so lambda is that of this sample and all later ones.
 
     Args:
         model, log: of `forward_log`.
@@ -496,9 +501,10 @@ def _backward_response(
     table = model.table
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     vectors = np.zeros((M, num_cases))  # lambda, a column a case
-    step = np.empty(n)  # of lambda's momentum, over a sample
+    step = np.empty(n)  # of lambda_p, over a sample
     for k in range(N - 1, -1, -1):
         if log.kinds[k, _KNOWN]:
+            # Forward x fades before A, so backward after A^T; beta's decay is A's, as F's is.
             _step_matrix(table, model.drift_decay, model.J[k], log.period[k], A)
             _transposed(A, n, vectors)
             for i in range(n):
@@ -507,7 +513,7 @@ def _backward_response(
             _gain(log.P[k], table.joints[ROUND], L, K)
             for case in range(num_cases):
                 step[:] = errors[k, :n, case]
-                solve_factorised(L, n, step)
+                solve_factorised(L, n, step)  # S^-1 dp
                 for i in range(n):
                     for a in range(M):
                         step[i] -= K[a, i] * vectors[a, case]

@@ -180,7 +180,7 @@ class IntervalSmoother:
         """Runs one pass forward and backward over a stretch of N samples.
 
         Args:
-            signals, J: (N, NUM_SIGNALS, n), (N, 6, n).
+            signals, J: (N, NUM_SIGNALS, n) as in `models.observers.observer`, (N, 6, n).
             changes: (N,) live prior's variances that F gains after each sample.
             num_ready: K, at most N, number of samples that are read; the others count for these.
 

@@ -27,12 +27,34 @@ from wrenchsight.models.observers.observer import (
 )
 from wrenchsight.models.observers.period_torque import arrived_momentum
 
-# Entries of KalmanTable.numbers, and rows of its `sixes` and `joints`.
-PERIOD, BEFORE, SETTLED, GROSS, CHANGED, DECAY_SUM = range(6)
+# Entries of KalmanTable.numbers; symbols as in `models.observers.kalman_observer`.
+(
+    PERIOD,  # T, s
+    BEFORE,  # s, the motor torque's weight in the period before a sample
+    SETTLED,  # samples until the filter has settled; as many lost in a row start it anew
+    GROSS,  # least square of a whitened innovation that contradicts the model
+    CHANGED,  # least |s|^2 of a sum of innovations that shows a change of the force
+    DECAY_SUM,  # a of the first of the NUM_SUMS sums s, which follow each other
+) = range(6)
 NUM_SUMS = 3  # of the innovations, each over a time of its own
 NUM_NUMBERS = DECAY_SUM + NUM_SUMS
-DECAY_F, NOISE_F, START_F, JUMP_F, SIXES = range(5)
-RATE_X, SMOOTH, WHITE, LASTING, ROUND, JOINTS = range(6)
+# Rows of `sixes`, for the six entries of F.
+(
+    DECAY_F,  # a, over a period
+    NOISE_F,  # variance that F gains in a period
+    START_F,  # variance before the first sample
+    JUMP_F,  # variance that F gains where it may have changed
+    SIXES,
+) = range(5)
+# Rows of `joints`. s^2 = SMOOTH moving^2 + stiction^2, b = drift + LASTING moving.
+(
+    RATE_X,  # 1 / T_c, 1/s
+    SMOOTH,  # factor on moving^2 of what is smooth
+    WHITE,  # s, density of w over moving^2
+    LASTING,  # sd that lasts, over moving
+    ROUND,  # variance of r, (N m s)^2
+    JOINTS,
+) = range(6)
 
 MOST_DOUBT = 1e4  # largest factor by which a gross innovation widens the variance
 # Entries of KalmanState.status: the phase, and the number of measured samples. The phase is 1 while

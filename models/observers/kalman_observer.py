@@ -53,11 +53,15 @@ How fast a force may change does not depend on the prior of a log. Its variance 
 a second, with the live prior's sd and f = `bandwidth_hz`, the corner of a force of that size. The
 reading's prior states how large the force may be. a = exp(-2 pi f T) where that prior is the live
 one. a is less where the log's prior is smaller, and 1 (a random walk) without a prior of the size.
+Before the first sample F has the variance of the reading's prior; without one, of an sd that is
+_START_SHARE times the live one. Where F may have changed, its variance grows by the lesser of that
+and the live prior's.
 The covariance includes how fast a force may change, so that the lag needs no further term.
 
 u and y are those of `momentum_observer`: the model's part of u averaged over a period, the motor
 torque held or averaged. J, s and b are those of the period's start. The measurement's noise r is
-rounding's alone: what encoders add is in the torque error.
+rounding's alone, of an sd that is _ROUNDING_SHARE of what the torque's sd adds to the momentum in a
+period: what encoders add is in the torque error.
 """
 
 from dataclasses import dataclass, replace
@@ -126,9 +130,9 @@ class KalmanObserverConfig:
 class KalmanObserver:
     """The filter of this module for an arm with n joints; an `observer.Observer`.
 
-    It reads the wrench itself, by the prior of the estimator's
-    configuration: methods bayesian, force_only and inverse. `informed` gives it what the model and
-    that configuration say; before, it takes a prior of 1 N and 1 N m.
+    It reads the wrench itself, by the prior of the estimator's configuration: methods bayesian,
+    force_only and inverse. `informed` gives it what the model and that configuration say; before,
+    it takes a prior of 1 N and 1 N m.
 
     Raises:
         ValueError: bandwidth or time step that is not positive, unknown torque samples; a method
@@ -211,6 +215,8 @@ class KalmanObserver:
         )
         if knowledge is not None:
             torque_sd, prior = knowledge.torque_sd, knowledge.prior
+            # The rates are those of an observer behind which a learnt error has its sds. Without
+            # one the sd is that of the residual, behind no observer: _PLAIN_K_0 stays.
             if (error := knowledge.torque_error) is not None:
                 K_0, correlation_time = knowledge.rates, error.correlation_time
                 # The constant part of the sd is the least: the rounding is a share of it.
@@ -220,7 +226,8 @@ class KalmanObserver:
         numbers = np.zeros(NUM_NUMBERS)
         numbers[PERIOD] = T
         numbers[BEFORE] = motor_share(T, self.config.torque_samples)
-        numbers[GROSS] = chdtri(n, _GROSS_ODDS)  # the square that chi^2 exceeds so seldom
+        # The squares that chi^2 of n joints exceeds so seldom.
+        numbers[GROSS] = chdtri(n, _GROSS_ODDS)
         numbers[CHANGED] = chdtri(n, CHANGE_ODDS)
         numbers[DECAY_SUM : DECAY_SUM + NUM_SUMS] = np.exp(-T / np.array(CHANGE_TIMES))
         numbers[SETTLED] = np.ceil(SETTLING_TIME_CONSTANTS / float(np.min(K_0)) / T)
@@ -228,14 +235,15 @@ class KalmanObserver:
         live_variance = np.square([prior.live_moment_sd] * 3 + [prior.live_force_sd] * 3)
         sixes = np.zeros((SIXES, 6))
         sixes[DECAY_F], sixes[NOISE_F], sixes[START_F] = decay, noise, start
+        # Of a force that may have changed no more is unknown than before the first sample.
         sixes[JUMP_F] = np.minimum(start, live_variance)
-        # Factors on moving^2, as in the module's docstring; LASTING on its root.
+        # As `kalman_kernels` names these rows; the formulas are in the module's docstring.
         joints = np.zeros((JOINTS, n))
         joints[RATE_X] = 1.0 / correlation_time
         K_0_T_c = K_0 * correlation_time
         joints[SMOOTH] = (1.0 - WHITE_SHARE) * (1.0 + K_0_T_c) / K_0_T_c
         joints[WHITE] = WHITE_SHARE * 2.0 / K_0
-        joints[LASTING] = np.sqrt(lasting)
+        joints[LASTING] = np.sqrt(lasting)  # of a variance; the row is of an sd
         joints[ROUND] = (_ROUNDING_SHARE * T * np.asarray(torque_sd)) ** 2
         return KalmanTable(
             numbers=numbers,

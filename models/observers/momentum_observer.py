@@ -48,10 +48,20 @@ HELD_SHARE = START_SHARE / 50.0  # a gap of up to 4 / K_0 costs its own rows, a 
 LEAST_K_0 = 0.01  # 1/s; below, a reading is never fresh
 MAX_MOMENTUM = 1e100  # kg m^2/s; more counts as not finite, as sums of it would not be
 
-# Columns of MomentumObserver.table: K' and a of the recursion, and the weights in T ubar_k.
-_GAIN, _DECAY, _MOTOR_AFTER, _MOTOR_BEFORE, _HALF = range(5)
-# Rows of the state: the momentum that the model predicts, the estimate, the start's share in it.
-_PREDICTED, _ESTIMATE, _START = range(3)
+# Columns of MomentumObserver.table.
+(
+    _GAIN,  # K' of the recursion, 1/s
+    _DECAY,  # a of it
+    _MOTOR_AFTER,  # s, weight of a sample's motor torque in the T ubar_k after it
+    _MOTOR_BEFORE,  # s, in the one before it
+    _HALF,  # s, half a period: the weight of the model's part at both ends
+) = range(5)
+# Rows of the state.
+(
+    _PREDICTED,  # kg m^2/s, the next sample's momentum by the model
+    _ESTIMATE,  # N m, the last one
+    _START,  # share of the start that is still in it
+) = range(3)
 
 
 @dataclass

@@ -73,9 +73,35 @@ FAULT_BEYOND, FAULT_DISAGREES, FAULT_FROZEN = 1, 2, 4
 # stands for the others beside a 1 for FAULT_BEYOND, where the samples are interpolated later
 OTHER_FAULT_WEIGHT = 0.25
 
-_LOW, _HIGH, _SPEED, _CURRENT, _CURRENT_STEP = range(5)
-_ACCELERATION, _SHARE, _ENCODER, _DRIFT, _MOVING, _ZERO_FALL, _NUM_BOUNDS = range(5, 12)
-_Q, _V, _I, _AGE, _I_AGE, _LARGEST, _SUM, _DISORDER, _SAME, _PREVIOUS_CODE, CHECK_ROWS = range(11)
+# Rows of SampleCheck.table, (n,) each; for a joint that slides m in the place of rad.
+(
+    _LOW,  # rad, least position
+    _HIGH,  # rad, largest position
+    _SPEED,  # rad/s, largest speed
+    _CURRENT,  # A, largest current
+    _CURRENT_STEP,  # A, largest change of it
+    _ACCELERATION,  # rad/s^2, largest
+    _SHARE,  # rad/s, largest disagreement r of a steady motion (MAX_DISAGREEMENT of the speed)
+    _ENCODER,  # rad, an encoder's step
+    _DRIFT,  # rad, largest drift and disorder
+    _MOVING,  # rad/s, above which a joint moves
+    _ZERO_FALL,  # A, from more than which a current does not fall to exactly zero
+    _NUM_BOUNDS,
+) = range(12)
+# Rows of the state, (n,) each.
+(
+    _Q,  # rad, q of the last sample that was taken; NaN: none was
+    _V,  # rad/s, v of it
+    _I,  # A, current of the last one that was taken
+    _AGE,  # s, since q and v were taken
+    _I_AGE,  # s, since the current was
+    _LARGEST,  # rad/s, largest |r| lately
+    _SUM,  # rad, sum that tells a drift
+    _DISORDER,  # rad, sum that tells disorder
+    _SAME,  # s, for which the current has been the same while the joint moves
+    _PREVIOUS_CODE,  # fault of the last current, which counts at the next sample
+    CHECK_ROWS,
+) = range(11)
 
 
 class CheckedSamples(NamedTuple):
@@ -430,7 +456,7 @@ def _drift(joint: _Joint, age: float, fade: float, r: float, v: float) -> tuple[
 
 @kernel(**NO_NEW_ARRAYS)
 def _bound(joint: _Joint) -> float:
-    """Largest r of one joint, rad/s (m/s)."""
+    """Largest |r| of one joint, rad/s (m/s)."""
     largest: float = max(joint.table[_SHARE, joint.j], MAX_RISE * joint.state[_LARGEST, joint.j])
     return largest
 

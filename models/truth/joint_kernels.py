@@ -87,14 +87,41 @@ NOISE_SPEED = 0.05
 MIN_WANDER = 0.2
 """Below this share of itself friction does not wander."""
 
-# Columns of the table.
-STICTION, COULOMB, SPEED, VISCOUS, INVERSE_SATURATION, TEMPERATURE_SHARE = range(6)
-HEATING, INVERSE_TIME, FORWARDS, BACKWARDS, MOTORING, GENERATING = range(6, 12)
-FIRST_RIPPLE = 12
-GAIN, POLE, COMPLIANCE, FREQUENCY, RESOLUTION, VELOCITY_NOISE, VELOCITY_RESOLUTION = range(24, 31)
-WANDER_SD, WANDER_DECAY, MOVING_NOISE, TRANSITION = range(31, 35)
-ERROR_AMPLITUDE, ERROR_PERIODS, ERROR_PHASE, ERROR_INVERSE_SPEED = range(35, 39)
-NUM_HARMONICS, FIRST_ELEMENT = 39, 40
+# Columns of the table, a row a joint; symbols as above.
+(
+    STICTION,  # N m, from rest
+    COULOMB,  # N m
+    SPEED,  # v_s, rad/s
+    VISCOUS,  # N m s/rad, while the joint is cold
+    INVERSE_SATURATION,  # s/rad; 0: viscous friction does not saturate
+    TEMPERATURE_SHARE,  # 1/K, by which viscous friction falls
+    HEATING,  # K/W
+    INVERSE_TIME,  # 1/s, of the heat's time_constant
+    FORWARDS,  # 1 + asymmetry
+    BACKWARDS,  # 1 - asymmetry
+    MOTORING,  # N m per N m of L, where L drives the motion
+    GENERATING,  # the same where it does not
+    FIRST_RIPPLE,  # to 23: three waves of RIPPLE_COLUMNS each
+) = range(13)
+(
+    GAIN,  # N m/A
+    POLE,  # a of the current loop
+    COMPLIANCE,  # rad per N m, of the gear; 0: it is rigid
+    FREQUENCY,  # w of the gear, rad/s
+    RESOLUTION,  # rad, of the encoder; 0: none
+    VELOCITY_NOISE,  # rad/s, sd of the measured velocity
+    VELOCITY_RESOLUTION,  # rad/s, its step; 0: none
+    WANDER_SD,  # sd of w
+    WANDER_DECAY,  # a of w
+    MOVING_NOISE,  # A, sd of the current's noise while the joint moves
+    TRANSITION,  # v_t, rad/s; 0: dry friction is that of slip elements
+    ERROR_AMPLITUDE,  # E, N m
+    ERROR_PERIODS,  # p_E
+    ERROR_PHASE,  # rad
+    ERROR_INVERSE_SPEED,  # 1 / v_E, s/rad
+    NUM_HARMONICS,  # H, of the motor's position
+    FIRST_ELEMENT,
+) = range(24, 41)
 # From FIRST_ELEMENT on for each slip element, and then for each harmonic of the motor's position:
 ELEMENT_WEIGHT, ELEMENT_STIFFNESS, ELEMENT_DECAY, ELEMENT_COLUMNS = range(4)
 HARMONIC_AMPLITUDE, HARMONIC_PERIODS, HARMONIC_PHASE, HARMONIC_COLUMNS = range(4)
@@ -102,13 +129,29 @@ HARMONIC_AMPLITUDE, HARMONIC_PERIODS, HARMONIC_PHASE, HARMONIC_COLUMNS = range(4
 RIPPLE_AMPLITUDE, RIPPLE_LOAD_SHARE, RIPPLE_PERIODS, RIPPLE_PHASE, RIPPLE_COLUMNS = range(5)
 NUM_RIPPLES = 3
 
-# Rows of the state; VIBRATION: amplitude of the joint's own velocity, rad/s, by a tool that works.
-CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, VIBRATION, FIRST_SLIP = range(9)
+# Rows of the state.
+(
+    CURRENT,  # i, A
+    TRANSMITTED,  # L, N m
+    RISE,  # K
+    DEFLECTION,  # d, rad
+    RATE,  # d', rad/s
+    EXTERNAL,  # tau_ext of the tick before, N m
+    WANDER,  # w
+    VIBRATION,  # rad/s, amplitude of the joint's own velocity by a tool that works
+    FIRST_SLIP,
+) = range(9)
 # From FIRST_SLIP on for each slip element, N m: torque of its spring before the last tick's
 # displacement, and its limits in that tick.
 SLIP_SPRING, SLIP_LOW, SLIP_HIGH, SLIP_ROWS = range(4)
 # Rows of the signals of a tick.
-TAU_J, TORQUE, TAU_F, MOTOR_CURRENT, SIGNALS = range(5)
+(
+    TAU_J,  # N m, of the motor
+    TORQUE,  # N m, all other generalised force on the links: friction, ripple, cogging
+    TAU_F,  # N m, true friction: minus that
+    MOTOR_CURRENT,  # A, with the noise of the joint's motion
+    SIGNALS,
+) = range(5)
 
 _MAX_STEPS = 60  # of Newton's method
 _ROOT_TOLERANCE = 1e-13  # of the torque, relative to 1 N m and the right side

@@ -253,9 +253,10 @@ def _pack_friction(
 def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader: "_Reader") -> None:
     """Packs what depends on position: transmission error, ripple of two gear wheels, cogging.
 
-    Each is a wave of some periods per turn, with a phase (rad) drawn for each joint; ripple alone,
-    of a truth without mechanisms, has phase 0. Ripple and cogging have four columns each, from
-    FIRST_RIPPLE on: amplitude N m, share of the load, periods per turn, phase.
+    Each is a wave of some periods per turn, with a phase (rad) drawn for each joint. The robot's
+    truth alone, without mechanisms `ripple` and `motor`, has phase 0 of its ripple. Ripple and
+    cogging have four columns each, from FIRST_RIPPLE on: amplitude N m, share of the load, periods
+    per turn, phase.
 
     Args:
         table: (n, columns), columns as `joint_kernels` names them; written.
@@ -264,9 +265,10 @@ def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader:
         reader: of the configuration's numbers; it reports those out of range.
     """
     truth, n = robot.truth, robot.num_joints
-    phases = np.random.default_rng([config.individual, _PHASE_STREAM]).uniform(
-        0.0, 2.0 * np.pi, (4, n)
-    )
+    rng = np.random.default_rng([config.individual, _PHASE_STREAM])
+    gear_phase, second_phase, cogging_phase, error_phase = rng.uniform(0.0, 2.0 * np.pi, (4, n))
+    if config.ripple is None and config.motor is None:
+        gear_phase = second_phase = cogging_phase = np.zeros(n)
     error = config.transmission_error or TransmissionErrorConfig()
     amplitude = reader.per_joint(error, "amplitude")
     periods = reader.per_joint(error, "periods")
@@ -274,28 +276,25 @@ def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader:
     if np.any((amplitude > 0.0) & (speed == 0.0)):
         raise reader.error(error, "speed", "0", "a speed above 0 where there is an amplitude")
     table[:, ERROR_AMPLITUDE], table[:, ERROR_PERIODS] = amplitude, periods
-    table[:, ERROR_PHASE], table[:, ERROR_INVERSE_SPEED] = phases[3], _inverse(speed)
-    # Of ripple and cogging, not of the transmission error, which a plain truth has not.
-    if config.ripple is None and config.motor is None:
-        phases[:] = 0.0
+    table[:, ERROR_PHASE], table[:, ERROR_INVERSE_SPEED] = error_phase, _inverse(speed)
     ripple, motor = config.ripple or RippleConfig(), config.motor or MotorConfig()
     gear = [
         truth.ripple_amplitude,
         reader.per_joint(ripple, "load_share", upper=1.0),
         truth.ripple_periods,
-        phases[0],
+        gear_phase,
     ]
     second_wheel = [
         reader.per_joint(ripple, "second_amplitude"),
         reader.per_joint(ripple, "second_load_share", upper=1.0),
         reader.per_joint(ripple, "second_periods"),
-        phases[1],
+        second_phase,
     ]
     cogging = [
         reader.per_joint(motor, "cogging_amplitude"),
         np.zeros(n),
         reader.per_joint(motor, "cogging_periods"),
-        phases[2],
+        cogging_phase,
     ]
     for k, columns in enumerate((gear, second_wheel, cogging)):
         first = FIRST_RIPPLE + RIPPLE_COLUMNS * k

@@ -88,8 +88,8 @@ def true_robot(robot: Robot) -> Robot:
 
     Errors of the frames are drawn once for each `individual`, along and about all three axes of the
     joint's frame; about the joint's axis that is an encoder's offset. Where several motors move one
-    joint, rotors turn with the joints instead, as in Drake's plant. Without errors it is the robot
-    itself.
+    joint, rotors turn with the joints instead, as in Drake's plant; such an arm has no mechanisms
+    (`TrueJoints.of` refuses them). Without errors or coupling it is the robot itself.
 
     Raises:
         InputError: a standard deviation or the tool's factor is negative or not finite.

@@ -282,7 +282,8 @@ def joint_trajectory(
     """The motion of the joints that takes E along a path by a time law.
 
     Joint positions are solved at `num_points` of the path and joined by a quintic spline over the
-    path, not over time: so velocity and acceleration follow the time law to its corners.
+    path, not over time: so velocity and acceleration have the corners of the time law, and none of
+    their own.
 
     Args:
         robot: chain and joint limits.
