@@ -93,5 +93,21 @@ def test_samples_that_are_missing_have_their_time() -> None:
     t, need, tau_J = _shifted(-0.3, step)
     found = _found(need, tau_J, step, slice(round(2.6 / step), round(2.8 / step)))
     assert found[(t > 3.3) & (t < END)].mean() > 0.95
-    exact = _found(need, need, step, slice(round(2.6 / step), round(2.8 / step)))
-    assert not exact.any()
+
+
+def test_what_is_not_measured_is_not_kept() -> None:
+    numbers = shift_numbers(0.002, min_square=27.0)
+    state, poles = initial_shift_state(numbers, 6), np.full(6, 0.96)
+    for is_measured in (True, False):
+        for _ in range(1000):
+            are_shifted(numbers, poles, state, 5.0 * SD, SD, 9.0 * SD, is_measured)
+        assert np.isnan(state.torques[1:]).all() == (not is_measured)
+
+
+def test_a_shift_is_found_beside_the_error_of_the_model() -> None:
+    """Where a tenth of the torque's square is left, but no more than the error's own variance."""
+    t, need, tau_J = _shifted(0.2, 0.002)
+    error = 0.8 * SD * [1.0, 1.0, -1.0, 1.0, -1.0, 1.0]
+    found = _found(0.4 * need, 0.4 * tau_J - error, 0.002)
+    assert found[(t > BEGIN + 0.15) & (t < END)].mean() > 0.95
+    assert not found[t < BEGIN].any()
