@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from wrenchsight.models.recordings.json_lines import JsonLinesContainer
 from wrenchsight.models.recordings.lerobot.data_set import root_of
 from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS
 from wrenchsight.models.recordings.log_container import LogContainer
@@ -17,7 +18,14 @@ TEXT = TextContainer()
 BAG = RosbagContainer()
 """Also for a folder that holds a rosbag2."""
 
-CONTAINERS: list[LogContainer] = [TEXT, ParquetContainer(), NpzContainer(), BAG, MatContainer()]
+CONTAINERS: list[LogContainer] = [
+    TEXT,
+    ParquetContainer(),
+    NpzContainer(),
+    BAG,
+    MatContainer(),
+    JsonLinesContainer(),
+]
 """A further kind is one line here, or one `CONTAINERS.append` in a user's program."""
 
 

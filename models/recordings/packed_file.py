@@ -1,11 +1,12 @@
-"""Logs that are compressed as a whole (`log.mcap.zstd`, `log.csv.gz`), unpacked within a bound.
+"""Logs that are compressed as a whole (`log.mcap.zstd`, `log.csv.gz`, `log.zip` of one file),
+unpacked within a bound.
 
 A file of zeros compresses to a thousandth: without a bound, a small file fills the disk.
 """
 
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +16,7 @@ from wrenchsight.models.files.limited_file import opened
 _LARGEST_FILE: Final = 1 << 28  # bytes of a decompressed file, or
 _LARGEST_RATIO: Final = 50  # times its compressed size, whichever is more
 _BLOCK_BYTES: Final = 1 << 20
+_LISTED_MEMBERS: Final = 6  # of an archive, in an error line
 
 
 def refuse_ratio(size: int, packed: int) -> None:
@@ -57,6 +59,27 @@ def _lz4(file: Any) -> Any:
     return lz4.frame.open(file, "rb")
 
 
+def _zip(file: Any) -> Any:
+    import zipfile
+
+    archive = zipfile.ZipFile(file)
+    return archive.open(_only_member(archive))
+
+
+def _only_member(archive: Any) -> str:
+    """The only file of an archive, without what macOS adds.
+
+    Raises:
+        ValueError: there is none, or there are several.
+    """
+    names = [str(name) for name in archive.namelist()]
+    files = [name for name in names if not name.endswith("/") and "__MACOSX" not in name]
+    if len(files) != 1:
+        listed = ", ".join(files[:_LISTED_MEMBERS]) or "none"
+        raise ValueError(f"{len(files)} files: {listed}; expected one")
+    return files[0]
+
+
 _UNPACKERS: Final[dict[str, Callable[[Any], Any]]] = {
     ".gz": _gzip,
     ".bz2": _bz2,
@@ -64,6 +87,7 @@ _UNPACKERS: Final[dict[str, Callable[[Any], Any]]] = {
     ".zst": _zstd,
     ".zstd": _zstd,
     ".lz4": _lz4,
+    ".zip": _zip,
 }
 
 
@@ -75,7 +99,7 @@ class UnpackedFile:
 
     Attributes:
         path: path of the unpacked file, whose name is that of the packed one without its last
-            ending.
+            ending; in an archive it has a name of its own.
 
     Raises:
         InputError: it cannot be read, is damaged, or unpacks to more than the bound.
@@ -84,7 +108,7 @@ class UnpackedFile:
     def __init__(self, path: Path) -> None:
         self._packed = path
         self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
-        self.path = Path(self._folder.name) / path.stem
+        self.path = Path(self._folder.name) / _name_within(path)
         packed = path.stat().st_size
         unpacked = 0
         try:
@@ -122,3 +146,13 @@ class UnpackedFile:
 def is_packed(path: Path) -> bool:
     """Whether a file is compressed as a whole, by the ending of its name."""
     return path.suffix.lower() in _UNPACKERS and path.is_file()
+
+
+def _name_within(path: Path) -> str:
+    """The name of the unpacked file; of an archive that cannot be read, that of the archive."""
+    if path.suffix.lower() == ".zip":
+        import zipfile
+
+        with suppress(OSError, ValueError, zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
+            return Path(_only_member(archive)).name
+    return path.stem

@@ -68,17 +68,19 @@ class ParquetTable:
 
     row_word = "row"
 
-    def __init__(self, path: Path, part: range | None = None) -> None:
+    def __init__(self, path: Path, part: range | None = None, source: Path | None = None) -> None:
         """Reads the file's schema and the lengths of its lists.
 
         Args:
             path: of the file.
             part: rows of the file, from 0, that are the table's; None: all.
+            source: the file that is read for the log at `path`; None: the log itself.
 
         Raises:
             InputError: the file is damaged, has no rows, or fewer than `part` says.
         """
         self.path = path
+        self._source = source or path
         self.notices: list[str] = []
         self.progress = 0.0  # share of the file that has been read
         file = self._opened()
@@ -294,7 +296,7 @@ class ParquetTable:
 
     def _opened(self) -> pq.ParquetFile:
         path = self.path
-        with opened(path, "a log") as raw:
+        with opened(self._source, "a log") as raw:
             head = raw.read(4)
         if not head:
             raise InputError(path, "", "is empty", "record the log again")
@@ -302,7 +304,9 @@ class ParquetTable:
             raise InputError(path, "", "is no Parquet file", "name a CSV file .csv")
         try:
             # Without read-ahead and memory mapping the memory stays that of some pages.
-            return pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False, memory_map=False)
+            return pq.ParquetFile(
+                self._source, buffer_size=1 << 20, pre_buffer=False, memory_map=False
+            )
         except (pa.ArrowException, OSError) as error:
             problem = f"is a damaged Parquet file ({error})"
             raise InputError(path, "", problem, "write the file again") from error

@@ -5,13 +5,17 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.log_container import LogTable, RowNumbers
+from wrenchsight.models.recordings.recording_format import column_numbers
 
 TIME_NAME = "t"
 
 
 class RatedTable:
     """Adds the time in s, from the first row that is read on; implements `LogTable`.
+
+    A time of the log's own is not used: its column loses its name to this one.
 
     Args:
         table: a log without a time.
@@ -25,7 +29,7 @@ class RatedTable:
         self.table = table
         self.rate_hz = rate_hz
         self.row_word = table.row_word
-        self.names = None if table.names is None else (*table.names, TIME_NAME)
+        self.names = None if table.names is None else (*_without_time(table.names), TIME_NAME)
         self.num_columns = table.num_columns + 1
         self.progress = 0.0
         self.notices = table.notices
@@ -53,3 +57,10 @@ class RatedTable:
                 values = np.insert(values, columns.index(time), t, axis=1)
             self.progress = self.table.progress
             yield values, numbers
+
+
+def _without_time(names: Sequence[str]) -> list[str]:
+    """Names of columns, that of the log's own time put in brackets, so that it is none."""
+    time = time_columns(names)
+    own = set() if time is None else set(column_numbers(time))
+    return [f"({name} of the log)" if k in own else name for k, name in enumerate(names)]

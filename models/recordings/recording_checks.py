@@ -113,6 +113,13 @@ class RecordingChecks:
                 "the positions are whole numbers, such as counts of an encoder: set position: "
                 "{gain: [6.28318 / counts per turn], offset: [...]} in a description (--log-format)"
             )
+        elif revolute and self._is_scaled("q"):
+            turns = np.max(np.abs(chunk.q)) / (2 * np.pi)
+            remedy = (
+                f"the log states the unit, in which the joints turn {turns:.3g} times: if these "
+                "are positions of the motors, set position: {gain: [1 / gear ratio, ...]} and "
+                "velocity: {gain: [...]} beside the unit in a description (--log-format)"
+            )
         elif revolute and np.max(np.abs(chunk.q)) > _CERTAINLY_DEGREES:
             remedy = (
                 f"if positions and velocities are in degrees, add --log-format {IN_DEGREES}; if "
@@ -256,6 +263,11 @@ class RecordingChecks:
         return chunk.tau_J is not None and (
             self._layout is None or self._layout.signal("current") is None
         )
+
+    def _is_scaled(self, signal: str) -> bool:
+        """Whether the log or its description states another unit of a signal than SI."""
+        found = None if self._layout is None else self._layout.signal(signal)
+        return found is not None and bool(np.any(found.scale != 1.0))
 
     def _is_prismatic(self, joint: int) -> bool:
         return bool(self._robot.chain.prismatic[joint])

@@ -32,6 +32,7 @@ UNITS: dict[str, dict[str, float]] = {  # in SI, by key of a description
         "rad/s": 1.0,
         "deg/s": np.pi / 180,
         "rpm": 2 * np.pi / 60,
+        "rev/s": 2 * np.pi,
         "m/s": 1.0,
         "mm/s": 1e-3,
     },

@@ -410,8 +410,13 @@ class RecordingReader:
             raise InputError(self.path, "", problem, "record a longer log")
 
     def _refuse_raw_words(self) -> None:
-        """Refuses currents or torques that were logged as words without a sign."""
-        for name, key in (("current", "current"), ("tau_J", "motor_torque")):
+        """Refuses signals that were logged as words without a sign."""
+        for name, key in (
+            ("current", "current"),
+            ("tau_J", "motor_torque"),
+            ("v", "velocity"),
+            ("q", "position"),
+        ):
             signal = self.layout.signal(name)
             if signal is None:
                 continue
@@ -490,6 +495,8 @@ class RecordingReader:
         for name, signal in (("q", chunk.q), ("v", chunk.v), ("current", chunk.current)):
             is_absurd = np.abs(signal) > _BEYOND_ANY_ROBOT  # also what a gain made infinite
             if is_absurd.any():
+                if not self._is_described:
+                    self._refuse_raw_words()
                 samples, joints = np.nonzero(is_absurd)
                 k, j = int(samples[0]), int(joints[0])
                 column = self.layout.column_of(name if self.layout.signal(name) else "tau_J", j)
@@ -749,17 +756,9 @@ def _unknown_ending(path: Path) -> InputError:
     """The error of a log whose ending is that of no container."""
     problem = f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
     remedy = "export the log as CSV, or as npz with arrays t, q, v and i"
-    if _is_table_of_text(path):
+    if TEXT.open(path, None).num_columns > 1:  # raises for a kind of file that is not read
         remedy = "name the file .csv, " + _DESCRIBE
     return InputError(path, "", problem, remedy)
-
-
-def _is_table_of_text(path: Path) -> bool:
-    """Whether a file is a table in text, whatever its name ends in."""
-    try:
-        return TEXT.open(path, None).num_columns > 1
-    except InputError:
-        return False
 
 
 def _no_time(path: Path, names: Sequence[str]) -> InputError:

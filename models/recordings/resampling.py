@@ -229,6 +229,10 @@ def time_error(recording: Recording, sample: int) -> InputError:
     remedy = "remove the repeated rows, or split the log there"
     is_long = recording.num_samples > 2 / COARSE_CLOCK
     if is_long and np.mean(np.diff(recording.t) == 0) > COARSE_CLOCK:
+        span = recording.t[-1] - recording.t[0]
         remedy = "t has too few digits: log it with more"
+        if span > 0:
+            rate = (recording.num_samples - 1) / span
+            remedy += f"; if the samples are evenly spaced, add --log-format rate_hz={rate:.3g}"
     place = f"{place_of(recording, sample)}, column t"
     return InputError(recording.source, place, problem, remedy)

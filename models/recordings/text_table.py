@@ -8,7 +8,6 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
@@ -16,7 +15,9 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.date_stamps import StampForm, stamp_form, stamp_seconds
 from wrenchsight.models.recordings.list_cells import UnfoldedFile, has_lists
+from wrenchsight.models.recordings.plain_text import PlainCopy, is_plain
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.table_checks import other_words
 
@@ -28,26 +29,29 @@ _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 # Unambiguous, so that it does not backtrack: a cell may have a hundred thousand digits.
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _NAN_CELLS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)")
-_STAMP = re.compile(
-    r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.]\d{1,9})?)?(?P<zone>Z|[+-]\d\d(:?\d\d)?)?"
-)  # a date and a time (ISO 8601)
 _UNIT_CELL = re.compile(r"\W*[a-zA-Zµ°%‰]{0,5}([ */·^_][a-zA-Z0-9°]{1,5}){0,2}\W*")
 _UNIT_LENGTH = 20  # characters
 _HEAD_LINES = 100  # in which the table's first row is looked for
 _MIN_CELLS = 4  # of a table
+_MOST_LEVELS = 4  # lines of names above each other
+_MOST_LAST_LINES = 20  # below the table that are no rows, and
+_LAST_BYTES = 1 << 12  # the end of the file in which they are looked for
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
 _BINARY_KINDS = (  # first bytes, kind of file, remedy
     (b"PAR1", "a Parquet file", "name it .parquet"),
     (b"\x1f\x8b", "compressed by gzip", "name it .csv.gz"),
     (b"\x28\xb5\x2f\xfd", "compressed by zstd", "name it .csv.zst"),
     (b"PK\x03\x04", "a zip archive or a spreadsheet", "unpack it, or export it as CSV"),
-    (b"\x89HDF", "an HDF5 file", "export it as CSV or Parquet"),
+    (
+        b"\x89HDF",
+        "an HDF5 file",
+        "save its arrays as npz, such as by h5py and numpy.savez('log.npz', t=.., q=.., v=.., "
+        "i=..), samples in rows",
+    ),
     (b"MATLAB", "a MATLAB file", "name it .mat"),
     (b"#ROSBAG", "a ROS 1 bag", "name it .bag"),
     (b"\x89MCAP", "an MCAP file", "name it .mcap"),
     (b"SQLite format 3", "an SQLite database", "name it .db3 if it is a rosbag2"),
-    (b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
-    (b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
 )
 
 
@@ -65,13 +69,15 @@ class TextContainer:
 
     def open(self, path: Path, form: RecordingFormat | None) -> "TextTable":
         """As the protocol; without a description, the file's first lines show how it is written."""
+        plain = None if is_plain(path) else PlainCopy(path)
         if form is not None:
             return _without_lists(
-                lambda unfolded: TextTable(
-                    path, form.separator, form.decimal_mark, form.skip_lines, form.header, unfolded
-                )
+                lambda copy: TextTable(
+                    path, form.separator, form.decimal_mark, form.skip_lines, form.header, copy
+                ),
+                plain,
             )
-        table = _without_lists(lambda unfolded: TextTable(path, unfolded=unfolded))
+        table = _without_lists(lambda copy: TextTable(path, copy=copy), plain)
         if table.names is not None and table.separator != ",":
             table.notices.append(f"columns are separated by {_SEPARATORS[table.separator]}")
         return table
@@ -86,12 +92,22 @@ class TextContainer:
                 writer.write_table(table, max_chunksize=1 << 16)
 
 
-def _without_lists(open_table: "Callable[[UnfoldedFile | None], TextTable]") -> "TextTable":
-    """The table, or one with a column for each entry where its cells hold lists."""
-    table = open_table(None)
+def _without_lists(
+    open_table: "Callable[[PlainCopy | UnfoldedFile | None], TextTable]", plain: PlainCopy | None
+) -> "TextTable":
+    """The table, or one with a column for each entry where its cells hold lists.
+
+    Args:
+        open_table: opens the log, or a copy of it.
+        plain: a copy of a log that is not written plainly; None: it is.
+    """
+    table = open_table(plain)
+    if plain is not None:
+        table.notices += plain.notices
     if table.names is None or not has_lists(table.first_cells):
         return table
-    return open_table(UnfoldedFile(table.path, table.separator, table.skip_lines))
+    source = table.path if plain is None else plain.path
+    return open_table(UnfoldedFile(source, table.separator, table.skip_lines))
 
 
 def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
@@ -102,14 +118,20 @@ def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _stamp_types(first_cells: Sequence[str]) -> dict[int, pa.DataType]:
-    """Arrow's types of the columns that hold dates with times, by their numbers from 0."""
-    matches = {k: _STAMP.fullmatch(cell) for k, cell in enumerate(first_cells)}
-    return {
-        k: pa.timestamp("ns", tz="UTC" if match["zone"] else None)
-        for k, match in matches.items()
-        if match is not None
-    }
+def _stamp_forms(first_cells: Sequence[str]) -> dict[int, StampForm]:
+    """How the columns that hold dates with times write them, by their numbers from 0."""
+    forms = {k: stamp_form(cell) for k, cell in enumerate(first_cells)}
+    return {k: form for k, form in forms.items() if form is not None}
+
+
+def _joined_levels(levels: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """A name for each column from lines of names above each other, as pandas writes MultiIndexes.
+
+    The first column is the index, whose name is the last one: those above name the levels.
+    """
+    names = [" ".join(name for name in column if name) for column in zip(*levels, strict=True)]
+    names[0] = next((level[0] for level in reversed(levels) if level[0]), "")
+    return tuple(names)
 
 
 def write_csv_header(file: BinaryIO, names: Sequence[str]) -> None:
@@ -127,10 +149,12 @@ class TextTable:
         skip_lines: lines before the header or the first row.
         header: whether the first line after these names the columns; None: it does if one of its
             cells is no number.
-        unfolded: the file's content without lists in its cells; None: it has none.
+        copy: the file's content as a plain table, or without lists in its cells; None: the file is
+            such a table itself.
 
-    A line of units below the header is added to the names, as "q1 [rad]". A column of dates with
-    times (ISO 8601) is read in seconds.
+    A line of units below the header is added to the names, as "q1 [rad]"; further lines of names
+    (pandas' MultiIndex) are joined. A column of dates with times is read in seconds. Lines of text
+    below the last row, and repetitions of the header, are left out with a notice.
 
     Attributes:
         first_cells: first cells of the first row.
@@ -149,7 +173,7 @@ class TextTable:
         decimal_mark: str | None = None,
         skip_lines: int = 0,
         header: bool | None = None,
-        unfolded: UnfoldedFile | None = None,
+        copy: PlainCopy | UnfoldedFile | None = None,
     ) -> None:
         """Reads the head of the file: where the table begins, its separator, names and units.
 
@@ -157,14 +181,14 @@ class TextTable:
             path: of the log, for error lines.
             separator, decimal_mark, header: None: recognised from the first lines.
             skip_lines: lines before the header or the first row.
-            unfolded: a copy in which cells with lists have become columns; None: the log is read.
+            copy: read instead of the log; None: the log is read.
 
         Raises:
             InputError: an empty or binary file, or numbers in place of names.
         """
         self.path = path
-        self._unfolded = unfolded
-        self._source = path if unfolded is None else unfolded.path
+        self._copy = copy  # which is removed with the table
+        self._source = path if copy is None else copy.path
         self.notices: list[str] = []
         self.progress = 0.0  # share of the file that has been read
         with opened(self._source, "a log") as file:
@@ -187,15 +211,18 @@ class TextTable:
             self.names: tuple[str, ...] | None = tuple(top_cells) if has_header else None
             self._num_head_lines = self.skip_lines + (1 if has_header else 0)
             line_of_numbers = self._line(file).strip() if has_header else top_line
+            if self.names is not None:
+                line_of_numbers = self._with_further_levels(file, line_of_numbers)
             if self.names is not None and self._is_of_units(self._cells(line_of_numbers)):
                 self.names = _with_units(self.names, self._cells(line_of_numbers))
                 self.notices.append("units are read from the line below the header")
                 self._num_head_lines += 1
                 line_of_numbers = self._line(file).strip()
             self.first_cells = tuple(self._cells(line_of_numbers))
-        self._stamps = _stamp_types(self.first_cells)
+        self._stamps = _stamp_forms(self.first_cells)
         self.num_columns = len(top_cells)
         self._top_line = top_line
+        self._end = self._end_of_rows()
         self.decimal_mark = decimal_mark or self._decimal_mark_of(line_of_numbers)
         if has_header and all(_is_number(cell, self.decimal_mark) for cell in top_cells):
             problem = "holds numbers where the names of the columns are expected"
@@ -252,6 +279,66 @@ class TextTable:
                 first -= 1
             return shown[first][0] if first < i else 0
         return 0
+
+    def _with_further_levels(self, file: BinaryIO, line: str) -> str:
+        """Joins lines of names below the header to the names, where these repeat.
+
+        Args:
+            file: behind the line.
+            line: below the header.
+
+        Returns:
+            The first line that is none of names.
+        """
+        assert self.names is not None
+        levels: list[Sequence[str]] = [self.names]
+        repeats = len(self.names) - len(set(self.names))
+        while repeats * 2 >= len(self.names) - 1 > 0 and len(levels) < _MOST_LEVELS:
+            cells = self._cells(line)
+            is_named = any(cells) and not any(_is_number(cell.replace(",", ".")) for cell in cells)
+            if len(cells) != len(self.names) or not is_named or has_lists(cells):
+                break
+            levels.append(cells)
+            line = self._line(file).strip()
+        if len(levels) > 1:
+            self.names = _joined_levels(levels)
+            self.notices.append(f"the names stand in {len(levels)} lines, which are joined")
+            self._num_head_lines += len(levels) - 1
+        return line
+
+    def _end_of_rows(self) -> int:
+        """Where the lines of text below the last row begin, in bytes; the file's end without any.
+
+        Such a line has fewer cells than the table and no number in the first one: EOF, or words on
+        the recording.
+        """
+        with opened(self._source, "a log") as file:
+            size = file.seek(0, 2)
+            file.seek(max(self._begin, size - _LAST_BYTES))
+            last_bytes = file.read()
+        end = begin = size  # of the line that is looked at
+        left_out: list[str] = []
+        # The first of these may be a part of a line.
+        for line in reversed(last_bytes.splitlines(keepends=True)[1:][-_MOST_LAST_LINES:]):
+            begin -= len(line)
+            text = line.decode("utf-8", "replace").strip()
+            if not text:
+                continue
+            if not self._is_remark(self._cells(text)):
+                break
+            end = begin
+            left_out.append(text)
+        if left_out:
+            notice = "the last line is no row"
+            if len(left_out) > 1:
+                notice = f"the last {len(left_out)} lines are no rows"
+            self.notices.append(f'{notice}: left out (beginning "{left_out[-1][:40]}")')
+        return end
+
+    def _is_remark(self, cells: Sequence[str]) -> bool:
+        """Whether the cells of a line are fewer than those of a row, and words."""
+        words = " ".join(cells)
+        return len(cells) < self.num_columns and bool(re.match(r"\W*[A-Za-z]{3}", words))
 
     def _is_of_units(self, cells: Sequence[str]) -> bool:
         """Whether cells are the units of the columns."""
@@ -340,7 +427,7 @@ class TextTable:
                 file.readline()
             incomplete_line = b""
             size = max(1, self._source.stat().st_size)
-            while data := file.read(BLOCK_BYTES):
+            while data := file.read(min(BLOCK_BYTES, max(0, self._end - file.tell()))):
                 self.progress = min(1.0, file.tell() / size)
                 cut = data.rfind(b"\n") + 1
                 if not cut:
@@ -360,11 +447,33 @@ class TextTable:
         cells = self._cells(last_line.decode("utf-8", "replace"))
         if len(cells) >= self.num_columns or line == self._num_head_lines + 1:
             return False
-        self.notices.append(
+        self._note(
             f"line {line}, the last one, is left out: it is cut off after {len(cells)} of "
             f"{self.num_columns} columns"
         )
         return True
+
+    def _note(self, notice: str) -> None:
+        """Adds a notice, once in all passes over the log."""
+        if notice not in self.notices:
+            self.notices.append(notice)
+
+    def _without_headers(self, block: bytes, line: int) -> bytes:
+        """A block in which repetitions of the header are blank lines.
+
+        Args:
+            block: bytes of some lines.
+            line: number of the first one, for the notice.
+        """
+        header = self._top_line.encode()
+        if self.names is None or header not in block:
+            return block
+        lines = block.split(b"\n")
+        for k, text in enumerate(lines):
+            if text.strip() == header:
+                self._note(f"line {line + k} repeats the header: left out")
+                lines[k] = b""
+        return b"\n".join(lines)
 
     def _parsed(
         self, block: bytes, line: int, columns: list[int], may_be_empty: Collection[int]
@@ -385,6 +494,7 @@ class TextTable:
         """
         names = [str(k) for k in range(self.num_columns)]
         used = [str(k) for k in columns]
+        block = self._without_headers(block, line)
         # A carriage return within a line: Arrow would take it for the end of the line.
         if block.count(b"\r") > block.count(b"\r\n") + block.endswith(b"\r"):
             self._refuse_fault(block, line, columns, may_be_empty)
@@ -397,12 +507,12 @@ class TextTable:
                 if without_blanks == block:
                     raise
                 table = self._table(without_blanks, names, used)
+            values = _numbers(table, self._stamps)
         except pa.ArrowInvalid as error:
             self._refuse_fault(block, line, columns, may_be_empty)
             raise InputError(
                 self.path, f"line {line} or below", f"cannot be read: {error}", "correct it"
             ) from error
-        values = _numbers(table)
         is_optional = np.array([column in may_be_empty for column in columns])
         if not (np.isfinite(values) | (np.isnan(values) & is_optional)).all():
             self._refuse_fault(block, line, columns, may_be_empty)
@@ -427,12 +537,17 @@ class TextTable:
             read_options=pa_csv.ReadOptions(column_names=names, use_threads=False),
             parse_options=pa_csv.ParseOptions(delimiter=self.separator),
             convert_options=pa_csv.ConvertOptions(
-                column_types={name: self._stamps.get(int(name), pa.float64()) for name in used},
+                column_types={name: self._arrow_type(int(name)) for name in used},
                 include_columns=used,
                 null_values=["", *_NAN_CELLS],
                 decimal_point=self.decimal_mark,
             ),
         )
+
+    def _arrow_type(self, column: int) -> pa.DataType:
+        """The type as which Arrow reads a column."""
+        form = self._stamps.get(column)
+        return pa.float64() if form is None else form.arrow_type()
 
     def _refuse_fault(
         self, block: bytes, line: int, columns: list[int], may_be_empty: Collection[int]
@@ -449,7 +564,7 @@ class TextTable:
             for column in columns:
                 if column in may_be_empty and cells[column] in ("", *_NAN_CELLS):
                     continue
-                if column in self._stamps and _STAMP.fullmatch(cells[column]):
+                if column in self._stamps and self._stamps[column].fits(cells[column]):
                     continue
                 fault = self._fault_of_cell(cells[column], number)
                 if fault is not None:
@@ -464,9 +579,6 @@ class TextTable:
             return _Fault(problem, "cut the file before this line")
         if b"\r" in data.removesuffix(b"\r"):
             return _Fault("holds a carriage return in the middle", "correct or remove the line")
-        if self.names and text.strip() == self._top_line:
-            problem = "repeats the header: two logs in one file"
-            return _Fault(problem, "split the file before this line")
         if len(cells) == self.num_columns:
             return None
         remedy = "correct or remove the line"
@@ -574,13 +686,20 @@ def _after_byte_order_mark(file: BinaryIO) -> int:
     return begin
 
 
-def _numbers(table: pa.Table) -> Array:
-    """(N, k) of a table's columns: a stamp in s, an empty cell NaN."""
+def _numbers(table: pa.Table, stamps: Mapping[int, StampForm]) -> Array:
+    """(N, k) of a table's columns: a stamp in s, an empty cell NaN.
+
+    Args:
+        table: its columns have their numbers as names.
+        stamps: how the columns of dates with times write them, by their numbers.
+
+    Raises:
+        pa.ArrowInvalid: a cell is no such date.
+    """
     values = np.empty((table.num_rows, table.num_columns))
-    for k in range(table.num_columns):
-        column = table.column(k)
-        if pa.types.is_timestamp(column.type):
-            nanoseconds = pc.cast(pc.cast(column, pa.int64()), pa.float64(), safe=False)
-            column = pc.multiply(nanoseconds, 1e-9)
+    for k, name in enumerate(table.column_names):
+        column, form = table.column(k), stamps.get(int(name))
+        if form is not None and table.num_rows:
+            column = stamp_seconds(column, form)
         values[:, k] = column.to_numpy()
     return values

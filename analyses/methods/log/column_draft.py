@@ -22,7 +22,7 @@ from wrenchsight.models.recordings.layouts.column_words import JointColumns, sig
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.log_container import LogTable
 from wrenchsight.models.recordings.log_words import LogWords
-from wrenchsight.models.recordings.plausibility.raw_words import RawWords
+from wrenchsight.models.recordings.plausibility.raw_words import RawWords, raw_words
 from wrenchsight.models.recordings.rated_table import RatedTable
 from wrenchsight.models.recordings.recording_format import (
     ENVIRONMENT,
@@ -47,6 +47,13 @@ _UNIT_QUESTIONS = {
     "current": "? A or mA; or motor_torque, in per mille of each drive's rated torque (gain)",
     "motor_torque": "? N m on the joint side; if these are currents in A, call the key current",
 }
+_COUNT_QUESTIONS = {  # of words, which are counts of a unit that no name states
+    "position": "gain: 6.28318 / counts per turn of the joint",
+    "velocity": "gain: rad/s of one count",
+    "current": "gain: A of one count",
+    "motor_torque": "gain: N m of one count at the joint, such as its rated torque / 1000",
+}
+_ENCODING_ROWS = 50_000  # in which encodings of words are looked for
 _SAME_SCALE = 1e-9  # relative, of two scales that differ by rounding
 _LEAST_GAIN = 1e-8  # from 1, from which a gain is stated; less is rounding of the units
 _FIRST_LINE = (
@@ -146,7 +153,10 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
         lines.append(_Entry("time", {"columns": "1", "unit": "s"}, "? its column and unit").line())
     elif time is not None:
         indices = [int(number) - 1 for number in str(time.columns).split(",")]  # stated from 1
-        lines.append(_Entry("time", {"columns": _columns_text(indices, table)}).line())
+        values = {"columns": _columns_text(indices, table)}
+        if time.unit:
+            values["unit"] = time.unit
+        lines.append(_Entry("time", values).line())
     else:
         lines.append('rate_hz: "?"  # samples a second; or time: {columns: NAME, unit: s}\n')
     for key in ("position", "velocity", "current", "motor_torque"):
@@ -155,10 +165,30 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
             if series[key].unit:
                 values["unit"] = series[key].unit
             question = _UNIT_QUESTIONS[key] + "; joints from base to tool"
+            words = encoding_of(table, series[key].columns)
+            if words is not None:
+                values |= {"encoding": words.encoding, "bits": str(words.bits), "gain": '["?"]'}
+                question = _COUNT_QUESTIONS[key] + "; joints from base to tool"
             lines.append(_Entry(key, values, question).line())
         elif key == "position":
             lines.append(_Entry(key, {"columns": '"?"'}, "one column for each joint").line())
     return "".join(lines)
+
+
+def encoding_of(table: LogTable, columns: Sequence[int]) -> RawWords | None:
+    """The encoding that the numbers in some columns seem to have; None where they are numbers.
+
+    Args:
+        columns: their indices, from 0.
+    """
+    in_order = sorted(columns)
+    try:
+        values, _ = next(table.blocks(in_order, None, in_order), (None, None))
+    except InputError:  # such as a cell of text
+        return None
+    if values is None:
+        return None
+    return raw_words(values[np.isfinite(values).all(axis=1)][:_ENCODING_ROWS])
 
 
 def _text_keys(table: LogTable) -> list[str]:

@@ -5,9 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from wrenchsight.analyses.methods.log.column_draft import draft_of_columns, draft_of_log
+from wrenchsight.analyses.methods.log.column_draft import (
+    draft_of_columns,
+    draft_of_log,
+    encoding_of,
+)
 from wrenchsight.analyses.methods.log.log_figure import log_figure
 from wrenchsight.analyses.methods.log.log_settings import LogSettings
 from wrenchsight.analyses.methods.log.log_summary import LogSummary, summarised
@@ -24,7 +26,7 @@ from wrenchsight.models.recordings.mat_table import MatTable
 from wrenchsight.models.recordings.npz_table import NpzTable
 from wrenchsight.models.recordings.packed_file import UnpackedFile, is_packed
 from wrenchsight.models.recordings.parquet_table import ParquetTable
-from wrenchsight.models.recordings.plausibility.raw_words import RawWords, raw_words
+from wrenchsight.models.recordings.plausibility.raw_words import RawWords
 from wrenchsight.models.recordings.rated_table import RatedTable
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import resample_chunks
@@ -32,7 +34,6 @@ from wrenchsight.models.recordings.rosbag.table import RosbagTable
 from wrenchsight.models.recordings.text_table import TextTable
 from wrenchsight.models.robot.robot import Robot
 
-_ENCODING_ROWS = 50_000  # in which encodings of words are looked for
 _PRINTED_COLUMNS = 40
 _DRAFT_NAME = "columns.yaml"  # of a single log; of several each has its own (`_told_apart`)
 
@@ -256,14 +257,10 @@ def _encodings(reader: RecordingReader) -> dict[str, RawWords]:
     """Encodings that signals of the drives seem to have, by the signal's name."""
     found: dict[str, RawWords] = {}
     for signal in reader.layout.signals:
-        if signal.name in ("current", "tau_J", "v") and not signal.encoding:
-            columns = sorted(signal.columns)
-            for values, _ in reader.table.blocks(columns, None, columns):
-                complete = values[np.isfinite(values).all(axis=1)][:_ENCODING_ROWS]
-                encoding = raw_words(complete)
-                if encoding is not None:
-                    found[signal.name] = encoding
-                break
+        if signal.name in ("current", "tau_J", "v", "q") and not signal.encoding:
+            encoding = encoding_of(reader.table, signal.columns)
+            if encoding is not None:
+                found[signal.name] = encoding
     return found
 
 

@@ -78,6 +78,7 @@ def column_words_layout(
         _refuse_doubtful_series(names, named - series.keys(), path)
         return None
     if not ("position" in series and has_drives):
+        _refuse_positions_alone(names, joint_names, path)
         return None
     if len({len(signal.columns) for signal in series.values()}) > 1:
         return None
@@ -217,6 +218,34 @@ def _refuse_doubtful_series(names: Sequence[str], quantities: set[str], path: Pa
     problem = f"names {words}s that are not one for each joint of the robot, by number or name: "
     problem += f"{', '.join(columns[:6])}{more}"
     remedy = f"leave one for each joint and call it {words} 1.. from base to tool, {DESCRIBE}"
+    raise InputError(path, "header", problem, remedy)
+
+
+def _refuse_positions_alone(
+    names: Sequence[str], joint_names: Sequence[str] | None, path: Path
+) -> None:
+    """Refuses a table of one number for each axis (J1.., A1..) and no word for a current or torque.
+
+    Args:
+        names, path: as `column_words_layout`.
+        joint_names: of the robot; None: any number of axes.
+    """
+    taken = [column_name(name) for name in names]
+    has_drives = any(column.quantity in ("current", "motor_torque") for column in taken)
+    columns = [
+        _Column(place, column)
+        for place, column in enumerate(taken)
+        if column.is_bare or column.quantity == "position"
+    ]
+    if has_drives or not columns:
+        return
+    match = _numbered(columns, joint_names)
+    if match is None:
+        return
+    first, last = names[match[0][0]], names[match[0][-1]]
+    problem = f"holds joint positions ({first} .. {last}), but no motor current or joint torque"
+    remedy = "record the motors' currents or torques beside them (of an ABB arm through EGM: test "
+    remedy += "signals of the motors' torque), from which the wrench is estimated"
     raise InputError(path, "header", problem, remedy)
 
 

@@ -1,7 +1,8 @@
 """Words in the names of a log's columns: the quantity, its unit, and what is left of the name.
 
 English, German, French, Italian and Spanish words, and those of robot makers: KUKA
-(`$AXIS_ACT.A1`, `AIPos.A1`, `MACur.A1`), ABB (`rax_1`), Beckhoff (`ActPos`), others (`posFbk`).
+(`$AXIS_ACT.A1`, `AIPos.A1`, `MACur.A1`), ABB (`rax_1`), Beckhoff (`ActPos`), ODrive
+(`axis0.encoder.pos_estimate`, turns), others (`posFbk`).
 """
 
 import re
@@ -35,18 +36,23 @@ _AXIS_WORDS = {
 _VALUE_WORDS = {"actual", "act", "measured", "meas", "msr", "real", "ist", "feedback", "fb", "fbk",
                 "wert", "value", "mesure", "misurato", "medido"}  # fmt: skip
 _MEASURED = (_AXIS_WORDS - {"j", "jt", "a"}) | _VALUE_WORDS | {"motor", "raw"}
-_PROGRAM_WORDS = {  # of KUKA's sensor interface: axes' actual and set positions, motor currents
+_PROGRAM_WORDS = {
+    # of KUKA's sensor interface: axes' actual and set positions, motor currents
     "AIPos": "axis ist pos",
     "ASPos": "axis soll pos",
     "MACur": "motor cur",
+    # of ODrive: its current controller's measured current
+    "current_control.Iq_measured": "Iq",
 }
+_PROGRAM_UNITS = {"pos_estimate": "rev", "vel_estimate": "rev/s"}  # of ODrive
 _FIRST_WORDS = ("ist", "soll", "motor", "achsen", "achs", "gelenk")  # of German compounds
 _UNITS = {
     "rad": "rad", "rads": "rad", "radian": "rad", "radians": "rad", "deg": "deg", "degree": "deg",
-    "degrees": "deg", "°": "deg", "grad": "deg", "rev": "rev", "mm": "mm", "rad/s": "rad/s",
-    "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "rad/sec": "rad/s", "deg/s": "deg/s",
-    "°/s": "deg/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s", "deg/sec": "deg/s",
-    "grad/s": "deg/s", "rpm": "rpm", "a": "A", "amp": "A", "ampere": "A", "amperes": "A",
+    "degrees": "deg", "°": "deg", "grad": "deg", "rev": "rev", "turns": "rev", "mm": "mm",
+    "rad/s": "rad/s", "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "rad/sec": "rad/s",
+    "deg/s": "deg/s", "°/s": "deg/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
+    "deg/sec": "deg/s", "grad/s": "deg/s", "rpm": "rpm", "u/min": "rpm", "1/min": "rpm",
+    "rev/s": "rev/s", "turns/s": "rev/s", "a": "A", "amp": "A", "ampere": "A", "amperes": "A",
     "ma": "mA", "nm": "N m", "n*m": "N m", "n.m": "N m", "n m": "N m", "mnm": "mN m",
     "%": PER_CENT, "percent": PER_CENT, "pct": PER_CENT, "permille": PER_MILLE,
     "promille": PER_MILLE, "‰": PER_MILLE,
@@ -82,6 +88,7 @@ def column_name(name: str) -> ColumnName:
     if len(name) > _MAX_NAME:
         return ColumnName("", "", ())
     unit, rest = _unit(name.strip())
+    unit = unit or next((u for word, u in _PROGRAM_UNITS.items() if rest.endswith(word)), "")
     tokens = name_tokens(rest)
     if not unit:  # percent_1, or pos_deg_1
         unit = next((_UNITS[token] for token in tokens if token in _INNER_UNITS), "")

@@ -12,10 +12,25 @@ _UNITS_BY_WORD = {"%time": "ns", "rosbagtimestamp": "ns", "ipoc": "ms"}  # ROS 1
 _CLOCK_WORDS = frozenset(
     ("time", "timestamp", "stamp", "datetime", "date", "elapsed", "since", "start", "system", "ros",
      "log", "host", "unix", "epoch", "controller", "robot", "header", "zeit", "zeitstempel", "utc",
-     "temps", "tempo", "tiempo")
+     "temps", "tempo", "tiempo", "datum", "uhrzeit", "cycle", "duration", "fecha", "hora", "heure")
 )  # fmt: skip
 _TIME_TOKENS = frozenset(
-    ("time", "timestamp", "stamp", "datetime", "zeit", "zeitstempel", "temps", "tempo", "tiempo")
+    (
+        "time",
+        "timestamp",
+        "stamp",
+        "datetime",
+        "zeit",
+        "zeitstempel",
+        "temps",
+        "tempo",
+        "tiempo",
+        "uhrzeit",
+        "duration",
+        "elapsed",
+        "hora",
+        "heure",
+    )
 )
 _WITH_UNIT = re.compile(r"(?:t|time|timestamp)[ _]?[\[(]?(s|sec|ms|us|ns)[\])]?")
 _SECOND_WORDS = (  # of whole seconds and nanoseconds
@@ -35,7 +50,8 @@ def time_columns(names: Sequence[str]) -> SignalColumns | None:
     are (sec and nanosec, secs and nsecs, s and ns, seconds and nanoseconds, with any prefix:
     header/stamp/sec, t_s), or else the only column that is called time, timestamp or the like,
     in upper or lower case, or with a unit behind it (time_ms, Time [s]); or else the only one
-    whose name has no other words than such a clock's (robot_time, Zeit, elapsed time (ms)).
+    whose name has no other words than such a clock's (robot_time, Zeit, elapsed time (ms),
+    cycle_ms).
     """
     if "t" in names:
         return by_number([list(names).index("t")])
@@ -64,7 +80,7 @@ def _of_words(names: Sequence[str]) -> SignalColumns | None:
         tokens = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
         unit = _UNITS.get(tokens[-1], "") if len(tokens) > 1 else ""
         rest = set(tokens[:-1] if unit else tokens)
-        if rest <= _CLOCK_WORDS and rest & _TIME_TOKENS:
+        if rest <= _CLOCK_WORDS and (rest & _TIME_TOKENS or unit):
             units[column] = unit
     if len(units) != 1:
         return None

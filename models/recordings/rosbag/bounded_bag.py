@@ -9,6 +9,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, BinaryIO, Final, NamedTuple
 
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.recordings.packed_file import refuse_ratio
 from wrenchsight.models.recordings.rosbag.messages import (
     Deserialize,
@@ -18,6 +20,9 @@ from wrenchsight.models.recordings.rosbag.messages import (
 
 LARGEST_PART: Final = 1 << 26  # bytes of one chunk or message
 ROS1_SUFFIX: Final = ".bag"
+_MCAP_MAGIC: Final = b"\x89MCAP"
+_PROFILE_BEGIN: Final = 8 + 1 + 8 + 4  # bytes: magic, opcode, lengths of record and profile
+_HEADER_BYTES: Final = 256  # of a file, which hold the profile
 
 
 class OpenedBag(NamedTuple):
@@ -40,8 +45,8 @@ def bounded_reader(path: Path) -> Iterator[OpenedBag]:
         ValueError: the bag decompresses to more than the bound; also while its messages are read.
         Exception: of any kind, raised by rosbags over a damaged bag.
     """
-    opened = _ros1_bag if path.suffix.lower() == ROS1_SUFFIX else _ros2_bag
-    with opened(path) as bag:
+    open_bag = _ros1_bag if path.suffix.lower() == ROS1_SUFFIX else _ros2_bag
+    with open_bag(path) as bag:
         yield bag
 
 
@@ -68,12 +73,40 @@ def _ros2_bag(path: Path) -> Iterator[OpenedBag]:
     storage_mcap.DECOMPRESSORS["lz4"] = _lz4
     if path.is_dir():
         _refuse_packed_files(path)
+    elif path.suffix.lower() == ".mcap":
+        _refuse_other_messages(path)
     with Reader(path) as reader:
         storages = getattr(reader.storage, "storages", [reader.storage])
         for storage in storages:
             declared = sum(chunk.uncompressed_size for chunk in getattr(storage, "chunks", ()))
             refuse_ratio(declared, storage.path.stat().st_size)
         yield OpenedBag(reader, typestore().deserialize_cdr)
+
+
+def _refuse_other_messages(path: Path) -> None:
+    """Refuses an MCAP file whose messages are not those of ROS 2, by the profile in its header.
+
+    Raises:
+        InputError: it states another profile, or none.
+    """
+    with opened(path, "a log") as file:
+        head = file.read(_HEADER_BYTES)
+    if not head.startswith(_MCAP_MAGIC):
+        return
+    size = int.from_bytes(head[_PROFILE_BEGIN - 4 : _PROFILE_BEGIN], "little")
+    profile = head[_PROFILE_BEGIN : _PROFILE_BEGIN + size].decode("utf-8", "replace")
+    if profile == "ros2" or size > len(head):
+        return
+    if profile == "ros1":
+        problem = "is an MCAP file of ROS 1 messages, expected those of ROS 2"
+        remedy = "give the ROS 1 bag (.bag) that it was made of, or the joint states as CSV, as "
+        remedy += "PlotJuggler exports them"
+    else:
+        problem = f'is an MCAP file with the profile "{profile}", expected messages of ROS 2; its '
+        problem += "own (such as JSON or protobuf) are not read"
+        remedy = "export the joint states as CSV (as PlotJuggler does), or as JSON, one object a "
+        remedy += "line (.jsonl)"
+    raise InputError(path, "", problem, remedy)
 
 
 def _refuse_packed_files(folder: Path) -> None:

@@ -134,6 +134,18 @@ def test_positions_in_degrees_are_refused() -> None:
     _refused(replace(small, v=np.rad2deg(small.v)), "dq/dt is 0.0174", "unit: deg/s")
 
 
+def test_positions_of_motors_in_a_stated_unit_are_told_from_degrees() -> None:
+    """Turns of motors before gears of 101: the log states "rev", so that they are no degrees."""
+    log, layout = _log(), _LAYOUT
+    in_turns = replace(layout.signals[0], scale=np.full(2, 2 * np.pi))
+    checks = RecordingChecks(_robot(), replace(layout, signals=(in_turns, *layout.signals[1:])))
+    with pytest.raises(InputError) as caught:
+        checks.feed(replace(log, q=101 * log.q, v=101 * log.v))
+    line = str(caught.value)
+    assert "if these are positions of the motors, set position: {gain: [1 / gear ratio" in line
+    assert "degrees" not in line
+
+
 def test_a_position_beyond_its_limit_is_refused() -> None:
     log = _log()
     q = log.q + np.array([2.6, 0.0])

@@ -4,6 +4,7 @@ The oracle for the numbers is numpy's own reader, or the array that was written.
 """
 
 import os
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -322,7 +323,13 @@ def test_files_that_are_no_log_are_refused(tmp_path: Path) -> None:
     _good(tmp_path)
     _refused(tmp_path / "lgo.csv", "no such file", 'did you mean "log.csv"?')
     _refused(tmp_path / "none" / "a.csv", "no such file")
-    _refused(_csv(tmp_path, "", name="log.xlsx"), 'has the ending ".xlsx"', "as CSV, or as npz")
+    _refused(_csv(tmp_path, "t,q", name="log.abc"), 'has the ending ".abc"', "name the file .csv")
+    for name, content, words in (
+        ("log.xlsx", b"PK\x03\x04" + bytes(40), "export it as CSV"),
+        ("log.hdf5", b"\x89HDF\r\n" + bytes(40), "numpy.savez('log.npz', t=.., q=.., v=.., i=..)"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        _refused(tmp_path / name, words)
     empty = tmp_path / "empty.csv"
     for content in (b"", b"\n\n  \n", b"\xef\xbb\xbf"):
         empty.write_bytes(content)
@@ -338,7 +345,6 @@ def test_files_that_are_no_log_are_refused(tmp_path: Path) -> None:
         (b"\x1f\x8b\x08" + bytes(40), "compressed by gzip"),
         (b"PK\x03\x04" + bytes(40), "spreadsheet"),
         (b"\x7fELF\x02\x01" + bytes(40), "is a binary file"),
-        (("\ufeff" + _HEADER).encode("utf-16-le"), "text in UTF-16"),
         (bytes(range(128, 256)), "is no text"),
         (b"x" * (1 << 23), "header: does not end"),
         ((_HEADER + "\n").encode() + b"x" * (1 << 23), "does not end"),
@@ -486,9 +492,42 @@ def test_a_short_line_is_refused(tmp_path: Path) -> None:
     _refused(_csv(tmp_path, _HEADER, *lines), f"line {_NUM_ROWS + 1}", "has 5 columns")
 
 
-def test_a_repeated_header_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("block", [1 << 20, 150])
+def test_a_repeated_header_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    """A logger that opens its file again; where its time starts again, these are two logs."""
+    monkeypatch.setattr(text_table, "BLOCK_BYTES", block)
     lines = _lines(_table())
-    _refused(_csv(tmp_path, _HEADER, *lines, _HEADER, *lines), "line 42", "repeats the header")
+    log = read_recording(_csv(tmp_path, _HEADER, *lines[:20], _HEADER, *lines[20:]))
+    _same(log, _table())
+    assert log.notices == ("line 22 repeats the header: left out",)
+    path = _csv(tmp_path, _HEADER, *lines, _HEADER, *_lines(_table() + np.eye(7)[1:].sum(axis=0)))
+    _refused(path, "line 43", "runs backwards from 0.39 s to 0 s", "split the log there")
+
+
+def test_words_below_the_table_are_left_out(tmp_path: Path) -> None:
+    end = ["", "Recording stopped by user", "lost packets: 0"]
+    log = read_recording(_csv(tmp_path, _HEADER, *_lines(_table()), *end))
+    _same(log, _table())
+    assert log.notices == (
+        'the last 2 lines are no rows: left out (beginning "Recording stopped by user")',
+    )
+    lines = _lines(_table())
+    path = _csv(tmp_path, _HEADER, *lines[:30], "Recording paused", *lines[30:])
+    _refused(path, "line 32", "has 1 columns, expected 7", 'begins with "Recording paused"')
+
+
+def test_names_in_several_lines_are_joined(tmp_path: Path) -> None:
+    """As pandas writes columns of a MultiIndex, whose index has a name, too."""
+    levels = [
+        "signal,position,position,velocity,velocity,current,current",
+        "joint,joint_1,joint_2,joint_1,joint_2,joint_1,joint_2",
+        "time,,,,,,",
+    ]
+    log = read_recording(_csv(tmp_path, *levels, *_lines(_table())))
+    _same(log, _table())
+    assert "the names stand in 3 lines, which are joined" in log.notices
 
 
 def test_mixed_decimal_marks_are_refused(tmp_path: Path) -> None:
@@ -543,7 +582,11 @@ def test_a_clock_of_too_few_digits_is_refused(tmp_path: Path) -> None:
     table = _table()
     table[:, 0] = np.round(0.001 * np.arange(_NUM_ROWS), 2)  # 1 kHz, two decimals
     path = _csv(tmp_path, _HEADER, *_lines(table))
-    _refused(path, "line 3, column t", "time repeats 0 s", "too few digits")
+    _refused(path, "line 3, column t", "time repeats 0 s", "too few digits", "rate_hz=975")
+    # Followed, the rate takes the place of the log's own time.
+    log = read_recording(path, "rate_hz=1000")
+    np.testing.assert_allclose(log.t, 0.001 * np.arange(_NUM_ROWS), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(log.q, table[:, 1:3])
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
@@ -592,6 +635,18 @@ def test_a_log_without_a_time_is_read_at_a_stated_rate(tmp_path: Path) -> None:
         np.testing.assert_array_equal(recording.q, table[:, 1:3])
     with pytest.raises(InputError, match=r"rate_hz.*is no rate"):
         read_recording(path, "rate_hz=fast")
+
+
+def test_words_without_a_sign_are_named_before_their_size(tmp_path: Path, ur10e: Robot) -> None:
+    """Of positions and velocities, too: 4.29e9 is no damaged row, but -1 as a word of 32 bits."""
+    t = 0.01 * np.arange(200)
+    counts = np.round(5e5 * np.sin(6.0 * t))
+    rows = np.c_[t, np.tile(counts[:, None] % 2.0**32, (1, 12)), np.ones((200, 6))]
+    names = ["t", *(f"{letter}{j}" for letter in ("q", "v", "i") for j in range(1, 7))]
+    path = _csv(tmp_path, ",".join(names), *[",".join(f"{x:.12g}" for x in row) for row in rows])
+    with pytest.raises(InputError, match="v1: holds words of 32 bits without a sign") as caught:
+        read_recording(path, None, ur10e)
+    assert "set velocity: {encoding: twos_complement, bits: 32" in str(caught.value)
 
 
 def test_words_without_a_sign_are_decoded(tmp_path: Path) -> None:
@@ -649,6 +704,20 @@ def test_velocities_that_a_driver_does_not_fill_are_differentiated(tmp_path: Pat
     table[:, 1], table[:, 3] = 0.3, 0.5  # exchanged columns, rather than idle ones
     recording = read_recording(_csv(tmp_path, _HEADER, *_lines(table)))
     np.testing.assert_array_equal(recording.v[:, 0], 0.5)
+
+
+def test_an_archive_of_one_file_is_read(tmp_path: Path) -> None:
+    plain = _good(tmp_path)
+    packed = tmp_path / "attached.zip"
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(plain, "run/log.csv")
+        archive.writestr("__MACOSX/run/._log.csv", b"\0")
+    _same(read_recording(packed), _table())
+    with zipfile.ZipFile(packed, "a") as archive:
+        archive.writestr("run/second.csv", "t\n")
+    _refused(packed, "cannot be unpacked (2 files: run/log.csv, run/second.csv; expected one)")
+    packed.write_bytes(b"PK\x03\x04" + bytes(40))
+    _refused(packed, "cannot be unpacked")
 
 
 @pytest.mark.parametrize("suffix", [".gz", ".bz2", ".xz", ".zst"])

@@ -136,6 +136,25 @@ def test_words_without_a_sign_are_recognised(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.current, counts)
 
 
+def test_words_of_a_log_that_is_not_read_are_drafted(tmp_path: Path) -> None:
+    """Counts of 32 bits of all signals, as a drive's objects hold them; the time keeps its unit."""
+    counts = np.round(1e5 * np.sin(4.0 * np.pi * _T))[:, None]
+    names = [f"Axis{j}_{word}" for word in ("ActualPosition", "ActualVelocity", "ActualTorque")
+             for j in (1, 2)]  # fmt: skip
+    columns = np.c_[1e3 * _T, np.tile(counts % 2.0**32, (1, 6))]
+    (log,) = _inspected(
+        tmp_path, _csv(tmp_path / "log.csv", "cycle_ms," + ",".join(names), columns)
+    )
+    assert "holds words of 32 bits without a sign" in log.problem
+    draft = log.draft.replace('gain: ["?"]', "gain: [1e-5]")
+    assert 'time: {columns: "cycle_ms", unit: ms}' in draft
+    assert draft.count("encoding: twos_complement, bits: 32, gain: [1e-5]") == 3
+    (tmp_path / "columns.yaml").write_text(draft)
+    read = read_recording(tmp_path / "log.csv", tmp_path / "columns.yaml")
+    np.testing.assert_allclose(read.t, _T, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(read.q, 1e-5 * np.tile(counts, (1, 2)), rtol=0, atol=1e-9)
+
+
 def test_several_files_have_a_draft_each_and_no_table_is_refused(tmp_path: Path) -> None:
     for name in ("one.csv", "two.npz"):
         write_recording(_log(), tmp_path / name)

@@ -50,6 +50,10 @@ def _joints(text: str, number: int = 1) -> list[str]:
         # A joint's actual value without a quantity is its position, where nothing else is.
         ("Zeit [s]", "Achse{j}_Ist", "Achse{j}_Istgeschwindigkeit", "Achse{j}_Motorstrom",
          (1.0, 1.0, 1.0)),
+        ("cycle_ms", "Axis {j}.Position (rev)", "Axis {j}.Speed (1/min)", "Axis {j}.Current (A)",
+         (0.5 / np.pi, 30 / np.pi, 1.0)),
+        ("t", "axis{j}.encoder.pos_estimate", "axis{j}.encoder.vel_estimate",  # ODrive, in turns
+         "axis{j}.motor.current_control.Iq_measured", (0.5 / np.pi, 0.5 / np.pi, 1.0)),
         ("IPOC", "AIPos.A{j}", "$VEL_AXIS_ACT[{j}]", "MACur.A{j}", (1.0, 1.0, 1.0)),
         ("Zeitstempel", "Istposition [Grad] A{j}", "Istgeschw. [Grad/s] A{j}", "Iststrom [A] A{j}",
          (180 / np.pi, 180 / np.pi, 1.0)),
@@ -65,7 +69,7 @@ def test_words_and_units_are_recognised(
     extra = ["robot mode", *_joints("target_" + q), *_joints("temperature_{j}")]
     header = [time, *_joints(q), *_joints(v), *_joints(i), *extra]
     signals = np.hstack([_Q * scale[0], _V * scale[1], _I * scale[2]])
-    t = 1e3 * _T if time == "IPOC" else _T  # KUKA's clock is in ms
+    t = 1e3 * _T if time in ("IPOC", "cycle_ms") else _T  # KUKA's clock is in ms
     columns = [t, *signals.T, *np.full((len(extra), _ROWS), 7.0)]
     log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
     for read, expected in ((log.q, _Q), (log.v, _V), (log.current, _I)):
@@ -97,6 +101,17 @@ def test_what_leaves_doubt_is_refused(tmp_path: Path, names: list[str], words: s
     path = _csv(tmp_path, header, columns)
     with pytest.raises(InputError, match=words):
         read_recording(path, None, _ROBOT)
+
+
+@pytest.mark.parametrize("names", ["J{j}", "joint{j}_angle_deg"])
+def test_positions_alone_are_told(tmp_path: Path, names: str) -> None:
+    path = _csv(tmp_path, ["timestamp", "cmdnum", *_joints(names)], [_T, 4.0 + 0 * _T, *_Q.T])
+    with pytest.raises(InputError) as caught:
+        read_recording(path, None, _ROBOT, check=False)
+    first, *_, last = _joints(names)
+    words = f"holds joint positions ({first} .. {last}), but no motor current or joint torque"
+    assert words in str(caught.value)
+    assert "record the motors' currents or torques beside them" in str(caught.value)
 
 
 def test_a_row_for_each_joint_is_told(tmp_path: Path) -> None:

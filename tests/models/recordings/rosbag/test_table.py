@@ -332,6 +332,25 @@ def _mcap(path: Path, chunks: Sequence[tuple[int, str, bytes]]) -> Path:
 
 
 @pytest.mark.parametrize(
+    ("profile", "words"),
+    [
+        ("ros1", ["of ROS 1 messages", "give the ROS 1 bag (.bag) that it was made of"]),
+        ("", ['the profile ""', "such as JSON or protobuf", "export the joint states as CSV"]),
+    ],
+)
+def test_mcap_files_of_other_messages_are_told(
+    tmp_path: Path, profile: str, words: list[str]
+) -> None:
+    content = len(profile).to_bytes(4, "little") + profile.encode() + bytes(4)
+    path = tmp_path / "log.mcap"
+    record = b"\x01" + len(content).to_bytes(8, "little") + content
+    path.write_bytes(b"\x89MCAP0\r\n" + record + bytes(80))
+    with pytest.raises(InputError) as caught:
+        read_recording(path)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+@pytest.mark.parametrize(
     "chunk",
     [
         (100 << 24, "zstd", 100 * _ZEROS),

@@ -1,0 +1,60 @@
+"""Tables that are not written plainly: the same numbers as of the plain table."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+
+T = 0.01 * np.arange(40)
+TABLE = np.round(np.c_[np.sin(T), np.cos(T), np.cos(T), -np.sin(T), 1.0 + T, 2.0 - T], 6)
+
+
+def _same(log: Recording) -> None:
+    np.testing.assert_allclose(log.t, T, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(np.c_[log.q, log.v, log.current], TABLE)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+def test_text_in_utf_16_is_read(tmp_path: Path, encoding: str) -> None:
+    lines = ["t\tq1\tq2\tv1\tv2\ti1\ti2"]
+    lines += ["\t".join(f"{x:.6f}" for x in row) for row in np.c_[T, TABLE]]
+    path = tmp_path / "log.txt"
+    path.write_bytes(("\ufeff" + "\r\n".join(lines)).encode(encoding))
+    log = read_recording(path)
+    _same(log)
+    assert "text in UTF-16 is read" in log.notices
+
+
+def _scope(tmp_path: Path) -> Path:
+    """An export of TwinCAT Scope: time and value of each channel, a tag at the end."""
+    names = [f"GVL.f{word}_J{j}" for word in ("ActPos", "ActVel", "ActCurrent") for j in (1, 2)]
+    lines = ["Name;Robot Scope", "File;C:\\Scope\\robot.tcscopex", ""]
+    for label, value in (("Name", None), ("Data-Type", "REAL64"), ("Offset", "0")):
+        lines.append(";".join(f"{label};{value or name}" for name in names))
+    lines.append("")
+    for k, row in enumerate(TABLE):
+        lines.append(";".join(f"{10 * k};{x:.6f}".replace(".", ",") for x in row))
+    path = tmp_path / "scope.csv"
+    path.write_bytes("\r\n".join([*lines, "EOF", ""]).encode())
+    return path
+
+
+def test_an_export_of_twincat_scope_is_read(tmp_path: Path) -> None:
+    path = _scope(tmp_path)
+    log = read_recording(path)
+    _same(log)
+    assert any("read as an export of TwinCAT Scope" in notice for notice in log.notices)
+    # The rows keep the numbers of their lines, and a description may use the channels' names.
+    assert log.row is not None
+    assert log.row[0] == 8
+    description = tmp_path / "columns.yaml"
+    description.write_text(
+        'separator: ";"\ndecimal_mark: ","\nskip_lines: 6\n'
+        'time: {columns: "Time [ms]", unit: ms}\nposition: {columns: "GVL.fActPos_J{1..2}"}\n'
+        'velocity: {columns: "GVL.fActVel_J{1..2}"}\n'
+        'current: {columns: "GVL.fActCurrent_J{1..2}"}\n'
+    )
+    _same(read_recording(path, description))
