@@ -7,9 +7,10 @@ A pseudo-inverse is F = H tau_ext. With J = U diag(s) V^T it is H = U diag(g) V^
     truncated    1 / s, or 0 where s is at most a share `truncation` of the largest
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrenchsight.models.estimation.wrench_kernels import (
     CONDITION,
@@ -163,20 +164,31 @@ def _read_by_singular_values(
     out.wrench[:], out.covariance[:] = 0.0, np.diag(constants.prior_sd**2)
     quality[:] = np.nan, np.nan, 0.0, 1.0
     total = samples.J.sum(axis=(1, 2)) + samples.tau_ext.sum(axis=1) + samples.sd.sum(axis=1)
-    finite = np.flatnonzero(np.isfinite(total))
-    samples = TorqueSamples._make(signal[finite] for signal in samples)
+    is_finite = np.isfinite(total)
+    samples = TorqueSamples._make(_flagged(is_finite, *samples))
     invert = _balanced if constants.method == "force_only" else _pseudo_inverse
     with np.errstate(over="ignore", invalid="ignore"):
         reading = invert(constants, samples)
         variances = np.diagonal(reading.covariance, axis1=1, axis2=2)
         sizes = np.abs(reading.wrench).sum(axis=1) + variances.sum(axis=1)
         from_stiction = reading.force_gain * samples.stiction[:, np.newaxis]
-    quality[finite, FORCE_SD], quality[finite, HAS_FULL_RANK] = np.inf, reading.has_full_rank
-    small = np.flatnonzero(sizes < MAX_NUMBER)
-    rows = finite[small]
-    out.wrench[rows], out.covariance[rows] = reading.wrench[small], reading.covariance[small]
-    quality[rows, FORCE_SD] = _largest_sd(reading.force_covariance[small])
-    quality[rows, STICTION_FORCE] = np.sqrt(3.0) * _largest_sd(_squared(from_stiction[small]))
+    quality[is_finite, FORCE_SD] = np.inf
+    quality[is_finite, HAS_FULL_RANK] = reading.has_full_rank
+    is_small = sizes < MAX_NUMBER
+    wrench, covariance, force_covariance, from_stiction = _flagged(
+        is_small, reading.wrench, reading.covariance, reading.force_covariance, from_stiction
+    )
+    [rows] = _flagged(is_small, *_flagged(is_finite, np.arange(len(quality))))
+    out.wrench[rows], out.covariance[rows] = wrench, covariance
+    # Both at once: a call of numpy's eigenvalues takes as long as those of a hundred matrices.
+    largest_sds = _largest_sd(np.concatenate([force_covariance, _squared(from_stiction)]))
+    quality[rows, FORCE_SD] = largest_sds[: len(rows)]
+    quality[rows, STICTION_FORCE] = np.sqrt(3.0) * largest_sds[len(rows) :]
+
+
+def _flagged(flags: Flags, *signals: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    """The rows of signals (N, ...) whose flags (N,) are set; where all are, the signals."""
+    return signals if flags.all() else tuple(signal[flags] for signal in signals)
 
 
 def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inversion:
@@ -210,15 +222,16 @@ def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inve
     def gain(g: Array) -> Array:
         return np.asarray((U[:, :, :count] * g[:, np.newaxis]) @ VT[:, :count])
 
-    # Along a direction that the arm does not feel the wrench is unknown: (N, 6, 6), zero elsewhere.
-    noise = np.max(np.diagonal(constants.torque_covariance) * sd**2, axis=1)
-    is_unseen = np.ones((len(J), 6), np.bool_)
-    is_unseen[:, :count] = ~is_seen
-    unseen_sd = is_unseen * np.sqrt(noise)[:, np.newaxis] / floor
-    unseen = _squared(U * unseen_sd[:, np.newaxis])
-
-    H, plain_H = gain(g), gain(plain_g)
-    plain = _propagated(constants, plain_H, sd) + unseen
+    plain_H = gain(plain_g)
+    H = plain_H if constants.method == "inverse" else gain(g)
+    plain = _propagated(constants, plain_H, sd)
+    if count < 6 or not is_seen.all():
+        # Along a direction that the arm does not feel the wrench is unknown, by (N, 6, 6).
+        noise = np.max(np.diagonal(constants.torque_covariance) * sd**2, axis=1)
+        is_unseen = np.ones((len(J), 6), np.bool_)
+        is_unseen[:, :count] = ~is_seen
+        unseen_sd = is_unseen * np.sqrt(noise)[:, np.newaxis] / floor
+        plain = plain + _squared(U * unseen_sd[:, np.newaxis])
     return _Inversion(
         wrench=_times(H, tau_ext),
         covariance=plain if constants.method == "inverse" else _propagated(constants, H, sd),
