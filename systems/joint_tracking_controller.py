@@ -119,7 +119,7 @@ class JointTrackingController(SampledBlock):
         self._tau_command = self.declare_held_output(
             "tau_command", n, self._calc_tau_command, inputs | {self._law.ticket()}
         )
-        self._valid = self.declare_held_output("valid", 1, self._calc_valid, inputs)
+        self.declare_held_output("valid", 1, self._calc_valid, inputs)
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:
         *_, is_usable = self._inputs(context)
@@ -155,7 +155,7 @@ class JointTrackingController(SampledBlock):
         terms, reference, is_usable = self._inputs(context)
         if is_usable:
             advance_integral(law, terms["q"][0], reference[: self._n], tau, memory)
-        return tau, self._valid.Eval(context)
+        return tau, np.array([float(is_usable)])
 
 
 def _law_of_gains(

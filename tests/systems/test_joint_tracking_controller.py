@@ -225,6 +225,8 @@ def test_one_tick_that_is_not_finite_leaves_no_trace(sts, name, bad):
         if is_bad:
             held = np.zeros(6) if name == "terms" else terms.G
             np.testing.assert_allclose(tau, held, atol=1e-12)
+        simulator.AdvanceTo((k + 0.5) * T)  # between ticks: what the tick has left
+        assert block.GetOutputPort("valid").Eval(context)[0] == float(not is_bad)
         simulator.AdvanceTo((k + 1) * T)
     integral = context.get_discrete_state(0).CopyToVector()
     np.testing.assert_allclose(integral, 4 * T * 0.01, rtol=1e-9)
