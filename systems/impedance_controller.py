@@ -269,7 +269,10 @@ def _law_of(
     effort_limit: Array,
     time_step: float,
 ) -> Record:
-    """The constants of the controller with the gains of `config`, which is checked.
+    """The constants of the controller with the gains of `config`.
+
+    Each helper checks the entry that it takes. `_matrix` turns stiffness and damping from the
+    order of `config`, translation first, into that of the law, rotation first.
 
     Args:
         config, friction, effort_limit, time_step: as the class.

@@ -37,8 +37,8 @@ from wrenchsight.systems.sampled_block import SampledBlock
 
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 _OBSERVED_SIZE = 42  # entries of a wrench and its covariance
-# (1,) a flag as the log of one sample, by the flag: made once, as a reading takes two at each tick.
-_LOG_OF_FLAG = {flag: np.array([flag]) for flag in (False, True)}
+# (1,) a flag as the row of one sample, by the flag: made once, as a reading takes two at each tick.
+_FLAG_ROW = {flag: np.array([flag]) for flag in (False, True)}
 _READING_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
 _READING_SIZE = sum(_READING_PARTS.values())
 
@@ -148,7 +148,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         SampledBlock.__init__(self, period=time_step, initial_memory=reading.initial_state())
         self._wrench_reading = reading
         self._n = reading.num_joints
-        self._no_signal = np.full((1, self._n), np.nan)  # in the place of one that cannot be used
+        self._no_signal = np.full((1, self._n), np.nan)  # q, v or tau_ext of a missing sample
         # The reading's parameters become numeric parameters of the Context, which may be changed in
         # a run.
         self._parameters = TunedParameters(self, reading.parameters)
@@ -264,9 +264,11 @@ class JacobianWrenchReconstruction(SampledBlock):
         its square.
 
         Args:
-            terms: of the input, with an axis of one row; that of the port tau_ext is added here.
-            error: of the torque, at the sample.
-            has_usable_pole: as _TunedReading.
+            terms: of the input, whose arrays have an axis of one row. tau_ext, which its port gives
+                as (n,), gets such an axis here.
+            error: of the torque, at the sample; it is only checked here.
+            has_usable_pole: False where a joint's pole lies in 0 to MIN_POLE or is no number, or
+                only some of the joints have one.
         """
         fault = self._fault_code(context)  # None: the input is no code
         observed = self._observed_wrench(context)  # None: the observer does not read a wrench
@@ -278,6 +280,7 @@ class JacobianWrenchReconstruction(SampledBlock):
             q, v, tau_ext = terms["q"], terms["v"], self._tau_ext.Eval(context)[None]
         else:
             q = v = tau_ext = self._no_signal
+        # A missing sample is not fresh, whatever the port says.
         is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
         # Without an observed wrench the reading is of tau_ext: zero where the sample is missing.
         observed_wrench, observed_covariance = None, None
@@ -287,10 +290,10 @@ class JacobianWrenchReconstruction(SampledBlock):
         return ReadingSamples(
             J=terms["J"],
             tau_ext=tau_ext,
-            is_fresh=_LOG_OF_FLAG[is_fresh],
+            is_fresh=_FLAG_ROW[is_fresh],
             q=q,
             v=v,
-            is_corrected=_LOG_OF_FLAG[self._is_set(context, self._corrected)],
+            is_corrected=_FLAG_ROW[self._is_set(context, self._corrected)],
             fault=np.array([0 if fault is None else fault]),
             wrench=observed_wrench,
             covariance=observed_covariance,

@@ -164,7 +164,10 @@ def _law_of_gains(
     effort_limit: Array,
     time_step: float,
 ) -> Callable[[Array], Record]:
-    """The constants of the controller as a function of its gains (4, n), rows as _GAINS.
+    """The constants of the controller as a function of its gains.
+
+    The gains (4, n), rows kp, kd, ki, integral_limit, are a parameter of the Context: when one
+    changes, the constants are made anew.
 
     Args:
         config: its law and friction_velocity are read, not its gains.
@@ -178,14 +181,12 @@ def _law_of_gains(
             "joint tracking", "law", f"{config.law!r} is none of {', '.join(TRACKING_LAWS)}"
         )
 
-    friction_table = friction.table
-
     def law_of(gains: Array) -> Record:
         return tracking_law(
             computed=config.law == "computed_torque",
             gains=gains,
             effort_limit=effort_limit,
-            friction=friction_table,
+            friction=friction.table,
             friction_velocity=config.friction_velocity,
             time_step=time_step,
         )

@@ -77,13 +77,13 @@ class LiveRobot(LeafSystem):
         self._robot = robot
         self._time_step = time_step
         self._timeout = timeout
-        # On its way from the source a sample passes the order, which leaves out what came twice or
-        # belongs to the past, and the grid, which interpolates it to the ticks of `time_step`.
+        # On its way from the source a sample passes `_order`, which leaves out what came twice or
+        # belongs to the past, and `_grid`, which interpolates it to the ticks of `time_step`.
         self._order = _stream_order(source, time_step, late)
         self._grid = SampleGrid(time_step)
         self.events: deque[StreamEvent] = deque(maxlen=MOST_EVENTS)
         # The signals of a tick are (3n,) q, v, current; NaN where they are unknown.
-        # Arrays of them are passed on as they are, and never written into.
+        # These arrays are passed on as they are, and never written into.
         self._unknown = np.full(3 * robot.num_joints, np.nan)
         self._waiting: deque[Array] = deque()  # signals that have arrived, of the ticks to come
         self._num_ticks = 0  # number of ticks whose signals were put out, from t = 0 on

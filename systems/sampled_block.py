@@ -124,9 +124,11 @@ class SampledBlock(LeafSystem):
         Args:
             name: of the port.
             size: number of its entries.
-            calc: writes the output of the present sample. It is called only where the context's
-                sample has not been taken, so that `memory` is the one before the sample: at a tick
-                ahead of its update, and before the first tick.
+            calc: writes the output of the present sample. It is called where the context's sample
+                has not been taken, at a tick ahead of its update and before the first tick:
+                `memory` is then the one before the sample. Where the context's time alone was set
+                back, to before its last tick, it is called as well: `memory` is then the one after
+                that last tick.
             tickets: of the inputs, parameters and cache entries that `calc` reads; time and all
                 discrete state (memory, ticks, what is held) are added here.
 
@@ -142,9 +144,8 @@ class SampledBlock(LeafSystem):
         def hold_or_calc(context: Context, output: BasicVector) -> None:
             discrete = context.get_discrete_state()
             ticks = discrete.value(self._ticks_index)
-            # From the last tick's update to the next tick, whose sample is not taken yet. Earlier
-            # times, of a context that was set back, are computed. Before the first tick both are
-            # NaN, and the comparison is false.
+            # From the last tick's update to the next tick, whose sample is not taken yet. Before
+            # the first tick both are NaN, and the comparison is false.
             if ticks.item(_LAST_TICK) <= context.get_time() < ticks.item(_NEXT_TICK):
                 output.SetFromVector(discrete.value(held_index))
             else:

@@ -213,3 +213,32 @@ def test_an_update_that_is_forced_late_in_a_period_is_held_until_the_next_tick()
     for time, expected in ((0.99 * T, 2.0), (T, 6.0)):
         context.SetTime(time)
         assert output.Eval(context)[0] == expected
+
+
+class _Remembering(SampledBlock):
+    """Its output is its memory, the number of ticks before the sample."""
+
+    def __init__(self) -> None:
+        SampledBlock.__init__(self, period=T, initial_memory=np.zeros(1))
+        self.declare_held_output("count", 1, self._calc_count, set())
+
+    def take_sample(self, context, memory):
+        count = memory.copy()
+        memory += 1.0
+        return [count]
+
+    def _calc_count(self, context, output):
+        output.SetFromVector(self.memory(context))
+
+
+def test_a_time_that_is_set_back_computes_with_the_memory_of_the_last_tick() -> None:
+    block = _Remembering()
+    context = block.CreateDefaultContext()
+    output = block.GetOutputPort("count")
+    for k in range(3):
+        context.SetTime(k * T)
+        assert output.Eval(context)[0] == k  # ahead of the update: the memory before the sample
+        take_tick(block, context)
+        assert output.Eval(context)[0] == k  # held
+    context.SetTime(1.5 * T)
+    assert output.Eval(context)[0] == 3.0
