@@ -1,6 +1,8 @@
 """Text tables that are written in another way than a line of names and rows, as plain ones.
 
-- Text in UTF-16, as spreadsheets save "Unicode text".
+- Text in UTF-16, as spreadsheets save "Unicode text", and in Windows' code page 1252 (Latin-1).
+- Cells in aligned columns, with runs of blanks between them.
+- Quoted cells behind a blank: `"time", "q1"`.
 - Exports of TwinCAT Scope (Beckhoff TE13xx): a block of lines with label and value of each channel
   (Name;Position;Name;Current, then SymbolName, Data-Type, ..), and rows with a time in ms and a
   value of each channel.
@@ -9,8 +11,11 @@ The lines keep their numbers: blank ones stand for those of a block.
 """
 
 import codecs
+import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -18,11 +23,15 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 
 _UTF_16: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+_WESTERN: Final = "cp1252"  # in which five bytes stand for nothing: most binary files are none
 _BLOCK_BYTES: Final = 1 << 20
+_LONGEST_LINE: Final = 1 << 17  # characters: a line without an end is left to who reads the table
 _HEAD_BYTES: Final = 1 << 18  # of a file, in which the block of a Scope's export ends
 _MOST_HEAD_LINES: Final = 100
 _LEAST_CHANNELS: Final = 3
 _CHANNEL_LABEL: Final = "name"
+_QUOTE_BEHIND_BLANK: Final = re.compile(r'([,;\t]) {1,4}"')
+_RUN_OF_BLANKS: Final = re.compile(r"(?<=\S) {2,}(?=\S)")
 _SCOPE_TIME: Final = "Time [ms]"  # since the first sample
 
 
@@ -46,7 +55,9 @@ class PlainCopy:
         self.notices: list[str] = []
         with opened(path, "a log") as source, self.path.open("wb") as target:
             encoding = _encoding(source)
-            if encoding:
+            if encoding == _WESTERN:
+                self.notices.append("text in Windows' code page 1252 is read")
+            elif encoding:
                 self.notices.append("text in UTF-16 is read")
             text = _decoded(path, source, encoding)
             head = next(text, "")
@@ -58,13 +69,14 @@ class PlainCopy:
                     "read as an export of TwinCAT Scope: a time in ms and a value of each channel; "
                     "the time of the first channel is that of all"
                 )
-            target.write((scope_head or head).encode())
-            for part in text:
+            change = None if scope_head is not None else _change_of_lines(head)
+            parts = chain([scope_head or head], text)
+            for part in parts if change is None else map(change, _whole_lines(parts)):
                 target.write(part.encode())
 
 
 def is_plain(path: Path) -> bool:
-    """Whether a text table has a line of names and rows, in UTF-8 or ASCII.
+    """Whether a text table has a line of names and rows with single separators, in UTF-8 or ASCII.
 
     Raises:
         InputError: the file cannot be read.
@@ -73,15 +85,29 @@ def is_plain(path: Path) -> bool:
         if _encoding(file):
             return False
         head = file.read(_HEAD_BYTES).decode("utf-8", "replace")
-    return _plain_scope_head(head.removeprefix("\ufeff")) is None
+    head = head.removeprefix("\ufeff")
+    return _plain_scope_head(head) is None and _change_of_lines(head) is None
 
 
 def _encoding(file: BinaryIO) -> str:
-    """The kind of UTF-16 by the first two bytes, behind which the file is left; '' for another."""
+    """How a file's text is written, if it is not in UTF-8; '' where it is, or is no text.
+
+    Args:
+        file: at its begin; it is left behind a mark of UTF-16, else at its begin.
+    """
     encoding = _UTF_16.get(file.read(2), "")
-    if not encoding:
-        file.seek(0)
-    return encoding
+    if encoding:
+        return encoding
+    file.seek(0)
+    head = file.read(_HEAD_BYTES)
+    file.seek(0)
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        with suppress(UnicodeDecodeError):
+            head.decode(_WESTERN)
+            return "" if b"\0" in head else _WESTERN
+    return ""
 
 
 def _decoded(path: Path, file: BinaryIO, encoding: str) -> Iterator[str]:
@@ -120,6 +146,35 @@ def _plain_scope_head(head: str) -> str | None:
             header = separator.join(cell for pair in above for cell in pair)
             return "\n" * (number - 1) + header + "\n" + "".join(lines[number:])
     return None
+
+
+def _change_of_lines(head: str) -> Callable[[str], str] | None:
+    """What makes whole lines of a table plain; None: they are, or are no table.
+
+    Args:
+        head: the first lines.
+    """
+    lines = [line for line in head.splitlines()[:_MOST_HEAD_LINES] if line.strip()][:-1]
+    if len(lines) > 1 and all(_QUOTE_BEHIND_BLANK.search(line) for line in lines[-2:]):
+        return lambda text: _QUOTE_BEHIND_BLANK.sub(r'\1"', text)
+    is_aligned = bool(lines) and all(
+        _RUN_OF_BLANKS.search(line) and not re.search(r"[,;\t]", line) for line in lines
+    )
+    if is_aligned and len({len(line.split()) for line in lines}) == 1:
+        return lambda text: re.sub(r"(?m)^ +| +(?=\r?$)", "", re.sub(r" {2,}", " ", text))
+    return None
+
+
+def _whole_lines(parts: Iterable[str]) -> Iterator[str]:
+    """The same text in parts that end with a line."""
+    rest = ""
+    for part in parts:
+        rest += part
+        cut = rest.rfind("\n") + 1
+        if cut or len(rest) > _LONGEST_LINE:
+            yield rest[: cut or len(rest)]
+            rest = rest[cut or len(rest) :]
+    yield rest
 
 
 def _cells(line: str, separator: str) -> list[str]:

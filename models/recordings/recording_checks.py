@@ -153,7 +153,12 @@ class RecordingChecks:
         if k < 0:
             return
         remedy = "correct or remove the row"
-        if abs(abs(jump[k, j]) - 2 * np.pi) < 0.5 and not self._is_prismatic(j):
+        if not part.q[k].any():
+            remedy = (
+                f"all positions are zero up to {place_of(part, k)}, as before the first packet of "
+                "a driver: remove these rows"
+            )
+        elif abs(abs(jump[k, j]) - 2 * np.pi) < 0.5 and not self._is_prismatic(j):
             remedy = "the angle is wrapped: unwrap it in the log"
         elif abs(abs(jump[k, j]) - 360) < 30:
             remedy = "the angle is wrapped, in degrees: unwrap it in the log and set unit: deg"

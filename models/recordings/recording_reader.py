@@ -73,7 +73,8 @@ from wrenchsight.models.recordings.recording_format import (
     rows_for,
 )
 from wrenchsight.models.recordings.resampling import plausible_step
-from wrenchsight.models.recordings.rosbag.table import is_bag
+from wrenchsight.models.recordings.rosbag.messages import KINDS
+from wrenchsight.models.recordings.rosbag.table import RosbagTable, is_bag
 from wrenchsight.models.recordings.sample_stamps import StampFilter
 from wrenchsight.models.recordings.signal_corrections import corrected_chunks
 from wrenchsight.models.recordings.wrapped_angles import Unwrapper
@@ -374,6 +375,11 @@ class RecordingReader:
                 if self._torque_substitute:
                     problem += f"; {self._torque_substitute}"
                 remedy = "name their columns in the description"
+                if isinstance(self.table, RosbagTable):
+                    problem += f" in messages that are read ({', '.join(KINDS)})"
+                    problem += self.table.others()
+                    remedy = "record them as the effort of a JointState, or write all as a table "
+                    remedy += "(CSV: t, q1.., v1.., i1..)"
                 raise InputError(self.path, "", problem, remedy)
 
     def chunks(self) -> Iterator[Recording]:

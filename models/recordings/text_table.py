@@ -28,7 +28,9 @@ _LONGEST_LINE = 1 << 17  # more than any number of joints needs
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 # Unambiguous, so that it does not backtrack: a cell may have a hundred thousand digits.
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
-_NAN_CELLS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)")
+# What stands for a missing number, also in pandas and in databases.
+_NAN_CELLS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)", "null", "NULL", "None", "N/A", "n/a", "NA",
+              "#N/A", "<NA>", "-")  # fmt: skip
 _UNIT_CELL = re.compile(r"\W*[a-zA-Zµ°%‰]{0,5}([ */·^_][a-zA-Z0-9°]{1,5}){0,2}\W*")
 _UNIT_LENGTH = 20  # characters
 _HEAD_LINES = 100  # in which the table's first row is looked for

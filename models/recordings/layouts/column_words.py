@@ -38,6 +38,8 @@ from wrenchsight.models.recordings.recording_format import (
 )
 
 _LISTED_NAMES = 6  # of the columns that are left out, in a notice
+_SIGNAL_COLUMNS = ("signal", "variable", "name", "tag", "channel", "key", "field", "metric")
+_VALUE_COLUMNS = ("value", "values", "val", "wert", "valeur", "valor")
 _JOINT_COLUMNS = ("joint", "joint_name", "joint_names", "joint_id", "axis", "name")
 
 
@@ -105,7 +107,10 @@ def column_words_layout(
         num_more = len(others) - _LISTED_NAMES
         more = f" and {num_more} more" if num_more > 0 else ""
         notices.append(f"columns left out: {', '.join(others[:_LISTED_NAMES])}{more}")
-    is_effort = form.motor_torque is not None and any("effort" in name.lower() for name in names)
+    called_effort = {"effort", "efforts", "eff"}
+    is_effort = form.motor_torque is not None and any(
+        "effort" in name.lower() or called_effort & set(name_tokens(name)) for name in names
+    )
     return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
 
 
@@ -250,7 +255,17 @@ def _refuse_positions_alone(
 
 
 def _refuse_joint_rows(names: Sequence[str], path: Path) -> None:
-    """Refuses a table with a row for each joint instead of one for each sample."""
+    """Refuses a table with a row for each joint, or each signal, instead of one for each sample."""
+    by_word = {name.strip().lower(): name for name in names}
+    signal = next((by_word[word] for word in _SIGNAL_COLUMNS if word in by_word), None)
+    value = next((by_word[word] for word in _VALUE_COLUMNS if word in by_word), None)
+    time = next((by_word[word] for word in ("t", "time", "timestamp") if word in by_word), "time")
+    if signal is not None and value is not None:
+        problem = f'has a row for each signal (columns "{signal}", "{value}"), expected one for '
+        problem += "each sample"
+        remedy = f"turn it, such as by pandas: table.pivot(index={time!r}, columns={signal!r}, "
+        remedy += f"values={value!r}).to_csv('turned.csv')"
+        raise InputError(path, "header", problem, remedy)
     joint = next((name for name in names if name.strip().lower() in _JOINT_COLUMNS), None)
     if joint is None:
         return

@@ -210,6 +210,7 @@ class RosbagTable:
         self._kinds: dict[str, str] = {}
         self._counts: dict[str, int] = {}
         self._columns: list[_Column] = []  # all but the first one, the time
+        self._others: dict[str, str] = {}  # kinds of the topics that are not read
         self._unstamped: set[str] = set()  # topics whose headers have no stamp
         names = ["time"]
         kinds: set[str] = set()
@@ -217,6 +218,8 @@ class RosbagTable:
             for connection in bag.reader.connections:
                 kinds.add(connection.msgtype)
                 topic = connection.topic
+                if connection.msgtype not in KINDS:
+                    self._others[topic] = connection.msgtype
                 if connection.msgtype not in KINDS or connection.msgcount == 0:
                     continue
                 if topic in self._topics:  # a further publisher of ROS 1
@@ -248,6 +251,13 @@ class RosbagTable:
             raise InputError(path, "", problem, "record the joint states")
         self.names: tuple[str, ...] | None = tuple(names)
         self.num_columns = len(names)
+
+    def others(self) -> str:
+        """The topics that are not read, as the end of a sentence; '' where there are none."""
+        if not self._others:
+            return ""
+        listed = ", ".join(f"{topic} ({kind})" for topic, kind in self._others.items())
+        return f"; topics that are not read: {listed}"
 
     def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
         """As the protocol; the names of the joints are in those of the columns."""

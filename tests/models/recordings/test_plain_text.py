@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings import plain_text
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 
@@ -15,6 +17,41 @@ TABLE = np.round(np.c_[np.sin(T), np.cos(T), np.cos(T), -np.sin(T), 1.0 + T, 2.0
 def _same(log: Recording) -> None:
     np.testing.assert_allclose(log.t, T, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(np.c_[log.q, log.v, log.current], TABLE)
+
+
+def test_text_of_a_western_code_page_is_read(tmp_path: Path) -> None:
+    units = {"Winkel": "°", "Vel": "rad/s", "Strom": "A"}
+    names = ["Time [µs]", *(f"{word}{j} [{units[word]}]" for word in units for j in (1, 2))]
+    in_file = np.c_[1e6 * T, np.rad2deg(TABLE[:, :2]), TABLE[:, 2:]]
+    lines = [";".join(names), *(";".join(f"{x:.9f}" for x in row) for row in in_file)]
+    path = tmp_path / "log.csv"
+    path.write_bytes("\r\n".join(lines).encode("latin-1"))
+    log = read_recording(path)
+    np.testing.assert_allclose(log.t, T, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(log.q, TABLE[:, :2], rtol=0, atol=1e-9)
+    assert "text in Windows' code page 1252 is read" in log.notices
+
+
+@pytest.mark.parametrize("block", [1 << 20, 100])
+@pytest.mark.parametrize("kind", ["aligned", "quoted"])
+def test_blanks_between_cells_are_no_cells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, block: int
+) -> None:
+    """As C and Fortran align columns, or with quotes behind blanks; errors keep their lines."""
+    monkeypatch.setattr(plain_text, "_BLOCK_BYTES", block)
+    rows = [["t", "q1", "q2", "v1", "v2", "i1", "i2"]]
+    rows += [[f"{x:.6f}" for x in row] for row in np.c_[T, TABLE]]
+    if kind == "aligned":
+        lines = ["".join(f"{cell:>12}" for cell in row) for row in rows]
+    else:
+        lines = [", ".join(f'"{cell}"' for cell in row) for row in rows]
+    path = tmp_path / "log.dat"
+    path.write_text("\n".join(lines) + "\n")
+    _same(read_recording(path))
+    lines[20] = lines[20].replace("0.190000", "soon    ")
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=r'line 21, column 1 \(t\).*holds "soon"'):
+        read_recording(path)
 
 
 @pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])

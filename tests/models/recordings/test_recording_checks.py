@@ -194,6 +194,15 @@ def test_a_position_that_stands_still_is_refused() -> None:
     _refused(replace(log, q=np.full_like(log.q, 0.5)), "q stands still while v moves")
 
 
+def test_zeros_before_the_first_packet_are_named() -> None:
+    log = _log()
+    q, v = log.q + 0.8, log.v.copy()
+    q[:3], v[:3] = 0.0, 0.0
+    _refused(
+        replace(log, q=q, v=v), "line 5", "all positions are zero up to line 4", "remove these"
+    )
+
+
 def test_jumps_of_a_position_are_refused() -> None:
     log = _log()
     q = log.q.copy()

@@ -798,7 +798,7 @@ def test_samples_that_lack_a_number_are_left_out(tmp_path: Path, suffix: str) ->
     assert on_grid.num_samples == _NUM_ROWS
 
 
-@pytest.mark.parametrize("cell", ["", "nan", "NaN"])
+@pytest.mark.parametrize("cell", ["", "nan", "NaN", "null", "NULL", "None", "N/A", "-"])
 def test_a_sample_with_an_empty_cell_or_nan_is_left_out(tmp_path: Path, cell: str) -> None:
     lines = _lines(_table())
     cells = lines[10].split(",")

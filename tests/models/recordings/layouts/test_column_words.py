@@ -4,6 +4,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
@@ -112,6 +113,22 @@ def test_positions_alone_are_told(tmp_path: Path, names: str) -> None:
     words = f"holds joint positions ({first} .. {last}), but no motor current or joint torque"
     assert words in str(caught.value)
     assert "record the motors' currents or torques beside them" in str(caught.value)
+
+
+def test_a_row_for_each_signal_is_told_and_its_remedy_turns_the_table(tmp_path: Path) -> None:
+    signals = {f"{letter}{j + 1}": x[:, j] for letter, x in (("q", _Q), ("v", _V), ("i", _I))
+               for j in range(3)}  # fmt: skip
+    rows = [f"{t},{name},{x[k]}" for k, t in enumerate(_T) for name, x in signals.items()]
+    path = tmp_path / "long.csv"
+    path.write_text("\n".join(["time,signal,value", *rows]))
+    with pytest.raises(InputError) as caught:
+        read_recording(path, None, _ROBOT, check=False)
+    remedy = "table.pivot(index='time', columns='signal', values='value').to_csv('turned.csv')"
+    assert remedy in str(caught.value)
+    turned = pd.read_csv(path).pivot(index="time", columns="signal", values="value")
+    turned.to_csv(tmp_path / "turned.csv")
+    log = read_recording(tmp_path / "turned.csv", None, _ROBOT, check=False)
+    np.testing.assert_array_equal(log.q, _Q)
 
 
 def test_a_row_for_each_joint_is_told(tmp_path: Path) -> None:

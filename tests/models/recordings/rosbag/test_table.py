@@ -201,6 +201,23 @@ def test_a_driver_that_leaves_the_effort_of_one_joint_empty_is_named(tmp_path: P
         read_recording(path, robot=_ROBOT, check=False)
 
 
+def test_a_bag_without_efforts_names_what_is_not_read(tmp_path: Path) -> None:
+    kind = "std_msgs/msg/Float64MultiArray"
+    layout = _TYPES.types["std_msgs/msg/MultiArrayLayout"]([], 0)
+    messages: list[tuple[str, int, Any]] = []
+    for topic, stamp, state in _states(_values()):
+        state.effort = np.empty(0)
+        messages += [
+            (topic, stamp, state),
+            ("/currents", stamp, _TYPES.types[kind](layout, np.ones(3))),
+        ]
+    path = _bag(tmp_path / "bag", messages)
+    with pytest.raises(InputError) as caught:
+        read_recording(path, None, _ROBOT, check=False, joint_signals=True)
+    assert f"topics that are not read: /currents ({kind})" in str(caught.value)
+    assert "record them as the effort of a JointState" in str(caught.value)
+
+
 def test_messages_without_names_are_read_in_a_stated_order(tmp_path: Path) -> None:
     values = _values(width=6)
     stamps = _stamps()
