@@ -44,10 +44,10 @@ GAIN_SD = 0.3  # of u before any log: torque per ampere right within a third
 LOAD_DEPENDENCE_SD = 0.1  # N m of friction per N m
 WEIGHT_ERROR_SHARE = 1e-3  # relative error of a known weight
 COM_SD = 1e-3  # m, of a known centre of mass
-MAX_STEPS = 8
+MAX_STEPS = 8  # of Gauss-Newton, if _STEP_TOLERANCE does not end them
 _STEP_TOLERANCE = 1e-5  # change of u that ends the steps; u is known to 1e-3 at best
 _MAX_LOAD_DEPENDENCE = 0.5  # N m per N m, of the law behind the noise model
-_NUM_INERTIAL = 10
+_NUM_INERTIAL = 10  # parameters of a body
 _LOG_DRIFT = FrictionDrift(viscous=0.1)  # of friction from log to log
 
 

@@ -15,6 +15,7 @@ would bias. Their effect on the result is added to its covariance ("considered" 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ COM_PRIOR_SD = 0.3  # m, of a centre of mass from the flange: sd of the first so
 GYRATION_FACTOR = 0.06
 MIN_MASS_ERRORS = 3.0  # standard errors of its mass, above which a load is present
 MAX_COM_COORDINATE = 1.0  # m from the flange, of the point about which the second solution is made
-_NUM_LOAD = 10
+_NUM_LOAD = 10  # parameters of a load: m, m c (3), inertia (6)
 _LEAST_MASS = 1e-9  # kg, for a division
 _DIAGONAL_PLACES = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
 _TENSOR_PLACES = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
@@ -239,10 +240,9 @@ def _solve(
     blocks: list[Array] = []  # of each joint (m, k + 1): unknowns, residual
     considered: list[Array] = []  # of each joint (m, c): the model's parameters, in their sds
     for j in range(n):
-        # (m, k + c + 1): unknowns, the model's parameters, residual; not yet over the scale s.
-        whole = _whitened_rows(logs, j, frame, k)
-        blocks.append(np.hstack([whole[:, :k], whole[:, -1:]]))
-        considered.append(whole[:, k:-1] * logs[0].model_sd)
+        rows = _whitened_rows(logs, j, frame, k)
+        blocks.append(np.hstack([rows.unknowns, rows.residual]))
+        considered.append(rows.model * logs[0].model_sd)
     fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _NUM_LOAD)]))
     # Of each joint (k, m), how the solution responds to an error e of its whitened torque:
     # covariance A^T e / s^2, as the fit divides rows A and torque by the scale s.
@@ -267,8 +267,22 @@ def _solve(
     )
 
 
-def _whitened_rows(logs: list[LoadRows], j: int, frame: Array, num_unknowns: int) -> Array:
-    """Joint j's whitened rows of all logs, (m, k + c + 1): unknowns, the model's, residual.
+class _WhitenedRows(NamedTuple):
+    """One joint's m rows of all logs, whitened in time; not yet divided by the fit's scale.
+
+    Attributes:
+        unknowns: (m, k) columns of the unknowns.
+        model: (m, c) columns of the parameters of the arm's model.
+        residual: (m, 1).
+    """
+
+    unknowns: Array
+    model: Array
+    residual: Array
+
+
+def _whitened_rows(logs: list[LoadRows], j: int, frame: Array, num_unknowns: int) -> _WhitenedRows:
+    """Joint j's whitened rows of all logs.
 
     Args:
         logs, frame: as `_solve`.
@@ -284,7 +298,8 @@ def _whitened_rows(logs: list[LoadRows], j: int, frame: Array, num_unknowns: int
         if len(logs) > 1:  # what the model misses of the weight at the flange
             columns[:, -_NUM_LOAD:] = log.load[:, j]
         parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
-    return np.vstack(parts)
+    whole = np.vstack(parts)  # columns as they went in, the residual behind them
+    return _WhitenedRows(whole[:, :num_unknowns], whole[:, num_unknowns:-1], whole[:, -1:])
 
 
 def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) -> LoadEstimate:

@@ -15,7 +15,7 @@ from wrenchsight.models.numerics.ties import in_order
 
 FORCE_SD_RANGE = (1.0, 1e4)  # N
 MOMENT_SD_RANGE = (0.01, 1e3)  # N m
-NOISE_SCALE_RANGE = (1e-3, 1e3)
+NOISE_SCALE_RANGE = (1e-3, 1e3)  # on the stated sds
 EVIDENCE_SAMPLES = 2000  # at most, spread over the log
 _GRID_POINTS, _NUM_STARTS = 9, 4  # points along each axis of the coarse grid; best ones tried
 

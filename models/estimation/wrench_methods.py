@@ -116,7 +116,13 @@ def _read_block(
     samples: tuple[Array, Array, Array, Array],
     out: WrenchLog,
 ) -> None:
-    """Writes the readings of N samples, the fields of TorqueSamples; else as `reconstruct_log`."""
+    """Writes the readings of N samples.
+
+    Args:
+        constants, J_now: as `reconstruct_log`.
+        samples: fields of TorqueSamples, in their order.
+        out: written.
+    """
     condition = np.empty(len(J_now))
     if len(J_now):
         condition_numbers_of(J_now, condition)

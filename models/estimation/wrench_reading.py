@@ -304,7 +304,7 @@ class WrenchReading:
             self.faults.poles,
             self.faults.lines,
             self.faults.correlation,
-            *state,  # lag, unexplained_time, means, torques
+            *state,  # lag, unexplained_time, times, means, torques
             tau_ext,
             sd,
             unexplained_log(self.explained, error.J_seen, tau_ext, sd),

@@ -249,6 +249,11 @@ class Case:
         The columns, in this order: errors of mass and first moment (4 a link), dry friction,
         viscous friction, offset and, of a robot's file without a fitted model, rotor inertia (1 a
         joint each).
+
+        Args:
+            rows: T rows.
+            chain: with the gravity that is tried.
+            at: indices of the rows at which the columns are made.
         """
         n = self.num_joints
         rigid = np.asarray(chain.inverse_dynamics(rows.q, rows.v, rows.vdot))

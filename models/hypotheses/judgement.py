@@ -32,7 +32,7 @@ MAX_SMALL_LEFT_SHARE = 0.88  # of it, which a small fault leaves where no other 
 # share of the torque that a fault with something to fit explains, unless all rows that it leaves
 # fit a force at the tool
 MIN_FAULT_EXPLAINED = 0.5
-MOST_LOGS = 3
+MOST_LOGS = 3  # the longest ones: a judgement takes seconds
 LASTING_SHARE = 0.9  # share of a log from which on a contact lasts for all of it
 MAX_EXPLAINED = 0.9  # share of the torque's mean square, below which a log as it is explains little
 MIN_IMPLAUSIBLE = 0.05  # share of rows from which on no force at the tool explains a log

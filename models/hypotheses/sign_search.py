@@ -21,6 +21,7 @@ def best_signs(num_joints: int, score: Callable[[Array], float], base_score: flo
     Else a joint is turned only where that makes the log MIN_ODDS times likelier.
 
     Args:
+        num_joints: n.
         score: log evidence of signs (n,).
         base_score: score of the log's own signs.
     """

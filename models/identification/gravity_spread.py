@@ -24,7 +24,13 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.numerics.kernel import kernel
-from wrenchsight.models.rigid_body.chain_kernels import place_links
+from wrenchsight.models.rigid_body.chain_kernels import (
+    P_WJ,
+    R_WJ,
+    SCREW_ANGULAR,
+    SCREW_LINEAR,
+    place_links,
+)
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 NUM_PARAMETERS = 5  # of a joint: mass, first moment [kg m], offset [N m (N)]
@@ -129,8 +135,8 @@ def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> N
         table: (n, columns): gravity in W from _GRAVITY_COLUMN on, what the logs have shown already
             (variance) in _FITTED2_COLUMN, and the directions from _FIRST_DIRECTION on.
         q: (n,) rad; where one is not finite the variance is 0.
-        bodies: (n, 18 or more) of `place_links`, in axes of W: R_WJ row by row (0 to 8), p_WJ (9 to
-            11), screw of the joint about W's origin (angular 12 to 14, linear 15 to 17).
+        bodies: (n, 18 or more) of `place_links`, in axes of W: R_WJ row by row, p_WJ, and the
+            joint's screw about W's origin, from these columns of `chain_kernels` on.
         variance: (n,) (N m)^2, written.
     """
     n, finite = q.shape[0], True
@@ -149,15 +155,34 @@ def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> N
             x, y, z = table[i, column + 1], table[i, column + 2], table[i, column + 3]
             m += link_mass
             # h += R_WJ h_link + m_link p_WJ
-            hx += bodies[i, 0] * x + bodies[i, 1] * y + bodies[i, 2] * z + link_mass * bodies[i, 9]
-            hy += bodies[i, 3] * x + bodies[i, 4] * y + bodies[i, 5] * z + link_mass * bodies[i, 10]
-            hz += bodies[i, 6] * x + bodies[i, 7] * y + bodies[i, 8] * z + link_mass * bodies[i, 11]
+            hx += (
+                bodies[i, R_WJ] * x
+                + bodies[i, R_WJ + 1] * y
+                + bodies[i, R_WJ + 2] * z
+                + link_mass * bodies[i, P_WJ]
+            )
+            hy += (
+                bodies[i, R_WJ + 3] * x
+                + bodies[i, R_WJ + 4] * y
+                + bodies[i, R_WJ + 5] * z
+                + link_mass * bodies[i, P_WJ + 1]
+            )
+            hz += (
+                bodies[i, R_WJ + 6] * x
+                + bodies[i, R_WJ + 7] * y
+                + bodies[i, R_WJ + 8] * z
+                + link_mass * bodies[i, P_WJ + 2]
+            )
             # The joint takes its offset, and holds against the weight's moment h x g about its axis
             # and the force m g along its line (its screw's linear part).
-            along_axis = bodies[i, 12] * (hy * gz - hz * gy)
-            along_axis += bodies[i, 13] * (hz * gx - hx * gz)
-            along_axis += bodies[i, 14] * (hx * gy - hy * gx)
-            along_line = bodies[i, 15] * gx + bodies[i, 16] * gy + bodies[i, 17] * gz
+            along_axis = bodies[i, SCREW_ANGULAR] * (hy * gz - hz * gy)
+            along_axis += bodies[i, SCREW_ANGULAR + 1] * (hz * gx - hx * gz)
+            along_axis += bodies[i, SCREW_ANGULAR + 2] * (hx * gy - hy * gx)
+            along_line = (
+                bodies[i, SCREW_LINEAR] * gx
+                + bodies[i, SCREW_LINEAR + 1] * gy
+                + bodies[i, SCREW_LINEAR + 2] * gz
+            )
             torque = table[i, column + 4] - along_axis - m * along_line
             variance[i] += torque * torque
     for i in range(n):

@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.numerics.arrays import Array
 
-_NUM_SPEEDS = 400
+_NUM_SPEEDS = 400  # from _LEAST_SHARE to the largest, one after another
 _LEAST_SHARE = 0.02  # of the largest speed: slower, memory and stiction are not sliding friction
 _RAMP_SECONDS = 4.0  # of the motion along which the law is asked: long enough to slide
 

@@ -60,7 +60,7 @@ STEP_SAMPLES = 8  # at least
 SILENT_TIME = 0.05  # s without a sample, or
 SILENT_STEPS = 4.0  # steps, whichever is longer
 RESOLUTION_SAMPLES = 2000  # in which the encoders' step is looked for
-RESOLUTION_EVERY = 100
+RESOLUTION_EVERY = 100  # samples, from one look to the next
 RESOLUTION_TOLERANCE = 0.2  # share by which equal resolutions may differ
 LEAST_PERIOD = 1e-9  # s between samples
 STEP_RANGE = (1e-4, 0.25)  # s, of a stream's grid
@@ -105,7 +105,9 @@ class LiveEstimator:
 
     Args:
         robot, model: as `WrenchEstimator`.
-        step, rate: of the source.
+        config: of estimator, contact and stream; None: the default.
+        step, rate: s between samples, as the source states it (None: it does not), and its rate, as
+            `Source` has it.
 
     Raises:
         InputError: the model belongs to another robot.

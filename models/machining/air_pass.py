@@ -208,6 +208,7 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
     """The same motion of the tool `height` (m) back along its own axis, after LEAD_TIME at rest.
 
     Args:
+        robot: with six joints: its Jacobian is inverted.
         motion: motion of the joints, E's z axis into the surface, from rest to rest.
         height: m, above the surface.
 

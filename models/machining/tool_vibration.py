@@ -88,7 +88,7 @@ from wrenchsight.models.numerics.small_matrices import (
 )
 from wrenchsight.models.numerics.views import plain
 
-NUM_HYPOTHESES = 1024
+NUM_HYPOTHESES = 1024  # fixed points of the prior; 128 are too few (above)
 WELL_DETERMINED = 0.7  # probability that a share deviates by far less than its sd
 WELL_DETERMINED_SD = 0.15  # of the stated sd, of such a share
 MIN_AMPLITUDE, MAX_AMPLITUDE = 0.002, 0.1
@@ -482,8 +482,10 @@ def _free_friction(
     evidence is that up to the tick before.
 
     Args:
+        constants: of `vibration_constants`.
         v, tau_f: (n,) rad/s and N m of the friction law, finite.
         work: at the tick.
+        tracked: changed, but its evidence.
     """
     amplitudes, deviations, shares = constants.amplitudes, constants.deviations, work.shares
     correction, touches = work.correction, work.touches
@@ -532,6 +534,7 @@ def _take_evidence(
     log-likelihood is finite.
 
     Args:
+        constants: of `vibration_constants`; P, and the shares of a tick in the evidence.
         J: (6, n) rows [angular; linear].
         observed: tau_ext and the freed torque that was taken off it: together they are tau.
         error_variance: (n,) N^2 m^2, the diagonal of S.

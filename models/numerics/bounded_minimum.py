@@ -78,6 +78,7 @@ def _newton(
     in these variables, no further step is taken.
 
     Args:
+        value_and_gradient: as `bounded_minimum`.
         start: (D,) near a minimum.
         limits: (D, 2) lower and upper.
 

@@ -199,7 +199,7 @@ class KalmanObserver:
         return Observed(signals[:, TAU_EXT].copy(), is_fresh, wrench, covariance)
 
     def _table(self, knowledge: ModelKnowledge | None) -> KalmanTable:
-        """The constants of the filter, from what is known of the arm.
+        """The constants of the filter, from what is known of the arm (`knowledge`; None: nothing).
 
         What is not known is replaced: the error's correlation time by _PLAIN_TIME, its rate K_0 by
         _PLAIN_K_0, the sds of torque and prior by 1, the correlation by none.

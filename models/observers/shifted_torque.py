@@ -38,12 +38,22 @@ MAX_LEFT_SQUARE = 1.0  # of |tau_ext / sd|^2, by joint
 GAIN_LIMITS = (0.8, 1.4)
 ENTRY_PERIOD = 0.01  # s
 
-# Entries of ShiftState.means: samples since the last entry, the mean of |tau_ext / sd|^2, 1 where
-# the last entry is that of a shift; then, for each shift, the means of products with the change of
-# need over it.
-_COUNT, _SQUARE, _IS_SHIFTED, _FIRST = range(4)
-# tau_ext with the change, the change with itself, tau_ext of before with the change, with itself.
-_LATE_PRODUCT, _CHANGE, _EARLY_PRODUCT, _BEFORE, _NUM_PRODUCTS = range(5)
+# Entries of ShiftState.means.
+(
+    _COUNT,  # samples since the last entry
+    _SQUARE,  # mean of |tau_ext / sd|^2
+    _IS_SHIFTED,  # 1 where the last entry is that of a shift
+    _FIRST,  # from here on _NUM_PRODUCTS means for each shift
+) = range(4)
+# These, joint by joint divided by sd^2; "change": need(t) - need(t - d).
+(
+    _LATE_PRODUCT,  # tau_ext(t) change
+    _CHANGE,  # change^2
+    _EARLY_PRODUCT,  # -tau_ext(t - d) change
+    _BEFORE,  # tau_ext(t - d)^2
+    _NUM_PRODUCTS,
+) = range(5)
+_SEEN_ROW, _NEED_ROW = 0, 1  # of ShiftState.torques; tau_ext of the newest entry: _NEED_ROW + M
 
 
 class ShiftNumbers(NamedTuple):
@@ -121,9 +131,10 @@ def are_shifted(
     means, torques, n = state.means, state.torques, tau_ext.shape[0]
     if is_measured:
         for j in range(n):
-            if np.isnan(torques[0, j]):
-                torques[0, j] = tau_J[j]
-            torques[0, j] = poles[j] * torques[0, j] + (1.0 - poles[j]) * tau_J[j]
+            if np.isnan(torques[_SEEN_ROW, j]):
+                torques[_SEEN_ROW, j] = tau_J[j]
+            seen = torques[_SEEN_ROW, j]
+            torques[_SEEN_ROW, j] = poles[j] * seen + (1.0 - poles[j]) * tau_J[j]
     means[_COUNT] += 1.0
     if means[_COUNT] >= numbers.entry_samples:
         means[_COUNT] = 0.0
@@ -138,34 +149,42 @@ def are_shifted(
 def _take_entry(torques: Array, tau_ext: Array, is_measured: bool) -> None:
     """Puts need and tau_ext before those of the entries before, of which the last one goes."""
     n, num_entries = tau_ext.shape[0], (torques.shape[0] - 1) // 2
-    for row in range(2 * num_entries, 1, -1):
+    tau_row = _NEED_ROW + num_entries
+    # Both at once: the oldest need comes to tau_row, where it is replaced.
+    for row in range(2 * num_entries, _NEED_ROW, -1):
         for j in range(n):
             torques[row, j] = torques[row - 1, j]
     for j in range(n):
-        torques[1, j] = torques[0, j] + tau_ext[j] if is_measured else np.nan
-        torques[1 + num_entries, j] = tau_ext[j] if is_measured else np.nan
+        torques[_NEED_ROW, j] = torques[_SEEN_ROW, j] + tau_ext[j] if is_measured else np.nan
+        torques[tau_row, j] = tau_ext[j] if is_measured else np.nan
 
 
 @kernel(**NO_NEW_ARRAYS)
 def _is_shift(numbers: ShiftNumbers, state: ShiftState, sd: Array) -> bool:
-    """Takes the newest entry into the means; whether one of the shifts explains it."""
+    """Takes the newest entry into the means; whether one of the shifts explains it.
+
+    Args:
+        numbers: of the test.
+        state: with the newest entry, which is measured; its means are changed.
+        sd: (n,) N m, of tau_ext.
+    """
     means, torques, n = state.means, state.torques, sd.shape[0]
-    num_entries = (torques.shape[0] - 1) // 2
+    tau_row = _NEED_ROW + (torques.shape[0] - 1) // 2
     decay, square, is_shift = numbers.decay, 0.0, False
     for j in range(n):
-        square += (torques[1 + num_entries, j] / sd[j]) ** 2
+        square += (torques[tau_row, j] / sd[j]) ** 2
     means[_SQUARE] = decay * means[_SQUARE] + (1.0 - decay) * square
     for shift in range(NUM_SHIFTS):
-        before = round((MIN_SHIFT + SHIFT_STEP * shift) / numbers.entry_period)
-        if np.isnan(torques[1 + before, 0]):
+        before = round((MIN_SHIFT + SHIFT_STEP * shift) / numbers.entry_period)  # entries
+        if np.isnan(torques[_NEED_ROW + before, 0]):  # there was none, or it was not measured
             continue
         products = means[_FIRST + shift * _NUM_PRODUCTS : _FIRST + (shift + 1) * _NUM_PRODUCTS]
         for product in range(_NUM_PRODUCTS):
             products[product] *= decay
         for j in range(n):
             weight = (1.0 - decay) / (sd[j] * sd[j])
-            change = torques[1, j] - torques[1 + before, j]
-            now, then = torques[1 + num_entries, j], torques[1 + num_entries + before, j]
+            change = torques[_NEED_ROW, j] - torques[_NEED_ROW + before, j]
+            now, then = torques[tau_row, j], torques[tau_row + before, j]
             products[_LATE_PRODUCT] += weight * now * change
             products[_CHANGE] += weight * change * change
             products[_EARLY_PRODUCT] -= weight * then * change

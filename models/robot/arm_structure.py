@@ -442,10 +442,14 @@ def _attribute(element: ET.Element | None, key: str, missing: float) -> float:
 
 
 def _joint(element: ET.Element, rotor_inertia: float) -> DescribedJoint:
-    """A joint as its URDF element states it.
+    """A joint as its URDF element states it, with the rotor that a transmission states.
 
     A velocity or effort that is left out, or is no number, is NaN; an end of the range is then 0,
     as in URDF.
+
+    Args:
+        element: <joint>.
+        rotor_inertia: kg m^2 (kg), behind the gear; 0: none is stated.
     """
 
     def end(role: str) -> str:

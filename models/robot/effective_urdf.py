@@ -89,6 +89,9 @@ class EffectiveUrdf:
     def with_rods(self, masses: Sequence[float], ends: Array) -> "EffectiveUrdf":
         """A copy in which links without a mass are even rods, where that is all that is missing.
 
+        A rod's inertia is m (|e|^2 1 - e e^T) / 12 about its middle, that of a ball of its mass
+        added, so that it turns about its own line with some. The notice of the fault goes with it.
+
         Args:
             masses: (n,) kg of the moving links; those of links with a mass are not read.
             ends: (n, 3) m, in each link's frame: the rods reach from its origin to there.

@@ -129,6 +129,7 @@ class _Reader:
             meshes=self.meshes,
             inertia_fault=self.inertia_faults[0] if self.inertia_faults else None,
             inertias_may_be_mended=self.may_be_mended,
+            # Where that is the only fault: masses alone then make dynamics possible.
             massless=self.massless if len(self.inertia_faults) == 1 else (),
             standing=standing,
             base_link=self.base,

@@ -172,6 +172,10 @@ class TrueJoints:
     def of(cls, robot: Robot, time_step: float) -> "TrueJoints":
         """The joints of a robot's simulated truth; without mechanisms with plain friction alone.
 
+        Args:
+            robot: with its simulated truth.
+            time_step: s, of a tick.
+
         Raises:
             InputError: a list of a wrong length, a value out of range; mechanisms of an arm whose
                 motors are coupled.

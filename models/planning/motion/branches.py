@@ -88,6 +88,7 @@ def all_branches(
     """Joint positions within the limits that bring E to each of N poses.
 
     Args:
+        robot: of any number of joints; its limits count.
         R_WE: (N, 3, 3) rotations of E in W.
         p_WE: (N, 3) positions of E in W, m.
         turns_of: (n,) flags of the joints of which an angle and the same a full turn further on are

@@ -89,8 +89,10 @@ def approach(
     """Moves each q (M, n) in place towards its pose until its error is below the aim.
 
     Args:
+        chain: of the arm.
         R_WE, p_WE: (M, 3, 3), and (M, 3) in m.
         q: (M, n), contiguous, changed.
+        settings: aim, largest number of steps, and whether these are damped.
         limits: lower and upper (n,), within which each step ends; None: anywhere.
 
     Returns:

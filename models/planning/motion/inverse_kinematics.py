@@ -26,6 +26,7 @@ def follow_path(robot: Robot, R_WE: Array, p_WE: Array, q_seed: Array) -> Array:
     of branch is an error and not a step.
 
     Args:
+        robot: its limits count.
         R_WE: (N, 3, 3) or (3, 3) for a fixed orientation.
         p_WE: (N, 3) m.
         q_seed: (n,) the branch is the one nearest to it at the first sample.
@@ -73,6 +74,7 @@ def _advance(
     """The solution (n,) at `end` that continues the solution q (n,) at `start`.
 
     Args:
+        robot: as `follow_path`.
         q: (n,) reaches `start`.
         sample: index of `end` on the path, for error lines.
         bisections_left: how often the way from start to end may still be halved; after that a step

@@ -39,6 +39,7 @@ def track_paths(
     """Postures along straight paths of E with a fixed orientation.
 
     Args:
+        chain: of the arm, with six joints or more.
         q_mid: (N, n) postures at the midpoints.
         n_W: (N, 3) unit directions.
         path_length: m.

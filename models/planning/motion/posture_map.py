@@ -75,7 +75,11 @@ def best_postures(
     times, six directions round the best one, ever nearer to it.
 
     Args:
+        robot: its joint limits count.
+        measure: of a posture; the smallest is the best.
         p_WE: (N, 3) points, m.
+        cone: of the tool's directions.
+        progress: called with the share that is done.
         is_free: whether the arm hits nothing at q (n,); other postures are passed over.
     """
     points = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)

@@ -127,6 +127,10 @@ def candidates(
 ) -> Candidates:
     """All postures within the limits on a grid of K angles about the normal.
 
+    Args:
+        problem: path, limits and grid.
+        progress: called with the share that is done.
+
     Returns:
         psi (K,) and q (N, K, B, n) of N samples, with B the largest number of postures that one
         pose has; rows of NaN fill up where a pose has fewer.
@@ -359,7 +363,7 @@ class _Quadratic:
     """
 
     def __init__(self, problem: RedundancyProblem, q: Array) -> None:
-        """Expands the objective about q (N, n), which keeps to the task."""
+        """Expands the objective of `problem` about q (N, n), which keeps to the task."""
         N, n = q.shape
         basis = null_space(task(problem, q)[1])  # (N, n, m) of each sample, m = n - 5
         m = basis.shape[2]
@@ -445,6 +449,7 @@ def _descend(
     """The end of a descent of the measure along the projected gradient from q (n,).
 
     Args:
+        problem: path and measure.
         q: holds the task of the sample (position and direction of the tool).
         sample: index on the path.
         low, high: (n,) bounds of the joints, which q keeps.
@@ -482,6 +487,7 @@ def _cheapest(
     """The cheapest trajectory through the candidates, by dynamic programming over the samples.
 
     Args:
+        problem: path, largest joint steps and limits.
         grid: q (N, K, B, n): at N samples, K angles about the normal, of each B branches.
         cost: (N, K, B) of each candidate; inf where there is none.
         smoothness: cost of squared joint steps, as in the module's docstring.

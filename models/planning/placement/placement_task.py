@@ -156,6 +156,11 @@ def load_task(name_or_path: str | Path) -> tuple[PlacementTask, Path]:
 def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
     """Checks a task against an arm, before any search.
 
+    Args:
+        task: whose numbers each are in range.
+        source: its file, for error lines.
+        robot: that is to be placed.
+
     Raises:
         InputError: the path is longer than the arm can follow anywhere, or anywhere in the box, or
             must lie below the floor; the margin leaves a joint no range; the initial guess does not

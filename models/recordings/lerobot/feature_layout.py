@@ -160,6 +160,7 @@ def _entries(data_set: DataSet, columns: Sequence[str]) -> list[_Entry]:
     a pose, an action), or none for a quantity.
 
     Args:
+        data_set: whose features are looked at.
         columns: names of the table's columns: FEATURE, or FEATURE.1..FEATURE.k.
     """
     place_of = {name: k for k, name in enumerate(columns)}
@@ -261,6 +262,7 @@ def _angle_unit(
     -100..100. Their size is that of the data set's statistics; without these they are radians.
 
     Args:
+        data_set: whose statistics show the positions' size.
         joints: entries of the positions; where `prismatic` is given, one of each of these joints.
         prismatic: which of them slide; None: none.
         angle: deg or rad as the user states; '': the size decides.

@@ -31,7 +31,7 @@ from wrenchsight.models.robot.robot import Robot
 MIN_LOG_DIFFERENCE = 0.7
 NO_GRAVITY = "effort holds no gravity torque"
 """Begin of the sentence on an effort from which gravity is taken; what it is follows a colon."""
-_LEAST_SAMPLES = 20
+_LEAST_SAMPLES = 20  # slow ones
 _LOADED_SHARE = 0.1  # of the effort limit, from which gravity shows beside friction
 _WITHOUT_GRAVITY = 0.25  # part of the gravity torque, below which an effort does not hold it
 _LARGEST_FRICTION = 0.4  # of the gravity torque of all loaded joints
@@ -60,6 +60,7 @@ class EffortUnit:
         """Says in which unit the effort is read, why, and how to state the other one.
 
         Args:
+            robot: that the log was decided with.
             remedies: what to add for effort in N m and in A, by unit.
         """
         if self.without_gravity:
