@@ -89,7 +89,7 @@ class TorqueErrorSystem(SampledBlock):
         terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
         q, v, J = terms["q"], terms["v"], terms["J"]
         stage: TorqueErrorStage = self._tuned_stage.EvalAbstract(context).get_value()
-        error = TorqueError.of_flat(out[: self._error_size], len(self._no_torque[0]))
+        error = TorqueError.of_flat(out[: self._error_size], stage.num_joints)  # views
         stage.follow(state, q, v, error)
         stage.sds(state, q, v, none, none, J, error)
         if self._added_sd.HasValue(context):

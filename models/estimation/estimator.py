@@ -141,7 +141,8 @@ class StageMemory(NamedTuple):
         """Memory for N samples of n joints."""
         checked, error = CheckedSamples.empty(N, n), TorqueError.empty(N, n)
         q, v, _ = checked.signals
-        momentum, CTv, G, tau_J, tau_f = np.empty((5, N, n))
+        # Each by itself: a batch that keeps the momentum of a long log keeps no other with it.
+        momentum, CTv, G, tau_J, tau_f = (np.empty((N, n)) for _ in range(5))
         samples = ObserverSamples(
             q=q,
             v=v,
