@@ -587,14 +587,16 @@ class WrenchEstimator:
         q, v, current = signals
         checked, samples = memory.checked, memory.samples
         if check and self.check is not None:
-            # What is impossible becomes NaN.
+            # Writes `checked`, whose q and v are those of `samples`: NaN what is impossible.
             self.check.run(state.check, q, v, current, self._period, checked)
-            current = checked.signals[2]
+            current = checked.signals[2]  # behind q and v
         else:
             samples.q[:], samples.v[:] = q, v
             checked.fault.fill(0)
         joint_torque_rows(self.gain, self._motor_rates, current, samples.tau_J)
-        return self._stages(state, memory, True, correction, known_friction)
+        return self._stages(
+            state, memory, has_current=True, correction=correction, known_friction=known_friction
+        )
 
     def take_motion(
         self, state: EstimatorState, q: Array, v: Array, correction: Correction | None = None
@@ -614,9 +616,9 @@ class WrenchEstimator:
         if self.check is None:
             samples.q[:], samples.v[:], fault[0] = q, v, 0
         else:
-            motion, period = signals[:2, 0], self.observer.time_step
+            motion, period = signals[:2, 0], self.observer.time_step  # q and v, written
             fault[0] = self.check.motion(state.check, q[0], v[0], period, motion)
-        return self._stages(state, memory, False, correction)
+        return self._stages(state, memory, has_current=False, correction=correction)
 
     def take_current(
         self,
@@ -669,6 +671,7 @@ class WrenchEstimator:
         self,
         state: EstimatorState,
         memory: StageMemory,
+        *,
         has_current: bool,
         correction: Correction | None,
         known_friction: Array | None = None,

@@ -165,10 +165,20 @@ class _Inversion(NamedTuple):
 def _read_by_singular_values(
     constants: WrenchConstants, samples: TorqueSamples, out: WrenchLog
 ) -> None:
-    """Writes the readings of N samples by a pseudo-inverse, or by balanced weights."""
+    """Writes the readings of N samples by a pseudo-inverse, or by balanced weights.
+
+    A sample that is not finite, or whose reading is beyond MAX_NUMBER, has the prior for its
+    reading. Its force sd is NaN and inf: in neither case it is valid.
+
+    Args:
+        constants: method, covariances and priors.
+        samples: N.
+        out: written, but for the condition numbers: NaN.
+    """
     quality = out.quality
     out.wrench[:], out.covariance[:] = 0.0, np.diag(constants.prior_sd**2)
-    quality[:] = np.nan, np.nan, 0.0, 1.0
+    quality[:, [CONDITION, FORCE_SD]] = np.nan
+    quality[:, STICTION_FORCE], quality[:, HAS_FULL_RANK] = 0.0, 1.0
     total = samples.J.sum(axis=(1, 2)) + samples.tau_ext.sum(axis=1) + samples.sd.sum(axis=1)
     is_finite = np.isfinite(total)
     samples = TorqueSamples._make(_flagged(is_finite, *samples))

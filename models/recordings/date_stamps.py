@@ -92,6 +92,7 @@ def stamp_seconds(cells: pa.ChunkedArray, form: StampForm) -> pa.ChunkedArray:
         return pc.cast(pc.struct_field(parts, name), pa.float64())
 
     hour, half = number("hour"), pc.utf8_lower(pc.struct_field(parts, "half"))
+    # Of a clock of twelve hours: 12 AM is hour 0, 12 PM hour 12.
     half_day_hour = pc.add(
         pc.if_else(pc.equal(hour, _HOURS_OF_HALF_DAY), 0.0, hour),
         pc.if_else(pc.equal(half, "p"), float(_HOURS_OF_HALF_DAY), 0.0),

@@ -99,6 +99,11 @@ class RecordingChecks:
         return any(self._layout.signal(name) is not None for name in ("current", "tau_J"))
 
     def _check_positions(self, chunk: Recording) -> None:
+        """Refuses the first position beyond a joint's limits, with the unit that it may be in.
+
+        Raises:
+            InputError: there is one.
+        """
         lower, upper = self._robot.position_lower, self._robot.position_upper
         excess = np.maximum(chunk.q - upper, lower - chunk.q)
         k, j = _first_place(excess > _LIMIT_MARGIN)

@@ -295,6 +295,7 @@ class TextTable:
         assert self.names is not None
         levels: list[Sequence[str]] = [self.names]
         repeats = len(self.names) - len(set(self.names))
+        # Half of the names or more repeat (but for the time's): quantities, over those of joints.
         while repeats * 2 >= len(self.names) - 1 > 0 and len(levels) < _MOST_LEVELS:
             cells = self._cells(line)
             is_named = any(cells) and not any(_is_number(cell.replace(",", ".")) for cell in cells)

@@ -234,6 +234,9 @@ def _refuse_positions_alone(
     Args:
         names, path: as `column_words_layout`.
         joint_names: of the robot; None: any number of axes.
+
+    Raises:
+        InputError: it is such a table.
     """
     taken = [column_name(name) for name in names]
     has_drives = any(column.quantity in ("current", "motor_torque") for column in taken)
