@@ -256,6 +256,7 @@ def _begin_evidence(
     num_loads, num_parameters = len(places), len(load_sd)
 
     def loads_columns(joint: int) -> Array:
+        """(rows, 10 K) of a joint: the ten of the first load, then those of the next."""
         columns = is_loaded[:, :, None] * used.load[:, joint, None]  # (rows, K, 10)
         return columns.reshape(len(used_rows), num_loads * num_parameters)
 
@@ -263,6 +264,7 @@ def _begin_evidence(
     common_columns = np.arange(num_loads * num_parameters, blocks[0].shape[1])
 
     def evidence(columns: NDArray[np.int64], prior_sd: Array) -> float:
+        """Log evidence of a fit with some of the columns; the last one is the residual."""
         rows = [block[:, columns] for block in blocks]
         return fit_with_prior(rows, prior_sd, np.zeros(len(prior_sd))).log_evidence
 

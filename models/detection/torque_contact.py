@@ -221,6 +221,7 @@ def learn_reported_torque_sd(t: Array, tau_ext: Array, J: Array) -> ReportedTorq
     start = first_baseline(t, tau)
 
     def run(rest_sd: Array, moving_sd: Array) -> TorqueContact:
+        """The contacts of the whole log, by a detector with these sds."""
         return TorqueContactDetector(ReportedTorqueSd(rest_sd, moving_sd), start).run(t, tau, J)
 
     # With infinite sds no contact begins: the baseline is a low-pass all along.

@@ -119,6 +119,7 @@ class ContactReader:
         config: ContactConfig,
         largest_sd: float | None = None,
     ) -> None:
+        """Makes the filter of blocks; arguments as the class has them."""
         if K_0 is None:
             problem = "needs the momentum observer's reading of the torque"
             raise InputError("estimate", "--contact-axis", problem, "give --observer momentum")

@@ -236,6 +236,7 @@ def _pseudo_inverse(constants: WrenchConstants, samples: TorqueSamples) -> _Inve
     count = s.shape[1]  # of singular values, the lesser of 6 and n
 
     def gain(g: Array) -> Array:
+        """H (N, 6, n) of g (N, count)."""
         return np.asarray((U[:, :, :count] * g[:, np.newaxis]) @ VT[:, :count])
 
     plain_H = gain(plain_g)

@@ -81,6 +81,7 @@ class PathPlaces(NamedTuple):
         cell_samples = np.bincount(cell).astype(float)[:, None]
 
         def summed(x: Array) -> Array:
+            """Sums of x (N, n) over the samples of each cell."""
             total = np.zeros((len(cell_samples), q.shape[1]))
             np.add.at(total, cell, x)
             return total

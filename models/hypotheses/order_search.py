@@ -46,6 +46,7 @@ def best_order(
     scores = {own_order: base_score}
 
     def scored(order: Order) -> float:
+        """The order's score, computed once."""
         if order not in scores:
             scores[order] = score(order)
         return scores[order]

@@ -180,6 +180,7 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
     model_view, effort = _model_view(case, window), _spline(case)
 
     def score(shift: float) -> float:
+        """Log evidence of the drives' signals `shift` s earlier, computed once."""
         rounded = round(shift, _SHIFT_DECIMALS)
         if rounded not in evidence_of:
             view = _with_drives_earlier(case, model_view, effort, rounded)
@@ -187,6 +188,7 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
         return evidence_of[rounded]
 
     def best_tried() -> float:
+        """The shift of the largest evidence so far."""
         return max(evidence_of, key=lambda shift: evidence_of[shift])
 
     if around is None:

@@ -288,6 +288,7 @@ def most_likely(F: Array, e: Array) -> Array:
         count = len(part_fixed)
 
         def cost(x: Array) -> tuple[float, Array]:
+            """Minus the mean log likelihood, and its slope by x."""
             c, slope = scale * np.exp(x), np.empty(len(x))
             value = _minus_log_likelihood(part_A, part_fixed, part_squares, c, slope)
             return value / count, slope / count * c

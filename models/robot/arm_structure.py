@@ -105,6 +105,11 @@ class ArmStructure:
     """
 
     def __init__(self, root: ET.Element, path: Path) -> None:
+        """Reads joints and links; arguments as the class has them.
+
+        `_frames` are links without anything, `_shapeless` those without shapes; `_reaches`, the
+        last, reads the tree that stands by then.
+        """
         self._path = path
         rotors = _reflected_rotors(root)
         self.joints = [

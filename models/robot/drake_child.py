@@ -157,6 +157,7 @@ def _include_files(root: ET.Element, path: Path) -> None:
     count = 0
 
     def expand(parent: ET.Element, source: Path) -> None:
+        """Expands all below an element of the file `source`."""
         nonlocal count
         for child in list(parent):
             if child.tag != "include":
