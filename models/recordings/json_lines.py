@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
-from wrenchsight.models.recordings.parquet_table import ParquetTable
+from wrenchsight.models.recordings.parquet_table import ParquetTable, flattened
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 
 _BLOCK_BYTES: Final = 1 << 22
-_MOST_LEVELS: Final = 4  # of objects within objects
 _ONE_A_LINE: Final = "write one object a line, such as by jq -c '.[]' log.json > log.jsonl"
 _AS_ARRAYS: Final = (
     "write one object for each sample, a line each; or, if its entries are arrays over all "
@@ -88,10 +87,10 @@ def _write_parquet(path: Path, copy: Path) -> None:
         schema = pa.schema([(field.name, _widened(field.type)) for field in batches.schema])
     parsing = pa_json.ParseOptions(explicit_schema=schema, unexpected_field_behavior="ignore")
     with pa_json.open_json(path, read_options=options, parse_options=parsing) as batches:
-        flat_schema = _flat(schema.empty_table()).schema
+        flat_schema = flattened(schema.empty_table()).schema
         with pq.ParquetWriter(copy, flat_schema) as writer:
             for batch in batches:
-                writer.write_table(_flat(pa.Table.from_batches([batch])))
+                writer.write_table(flattened(pa.Table.from_batches([batch])))
 
 
 def _widened(kind: pa.DataType) -> pa.DataType:
@@ -103,12 +102,3 @@ def _widened(kind: pa.DataType) -> pa.DataType:
     if pa.types.is_struct(kind):
         return pa.struct([(field.name, _widened(field.type)) for field in kind])
     return kind
-
-
-def _flat(table: pa.Table) -> pa.Table:
-    """A table whose objects within objects are columns of their own."""
-    for _ in range(_MOST_LEVELS):
-        if not any(pa.types.is_struct(kind) for kind in table.schema.types):
-            break
-        table = table.flatten()
-    return table

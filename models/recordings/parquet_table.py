@@ -1,9 +1,11 @@
 """Tables of numbers in Parquet files: read batch by batch with constant memory, and written.
 
 A column of lists, all of one length k, becomes the columns NAME.1..NAME.k. Lists of lists are read
-row by row; a list of one number is that number.
+row by row; a list of one number is that number. The fields of a column of records (a struct)
+become the columns NAME.FIELD.
 """
 
+import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +33,7 @@ Lines = NDArray[np.int64]
 _BATCH_ROWS = 1 << 16
 _MAGIC = b"PAR1"
 _MOST_ENTRIES = 4096  # of a list
+_MOST_LEVELS = 4  # of records within records
 
 
 class _Place(NamedTuple):
@@ -47,7 +50,10 @@ class ParquetContainer:
 
     def open(self, path: Path, form: RecordingFormat | None) -> "ParquetTable":
         """As the protocol; the file describes itself, so that `form` is not used."""
-        return ParquetTable(path)
+        copy = _FlatCopy(path) if _has_records(path) else None
+        table = ParquetTable(path, source=None if copy is None else copy.path)
+        table.copy = copy
+        return table
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
         """As the protocol."""
@@ -67,6 +73,7 @@ class ParquetTable:
     """
 
     row_word = "row"
+    copy: "_FlatCopy | None" = None  # that is read, and lasts as long as the table
 
     def __init__(self, path: Path, part: range | None = None, source: Path | None = None) -> None:
         """Reads the file's schema and the lengths of its lists.
@@ -328,3 +335,46 @@ def _is_number(kind: pa.DataType) -> bool:
     types = pa.types
     numeric = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp)
     return any(check(kind) for check in numeric)
+
+
+class _FlatCopy:
+    """A Parquet file whose records are columns of their own; it is removed with this object.
+
+    Args:
+        path: of a file with records.
+
+    Attributes:
+        path: of the copy.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
+        self.path = Path(self._folder.name) / path.name
+        try:
+            with pq.ParquetFile(path) as file:
+                schema = flattened(file.schema_arrow.empty_table()).schema
+                with pq.ParquetWriter(self.path, schema) as writer:
+                    for batch in file.iter_batches(_BATCH_ROWS):
+                        writer.write_table(flattened(pa.Table.from_batches([batch])))
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(path, "", f"is damaged ({error})", "write the file again") from error
+
+
+def _has_records(path: Path) -> bool:
+    """Whether a column of a Parquet file holds records; False where it is none, or damaged."""
+    try:
+        return any(pa.types.is_struct(kind) for kind in pq.read_schema(path).types)
+    except (pa.ArrowException, OSError):
+        return False
+
+
+def flattened(table: pa.Table) -> pa.Table:
+    """A table whose records (objects within objects) are columns of their own."""
+    for _ in range(_MOST_LEVELS):
+        if not any(pa.types.is_struct(kind) for kind in table.schema.types):
+            break
+        table = table.flatten()
+    return table

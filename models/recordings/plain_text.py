@@ -2,7 +2,9 @@
 
 - Text in UTF-16, as spreadsheets save "Unicode text", and in Windows' code page 1252 (Latin-1).
 - Cells in aligned columns, with runs of blanks between them.
-- Quoted cells behind a blank: `"time", "q1"`.
+- Quoted cells behind a blank: `"time", "q1"`; numbers with their unit in the cell: `13.7 deg`.
+- Lines that end with two carriage returns, as Python's csv writes them on Windows.
+- Messages as `ros2 topic echo` prints them (`echo_text`).
 - Exports of TwinCAT Scope (Beckhoff TE13xx): a block of lines with label and value of each channel
   (Name;Position;Name;Current, then SymbolName, Data-Type, ..), and rows with a time in ms and a
   value of each channel.
@@ -21,6 +23,7 @@ from typing import BinaryIO, Final
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
+from wrenchsight.models.recordings.echo_text import is_echo, table_of_echo
 
 _UTF_16: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 _WESTERN: Final = "cp1252"  # in which five bytes stand for nothing: most binary files are none
@@ -32,6 +35,14 @@ _LEAST_CHANNELS: Final = 3
 _CHANNEL_LABEL: Final = "name"
 _QUOTE_BEHIND_BLANK: Final = re.compile(r'([,;\t]) {1,4}"')
 _RUN_OF_BLANKS: Final = re.compile(r"(?<=\S) {2,}(?=\S)")
+_DOUBLE_RETURN: Final = "\r\r\n"
+_UNITS: Final = (  # of time, position, velocity, current and torque; the longer ones first
+    r"deg/s|°/s|rad/s|rev/s|1/min|N[ *.]?m|sec|rpm|deg|rad|rev|mA|mm|ms|us|µs|ns|°|%|A|s|m"
+)
+_UNIT_IN_CELL: Final = re.compile(
+    rf"(^|[,;\t]) *([+-]?[\d.]{{1,30}}(?:[eE][+-]?\d{{1,4}})?) ?({_UNITS}) *(?=[,;\t\r\n]|$)",
+    re.MULTILINE,
+)
 _SCOPE_TIME: Final = "Time [ms]"  # since the first sample
 
 
@@ -70,7 +81,10 @@ class PlainCopy:
                     "the time of the first channel is that of all"
                 )
             change = None if scope_head is not None else _change_of_lines(head)
-            parts = chain([scope_head or head], text)
+            parts: Iterable[str] = chain([scope_head or head], text)
+            if is_echo(head):
+                self.notices.append("read as messages that `ros2 topic echo` has printed")
+                parts, change = table_of_echo(_whole_lines(parts)), str
             for part in parts if change is None else map(change, _whole_lines(parts)):
                 target.write(part.encode())
 
@@ -86,7 +100,8 @@ def is_plain(path: Path) -> bool:
             return False
         head = file.read(_HEAD_BYTES).decode("utf-8", "replace")
     head = head.removeprefix("\ufeff")
-    return _plain_scope_head(head) is None and _change_of_lines(head) is None
+    is_changed = _change_of_lines(head) is not None or is_echo(head)
+    return _plain_scope_head(head) is None and not is_changed
 
 
 def _encoding(file: BinaryIO) -> str:
@@ -157,12 +172,38 @@ def _change_of_lines(head: str) -> Callable[[str], str] | None:
     lines = [line for line in head.splitlines()[:_MOST_HEAD_LINES] if line.strip()][:-1]
     if len(lines) > 1 and all(_QUOTE_BEHIND_BLANK.search(line) for line in lines[-2:]):
         return lambda text: _QUOTE_BEHIND_BLANK.sub(r'\1"', text)
+    if _DOUBLE_RETURN in head:
+        return lambda text: text.replace(_DOUBLE_RETURN, "\r\n")
+    if len(lines) > 2 and all(_UNIT_IN_CELL.search(line) for line in lines[-2:]):
+        return _without_units(lines)
     is_aligned = bool(lines) and all(
         _RUN_OF_BLANKS.search(line) and not re.search(r"[,;\t]", line) for line in lines
     )
     if is_aligned and len({len(line.split()) for line in lines}) == 1:
         return lambda text: re.sub(r"(?m)^ +| +(?=\r?$)", "", re.sub(r" {2,}", " ", text))
     return None
+
+
+def _without_units(lines: list[str]) -> Callable[[str], str]:
+    """What takes the units out of cells and adds those of the first row to the names above it.
+
+    Args:
+        lines: the first ones that are not blank.
+    """
+    row = next(line for line in lines if _UNIT_IN_CELL.search(line))
+    separator = next((mark for mark in ";\t," if mark in row), ",")
+    header = lines[max(lines.index(row) - 1, 0)]
+    matches = [_UNIT_IN_CELL.fullmatch(cell.strip()) for cell in row.split(separator)]
+    names = header.split(separator)
+    if len(names) == len(matches) and header != row:
+        pairs = zip(names, matches, strict=True)
+        names = [f"{name.strip()} [{match[3]}]" if match else name for name, match in pairs]
+    new_header = separator.join(names)
+
+    def change(text: str) -> str:
+        return _UNIT_IN_CELL.sub(r"\1\2", text).replace(header, new_header, 1)
+
+    return change
 
 
 def _whole_lines(parts: Iterable[str]) -> Iterator[str]:

@@ -38,6 +38,7 @@ _MIN_CELLS = 4  # of a table
 _MOST_LEVELS = 4  # lines of names above each other
 _MOST_LAST_LINES = 20  # below the table that are no rows, and
 _LAST_BYTES = 1 << 12  # the end of the file in which they are looked for
+_CAN_FRAME = re.compile(r"\(\d{1,12}\.\d{1,9}\) +\w{1,16} +[0-9A-Fa-f]{3,8}##?[0-9A-Fa-f]*")
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
 _BINARY_KINDS = (  # first bytes, kind of file, remedy
     (b"PAR1", "a Parquet file", "name it .parquet"),
@@ -204,6 +205,11 @@ class TextTable:
                 top_line, self.skip_lines = self._below_words(file, top_line, self.skip_lines)
             if not top_line:
                 raise InputError(path, "", "is empty", "record the log again")
+            if _CAN_FRAME.match(top_line):
+                problem = "holds raw frames of a CAN bus, as candump writes them"
+                remedy = "decode them with the drives' DBC file, such as by cantools, into a table "
+                remedy += "(CSV: t, q1.., v1.., i1..)"
+                raise InputError(path, "", problem, remedy)
             self.separator = separator or _separator_of(top_line)  # by which `_cells` splits
             top_cells = self._cells(top_line)
             has_header = header
@@ -221,6 +227,9 @@ class TextTable:
                 self._num_head_lines += 1
                 line_of_numbers = self._line(file).strip()
             self.first_cells = tuple(self._cells(line_of_numbers))
+        if self.names and self.first_cells[len(self.names) :] == ("",):
+            self.names = (*self.names, "")  # a separator at the end of the rows alone
+            top_cells = [*top_cells, ""]
         self._stamps = _stamp_forms(self.first_cells)
         self.num_columns = len(top_cells)
         self._top_line = top_line
@@ -585,6 +594,9 @@ class TextTable:
         if len(cells) == self.num_columns:
             return None
         remedy = "correct or remove the line"
+        if len(cells) > 1 and not any(_is_number(cell.replace(",", ".")) for cell in cells):
+            problem = f"begins another table ({', '.join(cells)[:60]})"
+            return _Fault(problem, "cut the file before this line")
         if len(cells) > self.num_columns and self.separator == ",":
             remedy += "; decimal commas need another separator, such as ;"
         if re.search(r"[^\d\s.,;+\-eE]", text):
@@ -621,7 +633,7 @@ class TextTable:
 
     def _decimal_mark_of(self, line: str) -> str:
         """The decimal mark of a line of numbers."""
-        if self.separator == "," or "," not in line:
+        if "," not in line:
             return "."
         if any(_is_number(cell, ",") and "," in cell for cell in self._cells(line)):
             self.notices.append("numbers are read with decimal commas")

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.parquet_table import ParquetTable
+from wrenchsight.models.recordings.parquet_table import ParquetContainer, ParquetTable
 from wrenchsight.models.recordings.recording_reader import read_recording
 
 _ROWS = 40
@@ -92,3 +92,15 @@ def test_two_columns_of_one_name_are_refused_where_they_are_read(tmp_path: Path)
     np.testing.assert_array_equal(values, [[1.0, 5.0], [2.0, 6.0]])
     with pytest.raises(InputError, match='schema: names the column "q" more than once'):
         next(table.blocks([0, 1]))
+
+
+def test_fields_of_records_are_columns(tmp_path: Path) -> None:
+    t = 0.01 * np.arange(40)
+    fields = {"position": np.sin(t), "velocity": np.cos(t), "current": 1.0 + t}
+    record = pa.StructArray.from_arrays([pa.array(x) for x in fields.values()], list(fields))
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table({"t": t, "joint_1": record}), path)
+    table = ParquetContainer().open(path, None)
+    assert table.names == ("t", "joint_1.position", "joint_1.velocity", "joint_1.current")
+    values, _ = next(table.blocks([0, 1, 2, 3]))
+    np.testing.assert_array_equal(values, np.c_[t, *fields.values()])

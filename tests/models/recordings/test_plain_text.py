@@ -1,6 +1,7 @@
 """Tables that are not written plainly: the same numbers as of the plain table."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -52,6 +53,70 @@ def test_blanks_between_cells_are_no_cells(
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError, match=r'line 21, column 1 \(t\).*holds "soon"'):
         read_recording(path)
+
+
+@pytest.mark.parametrize("block", [1 << 20, 100])
+def test_units_in_cells_become_those_of_their_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr(plain_text, "_BLOCK_BYTES", block)
+    units = ["sec", "deg", "deg", "rad/s", "rad/s", "mA", "mA"]
+    scale = [1.0, 180 / np.pi, 180 / np.pi, 1.0, 1.0, 1e3, 1e3]
+    rows = np.c_[T, TABLE] * scale
+    lines = [",".join(f"{x:.9f} {unit}" for x, unit in zip(row, units, strict=True))
+             for row in rows]  # fmt: skip
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["Time,q1,q2,v1,v2,current1,current2", *lines]))
+    log = read_recording(path)
+    read = np.c_[log.t, log.q, log.v, log.current]
+    np.testing.assert_allclose(read, np.c_[T, TABLE], rtol=0, atol=1e-9)
+
+
+def test_two_carriage_returns_are_one_line_end(tmp_path: Path) -> None:
+    lines = ["t,q1,q2,v1,v2,i1,i2", *(",".join(f"{x:.6f}" for x in r) for r in np.c_[T, TABLE])]
+    path = tmp_path / "log.csv"
+    path.write_bytes("\r\r\n".join([*lines, ""]).encode())
+    log = read_recording(path)
+    _same(log)
+    assert log.row is not None
+    assert log.row[0] == 2
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+@pytest.mark.parametrize("in_one_line", [True, False])
+@pytest.mark.parametrize("block", [1 << 20, 100])
+def test_printed_messages_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ros: int, in_one_line: bool, block: int
+) -> None:
+    """As topic echo prints JointStates, joints in another order than the robot's."""
+    monkeypatch.setattr(plain_text, "_BLOCK_BYTES", block)
+    words = ("secs", "nsecs") if ros == 1 else ("sec", "nanosec")
+
+    def array(key: str, entries: list[str]) -> str:
+        if in_one_line:
+            return f"{key}: [{', '.join(entries)}]"
+        return "\n".join([f"{key}:", *(f"- {entry}" for entry in entries)])
+
+    messages = []
+    for t, row in zip(T, TABLE, strict=True):
+        q, v, effort = row.reshape(3, 2)[:, ::-1]
+        lists = {"position": q, "velocity": v, "effort": effort}
+        messages.append(
+            f"header:\n  seq: 7\n  stamp:\n    {words[0]}: 50\n    {words[1]}: {round(t * 1e9)}\n"
+            "  frame_id: ''\n" + array("name", ["elbow", "shoulder"]) + "\n"
+            + "\n".join(array(key, [f"{x:.6f}" for x in x_]) for key, x_ in lists.items())
+        )  # fmt: skip
+    path = tmp_path / "log.txt"
+    path.write_text("\n---\n".join([*messages, ""]))
+    robot = SimpleNamespace(joint_names=("shoulder", "elbow"), num_joints=2, name="two",
+                            q_offset=np.zeros(2), has_inertias=False, is_coupled=False,
+                            torque_per_ampere=np.ones(2), current_sign=np.ones(2),
+                            motor_current=lambda tau_J: tau_J, velocity_limit=np.full(2, np.inf),
+                            chain=SimpleNamespace(prismatic=np.zeros(2, bool)))  # fmt: skip
+    log = read_recording(path, "effort-in-newton-metres", robot, check=False)
+    np.testing.assert_allclose(log.t, 50.0 + T, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(np.c_[log.q, log.v, log.tau_J], TABLE)
+    assert "read as messages that `ros2 topic echo` has printed" in log.notices
 
 
 @pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])

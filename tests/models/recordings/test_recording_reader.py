@@ -518,6 +518,30 @@ def test_words_below_the_table_are_left_out(tmp_path: Path) -> None:
     _refused(path, "line 32", "has 1 columns, expected 7", 'begins with "Recording paused"')
 
 
+def test_a_separator_at_the_end_of_the_rows_is_no_column(tmp_path: Path) -> None:
+    _same(
+        read_recording(_csv(tmp_path, _HEADER, *[f"{line}," for line in _lines(_table())])),
+        _table(),
+    )
+
+
+def test_decimal_commas_in_quotes_are_recognised(tmp_path: Path) -> None:
+    lines = [",".join(f'"{x:.6f}"'.replace(".", ",") for x in row) for row in _table()]
+    log = read_recording(_csv(tmp_path, _HEADER, *lines))
+    _same(log, _table())
+    assert "numbers are read with decimal commas" in log.notices
+
+
+def test_a_second_table_is_told(tmp_path: Path) -> None:
+    path = _csv(tmp_path, _HEADER, *_lines(_table()), "", "t,fx,fy", "0,1,2", "0.01,1,2")
+    _refused(path, "line 43", "begins another table (t, fx, fy)", "cut the file before this line")
+
+
+def test_frames_of_a_can_bus_are_told(tmp_path: Path) -> None:
+    frames = [f"(1709647351.{k:06d}) can0 {0x281 + k % 6:03X}#0A0000{k:02X}" for k in range(40)]
+    _refused(_csv(tmp_path, *frames), "raw frames of a CAN bus", "decode them with the drives' DBC")
+
+
 def test_names_in_several_lines_are_joined(tmp_path: Path) -> None:
     """As pandas writes columns of a MultiIndex, whose index has a name, too."""
     levels = [
