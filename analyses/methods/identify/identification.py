@@ -105,6 +105,7 @@ from wrenchsight.models.numerics.ties import beyond_rounding
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
+_LOW_PASS_SHARE = 0.9  # of the progress, for filters and regressors
 _PIVOT_ROUNDING = 1e-12  # relative: pivots of columns that depend on others, which are 0 but for it
 
 
@@ -311,9 +312,15 @@ def _identify(
     logs = shared(
         "low_passed_logs",
         (*sources, tuple(validation), *filters),
-        lambda: low_pass_logs(recordings, robot, validation, config, progress),
+        lambda: low_pass_logs(
+            recordings,
+            robot,
+            validation,
+            config,
+            lambda share, message: progress(_LOW_PASS_SHARE * share, message),
+        ),
     )
-    progress(0.9, "solving")
+    progress(_LOW_PASS_SHARE, "solving")
     test = held_out_test(_friction_problem(logs, robot, config))
     problem = test.problem  # with folds of which each can be predicted from the others, if any
     if not test.is_possible:  # no held-out error would mean anything
@@ -337,7 +344,7 @@ def _identify(
         warnings=(
             *test.notes,
             *_all_warnings(recordings, validation, problem, choice, model),
-            *zero_warnings(zeros, robot.joint_names, robot.q_offset),
+            *zero_warnings(zeros, robot.joint_names, robot.q_offset, robot.chain.prismatic),
         ),
         config=config,
         law=choice.law,

@@ -24,7 +24,7 @@ from wrenchsight.analyses.methods.identify.friction_fit import (
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.identification.base_parameters import RANK_TOLERANCE
 from wrenchsight.models.identification.torque_regression import parameter_columns
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 LAW = "load-dependent"
@@ -65,6 +65,9 @@ def zero_offsets(problem: FrictionFit) -> ZeroOffsets:
 
     Args:
         problem: problem of the logs; where motors move several joints, no offset shows.
+
+    Returns:
+        Where an offset does not show (MAX_SD), 0 with an infinite sd.
     """
     n = problem.robot.num_joints
     if problem.robot.is_coupled:
@@ -140,7 +143,9 @@ def _rows_with_offsets(problem: FrictionFit, solution: LawSolution) -> _OffsetRo
     return _OffsetRows(np.vstack(parameters), np.vstack(offsets), np.concatenate(torque))
 
 
-def zero_warnings(zeros: ZeroOffsets, names: Sequence[str], q_offset: Array) -> list[str]:
+def zero_warnings(
+    zeros: ZeroOffsets, names: Sequence[str], q_offset: Array, is_prismatic: Flags
+) -> list[str]:
     """A sentence on the joint whose zero is off, with its offset; empty where none surely is.
 
     Other joints whose zero explains the logs nearly as well (ALIKE_SHARE) are named beside it. A
@@ -150,6 +155,7 @@ def zero_warnings(zeros: ZeroOffsets, names: Sequence[str], q_offset: Array) -> 
     Args:
         names: of the joints.
         q_offset: (n,) rad (m), that robot.yaml has, and the positions of the logs.
+        is_prismatic: (n,) whether a joint slides, so that its zero is off by metres.
     """
     offset, sd = zeros
     drop = (offset / sd) ** 2  # of the fit's squares; 0 where an offset does not show
@@ -158,7 +164,8 @@ def zero_warnings(zeros: ZeroOffsets, names: Sequence[str], q_offset: Array) -> 
         return []
 
     def words(j: int) -> str:
-        return f"{names[j]} off by {-offset[j]:.3f} +- {sd[j]:.1g} rad"
+        unit = "m" if is_prismatic[j] else "rad"
+        return f"{names[j]} off by {-offset[j]:.3f} +- {sd[j]:.1g} {unit}"
 
     alike_joints = np.flatnonzero(drop > ALIKE_SHARE * drop[best]).tolist()
     others = [j for j in alike_joints if j != best]

@@ -406,8 +406,17 @@ def test_a_zero_that_is_off_is_found_with_its_standard_error(sts, truth, joint, 
 def test_what_the_file_adds_to_a_zero_stays_in_the_remedy(sts):
     """The logs' positions have it already: what is found is added to it."""
     zeros = ZeroOffsets(np.array([0.0, 0.2, 0.0]), np.array([np.inf, 0.02, 0.1]))
-    (warning,) = zero_warnings(zeros, sts.joint_names, np.array([0.0, -0.5, 0.0]))
+    turns = np.zeros(3, bool)
+    (warning,) = zero_warnings(zeros, sts.joint_names, np.array([0.0, -0.5, 0.0]), turns)
     assert f"set q_offset: -0.300 at {sts.joint_names[1]}" in warning
+
+
+def test_the_zero_of_a_joint_that_slides_is_off_by_metres(sts):
+    zeros = ZeroOffsets(np.array([0.05, 0.2, 0.19]), np.array([0.02, 0.02, 0.02]))
+    slides = np.array([False, True, False])
+    (warning,) = zero_warnings(zeros, sts.joint_names, np.zeros(3), slides)
+    assert f"{sts.joint_names[1]} off by -0.200 +- 0.02 m (" in warning
+    assert f"{sts.joint_names[2]} off by -0.190 +- 0.02 rad)" in warning
 
 
 def test_right_zeros_are_not(result, sts):
@@ -417,6 +426,15 @@ def test_right_zeros_are_not(result, sts):
     # The first axis is vertical: no torque depends on its zero.
     assert not shows[0]
     assert result.metrics()["joint_zeros"]["q_offset"][0] is None
+
+
+def test_progress_never_goes_back_however_many_logs_are_filtered(sts, noisy):
+    """With 30 logs the share of the filters alone would reach 0.94, beyond that of the fit."""
+    log, reports = noisy[0], []
+    config = IdentificationConfig(cross_validate=False)
+    short = log[: len(log.t) // 2]
+    identify([log], sts, [short] * 30, config, lambda share, _: reports.append(share))
+    assert reports == sorted(reports)
 
 
 def test_spikes_in_the_current_hardly_move_the_model(sts, noisy):
