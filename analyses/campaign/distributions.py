@@ -161,7 +161,10 @@ def distribution_metrics(spread: Sequence[Distribution]) -> dict[str, Any]:
 
 
 def _keys(figures: pd.DataFrame, key: str) -> list[tuple[int, str]]:
-    """Place and key of the number at a key, or of each number of a list at it."""
+    """Place and key of the number at a key, or of each number of a list at it.
+
+    A single number has place 0; of a key that no column has, as an empty one, the list is empty.
+    """
     if key in figures:
         return [(0, key)]
     entries = [re.fullmatch(rf"{re.escape(key)}\.(\d+)", name) for name in figures]

@@ -82,7 +82,10 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
     of the torque constants (a share, with its sd; 0 where the logs do not determine it) and the
     number of `places` along the paths at which the residual is known.
     """
-    from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import refit_logs
+    from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import (
+        ROW_TIME,
+        refit_logs,
+    )
 
     if settings.refresh is None or settings.load or settings.validate or settings.scale:
         problem = "needs --refresh MODEL, and takes none of --load, --validate and --scale"
@@ -95,7 +98,7 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
     metrics = refit.metrics()
     table = new_table(
         "\njoint",
-        "rows of\n50 ms",
+        f"rows of\n{1e3 * ROW_TIME:g} ms",
         "Coulomb before\n[N m]",
         "after\n[N m]",
         "viscous before\n[N m s/rad]",

@@ -29,6 +29,8 @@ _UNIT_FIRST: Final = re.compile(
     r"((?:N m|N|1/s|rad|Hz|m|s)(?:/s(?:\^2)?)?(?: \([^)]*\)| about E)?), (.+)"
 )
 _KEY: Final = "wrenchsight.settings"
+_CONTEXT: Final = "ctx"  # names of a command's arguments that are reserved
+_OUT: Final = "out"
 _HELP_ALL: Final = "Show every option, also those that are usually left to --config."
 
 
@@ -91,8 +93,9 @@ def with_settings(
     """Makes a command of a function that takes settings.
 
     The function's first argument is the settings of the run: defaults, overridden by `--config`,
-    overridden by the command line. Its further arguments are options outside the settings; one
-    named `ctx` is not one, and gets typer's context.
+    overridden by the command line. Its further arguments are options outside the settings. Two of
+    their names are reserved: `ctx` (_CONTEXT) is no option, and gets typer's context; `out` (_OUT)
+    stands last.
 
     typer reads a command's options from its signature: here it is made of the keys' options, the
     function's further ones, --config, --help-all, and last --out.
@@ -111,19 +114,19 @@ def with_settings(
         def command(ctx: typer.Context, **values: Any) -> None:
             # The context has the options' values, and tells those given from their defaults.
             settings = _settings_of_run(ctx, schema, options)
-            arguments = {p.name: ctx if p.name == "ctx" else values[p.name] for p in further}
+            arguments = {p.name: ctx if p.name == _CONTEXT else values[p.name] for p in further}
             run(settings, **arguments)
 
-        parameters = [_parameter("ctx", typer.Context)]
+        parameters = [_parameter(_CONTEXT, typer.Context)]
         parameters += [_parameter_of(schema, option) for option in options]
-        parameters += [p for p in further if p.name not in ("ctx", "out")]
+        parameters += [p for p in further if p.name not in (_CONTEXT, _OUT)]
         if from_file:
             read = Annotated[Path | None, _config_option(schema, options)]
             parameters.append(_parameter("config", read, None))
         if not all(option.shown for option in options):
             help_all = typer.Option("--help-all", is_eager=True, callback=_help_all, help=_HELP_ALL)
             parameters.append(_parameter("help_all", Annotated[bool, help_all], False))
-        parameters += [p for p in further if p.name == "out"]
+        parameters += [p for p in further if p.name == _OUT]  # last in the help
         made: Any = command
         made.__signature__ = inspect.Signature(parameters)  # read by typer, instead of **values
         made.__annotations__ = {}  # which typer would read first

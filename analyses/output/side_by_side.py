@@ -92,6 +92,12 @@ def run_side_by_side(
     """
     from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
+    worker_environment = {
+        **dict.fromkeys(ONE_THREAD, "1"),
+        **_MEMORY_ENVIRONMENT,
+        **(environment or {}),
+    }
+
     def new_executor() -> Any:
         return ProcessPoolExecutor(
             max_workers=1,
@@ -105,11 +111,6 @@ def run_side_by_side(
     waiting = deque((task, 1) for task in tasks)  # with the number of the try
     idle = list[Any]()  # executors, of one process each
     under_way = dict[Future[Result], _Call[Task]]()
-    worker_environment = {
-        **dict.fromkeys(ONE_THREAD, "1"),
-        **_MEMORY_ENVIRONMENT,
-        **(environment or {}),
-    }
 
     def submit(task: Task) -> tuple[Any, Future[Result]]:
         """The executor that the task was given to, and the task's future."""

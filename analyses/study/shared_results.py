@@ -64,7 +64,8 @@ def shared(
     folders = _folders.get()
     if folders is None:
         return compute()
-    folder = folders[1] if everywhere else folders[0]
+    of_this_world, of_all_worlds = folders
+    folder = of_all_worlds if everywhere else of_this_world
     key = f"{name}-{digest(arguments)[:_KEY_DIGITS]}"
     path = folder / f"{key}.pickle"
     with FileLock(folder / f"{key}.lock"):  # released by the system if this process dies

@@ -12,7 +12,7 @@ import resource
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -206,7 +206,12 @@ class _End:
 
 
 class _Runs:
-    """The experiments of a study that run: their outcomes, as they come."""
+    """The experiments of a study that run: their outcomes, as they come.
+
+    Each is "waiting" at first, "running" from `_begin` on, and then as `_finish` is told: "done",
+    "failed" or "skipped". What an exception leaves waiting or running, `run` sets to "interrupted".
+    Every change goes to `watch`.
+    """
 
     def __init__(
         self,
@@ -286,18 +291,13 @@ class _Runs:
             raise InputError(folder.path, "", f"{end.reason}, while {name} ran", remedy)
         outcome.seconds = time.monotonic() - self._started[name]
         outcome.processor_seconds = end.processor_seconds
-        outcome.lacks = end.lacks  # of a run that was skipped
+        outcome.lacks = end.lacks  # what a skipped run needs; of any other run none
         failure = f"failures/{name}.txt"
         if end.state == "done":
             earlier = [file for file in folder.files if file.startswith(f"{name}/")]
-            # Earlier results and an old failure are replaced when the block ends; an exception
-            # leaves all as it was. A full disk becomes an InputError here, too.
-            with folder.changing([*earlier, failure]) as new, writing_to(folder.path):
-                task.result.rename(new / name)
-            result = read_result(folder, name)
-            assert result is not None
-            outcome.metrics, outcome.stored = result
-            outcome.lacks = _absent_recordings(outcome.stored)  # done without some recordings
+            outcome.metrics, outcome.stored = self._store(task, outdated=[*earlier, failure])
+            # The run is done, without these recordings, which it can do without.
+            outcome.lacks = _absent_recordings(outcome.stored)
         elif end.state == "failed":  # else "skipped": nothing was written
             printed = ""
             with suppress(OSError):
@@ -307,6 +307,24 @@ class _Runs:
         outcome.state, outcome.reason = end.state, end.reason
         seconds = outcome.seconds if end.state == "done" else None
         self._watch(Progress(name, end.state, 1.0, end.reason, seconds))
+
+    def _store(
+        self, task: _Task, outdated: Collection[str]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Puts a task's results in their place; returns its metrics and its result.json.
+
+        Args:
+            outdated: files of earlier results and failures, which go where they are not replaced.
+
+        Raises:
+            InputError: the disk is full; the folder is as it was.
+        """
+        folder = self._folder
+        with folder.changing(outdated) as new, writing_to(folder.path):
+            task.result.rename(new / task.name)
+        result = read_result(folder, task.name)
+        assert result is not None  # it was stored just now
+        return result
 
 
 def _in_order(names: Iterable[str], out: Path) -> list[str]:
@@ -454,7 +472,7 @@ def _summarise(
         outcome = runs.get(name)
         if outcome is None or outcome.state == "interrupted":
             earlier, _ = _earlier(folder, name, settings)
-            outcome = earlier or outcome
+            outcome = earlier or outcome  # without an earlier result it stays as it ended
         if outcome is not None:
             outcomes.append(outcome)
     metrics = {outcome.name: outcome.metrics for outcome in outcomes if outcome.has_result}
@@ -472,6 +490,7 @@ def _summarise(
         with_result = {name: timings[name] for name in metrics if name in timings}
         new.write_text(_TIMINGS, json_text(with_result))
         report = write_report(new, outcomes, settings, folder.path)
+    # The report was written into `new`, whose files were put in their places when the block ended.
     return StudyResult(folder.path, tuple(outcomes), metrics, folder.path / report.name)
 
 

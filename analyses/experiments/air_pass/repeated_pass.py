@@ -174,7 +174,8 @@ def loaded_pass(
             and the force's sd is stated.
         empty: the pass without load.
         loaded: the one with it, N samples.
-        p_EP: (3,) m from E in axes of E, to the point P where the load acts.
+        p_EP: (3,) m from E in axes of E, to the point P where the load acts, which
+            `force_of_load` found in the first LEARNING_TIME of the loaded pass.
         mass: kg.
     """
     recording = loaded.recording

@@ -258,26 +258,24 @@ def measure_signals(robot: Robot, duration: float, seed: int, progress: Progress
         WrenchRamp(start=SIGNAL_START, rise=RAMP_RISE, force=[0.0, RAMP_SLOPE * RAMP_RISE, 0.0]),
         WrenchSine(start=SIGNAL_START, frequency=SINE_FREQUENCY, force=[0.0, 0.0, SINE_FORCE]),
     ]
-    forces: list[dict[float, Array]] = []  # by K_0: without noise, then with it
-    for share_done, noise in ((0.0, False), (0.5, True)):
+
+    def run(current_noise: bool, report: Progress) -> tuple[dict[float, Array], Array]:
+        """The force as it is read, by K_0, and the true one, (T, 3) N each."""
         arm = make_held_arm(
             robot,
             _estimators(OBSERVER_GAINS, TIME_STEP),
             WrenchScript(segments),
             robot.home,
-            current_noise=noise,
+            current_noise=current_noise,
             seed=seed,
         )
-        context = _simulate(
-            arm,
-            SIGNAL_START + duration,
-            lambda fraction, action, done=share_done: progress(done + 0.5 * fraction, action),  # type: ignore[misc]
-            smooth=False,  # the step jumps
-        )
-        forces.append({K_0: _log(arm.wrench[_name(K_0)], context)[:, 3:] for K_0 in OBSERVER_GAINS})
-    true = _log(arm.wrench_true, context)[:, 3:]  # of the last run, and so of both
+        context = _simulate(arm, SIGNAL_START + duration, report, smooth=False)  # the step jumps
+        forces = {K_0: _log(arm.wrench[_name(K_0)], context)[:, 3:] for K_0 in OBSERVER_GAINS}
+        return forces, _log(arm.wrench_true, context)[:, 3:]
+
+    clean, _ = run(False, lambda fraction, action: progress(0.5 * fraction, action))
+    noisy, true = run(True, lambda fraction, action: progress(0.5 + 0.5 * fraction, action))
     t = _ticks(len(true), TIME_STEP)
-    clean, noisy = forces
     metrics = {
         K_0: _signal_metrics(robot, K_0, t, true, clean[K_0], noisy[K_0]) for K_0 in OBSERVER_GAINS
     }

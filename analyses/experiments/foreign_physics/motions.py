@@ -51,6 +51,7 @@ def wave(robot: Robot, duration: float, seed: int, reach: float = MAX_DEPARTURE)
     t = grid(duration)
     low, high = _room(robot, reach)
     amplitude = np.minimum(robot.home - low, high - robot.home)
+    # Periods of 7 to 11 s and of 3.3 to 5 s.
     slow = rng.uniform(0.09, 0.14, n)  # Hz
     fast = rng.uniform(0.2, 0.3, n)  # Hz
     phase = rng.uniform(0.0, 2.0 * np.pi, (2, n))

@@ -206,7 +206,9 @@ def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) ->
             "moving_rmse_nm": float(np.sqrt(np.mean(error[moving] ** 2))),
         }
 
-    by_current = raw.extra["tau_target"] - raw.current  # this log's currents are torques, N m
+    # The controller's torque of the free motion, friction included, less the motor's: what the
+    # environment adds. This log's currents are torques, N m.
+    by_current = raw.extra["tau_target"] - raw.current
     result = {"current": errors(by_current[:, _SWEPT_JOINT])}
     for variant in log.variants:
         reading = readings[SWEEP, variant]

@@ -303,7 +303,7 @@ def _log_metrics(
     estimator = WrenchEstimator(robot, reader.model, _config(recording))
     if not estimator.learnt:
         raise ValueError("the model has no torque error")
-    # As any method would have it: the observer comes before the wrench is read.
+    # The default method's configuration will do: what the observer reads is the same for every one.
     observation = estimator.observe(uniform.q, uniform.v, uniform.current)
     if mass == 0.0:
         J_at_point = observation.J  # at E

@@ -185,7 +185,7 @@ class ContactEpisodes:
         if self._log_begin is None:
             self._log_begin = float(t[0])
         self._num_samples += len(t)
-        for flag in self._counts:
+        for flag in self._counts:  # each is an attribute of `Detection`
             self._counts[flag] += int(getattr(detection, flag).sum())
         force_size = np.linalg.norm(force, axis=1)
         for rows in stretches(detection.contact):

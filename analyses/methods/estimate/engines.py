@@ -109,6 +109,7 @@ def estimates(
         return read_contact(parts, robot, settings, config)
     if not settings.smooth:
         return parts
+    # Of two models the first gives the readings, the second their band (`_with_last_band`).
     smoothers = [WrenchSmoother(WrenchEstimator(robot, m, config)) for m in models.distinct()]
 
     def take(part: LogPart) -> EstimateBatch:
@@ -208,10 +209,10 @@ def read_contact(
 
     Args:
         parts: as a controller would read them.
-        settings: with the contact's axis.
-        config: with the log's time step.
+        settings: of the command, with the contact's axis.
+        config: of the estimator: that of the settings, with what the log filled in.
     """
-    # The reader takes the observer's lag from its pole.
+    # Made for its pole alone, by which the reader knows how late the causal readings are.
     observer = make_observer(config.observer, robot.num_joints)
     reader = ContactReader(
         robot,

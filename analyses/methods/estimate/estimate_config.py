@@ -252,7 +252,7 @@ def _require(condition: bool, option: str, problem: str, remedy: str) -> None:
 def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
     """Raises InputError where settings make no sense together, or for the robot's joints."""
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
-    step = observer.time_step or _ANY_TIME_STEP
+    step = observer.time_step or _ANY_TIME_STEP  # 0: the log will give it
     try:
         made_observer = make_observer(replace(observer, time_step=step), robot.num_joints)
     except ValueError as error:
@@ -268,12 +268,13 @@ def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
         (config.smooth, "for which smoothing has no prior"),
         (reads_wrench, f"for which the {kind} observer has no prior"),
     ):
-        problem = f"is {reconstruction.method}, {shortcoming}"
-        remedy = "give bayesian, force_only or inverse"
-        _require(has_prior or not needs_prior, "method", problem, remedy)
-    problem = f"is {kind}, which estimates the wrench, not the torque"
-    remedy = "follow friction with the momentum observer"
-    _require(not (config.track and reads_wrench), "observer", problem, remedy)
+        if needs_prior and not has_prior:
+            problem = f"is {reconstruction.method}, {shortcoming}"
+            raise InputError("estimate", "method", problem, "give bayesian, force_only or inverse")
+    if config.track and reads_wrench:
+        problem = f"is {kind}, which estimates the wrench, not the torque"
+        remedy = "follow friction with the momentum observer"
+        raise InputError("estimate", "observer", problem, remedy)
 
 
 def _check_tracking(config: EstimateConfig, robot: Robot) -> None:

@@ -66,7 +66,7 @@ def write_data_set(
     rows = _WrenchRows.read(table)
     step = float(np.median(np.diff(rows.t)))
     prior_sd = np.repeat([prior["force_sd_n"], prior["moment_sd_nm"]], 3)
-    no_reading = np.concatenate([np.zeros(6), prior_sd, [0.0]])
+    no_reading = np.concatenate([np.zeros(6), prior_sd, [0.0]])  # as _WRENCH_COLUMNS and so on
     values_of_episode: dict[int, np.ndarray[Any, Any]] = {}
     for episode, begin in zip(data_set.episodes, begins, strict=True):
         frames = ParquetTable(episode.file, episode.rows)

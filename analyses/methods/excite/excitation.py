@@ -392,6 +392,7 @@ def _candidates(
             _Candidate(solution, _between(origin, solution.trajectory, share))
             for share in RETREAT_SHARES
         ]
+    # By the last program; the others, which differ in their reserves, have the same measure.
     costs = [program.cost(candidate.trajectory) for candidate in pool]
     for index in in_order(costs):
         yield pool[index]

@@ -81,8 +81,9 @@ class TorqueLog:
         self._sensor_columns = reference_columns(reference)
         reader = self.reader()
         reported_torque = reader.layout.signal(TAU_EXT)
-        # Else the torque of the arm's sensors will do. Where that holds no gravity, it is what a
-        # controller's own model has left of it: it is read as tau_ext is.
+        # Three cases. The log holds tau_ext: it is read. It holds torques of the arm's sensors with
+        # gravity (`is_sensed`): an observer finds tau_ext in them. It holds such torques without
+        # gravity, from which a controller has taken its model's torque: they are read as tau_ext.
         torque = self._sensed_torque(reader) if reported_torque is None else reported_torque
         self.is_sensed = reported_torque is None and reader.effort_holds_gravity
         self.num_joints = len(torque.columns)

@@ -377,9 +377,14 @@ def _prior_and_noise(
 ) -> _PriorAndNoise:
     """Prior and torque noise, as stated or as the torques of all logs show them.
 
-    What is stated of them is kept, and the rest is found beside it. The first of these that is
-    stated gives the prior: sds in the estimator's configuration; `prior` of the command; else the
-    evidence of the logs, raised to FLOOR_SHARE of the live one at least.
+    The first of these that is stated gives the prior:
+
+        sds in the estimator's configuration   these; of one alone the other is found as below
+        `prior` of the command                 the live one, or its two numbers
+        nothing (`prior` is log)               the evidence of the logs, raised to FLOOR_SHARE of
+                                               the live one at least
+
+    The torque's sds are `torque_sd`; where it is empty, those of the evidence.
 
     Raises:
         InputError: sds of the torque that are neither one nor one each joint.

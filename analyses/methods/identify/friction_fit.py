@@ -330,7 +330,9 @@ class FrictionFit:
             one_group = [0] * len(self.regressions)
             stretched = replace(self, groups=one_group, stretches=SHAPE_STRETCHES)
             return stretched.choose(structure)
-        loads = self.loads(self.fit(structure))  # rigid-body torque, which the load term takes
+        # Rigid-body torque, which the load term takes: one for all shapes, so that errors differ by
+        # the shape alone.
+        loads = self.loads(self.fit(structure))
         is_elastic = bool(structure.displacement.any())
         has_stribeck = structure.has("stribeck")
         velocities = (
@@ -351,7 +353,8 @@ class FrictionFit:
         if structure.has("load"):
             candidates = (structure, structure.without("load"))
             errors = np.stack([self.held_out(candidate, loads) for candidate in candidates])
-            without_load = np.flatnonzero(self._smoothest(errors) == 1)  # joints
+            # Joints of which the second candidate is taken.
+            without_load = np.flatnonzero(self._smoothest(errors) == 1)
             structure = structure.without("load", without_load)
         return structure
 

@@ -36,8 +36,11 @@ def gain_ratios(
     """The factor by which each joint's torque exceeds what the other joints say of the same masses.
 
     A link's masses act on all joints below it. For one joint after the other the fit of all rows is
-    made once more, with a factor on that joint's rigid-body torque: 1 if all torque constants are
-    right, or all wrong alike. Bilinear; by Gauss-Newton steps.
+    made once more, with a factor f on that joint's rigid-body torque (`_gain_ratio`):
+
+        tau_j = f Y_j p + rotor and friction of j;    of every other joint f is 1
+
+    f is 1 if all torque constants are right, or all wrong alike.
 
     Args:
         factors: reduced rows of the logs (`TorqueFactors`): 10 n inertial columns, then rotor and
@@ -52,7 +55,8 @@ def gain_ratios(
     n = len(factors[0].R)
     # Rows of each joint from all logs, reduced to one factor, over the sd of its residual.
     stacked = [
-        triangular_factor(np.vstack([f.R[j] for f in factors])) / residual_sd[j] for j in range(n)
+        triangular_factor(np.vstack([log.R[j] for log in factors])) / residual_sd[j]
+        for j in range(n)
     ]
     rows = np.vstack(stacked)
     inertial_columns = slice(0, _INERTIAL * n)
@@ -201,6 +205,7 @@ def contradictions(
     sd = solution.estimate.residual_sd
     if len(runs) > 1:
         masses, mass_sds = payload_differences(factors, solution.x, sd, problem.oversampling)
+        # Two masses are compared: their difference has sqrt(2) of the sd of one.
         spread, uncertainty = np.ptp(masses), np.sqrt(2.0) * mass_sds.max()
         if spread > max(PAYLOAD_DIFFERENCE, SURE_SDS * uncertainty):
             by_log = ", ".join(

@@ -20,7 +20,11 @@ GAP_STEPS: Final = 2.5  # between samples, from which on no line joins them
 
 
 def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> Figure:
-    """Measured and predicted torque with the residual and its mean ± 1 sd, one panel a joint."""
+    """Measured and predicted torque with the residual and its mean ± 1 sd, one panel a joint.
+
+    Args:
+        kind: of the log, for the title, such as "validation".
+    """
     n = fit.measured.shape[1]
     figure, panels = panels_in_pairs(n, "time [s]", "torque [N m]", share_x=True)
     t, measured, predicted, residual = _with_gaps(

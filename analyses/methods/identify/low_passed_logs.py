@@ -288,6 +288,7 @@ def low_pass_log(
     if not used.any():
         raise InputError(recording.source, "", "no stretch of the log is free of drop-outs")
     # The signals hold nothing above the cutoff any more: a coarser grid loses nothing.
+    # Copies below: a view would keep the fine grid in memory.
     decimated = slice(None, None, max(1, int(1.0 / (step * GRID_POINTS * cutoff))))
     path = file_of(Path(recording.source))
     rows = recording.row  # of the log's file, from 1; None: they are not known
@@ -375,7 +376,7 @@ def low_pass_logs(
         progress: called with the share of these steps done, 0 to 1.
 
     Returns:
-        Logs of which the arm's rests are not used, where anything else is.
+        Logs in which the arm's rests do not count (`used`), unless there is nothing else.
 
     Raises:
         InputError: as `low_pass_log`; joints that hardly move.

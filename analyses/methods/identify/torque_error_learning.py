@@ -106,7 +106,7 @@ def _reading(
     )
     observed = WrenchEstimator(robot, model, config).observe(log.q, log.v, current)
     is_in_part = (log.t >= begin) & (log.t <= end)
-    is_settled = log.t - log.t[0] > SETTLING_TIME_CONSTANTS / gain[0]
+    is_settled = log.t - log.t[0] > SETTLING_TIME_CONSTANTS / gain[0]  # one gain for all joints
     return HeldOutReading(
         tau_ext=observed.tau_ext,
         q=log.q,

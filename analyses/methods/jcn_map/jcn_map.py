@@ -346,8 +346,9 @@ def draw_cloud(samples: Samples, path: Path) -> None:
     """Draws where the samples are and what they attain, in space and by distance and height."""
     from matplotlib.colors import LogNorm
 
-    figure, _ = new_figure(1, 2, height=4.0)  # for its style; its panels are replaced by ours,
-    figure.clear()  # of which one is in space
+    # For its style: its two panels give way to ours, of which one is in space.
+    figure, _ = new_figure(1, 2, height=4.0)
+    figure.clear()
     norm = LogNorm(*_COLOUR_RANGE)
     ax = figure.add_subplot(1, 2, 1, projection="3d")
     shown = slice(0, _SCATTER_POINTS)

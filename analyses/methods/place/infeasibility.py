@@ -72,7 +72,7 @@ def infeasible(
     key = "path_length"
     remedy = "no constraint is to blame alone: shorten the path, or loosen several"
     if loosened:
-        key, _ = loosened[0]
+        key, _ = loosened[0]  # the line names one place: the first, as `_loosenings` lists them
         remedy = f"all else can be kept {' or '.join(text for _, text in loosened)}"
     return InputError(
         source,
@@ -241,12 +241,14 @@ def _loosenings(task: PlacementTask, program: PlacementProgram) -> Iterator[_Loo
     )  # fmt: skip
     if program.cell is not None:
         yield _Loosening(
-            "clearance" if task.clearance is not None else "overlap of the arm",
-            lambda amount: _coarse(program, bounds, program.path_length, with_cell=False),
+            key="clearance" if task.clearance is not None else "overlap of the arm",
+            program=lambda amount: _coarse(program, bounds, program.path_length, with_cell=False),
         )
     yield _Loosening(
-        "path_length",
-        lambda amount: _coarse(program, bounds, program.path_length - amount, with_cell=True),
+        key="path_length",
+        program=lambda amount: _coarse(
+            program, bounds, program.path_length - amount, with_cell=True
+        ),
         largest=0.5 * program.path_length,
         unit="mm",
     )

@@ -74,6 +74,7 @@ _EXCESS_WEIGHT = 2.0  # of the cost by rad (m) beyond a limit: a little is left 
 _FAR_EXCESS = 0.5  # rad (m) beyond a limit, from which a path is no start
 _NUM_FINISHED_WITH_CELL = 2  # optima; with distances the last steps take seconds
 _ROUGHLY_FEASIBLE = 1e-4  # m and rad, of a rough solve's end
+_MIN_ANGLE = 1e-12  # rad, that is divided by: a rotation by 0, which has no axis, stays one
 # Of a rough end's cost over the best so far, up to which it is put on its path: the mean over all
 # points may be lower than that over the coarse ones.
 _PROMISING_COST = 1.1
@@ -447,23 +448,15 @@ class PlacementSearch:
         `run`.
 
         Args:
-            result: its counts grow.
+            result: `evaluations`, `num_candidates` and `num_reached` grow.
 
         Returns:
-            The guess on each of its branches, and as many more as the larger of the two stages
-            takes that begin from them.
+            The guess on each of its branches, whatever it costs, and as many more as the larger of
+            the two stages takes that begin from them (feasibility, rough solves).
         """
         rng = np.random.default_rng(seed)
         guesses = self.initial_guess()
-        random_paths = self._random_paths(rng, effort, result)
-        # Costs are infinite where a limit is passed by far: `in_order` puts such paths last,
-        # `best_of_each` leaves them out.
-        order = in_order(self._costs(random_paths))
-        poses = random_paths[order[: effort.num_poses]]
-        branches = self._on_all_branches(poses.n_W, poses.p_WM, poses.R_WE, result)
-        candidates = PlacementBatch.joined([random_paths[order], branches])
-        costs = self._costs(candidates)
-        result.evaluations += len(random_paths) + len(candidates)
+        candidates, costs = self._random_candidates(rng, effort, result)
         bins = self._bins(candidates)
         count = max(effort.num_starts, effort.num_feasibility)
         if self.program.cell is not None:
@@ -476,6 +469,26 @@ class PlacementSearch:
         if len(starts) == 0:  # the solver may come to the path, and says what it misses
             starts = self._unreached(rng, effort.num_starts)
         return [starts.one(index) for index in range(len(starts))]
+
+    def _random_candidates(
+        self, rng: np.random.Generator, effort: SearchEffort, result: SearchResult
+    ) -> tuple[PlacementBatch, Array]:
+        """Random paths, the best first, then poses of the best on all branches; and their costs.
+
+        Costs are infinite where a limit is passed by far: `in_order` puts such paths last,
+        `best_of_each` leaves them out.
+
+        Args:
+            result: as `starts`.
+        """
+        random_paths = self._random_paths(rng, effort, result)
+        order = in_order(self._costs(random_paths))
+        poses = random_paths[order[: effort.num_poses]]
+        branches = self._on_all_branches(poses.n_W, poses.p_WM, poses.R_WE, result)
+        candidates = PlacementBatch.joined([random_paths[order], branches])
+        costs = self._costs(candidates)
+        result.evaluations += len(random_paths) + len(candidates)
+        return candidates, costs
 
     def _random_paths(
         self, rng: np.random.Generator, effort: SearchEffort, result: SearchResult
@@ -639,7 +652,7 @@ class PlacementSearch:
         turn = Rotation.from_matrix(R_WE).as_rotvec()
         angle = np.linalg.norm(turn, axis=1)
         is_angle_off = (angle < bounds.angle_lower) | (angle > bounds.angle_upper)
-        factor = allowed_angles / np.maximum(angle, 1e-12)
+        factor = allowed_angles / np.maximum(angle, _MIN_ANGLE)
         turn[is_angle_off] *= factor[is_angle_off, np.newaxis]
         R_WE[is_angle_off] = Rotation.from_rotvec(turn[is_angle_off]).as_matrix()
         is_turned = self._lean(rng, R_WE)  # into the tool's cone, in place

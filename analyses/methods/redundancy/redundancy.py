@@ -289,7 +289,12 @@ def _check_clearance(
 ) -> _ClearanceCheck:
     """Checks two ways for collisions; searches a free one where the optimised one is not.
 
-    Nothing is checked of an arm without usable collision shapes.
+    Nothing is checked of an arm without usable collision shapes. The free way is the best one on
+    the grid.
+
+    Args:
+        initial: the way at a constant angle; None: no such way can be followed.
+        progress: called with shares of the whole work, of which this is the last twentieth.
     """
     robot = problem.robot
     # A task that asks for no clearance may come as near as it likes, and not through anything.

@@ -101,7 +101,8 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
     again at this delay. The tare is fitted last.
 
     Args:
-        log: N samples of the reading and of the sensor's k columns.
+        log: N samples of the reading and of the sensor's k columns: 1 (force along z), 3 (force)
+            or 6 (with moment).
 
     Raises:
         InputError: the log is too short.
@@ -142,6 +143,7 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
         mean_error = _error(coarse, best, k).mean(axis=0)
         best = replace(best, tare=best.tare - best.sign * mean_error)
     if len(candidates) > 1:
+        # The offset that a stated tare leaves counts as error, too; a fitted tare leaves none.
         error, size = error_of(coarse, best, with_offset=True), _size(coarse, best)
         if error > _MAX_ERROR_SHARE * size:
             notices.append(

@@ -114,12 +114,13 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
         return _assume_of_masses(robot, arm, q)
     reach = reach_of(robot, q)
     payload = _rounded(max(_PAYLOAD_PER_REACH * reach**2, _MIN_PAYLOAD))
-    weight = (payload + 0.5 * payload / _PAYLOAD_SHARE) * STANDARD_GRAVITY  # the arm's halfway
+    arm_mass = payload / _PAYLOAD_SHARE  # which acts half as far out as the payload
+    weight = (payload + 0.5 * arm_mass) * STANDARD_GRAVITY
     likely = _rounded(_UNKNOWN_EFFORT_MARGIN * weight * reach)
-    effort = np.where(_stated(arm) > 0.0, 0.0, likely)
+    effort = np.where(_stated(arm) > 0.0, 0.0, likely)  # 0: the stated limit stays
     if not robot.massless_joints:  # something else is wrong with its inertias
         return replace(Assumed.nothing(arm), payload=payload, effort=effort)
-    link_masses = _link_masses(robot, payload / _PAYLOAD_SHARE)
+    link_masses = _link_masses(robot, arm_mass)
     truth = replace(robot.config.simulated_truth, link_masses=link_masses.tolist())
     simulated = _assume_of_masses(robot.with_truth(truth).with_assumed_masses(), arm, q)
     simulated = replace(simulated, link_masses=link_masses)

@@ -2,7 +2,7 @@
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -178,19 +178,7 @@ def _draft(
     with writing_to(out):
         out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial:
-
-        def write(text: str) -> None:
-            with writing_to(out):
-                partial.write_text(text, encoding="utf-8")
-
-        # Home posture, floor, limits and rotors come from the loaded robot. So the file is first
-        # written with placeholders for them, loaded, and written again.
-        write(draft.text(middle, 0.0, Assumed.nothing(arm)))
-        robot = Robot.load(partial)
-        if robot.inertias_may_be_mended:  # then the draft states `possible_inertias: true`
-            draft = replace(draft, mends_inertias=True)
-            write(draft.text(middle, 0.0, Assumed.nothing(arm)))
-            robot = Robot.load(partial)
+        draft, robot = _loaded(draft, middle, partial)
         doubts = unit_doubts(robot, postures(robot))
         floors, floor_note = floors_below(robot, floors)
         # floor: height in the base frame, m, the first of `floors` that the arm can stand above.
@@ -199,20 +187,41 @@ def _draft(
         floor_note = floor_note if floor is not None else ""
         assumed = assume(robot, arm)
         text = draft.text(home, floor, assumed)
-        write(text)
+        _write(text, draft, partial)
     robot = Robot.load(out)
-    notes = [*doubts, *mounting_note, floor_note, *_effort_notes(arm, assumed)]
-    notes += [
-        f"{joint.name} and the joints that follow it (mimic) are held still in the arm: each of an "
-        "arm's joints needs a motor of its own"
-        for joint in way
-        if joint.name in followed and joint not in arm
-    ]
-    notes += [
+    notes = [
+        *doubts,
+        *mounting_note,
+        floor_note,
+        *_effort_notes(arm, assumed),
+        *_mimic_notes(joint for joint in way if joint.name in followed and joint not in arm),
         *_rest_notes(structure, arm, locked, base),
         in_the_way(robot, *structure.sides(base, arm)),
     ]
     return DraftedRobot(robot, marked_keys(text), tuple(note for note in notes if note))
+
+
+def _loaded(draft: DraftText, middle: Array, partial: Path) -> tuple[DraftText, Robot]:
+    """The robot from which home posture, floor, limits and rotors come, and the draft.
+
+    The file is written with placeholders for them, and loaded. The draft states
+    `possible_inertias: true` where the robot needs it; then both are done once more.
+
+    Args:
+        middle: (n,) rad or m, in the place of the home posture.
+        partial: of the robot.yaml.
+    """
+    _write(draft.text(middle, 0.0, Assumed.nothing(draft.arm)), draft, partial)
+    robot = Robot.load(partial)
+    if robot.inertias_may_be_mended and not draft.mends_inertias:
+        return _loaded(replace(draft, mends_inertias=True), middle, partial)
+    return draft, robot
+
+
+def _write(text: str, draft: DraftText, partial: Path) -> None:
+    """Writes the partial file; an error names the robot.yaml that it is to become."""
+    with writing_to(draft.out):
+        partial.write_text(text, encoding="utf-8")
 
 
 def _ends(structure: ArmStructure, base: str | None, flange: str | None) -> tuple[str, str]:
@@ -247,6 +256,15 @@ def _mounting(
         f"gravity is [{vector}] m/s^2 in W, and no floor is assumed"
     )
     return gravity, (None,), (note,)
+
+
+def _mimic_notes(followed: Iterable[DescribedJoint]) -> list[str]:
+    """A sentence on each joint that is held still because others follow it."""
+    return [
+        f"{joint.name} and the joints that follow it (mimic) are held still in the arm: each of an "
+        "arm's joints needs a motor of its own"
+        for joint in followed
+    ]
 
 
 def _effort_notes(arm: list[DescribedJoint], assumed: Assumed) -> list[str]:

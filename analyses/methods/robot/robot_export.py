@@ -73,6 +73,8 @@ def export_robot(
     # Coulomb and viscous, all that these files have a place for.
     friction = simulator_friction(model.friction, _largest_speed(model, robot))
     chain = model.chain(robot)
+    # Of coupled motors (URDF alone) the diagonal: the file has one rotor a joint, and no place for
+    # what one joint's acceleration asks of another's motor.
     rotors = np.asarray(chain.rotor_matrix.diagonal())
     # Of coupled motors a URDF has no place for what is off the diagonal.
     uncoupled = float(np.abs(chain.rotor_matrix - np.diag(rotors)).max())

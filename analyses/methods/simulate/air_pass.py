@@ -178,6 +178,7 @@ def learn_correction(
         recording: of `record_air_pass`.
         motion: as planned, of `raised_motion`.
         plan: whose motion it raises.
+        robot: of the estimator; its simulated truth plays no part.
         model, config: of the estimator that is to read in contact: model and observer must be the
             same for both.
 
@@ -186,7 +187,8 @@ def learn_correction(
         0 at the others. The correction is interpolated between them.
     """
     reading = _read(AirPass(motion, recording), robot, model, config)
-    feed_start = round(LEAD_TIME / recording.time_step)  # sample
+    # The sample at which the feed starts: `raised_motion` begins with LEAD_TIME at rest.
+    feed_start = round(LEAD_TIME / recording.time_step)
     t = recording.t[feed_start:] - recording.t[feed_start]
     is_steady = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
     law_is_right = is_steady.copy()

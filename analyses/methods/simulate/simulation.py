@@ -496,12 +496,13 @@ def _advance(
     num_passed = 0  # ends that were reached
 
     def judge(share: float) -> None:
-        """Called at each end, in their order; what it raises ends the run."""
+        """Called at each end, in their order; what it raises ends the run. It needs no share."""
         nonlocal num_passed
         velocity = plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))[joints]
         # Not `>`: what is not a number is too fast as well.
         if not np.all(np.abs(velocity) < max_speed):
-            # Drake's contact solver, too, ends a run that diverges with a RuntimeError.
+            # A RuntimeError, as Drake's contact solver raises where a run diverges: the one clause
+            # below takes both.
             raise RuntimeError("faster than any arm")
         recorder.take(simulator.get_mutable_context())
         until = ends[num_passed]

@@ -52,7 +52,7 @@ class ArmScene:
         inspector = scene_graph.model_inspector()
         has_looks = inspector.NumGeometriesWithRole(Role.kIllustration) > 0
         role = Role.kIllustration if has_looks else Role.kProximity
-        self.shapes = [
+        self.shapes = [  # in axes of their links, whose poses `placed` gives by name
             LinkShape(
                 body.name(),
                 inspector.GetShape(geometry),

@@ -167,7 +167,7 @@ class Recorder:
         readings = [Reading(row) for row in rows]
         wrench = np.array([reading.wrench for reading in readings])
         covariance = np.array([reading.covariance for reading in readings])
-        t = rows[:, 0]
+        t = np.array([reading.t for reading in readings])
         if self._form == "mcap":
             _, p_WE = self._robot.chain.pose(np.array([reading.q for reading in readings]))
             with WrenchBagWriter(path, self._robot.config.base_link) as bag:
@@ -197,7 +197,10 @@ class Recorder:
             self._write_metadata()
 
     def _write_metadata(self) -> None:
-        """Writes metadata.yaml, which makes the folder a ROS 2 bag."""
+        """Writes metadata.yaml, which makes the folder a ROS 2 bag, in the form of version 5.
+
+        https://github.com/ros2/rosbag2: rosbag2_storage/include/rosbag2_storage/bag_metadata.hpp
+        """
         files = self._files
         count = sum(file.readings for file in files)
         topics = [
@@ -224,7 +227,8 @@ class Recorder:
             "compression_mode": "",
         }
         text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
-        # A long recording has thousands of files, listed anew each second: yaml would take long.
+        # Further keys of the mapping above, hence the two spaces. A long recording has thousands of
+        # files, listed anew each second: yaml would take long.
         text += "  relative_file_paths:\n" + "".join(f"  - {file.name}\n" for file in files)
         text += "  files:\n" + "".join(file.entry() for file in files)
         path = self._folder / "metadata.yaml"

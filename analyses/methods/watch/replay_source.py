@@ -55,7 +55,7 @@ class ReplaySource:
         return cls(path, robot, rate, address.options.get("log_format"))
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
-        """As the protocol: the samples that are due by now, at most some; or after a wait none.
+        """As `Source.read`: the samples that are due by now, at most some; or after a wait none.
 
         The first call starts the clock, and says so. With a rate of 0 every sample is due.
         """

@@ -66,7 +66,7 @@ class Ros2Source:
         return cls(join(address), topic, robot, effort)
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
-        """As the protocol; the topic is joined at the first call.
+        """As `Source.read`; the topic is joined at the first call.
 
         Without a publisher for WAIT_TIME s an event says so, again and again.
         """

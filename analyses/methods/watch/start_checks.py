@@ -112,7 +112,7 @@ class StartChecks:
                 "no reading is valid; identify a model with `wrenchsight identify`"
             )
         if not self._has_begun or self._jumped(sample.t):
-            self._restart(sample.t)
+            self._restart(sample.t)  # sets `_has_begun` and `_last_check`
         if self._samples and sample.t <= self._samples[-1].t:
             return  # `LiveEstimator` leaves it out, too
         self._samples.append(sample)

@@ -90,6 +90,7 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
             raise refuse(option, f'"{value}"', " or ".join(choices))
     if config.prior == "log":
         raise refuse("prior", '"log"', "live or two numbers: a stream is not known to its end")
+    # Every option that both commands have: one that is left out here goes unchecked.
     estimate_config = EstimateConfig(
         prior=config.prior,
         estimator=config.live.estimator,

@@ -397,7 +397,11 @@ def machining_notes(task: MachiningTask) -> list[str]:
             " ".join(f"<{feed_key(feed)}.band.sensor.{part}.{axis}:100 .0f>" for axis in "xyz")
             for feed in FEED_TIMES
         )
-        for part, words in (("steady", "steady feed"), ("ends", "starts"), ("turns", "turns"))
+        for part, words in (
+            ("steady", "steady feed"),
+            ("ends", "starts and stops"),
+            ("turns", "turns"),
+        )
     )
     return [
         f"{task.component.capitalize()} force, one way in {feeds} s, RMSE: {each('rmse_n')} N "

@@ -36,7 +36,9 @@ from wrenchsight.models.numerics.arrays import Array
 ONE_WAY_QUICK = 5.0  # s
 K_0 = 20.0  # 1/s
 BEFORE, AFTER = "initial", "optimised"  # the article's two variants
+FOUND = "found"  # the path that `linear-path` finds, read as the article does
 OURS = "found_bayesian"
+BEFORE_FILTERED, AFTER_FILTERED = "initial_filtered", "optimised_filtered"
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,9 @@ class Variant:
 VARIANTS = (
     Variant(BEFORE, "article: initial path", "initial", None, "inverse"),
     Variant(AFTER, "article: optimised path", "optimised", None, "inverse"),
-    Variant("found", "path found here", "found", None, "inverse"),
-    Variant("initial_filtered", "initial path, K$_0$ = 20", "initial", K_0, "inverse"),
-    Variant("optimised_filtered", "optimised path, K$_0$ = 20", "optimised", K_0, "inverse"),
+    Variant(FOUND, "path found here", "found", None, "inverse"),
+    Variant(BEFORE_FILTERED, "initial path, K$_0$ = 20", "initial", K_0, "inverse"),
+    Variant(AFTER_FILTERED, "optimised path, K$_0$ = 20", "optimised", K_0, "inverse"),
     Variant(
         "optimised_bayesian", "optimised path, K$_0$ = 20, bayesian", "optimised", K_0, "bayesian"
     ),
@@ -130,8 +132,8 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     # One entry a variant, by its key in VARIANTS; then comparisons of two variants each.
     metrics: dict[str, Any] = {variant.key: readings[variant.key].metrics() for variant in VARIANTS}
     initial, optimised = metrics[BEFORE], metrics[AFTER]
-    metrics["found_against_initial"] = reductions(initial, metrics["found"])
-    metrics["filtered"] = reductions(metrics["initial_filtered"], metrics["optimised_filtered"])
+    metrics["found_against_initial"] = reductions(initial, metrics[FOUND])
+    metrics["filtered"] = reductions(metrics[BEFORE_FILTERED], metrics[AFTER_FILTERED])
     metrics["ours_against_article"] = reductions(optimised, metrics[OURS])
     metrics["torque_sd_nm"] = errors[None].noise
     metrics["filtered_torque_sd_nm"] = errors[K_0].noise

@@ -224,8 +224,8 @@ def _calibrated_gains(
         loads: load of each loaded log.
     """
     structure, start = _with_load_terms(stated_model.solution)
-    logs = [_log(run, None) for run in unloaded]
-    logs += [_log(run, index) for index, run in enumerate(loaded)]
+    logs = [_log(run, load=None) for run in unloaded]
+    logs += [_log(run, load=index) for index, run in enumerate(loaded)]
     problem = GainProblem(
         robot,
         logs,

@@ -92,7 +92,10 @@ def joint_torques(recording: Recording, robot: Robot, model: IdentifiedModel) ->
     Args:
         recording: may have gaps, where q is not finite.
         robot: with the tool that it carried.
-        model: model of the rigid body.
+        model: of the rigid body; its friction is not used.
+
+    Returns:
+        With zeros at the samples that are not known (`is_known`).
     """
     bare = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     step = recording.time_step
@@ -424,8 +427,9 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
         InputError: as `refit_specimen`.
     """
     prior_law = carried_over(presliding_of(model))
+    # Rows by place along the paths of the logs in which a force sensor measured; of others none.
     places = [log.places for log in rows if log.places is not None]
-    prior = _SENSOR_PRIOR if places else None
+    prior = _SENSOR_PRIOR if places else None  # None: `fit_rows` takes its default
     fit = fit_rows([log.level for log in rows], prior_law, prior)
     if not fit.rows.any():
         problem = f"no joint moves faster than {SLIDING_SPEED:g} rad/s for {ROW_TIME:g} s"
@@ -445,7 +449,7 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
         tooled,
         inertial_parameters=scale * tooled.inertial_parameters,
         reflected_inertia=scale * tooled.reflected_inertia,
-        friction=_along_paths(fit, places, scale),
+        friction=_along_paths(fit, places, scale),  # `fit.law` and the part by place, scaled, too
         fitted_robot=replace(tooled.fitted_robot, torque_per_ampere=torque_per_ampere),
     )
     return SpecimenRefit(model=calibrated, carried_law=prior_law, fit=fit, robot=renewed)
