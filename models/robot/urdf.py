@@ -477,9 +477,11 @@ class _Reader:
                 f"(possible_inertias): {', '.join(self.mended)}"
             )
         if self.inertia_faults:
+            refusing = "commands that need inertias"
+            if self.massless and self.config.simulated_truth.link_masses:
+                refusing += ", except `simulate`,"
             self.notices.append(
-                "commands that need inertias will refuse this robot, all others work: "
-                f"{self.inertia_faults[0]}"
+                f"{refusing} will refuse this robot, all others work: {self.inertia_faults[0]}"
             )
 
     def _settle_fault(

@@ -700,6 +700,7 @@ def test_links_without_mass_are_even_rods_in_simulations(tmp_path: Path) -> None
     truth = {"link_masses": [2.0, 3.0]}
     robot = load_small(tmp_path, massless, simulated_truth=truth)
     assert not robot.has_inertias  # no other command reads them
+    assert any("inertias, except `simulate`, will refuse" in notice for notice in robot.notices)
     simulated = robot.with_assumed_masses()
     simulated.require_inertias("simulate")
     assert not any("will refuse this robot" in notice for notice in simulated.notices)
