@@ -87,6 +87,18 @@ class ClosestPair:
     time: float
 
 
+class _FoundPairs(NamedTuple):
+    """Pairs of shapes that were found near each other at a posture.
+
+    Attributes:
+        pairs: as Drake states them.
+        context: the plant's, at this posture until the next search moves it: `ArmShapes` has one.
+    """
+
+    pairs: list[SignedDistancePair]
+    context: Context
+
+
 class _Interval(NamedTuple):
     """A part of a motion that is not yet proved to be clear: its times, s, and slacks there, m."""
 
@@ -306,7 +318,9 @@ class Clearance:
             that is left out. Pairs that are not in it must keep the margin, but for jointed ones,
             whose distance Drake never states. And the names of overlapping pairs.
         """
-        # m. Of any pair beyond, half the distance at home is more than the margin.
+        # m. Beyond the second a pair's share of its distance at home is more than the margin. The
+        # first is more where the margin is small: so pairs are found, and left out, that are rigid
+        # or always clear and within the reach of `smooth_slack`.
         near = max(_NEAR_AT_HOME, self.margin / _KEPT_SHARE_OF_HOME)
         at_home = {
             (pair.id_A, pair.id_B): pair.distance
@@ -391,7 +405,7 @@ class Clearance:
         if not neighbours:
             return set()
         nearest = dict(neighbours)  # m, distances at home and in all postures
-        # A pair beyond is farther apart than at home, as all of them are nearer there.
+        # No neighbour is farther apart at home: one that is beyond has not come nearer.
         farthest_at_home = max(neighbours.values())
         ranges = ranges_of_postures(
             robot.position_lower, robot.position_upper, robot.chain.prismatic
@@ -458,12 +472,12 @@ class Clearance:
                 slack=pair.distance - self._requirement(pair),
                 time=0.0,
             )
-            for pair in self._pairs_that_count(q, influence, pose)
+            for pair in self._find_pairs(q, influence, pose).pairs
         ]
 
     def slack(self, q: ArrayLike) -> float:
         """Smallest slack at q (n,), m; INFLUENCE_DISTANCE stands for any that is larger."""
-        pairs = self._pairs_that_count(q, INFLUENCE_DISTANCE + self.margin)
+        pairs = self._find_pairs(q, INFLUENCE_DISTANCE + self.margin).pairs
         slacks = [pair.distance - self._requirement(pair) for pair in pairs]
         return float(min([INFLUENCE_DISTANCE, *slacks]))
 
@@ -471,19 +485,20 @@ class Clearance:
         """A smooth measure of the least slack, m, and its gradient (n,) by q, m/rad (m/m).
 
             value    = -1/k ln(exp(-k _FAR_SLACK) + sum_i exp(-k slack_i)),  k = MINIMUM_SHARPNESS
-            slack_i  = scale_i (distance_i - required_i),  scale_i of `_scales`
+            slack_i  = scale_i (distance_i - required_i)
             gradient = sum_i w_i scale_i d distance_i / dq,  w_i = exp(-k slack_i) / the sum in ln
 
-        over all pairs that count within INFLUENCE_DISTANCE + margin. At that distance a pair enters
-        or leaves the sum, with a slack of INFLUENCE_DISTANCE or more, ten e-folds of its term
-        beyond _FAR_SLACK: that moves the value by e^-10 / k = 0.1 um at most. Where there is no
-        pair the value is _FAR_SLACK. It is never more, and positive only where `slack` is.
+        over all pairs that count within INFLUENCE_DISTANCE + margin. scale_i (`_scales`) is
+        margin / required_i, 1 to _LARGEST_SCALE: so what a pair of the wrist must keep, which is
+        little, weighs as the margin of others does. As no scale is below 1, a pair enters or leaves
+        the sum with a slack of INFLUENCE_DISTANCE or more, ten e-folds of its term beyond
+        _FAR_SLACK: that moves the value by e^-10 / k = 0.1 um at most. Where there is no pair the
+        value is _FAR_SLACK. It is never more, and positive only where `slack` is.
 
         The gradient is that of the value, but for pairs with w_i scale_i < _MIN_GRADIENT_SHARE,
         which it leaves out.
         """
-        pairs = self._pairs_that_count(q, INFLUENCE_DISTANCE + self.margin)
-        context_at_q = self.shapes.context  # where looking for pairs has left it
+        pairs, context_at_q = self._find_pairs(q, INFLUENCE_DISTANCE + self.margin)
         distance = np.array([pair.distance for pair in pairs])
         required = np.array([self._requirement(pair) for pair in pairs])
         scale = self._scales(required)
@@ -549,14 +564,16 @@ class Clearance:
         """Whether a motion keeps clear at every time, not only at samples.
 
         At samples, a tenth of a second apart or closer, every pair must keep what is required of
-        it: its slack is 0 or more. At all other times half of that is proved (`_stays_above`): no
-        slack is below -allowance, half of the least that any pair must keep (0 where a workpiece
-        may rest on something). Pairs beyond INFLUENCE_DISTANCE are not looked at: they count with
-        the least slack that they can have there. With a margin above it, no motion counts as clear.
+        it: its slack is 0 or more. At all other times it is proved (`_stays_above`) that no slack
+        is below -allowance. The allowance is half of the least that any pair must keep, so that
+        each keeps at least half of what is required of it. It is 0 where a workpiece may rest on
+        something, a pair that must keep 0. Pairs beyond INFLUENCE_DISTANCE are not looked at: they
+        count with the least slack that they can have there. With a margin above it, no motion
+        counts as clear.
 
         No point of the arm moves faster than sum_j speed_j r_j, r_j the farthest that it can be
-        from joint j, and the distance of two moving links changes at twice that, `fastest`, at
-        most.
+        from joint j. The distance of two moving links changes at twice that, `fastest`, at most.
+        All else stands still, a workpiece that floats as well: it stays at its default pose.
 
         Args:
             position: from time in s, 0 to duration, to q (n,).
@@ -567,7 +584,8 @@ class Clearance:
             Whether it keeps clear, and the pair with the least slack; None where nothing is near.
         """
         fastest = 2.0 * float(speed @ self._speed_radius)  # m/s, of two moving links to each other
-        # m, of the pairs in `_required` that count; all others must keep the margin.
+        # m, of the pairs in `_required` that count, the 0 of a resting pair among them. Pairs that
+        # are not in it must keep the margin.
         required = [value for value in self._required.values() if value > -np.inf]
         allowance = 0.5 * min([self.margin, *required])  # m, by which a slack may be below 0
         least_slacks = _LeastSlacks(
@@ -584,12 +602,11 @@ class Clearance:
         is_clear = min(slacks) >= 0.0 and _stays_above(-allowance, least_slacks, intervals, fastest)
         return is_clear, least_slacks.worst
 
-    def _pairs_that_count(
-        self, q: ArrayLike, influence: float, pose: ArrayLike = ()
-    ) -> list[SignedDistancePair]:
+    def _find_pairs(self, q: ArrayLike, influence: float, pose: ArrayLike = ()) -> _FoundPairs:
         """The pairs within `influence` (m) that are not left out, as `ArmShapes.pairs`."""
         pairs = self.shapes.pairs(q, influence, pose)
-        return [pair for pair in pairs if self._requirement(pair) > -np.inf]
+        counting = [pair for pair in pairs if self._requirement(pair) > -np.inf]
+        return _FoundPairs(counting, self.shapes.context)  # which `pairs` has put at q
 
     def _requirement(self, pair: SignedDistancePair) -> float:
         """The distance that a pair must keep, m; -inf of one that is left out."""
