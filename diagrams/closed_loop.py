@@ -349,7 +349,7 @@ def _planned_motion(
 def _add_control(parts: _LoopParts, planned: _PlannedMotion) -> _ControlPorts:
     """Adds the scenario's controller, with the estimator and the reference motion."""
     if planned.machining_path is not None and parts.requested_estimator is not None:
-        return _add_machining(parts, planned.machining_path, parts.requested_estimator)
+        return _add_machining(parts, planned.machining_path)
     if isinstance(parts.scenario.controller, ImpedanceConfig):
         return _add_impedance(parts, planned.trajectory)
     return _add_tracking(parts, planned.trajectory)
@@ -489,37 +489,39 @@ def _add_terms(parts: _LoopParts) -> OutputPort:
     return terms.get_output_port()
 
 
-def _add_machining(
-    parts: _LoopParts, plan: MachiningPath, requested: LoopEstimator
-) -> _ControlPorts:
+def _add_machining(parts: _LoopParts, plan: MachiningPath) -> _ControlPorts:
     """Adds the reference of a pass, the estimator and an impedance controller.
 
-        feed_time --> air_pass --> correction --+
-                     vibration --> freed_torque -+-> estimator --> wrench
-                                                                     v
-        terms, wrench --> reference --> pose_reference, ... --> controller --> tau_command
+        encoders, currents --> estimator --> wrench, terms
+                                                 v
+                                             reference --> pose_reference, ... --> controller
+                                                                                       v
+                                                                                  tau_command
 
-    Air pass and vibration are there after an air pass alone. Without a sensor the command is then
-    less the friction that the tool's vibration frees.
+    The controller gets wrench and terms as well. After an air pass its correction goes into the
+    estimator, and the command is changed (`_add_air_pass`).
 
     None of the loops is algebraic. The wrench that is fed back does not depend on the command of
-    the same tick (`_fed_back_wrench`). Reference and vibration read wrench and estimate in their
-    updates alone: their outputs depend on them from the next tick on.
+    the same tick (`_fed_back_wrench`). The reference reads it in its update alone: its outputs
+    depend on it from the next tick on.
 
     Args:
-        plan: path and motion of the pass.
-        requested: the estimator; its air pass, if any, was learnt along the same path.
+        plan: path and motion of the pass. The air pass of the requested estimator, if any, was
+            learnt along the same path.
 
     Raises:
         InputError: as `_fed_back_wrench` and `_add_impedance_controller`.
         ValueError: an air pass with an observer that reads the wrench itself, or has no gain K_0.
     """
+    requested = parts.requested_estimator
+    assert requested is not None  # `_add_control`
     air_pass = requested.air_pass  # None: nothing was learnt beforehand, without contact
     made_from = _estimator_parts(parts, requested, _estimator_config_of_pass(parts, plan))
     estimator = _add_loop_estimator(parts, requested, made_from)
     terms = estimator.GetOutputPort("terms")
     wrench = _fed_back_wrench(parts, estimator)  # of sensor or estimator, by the scenario
-    # `steady` of this plan says when an estimate may be fed back; the paths are the same.
+    # After an air pass the plan's field `steady` is replaced by the times at which the correction
+    # is valid; path and motion stay.
     plan_with_trust = _with_trusted_times(plan, air_pass)
     reference = _add_reference(parts, plan_with_trust, terms, wrench)
     controller = _add_pass_controller(parts, plan.q_start, reference, terms, wrench)
@@ -529,15 +531,10 @@ def _add_machining(
     signals["pose_error"] = controller_outputs["pose_error"]
 
     if air_pass is not None:
-        vibration = vibration_constants(made_from.wrench_estimator())
-        tracked = _add_correction(parts, air_pass, vibration, estimator, reference)
-        signals |= {name: tracked[name] for name in _FREED_SIGNALS}
-        # The controller feeds friction forward in full, also what the vibration frees. A sensor's
-        # feedback makes up for that; without a sensor it is taken off the command.
-        if not uses_sensor(parts.scenario):
-            tau_command = _add_freed_friction(
-                parts, controller.law, vibration.viscous, tau_command, reference, tracked
-            )
+        freed_signals, tau_command = _add_air_pass(
+            parts, air_pass, made_from, estimator, controller, reference, tau_command
+        )
+        signals |= freed_signals
     return _ControlPorts(
         controller=controller,
         tau_command=tau_command,
@@ -548,11 +545,52 @@ def _add_machining(
     )
 
 
+def _add_air_pass(
+    parts: _LoopParts,
+    air_pass: AirPassCorrection,
+    made_from: _EstimatorParts,
+    estimator: Diagram,
+    controller: ImpedanceController,
+    reference: Mapping[str, OutputPort],
+    tau_command: OutputPort,
+) -> tuple[dict[str, OutputPort], OutputPort]:
+    """Adds the correction that an air pass has taught, and what the tool's vibration frees.
+
+        feed_time --> air_pass --> correction ----+
+                      vibration --> freed_torque -+-> estimator
+                          +-------> tool_vibration -> freed_friction --> tau_command
+
+    The controller feeds friction forward in full, also what the vibration frees. A sensor's
+    feedback makes up for that; without a sensor it is taken off the command.
+
+    Args:
+        made_from: what the estimator is made from.
+        estimator: its inputs for a correction are open.
+        controller: of the pass.
+        reference: outputs of the block MachiningReference by their names.
+        tau_command: (n,) N m of the controller.
+
+    Returns:
+        The signals of the vibration that are logged, by name; and the command, (n,) N m, which with
+        a sensor is the given one.
+    """
+    # Constants are read of another, equal estimator: nothing of it is in the diagram.
+    vibration = vibration_constants(made_from.wrench_estimator())
+    tracked = _add_correction(parts, air_pass, vibration, estimator, reference)
+    freed_signals = {name: tracked[name] for name in _FREED_SIGNALS}
+    if uses_sensor(parts.scenario):
+        return freed_signals, tau_command
+    command_less_freed = _add_freed_friction(
+        parts, controller.law, vibration.viscous, tau_command, reference, tracked
+    )
+    return freed_signals, command_less_freed
+
+
 def _with_trusted_times(plan: MachiningPath, air_pass: AirPassCorrection | None) -> MachiningPath:
     """The plan whose `steady` (T,) is 1 where an estimate may be fed back, else 0.
 
-    That is where the feed is steady, or after an air pass where its correction is valid. The
-    reference's output `feedback_valid` follows it.
+    Without an air pass that is where the feed is steady, the plan's own `steady`; after one, where
+    its correction is valid. The reference's output `feedback_valid` follows it.
     """
     if air_pass is None:
         return plan
@@ -570,8 +608,8 @@ def _add_pass_controller(
 
     Args:
         q_start: (n,) rad, where the controller's damper is checked.
-        reference: outputs of the block MachiningReference by their names, which say what the
-            controller makes of the wrench: force_active and feedback_valid.
+        reference: outputs of the block MachiningReference by their names. Of these force_active and
+            feedback_valid say what the controller makes of the wrench.
         terms: of the estimator's model at the measured q and v.
         wrench: (6,) of the force feedback.
 
@@ -603,9 +641,13 @@ def _add_freed_friction(
 ) -> OutputPort:
     """Takes the friction that the tool's vibration frees off the command.
 
+    A vibration frees dry friction alone. So the share that it frees is of the friction that was fed
+    forward, `law`'s, without a viscous part. That part is the estimator's, with which the tracker
+    found the vibration.
+
     Args:
         law: `ImpedanceController.law` of the controller, which has fed the friction forward.
-        viscous: (n,) N m s/rad, of the estimator's friction, which the vibration leaves.
+        viscous: (n,) N m s/rad, of the estimator's friction law; it is not freed.
         tau_command: (n,) N m of the controller.
         reference, tracked: outputs of MachiningReference and ToolVibrationTracker by their names.
 
@@ -681,13 +723,17 @@ def _add_correction(
 
     An air pass, along the same path without contact, has taught what torque the model lacks. The
     tool's vibration frees part of the joints' friction, which the model takes off in full. The
-    tracker reads the tau_ext that it corrects: it does so in its update alone, for the tick after,
-    so that there is no algebraic loop.
+    tracker reads the tau_ext that it corrects, and takes its own freed_torque of the tick out of it
+    again. It does so in its update alone, for the tick after, so that there is no algebraic loop.
 
         feed_time --> air_pass --> correction --+------------------> + --> tau_correction
                                                 v                    ^ -
         reference, estimator ------------> vibration --> freed_torque
                                                 +------> freed_sd -------> correction_sd
+
+    `spread` of the air pass, how far its correction differs from itself along the path, becomes the
+    correction's sd where joints depart from the plan. The tracker takes it into freed_sd, and that
+    goes into the estimator's torque_error, out of which the tracker takes it again.
 
     Args:
         air_pass: what was learnt in it.
@@ -792,6 +838,9 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _ControlPo
     trajectory --> path_reference --> pose_reference --> controller --> tau_command
     terms of the estimator ---------------------------------^
     force_setpoint, wrench (of sensor or estimator) --------^   with a controlled force
+
+    The terms (M, J, ...) are of the estimator's model. The pose reference and the friction that is
+    fed forward are of the controller's: models differ in inertias and friction, not in kinematics.
 
     Raises:
         InputError: as `_add_impedance_controller` and `_connect_force_control`.
