@@ -82,35 +82,6 @@ class ArmInPlant(Arm):
         payload: float | None = None,
         name: str | None = None,
     ) -> None:
-        self._find(plant, model_instance, frame_E)  # sets these three
-        # The chain with the reflected inertia of the plant's actuators; sets X_WB and joints.
-        chain = self._find_chain(base, context)
-        actuators = _actuators_of(plant, self.joints)
-        # Messages of errors name the model instance where they name the file of another arm.
-        source = Path(plant.GetModelInstanceName(self.model_instance))
-        Arm.__init__(  # which refuses drives that are not one a joint
-            self,
-            name=name or str(source),
-            source=source,
-            limits=_limits(self.joints, actuators, chain),
-            drives=_simulated_drives(self.joints, actuators) if drives is None else drives,
-            coupling=[],  # of drives that move several joints: none
-            payload=_usual_payload(chain) if payload is None else payload,
-        )
-        self._is_simulated = drives is None  # `nominal_model` states a smaller error of such an arm
-        # The drives' inertia, which `Arm.__init__` has put into `reflected_inertia`, takes the
-        # place of that of the plant's actuators.
-        self._chain_in_W = replace(chain, reflected_inertia=self.reflected_inertia)
-        self._is_in_W = True  # False of the copy that `in_base_axes` makes
-        self.gravity = frozen(self._chain_in_W.gravity)
-
-    def _find(
-        self,
-        plant: MultibodyPlant,
-        model_instance: ModelInstanceIndex | None,
-        frame_E: Frame | None,
-    ) -> None:
-        """Sets plant, model instance and frame E; None is found in the plant."""
         if not plant.is_finalized():
             problem = "is not finalized"
             raise InputError(plant.get_name() or "plant", "", problem, "call Finalize() first")
@@ -119,23 +90,36 @@ class ArmInPlant(Arm):
             _actuated_instance(plant) if model_instance is None else model_instance
         )
         self.frame_E = _last_frame(plant, self.model_instance) if frame_E is None else frame_E
-
-    def _find_chain(self, base: RigidBody | None, context: Context | None) -> SerialChain:
-        """Sets the pose of the base and the joints from it to E; returns their chain from W.
-
-        Joints that are not between base and E stand still as they are in the context.
-        """
-        plant, instance = self.plant, self.model_instance
-        base_body = _base(plant, instance, self.frame_E) if base is None else base
+        base_body = _base(plant, self.model_instance, self.frame_E) if base is None else base
         plant_context = plant.CreateDefaultContext() if context is None else context
         self.X_WB: RigidTransform = base_body.EvalPoseInWorld(plant_context)
-        chain = SerialChain.from_plant(
-            plant, instance, self.frame_E, StandingJoints(base_body, plant_context)
+        # From W to E; joints that are not between base and E stand still as in the context. Limits
+        # and payload take gravity and masses from this chain. Its rotors, those of the plant's
+        # actuators, do not enter there; `_chain_in_W` has the drives' rotors instead.
+        plant_chain = SerialChain.from_plant(
+            plant, self.model_instance, self.frame_E, StandingJoints(base_body, plant_context)
         )
         self.joints: tuple[Joint, ...] = tuple(
-            _inboard_joint(plant, self.frame_E, joint_name) for joint_name in chain.joint_names
+            _inboard_joint(plant, self.frame_E, joint) for joint in plant_chain.joint_names
         )
-        return chain
+        actuators = _actuators_of(plant, self.joints)
+        # Messages of errors name the model instance where they name the file of another arm.
+        source = Path(plant.GetModelInstanceName(self.model_instance))
+        Arm.__init__(  # which refuses drives that are not one a joint
+            self,
+            name=name or str(source),
+            source=source,
+            limits=_limits(self.joints, actuators, plant_chain),
+            drives=_simulated_drives(self.joints, actuators) if drives is None else drives,
+            coupling=[],  # of drives that move several joints: none
+            payload=_usual_payload(plant_chain) if payload is None else payload,
+        )
+        self._is_simulated = drives is None  # `nominal_model` states a smaller error of such an arm
+        # `chain`, Arm's property, reads it here. `Arm.__init__` has put the drives' rotors into
+        # `reflected_inertia`.
+        self._chain_in_W = replace(plant_chain, reflected_inertia=self.reflected_inertia)
+        self._is_in_W = True  # False of the copy that `in_base_axes` makes
+        self.gravity = frozen(self._chain_in_W.gravity)
 
     def in_base_axes(self) -> "ArmInPlant":
         """The same arm with W at its base: wrench and gravity in the base's axes."""
@@ -302,10 +286,12 @@ def _limits(
     """The limits of the chain's joints.
 
     The effort limit is the actuator's. Where that is infinite or there is no actuator it is
-    `_EFFORT_OVER_GRAVITY` times the largest torque of gravity.
+    `_EFFORT_OVER_GRAVITY` times the largest torque of gravity on this joint in random postures,
+    which counts as 1 N m (N) or more: a joint about a vertical axis has none.
 
     Args:
-        joints: of the chain, base to tool.
+        joints: of the chain, base to tool. Their position limits may be infinite: the postures are
+            then of `ranges_of_postures`.
         actuators: of each joint, or None.
         chain: of these joints, for gravity.
     """

@@ -291,7 +291,9 @@ def _staged(
     q, v, current --> samples --> terms, motor, friction, observer, torque_error
                                      --> (correction) --> reconstruction, (detection)
 
-    Ports are exported in the order in which they are met: q, v and current first.
+    Ports are exported in the order in which they are met: q, v and current first. `_Wiring` says
+    what is not the same in every estimator: which optional inputs are connected or exported, and
+    whether the reconstruction has a memory.
 
     Args:
         estimator: its parts are those of the blocks.
@@ -303,29 +305,32 @@ def _staged(
     builder = DiagramBuilder()
     stages = _add_stages(builder, estimator, replacements, wiring)
     # Ports by the names of the inputs that take them: `_connect_by_name` connects a block to those
-    # that it has an input for, and leaves its other inputs open. These are the signals up to the
-    # observer, whose tau_ext is not corrected yet.
-    uncorrected = _add_sample_check(builder, estimator, replacements.get("samples"))
-    uncorrected |= _stage_ports(builder, estimator, stages)
-    _connect_by_name(builder, [stages.terms, stages.motor, stages.observer], uncorrected)
+    # that it has an input for, and leaves its other inputs open. tau_ext and tau_ext_valid are the
+    # observer's own, not corrected.
+    observed = _add_sample_check(builder, estimator, replacements.get("samples"))
+    observed |= _stage_ports(builder, estimator, stages)
+    _connect_by_name(builder, [stages.terms, stages.motor, stages.observer], observed)
     if stages.torque_error is not None:
-        _connect_torque_error(builder, stages.torque_error, uncorrected, wiring)
-    _connect_friction(builder, stages.friction, uncorrected, wiring)
+        _connect_torque_error(builder, stages.torque_error, observed, wiring)
+    _connect_friction(builder, stages.friction, observed, wiring)
 
-    # From here on tau_ext and tau_ext_valid are the corrected ones: they replace the observer's.
-    correction = _add_correction(builder, estimator.num_joints, uncorrected) if corrected else {}
-    signals = uncorrected | correction
-    signals |= _connect_reconstruction(
+    # What reconstruction and detection read: with a correction its tau_ext and tau_ext_valid stand
+    # in the place of the observer's. All else is as observed.
+    correction = _add_correction(builder, estimator.num_joints, observed) if corrected else {}
+    to_be_read = observed | correction
+    reading = _connect_reconstruction(
         builder,
         stages.reconstruction,
-        signals,
-        observer_valid=uncorrected["tau_ext_valid"],
+        to_be_read,
+        observer_valid=observed["tau_ext_valid"],
         wiring=wiring,
     )
-    # The output `terms` is of the model, at q and v as they come. The stages' terms are taken for
-    # it where they are of the same q and v; not a user's, which may be of another model.
-    stage_terms = None if "terms" in replacements else uncorrected["terms"]
+    # The output `terms` is of the model, at q and v as they come. Another block makes it, which at
+    # each tick passes the stages' terms on where the check has left q and v as they are. A user's
+    # terms, which may be of another model, it never gets.
+    stage_terms = None if "terms" in replacements else observed["terms"]
     terms_as_read = _terms_as_read(builder, estimator, stage_terms)
+    signals = to_be_read | reading
     _export_outputs(builder, signals, terms=terms_as_read)
     if "detection" in replacements:
         _add_users_detector(builder, replacements["detection"], signals)
@@ -425,7 +430,11 @@ def _add_stages(
     `_add_detector` add these.
 
     Args:
-        replacements: the user's blocks, by the name of the stage that each takes the place of.
+        replacements: the user's blocks, by the name of the stage that each takes the place of. A
+            torque_error among them is always added, and an output of the diagram.
+        wiring: says here whether our friction reads from the torque error which joints rest,
+            whether our reconstruction has a memory, and whether reconstruction or our detector
+            reads the torque error.
 
     Returns:
         The blocks; torque_error is None where no block reads it.
@@ -449,7 +458,8 @@ def _add_stages(
     reconstruction = add(
         "reconstruction", lambda: JacobianWrenchReconstruction(estimator.reading, reading_period)
     )
-    # Every user's block counts, in whichever place.
+    # Blocks that read the torque error if they have an input for it: a user's in any place. Ours
+    # of reconstruction and detection are not among them, as `wiring` says what these read.
     possible_readers = [friction, observer, *replacements.values()]
     torque_error = None
     if _is_error_read(possible_readers, wiring):
@@ -684,6 +694,7 @@ def _add_detector(
         builder.ExportOutput(parts.get_output_port(k), signal)
 
 
+# Also what `_export_outputs` exports of a staged estimator: an output is added to both.
 _FUSED_OUTPUTS = (
     "tau_ext",
     "wrench",
@@ -718,9 +729,9 @@ def _fused(
     for k in range(block.num_input_ports()):  # q, v, current, and those of a correction
         port = block.get_input_port(k)
         builder.ExportInput(port, port.get_name())
-    # The block's port `reading` holds most signals, torque_error always among them, one after
-    # another. Drake splits it up: a port of the block for each is as many calls into Python at a
-    # tick.
+    # The block's port `reading` holds most signals one after another, those of `reading_sizes`; v
+    # (as checked), tau_f and torque_error are always among them. Drake splits it up: a port of the
+    # block for each is as many calls into Python at a tick.
     sizes = block.reading_sizes
     demultiplexer = builder.AddNamedSystem("reading", Demultiplexer(list(sizes.values())))
     builder.Connect(block.GetOutputPort("reading"), demultiplexer.get_input_port())
@@ -728,7 +739,7 @@ def _fused(
     for signal in ("terms", "pole", "sliding", "tau_J"):
         ports[signal] = block.GetOutputPort(signal)
 
-    # All but v, pole, sliding and tau_J, which are the detector's alone.
+    # `ports` also has v, pole, sliding and tau_J, which are the detector's alone.
     for signal in _FUSED_OUTPUTS:
         builder.ExportOutput(ports[signal], signal)
     # The torque error is an output where it was learnt from logs or a correction adds to it; else

@@ -107,13 +107,15 @@ def posture_problem(
         path: N samples, a posture each.
         machining: states narrower joint limits, if any. Its `angle_deg` (without one 0) is the
             first of the grid's angles, from which the others are even steps. Where it is stated
-            `postures` searches no grid, but keeps this angle: it takes cost and bounds from here.
+            `postures` keeps this angle and searches no grid: it then takes only cost and bounds
+            from the problem.
         source: named in messages.
 
     Raises:
         InputError: a joint has no range beside the margin to its limits; narrower limits of a joint
             that the robot does not have, or that leave it no range within its own.
     """
+    # A slide keeps no margin: its range, if it has one at all, is left.
     margins = np.where(robot.chain.prismatic, 0.0, math.radians(_LIMIT_MARGIN_DEG))
     lower, upper = robot.position_lower + margins, robot.position_upper - margins
     if np.any(lower >= upper):
@@ -124,6 +126,7 @@ def posture_problem(
             f"keeps {_LIMIT_MARGIN_DEG:g} deg from each of its limits"
         )
         raise InputError(source, "", problem, "take a robot whose joints turn by more")
+    # The stated ranges are in deg, of slides in m.
     lower, upper = narrowed_limits(robot, machining.joint_ranges_deg, lower, upper, source)
     if np.any(lower >= upper):
         joint = robot.joint_names[int(np.argmax(lower - upper))]  # the one that lacks most
@@ -140,7 +143,7 @@ def posture_problem(
         ),
         lower=lower,
         upper=upper,
-        max_step=np.full(robot.num_joints, _MAX_STEP),  # rad, from sample to sample
+        max_step=np.full(robot.num_joints, _MAX_STEP),  # rad (m), from sample to sample
         smoothness=_SMOOTHNESS_WEIGHT,
         num_angles=NUM_ANGLES,
         first_angle=math.radians(machining.angle_deg or 0.0),

@@ -160,6 +160,7 @@ def make_robot_cell(
     cell = _add_surroundings_and_arm(scenario, robot, is_drawn=meshcat is not None)
     # The plant is finalized. Its default positions and shapes are changed here, which has to be
     # done before the diagram's first Context.
+    # Of the described robot with its true friction; the links are those of `robot_of_links`.
     joints = TrueJoints.of(cell.robot_of_joints, scenario.time_step)
     _put_encoders_at(cell, joints, np.asarray(q_0, dtype=np.float64))
     if cell.scene_graph is not None:  # there is none where nothing touches or is drawn
@@ -169,7 +170,7 @@ def make_robot_cell(
     script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
     true_arm = cell.builder.AddNamedSystem("true_arm", TrueArm(_arm_parts(cell, joints, script)))
     _connect_inputs(cell, true_arm)  # exports current_command
-    # Exports applied_spatial_force, if the cell has it.
+    _connect_spatial_forces(cell, true_arm)  # exports applied_spatial_force, if the cell has it
     for name, port in _connect_outputs(cell, true_arm).items():
         cell.builder.ExportOutput(port, name)
     if meshcat is not None and cell.scene_graph is not None:
@@ -210,8 +211,7 @@ def _add_surroundings_and_arm(scenario: Scenario, robot: Robot, is_drawn: bool) 
 
     Args:
         scenario: what stands in the cell.
-        robot: the arm as it is described, with its truth, from which both robots of the cell follow
-            (see `_CellParts`).
+        robot: the arm as it is described, with its truth: what it really is follows from that.
         is_drawn: whether pictures are needed.
 
     Returns:
@@ -220,6 +220,8 @@ def _add_surroundings_and_arm(scenario: Scenario, robot: Robot, is_drawn: bool) 
     Raises:
         InputError: the truth is out of range, or Drake cannot follow the directives.
     """
+    # True joints, drives and sensors are made from the first. The plant and its chain are made from
+    # the second, whose joint frames and tool weight are the true ones as well.
     robot_of_joints = with_true_friction(robot, scenario.friction)
     robot_of_links = true_robot(robot_of_joints)
     builder = DiagramBuilder()
@@ -270,11 +272,9 @@ def _connect_inputs(cell: _CellParts, true_arm: TrueArm) -> None:
 
 
 def _connect_outputs(cell: _CellParts, true_arm: TrueArm) -> dict[str, OutputPort]:
-    """Connects what the true arm puts on the plant; returns the cell's outputs by name.
+    """Connects the true arm's torques with the plant; returns the cell's outputs by name.
 
-    An input of the cell for forces of a user is exported where the scenario has one.
-
-    true_arm --> actuation, generalized and spatial forces --> plant
+    true_arm --> actuation, generalized force --> plant
     """
     builder, instance = cell.builder, cell.arm.model_instance
     # Two outputs of the true arm hold many signals each. Here each signal is a port, by its name:
@@ -283,7 +283,6 @@ def _connect_outputs(cell: _CellParts, true_arm: TrueArm) -> dict[str, OutputPor
     drives = _add_demultiplexer(builder, true_arm, "drives", true_arm.drive_sizes)
     builder.Connect(drives["tau_J"], cell.plant.get_actuation_input_port(instance))
     _connect_generalized_force(cell, drives["generalized_force"])
-    _connect_spatial_forces(cell, true_arm)
     return _cell_outputs(cell, true_arm, motion, drives)
 
 
@@ -298,7 +297,8 @@ def _cell_outputs(
     Args:
         cell, true_arm: connected.
         motion: ports of the signals in the true arm's output of this name: q_read and v_read of the
-            encoders, sensed of the force/torque sensor; wrench and torque without contact.
+            encoders, sensed of the force/torque sensor; wrench and torque of script and process,
+            which are the true ones in a cell where nothing can be touched.
         drives: likewise tau_J, tau_f and current, as the drives report it.
     """
     plant, instance = cell.plant, cell.arm.model_instance
@@ -338,7 +338,10 @@ def _connect_generalized_force(cell: _CellParts, arm_force: OutputPort) -> None:
 
 
 def _connect_spatial_forces(cell: _CellParts, true_arm: TrueArm) -> None:
-    """Connects what acts on the tool, and the cell's own input where the scenario has one."""
+    """Connects what acts on the tool with the plant; exports the input applied_spatial_force.
+
+    The input is for forces of a user, and there only where the scenario asks for it.
+    """
     builder = cell.builder
     sources = [true_arm.GetOutputPort("spatial_forces")] if true_arm.has_spatial_forces else []
     target = cell.plant.get_applied_spatial_force_input_port()

@@ -598,11 +598,16 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     between start and end is cut out of them. Of an odd number of passes the last cycle is cut in
     its middle.
 
-    The lead-in is the end of a way back, cycle -1: it is one_way long at most, and there is none
-    before a single pass, whose cycle is the way there alone (`_check_line`). One that is shorter
-    than one_way begins amid that way: until start the arm rests there, and then the reference has
-    the speed of that place at once. Its first sample is the first of the cycle at or after start,
-    less than a step between samples later. The end always is a sample: a turning point.
+    The lead-in is the end of a way back, cycle -1. `_check_line` refuses one that is longer than
+    one_way, or before a single pass, whose cycle has no way back.
+
+    A lead-in that is shorter than one_way begins amid the way back: until start the arm rests
+    there, and then the reference has the speed of that place at once. This step of speed is
+    accepted, as a lead-in is there to be left out of what is evaluated: it turns the arm round, so
+    that all cycles begin alike.
+
+    The first sample is the first of the cycle at or after start, less than a step between samples
+    later. The end always is a sample: a turning point.
     """
     _check_line(motion)
     cycle = _line_cycle(motion, robot)

@@ -44,9 +44,10 @@ class Overlap:
 def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) -> dict[str, Array]:
     """Postures (N, n) by part: approach, pass and lift.
 
-    The approach goes from the plan's start along the normal to the end of the search for contact,
-    the lift along the normal off the place where the pass ends. Postures of the pass are those of
-    its first way along the path: all other ways go through the same ones.
+    The normals n_W point out of the workpiece. The approach goes from the plan's start against the
+    normal to the end of the search for contact, the lift along the normal off the place where the
+    pass ends. Postures of the pass are those of its first way along the path: all other ways go
+    through the same ones.
 
     Args:
         robot: the arm.
@@ -58,7 +59,8 @@ def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) ->
     """
     q, normals = plan.trajectory.q, plan.path.n_W  # of the trajectory's samples; of the path's
     approach = moved_along(robot, plan.q_start, normals[0], -(phases.standoff + phases.search))
-    # An even number of passes ends at the path's beginning.
+    # `s` is the place on the path at each sample of the trajectory, 0 to 1. An even number of
+    # passes ends at the path's beginning, 0.
     last_normal = normals[0] if plan.s[-1] < 0.5 else normals[-1]
     try:
         lift = moved_along(robot, q[-1], last_normal, phases.lift)
