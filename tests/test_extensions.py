@@ -354,7 +354,7 @@ def test_a_log_container_is_registered_reads_back_and_is_removed(
     (numpy_container,) = (kind for kind in CONTAINERS if ".nparchive" in kind.suffixes)
     CONTAINERS.remove(numpy_container)
     try:
-        with pytest.raises(InputError, match=r"expected \.csv, \.parquet, \.npz, \.mcap"):
+        with pytest.raises(InputError, match="is a zip archive"):  # what npz files are
             read_recording(path)
     finally:
         CONTAINERS.append(numpy_container)
