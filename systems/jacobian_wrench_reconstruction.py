@@ -282,7 +282,7 @@ class JacobianWrenchReconstruction(SampledBlock):
             q = v = tau_ext = self._no_signal
         # A missing sample is not fresh, whatever the port says.
         is_fresh = is_usable and self._is_set(context, self._tau_ext_valid)
-        # Without an observed wrench the reading is of tau_ext: zero where the sample is missing.
+        # None: the reading is of tau_ext.
         observed_wrench, observed_covariance = None, None
         if observed is not None and is_observed_usable:
             observed_wrench = observed[None, :6]
@@ -294,7 +294,7 @@ class JacobianWrenchReconstruction(SampledBlock):
             q=q,
             v=v,
             is_corrected=_FLAG_ROW[self._is_set(context, self._corrected)],
-            fault=np.array([0 if fault is None else fault]),
+            fault=np.array([0 if fault is None else fault]),  # None: a missing sample, as above
             wrench=observed_wrench,
             covariance=observed_covariance,
         )

@@ -318,9 +318,9 @@ class Clearance:
             that is left out. Pairs that are not in it must keep the margin, but for jointed ones,
             whose distance Drake never states. And the names of overlapping pairs.
         """
-        # m. Beyond the second a pair's share of its distance at home is more than the margin. The
-        # first is more where the margin is small: so pairs are found, and left out, that are rigid
-        # or always clear and within the reach of `smooth_slack`.
+        # m. A pair farther than margin / _KEPT_SHARE_OF_HOME must keep the margin in any case. Of a
+        # small margin _NEAR_AT_HOME is more, so that rigid and always clear pairs are found, and
+        # left out, as far as `smooth_slack` reaches.
         near = max(_NEAR_AT_HOME, self.margin / _KEPT_SHARE_OF_HOME)
         at_home = {
             (pair.id_A, pair.id_B): pair.distance

@@ -190,20 +190,22 @@ def _weighed(
     Args:
         log: rows of the log; their columns of the load are zero before `row` (`loaded_from`).
         law: the friction coefficients behind the rows.
-        prior: of the load.
+        prior: of the load; `mass` is the sd of its mass before the log, kg.
         row: index of the load's first row.
         row_log_odds: logarithm of the mean evidence of all rows that the load may begin at, over
             that of `row`; 0 where it may begin at no other.
     """
     load = estimate_load(log, law, prior)
-    # Of a body of that size, wherever it may be; its mass may be any up to the payload.
+    # Prior sds of mass, and of moments and inertia about any place of a body as heavy as the fit's.
+    # Entry 0, the mass, is not the fit's but the arm's.
     load_sd = vague_spread(max(abs(load.mass), load.standard_deviation[0]))
     load_sd[0] = prior.mass
-    evidence = _evidence(log, law, load_sd)
+    # By hypothesis: "none", "load", "drift" and "both", a priori equally likely.
+    log_evidence = _evidence(log, law, load_sd)
     for name in ("load", "both"):
-        evidence[name] += row_log_odds
-    largest = max(evidence.values())
-    weights = {name: float(np.exp(value - largest)) for name, value in evidence.items()}
+        log_evidence[name] += row_log_odds
+    largest = max(log_evidence.values())
+    weights = {name: float(np.exp(value - largest)) for name, value in log_evidence.items()}
     total = sum(weights.values())
     mass_sd = float(load.standard_deviation[0])
     if load.is_present:  # else none is shown, whatever the spread between joints

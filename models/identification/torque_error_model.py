@@ -649,7 +649,7 @@ def _follow_motion(table: Array, state: Array, i: int, q: float, v: float) -> No
     rest_speed_ratio = v * row[_INVERSE_REST_SPEED]
     if rest_speed_ratio != 0.0:
         known_left += (1.0 - known_left) * (1.0 - np.exp(-rest_speed_ratio * rest_speed_ratio))
-    # Without recognition, of a law that holds at rest, no joint is known to rest: r is 0.
+    # _RECOGNISED is 0 of a law that itself holds at rest: no joint is known to rest, r stays 0.
     r = state[REST_ROW, i] * rest_left if row[_RECOGNISED] > 0.0 else 0.0
     state[_UNKNOWN_SHARE, i] = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * known_left) * rest_left
     state[REST_ROW, i] = r + still * row[_RECOGNISED] * (1.0 - r)

@@ -451,17 +451,18 @@ class LiveEstimator:
         """The reading at a point of the grid.
 
         Args:
-            point: x (3 n + 1,) of q, v, motor current, and how much faulty samples weigh in them:
-                0 none, up to OTHER_FAULT_WEIGHT one of another fault than FAULT_BEYOND. Any is
-                reported as FAULT_BEYOND, as `estimate` does.
+            point: x (3 n + 1,) of q, v, motor current, and the fault of `_checked`, which is
+                interpolated between two samples as they are. So it is above OTHER_FAULT_WEIGHT only
+                where a sample beyond limits has a part in it. The estimator, as in `estimate`, then
+                takes the sample for impossible; the reading's fault is FAULT_BEYOND at any weight.
             sample: the one that the grid took last.
             is_stale: whether the stream is late.
         """
         n = self._num_joints
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
-        fault_weight = point.x[-1]  # between two samples the grid mixes theirs
+        fault_weight = point.x[-1]
         sample_fault = 0 if fault_weight == 0.0 else FAULT_BEYOND
-        # The sample check of the estimator takes a current of inf for an impossible sample.
+        # A current of inf tells the estimator's sample check; an external torque passes none.
         if fault_weight > OTHER_FAULT_WEIGHT and not self._is_external:
             current = np.full(n, np.inf)
         batch, detection = self._reader.run(q[None], v[None], current[None])

@@ -37,7 +37,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     """
     robot = context.robot(ROBOT)
     context.progress(0.0, "simulating and identifying")
-    # A campaign keeps no model, and needs no contact noise in it.
+    # In a campaign nobody draws, and no model is kept: it needs no contact noise.
     result, logs = identify_simulated_arm(
         robot, context.seed, context.quick, contact_noise=context.draws
     )

@@ -339,6 +339,7 @@ def _prior_samples(log_pass: _PassOverLog) -> _PriorSamples:
     model, config = log_pass.model, _with_torque_observer(log_pass.config.estimator)
     chunks = log_pass.chunks()
     first_chunk = next(chunks)  # gives the time step; a log has a sample or more
+    # Without a prior (None): tau_ext and J, which are taken, do not depend on it.
     completed_config = completed(config, first_chunk, log_pass.resolution, None)
     estimator = WrenchEstimator(log_pass.robot, model, completed_config)
     state = estimator.initial_state()

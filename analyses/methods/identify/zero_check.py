@@ -76,8 +76,9 @@ def zero_offsets(problem: FrictionFit) -> ZeroOffsets:
     # Plain least squares, not made physical, to which the offsets are added; the weights are LAW's.
     problem = replace(problem, consistent=False).reweighed(structure)
     rows = _rows_with_offsets(problem, problem.fit(structure))
-    # What all other parameters explain is projected out of offsets and torque; then each offset is
-    # fitted by itself.
+    # The rows are over their sds: a fit's sd is 1 / size, times sqrt(oversampling) as neighbouring
+    # rows share their noise. What all other parameters explain is projected out of offsets and
+    # torque; then each offset is fitted by itself, as one joint's zero is off, seldom several.
     lengths = np.maximum(np.linalg.norm(rows.parameters, axis=0), _MIN_LENGTH)
     U, s, _ = np.linalg.svd(rows.parameters / lengths, full_matrices=False)
     U = U[:, s > RANK_TOLERANCE * s[0]]
