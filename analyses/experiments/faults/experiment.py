@@ -64,7 +64,13 @@ LOGS = (
     "ur-20_01_31-unload",
 )
 LOG_TIMES = (4.0, 10.0)  # s of a log, from its begin
-NOTES = ()
+NOTES = (
+    "Longest time in which a valid reading is more than 10 N outside its band, of faults that "
+    "begin in a log: <begun.sign.valid_and_wrong_s:.2f> s (sign of one current), "
+    "<begun.late_500_ms.valid_and_wrong_s:.2f> and <begun.early_500_ms.valid_and_wrong_s:.2f> s "
+    "(currents 0.5 s late, early), <begun.drift.valid_and_wrong_s:.2f> s (drift of 1 A/s in one "
+    "motor). Pushes lose <pushes.all.wrong_signal_pct:.2f> % of their readings.",
+)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

@@ -213,7 +213,10 @@ def test_metrics_are_all_listed(outcome, render):
 
 def test_an_experiment_without_notes_or_figures_is_shown(outcome, render):
     empty = {"notes": [], "figures": [], "pages": [], "comparison": []}
-    assert "Title of one" in render(outcome("one", stored=empty)).text
+    text = render(outcome("one", stored=empty)).text
+    assert "Title of one" in text
+    assert "The article's figures" not in text  # there is none to compare with
+    assert "The article's figures" in render(outcome("two")).text
 
 
 # ---- figures as text ----
