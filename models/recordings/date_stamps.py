@@ -29,7 +29,7 @@ _PATTERNS: Final = {  # by the order of the date's numbers
     "no date": _TIME,
 }
 _MONTHS_OF_YEAR: Final = 12
-_HOURS_OF_HALF_DAY: Final = 12  # of half a day
+_HOURS_OF_HALF_DAY: Final = 12
 _SECONDS_OF_DAY: Final = 86400.0
 
 

@@ -10,11 +10,13 @@ estimator's defaults.
     checked_valid_and_wrong_s   the same of CHECKED_LOGS
     too_long                    parts in which that time is above MAX_WRONG_TIME
     largest_n                   by how much a valid reading is outside its band, at most
+    A valid reading that is no number counts as infinitely far outside.
 
 Of pushes, and of parts without any:
 
     wrong_signal_pct            of their readings: not valid for no other reason
     checked_wrong_signal_pct    the same of CHECKED_LOGS
+    worst_wrong_signal_pct      that of the push that loses most
 """
 
 from collections.abc import Callable
@@ -171,13 +173,21 @@ def _take_faults(estimator: WrenchEstimator, part: _Part, faults: dict[str, _Kin
     for kind, variants in BEGUN_FAULTS.items():
         for fault in variants:
             batch = _read(estimator, part, fault(part.log.current, part.fault, T))
-            sd = batch.standard_deviation[:, 3:]
-            excess = (np.abs(batch.wrench[:, 3:]) - SIGMA_95 * sd).max(axis=1)
-            excess[~batch.valid] = 0.0
+            excess = _excess(batch)
             excess[: part.fault_in_part.start] = 0.0
             lengths = [s.stop - s.start for s in stretches(excess > MAX_FORCE_ERROR)]
             faults[kind].take(max(lengths, default=0) * T, part.is_checked)
             faults[kind].largest = max(faults[kind].largest, float(excess.max()))
+
+
+def _excess(batch: EstimateBatch) -> Array:
+    """(M,) N, by how much each reading of an arm that nothing touches is outside its band.
+
+    0 where it is not valid, infinite where it is valid and no number.
+    """
+    beyond = np.abs(batch.wrench[:, 3:]) - SIGMA_95 * batch.standard_deviation[:, 3:]
+    excess = beyond.max(axis=1)
+    return np.where(batch.valid, np.where(np.isnan(excess), np.inf, excess), 0.0)
 
 
 def _take_pushes(estimator: WrenchEstimator, part: _Part, pushes: dict[str, _Kind]) -> None:

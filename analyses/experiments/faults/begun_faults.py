@@ -1,8 +1,8 @@
 """Faults of currents that begin in a log, last and end; and pushes, which are none.
 
 A fault is a function from the currents (N, n) of a log that is right, the span of the samples in
-which they are wrong, and the time step, s, to the currents (M, n) of that span. Times, joints and
-sizes are others than the constants of `models.observers.fault_signature` name.
+which they are wrong, and the time step, s, to the currents (M, n) of that span. Delays lie on the
+times that `models.observers.shifted_torque` tries, between them, and beyond the longest one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +20,7 @@ NUM_JOINTS = 6
 EXTRA_CURRENT = 2.5  # A
 DRIFT_RATE = 1.0  # A/s
 NOISE_SD = 3.0  # A
+SHORT_DELAYS = (0.1, 0.17, 0.2, 0.22, 0.275, 0.3)  # s
 FORCE_LIMITS = (20.0, 80.0)  # N, least and greatest of a push
 MAX_LEVER = 0.1  # m beside E
 
@@ -77,10 +78,12 @@ BEGUN_FAULTS: Mapping[str, Sequence[Fault]] = {
     "noise": _of_each_joint(_noisy),
     "drift": _of_each_joint(lambda i, t: i + DRIFT_RATE * t, lambda i, t: i - DRIFT_RATE * t),
     "exchanged": [exchanged(j, k) for j, k in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (0, 5))],
-    "late_100_to_300_ms": [shifted(delay) for delay in (0.1, 0.2, 0.3)],
+    "late_100_to_300_ms": [shifted(delay) for delay in SHORT_DELAYS],
     "late_500_ms": [shifted(0.5)],
-    "early_100_to_300_ms": [shifted(-delay) for delay in (0.1, 0.2, 0.3)],
+    "late_800_ms": [shifted(0.8)],
+    "early_100_to_300_ms": [shifted(-delay) for delay in SHORT_DELAYS],
     "early_500_ms": [shifted(-0.5)],
+    "early_800_ms": [shifted(-0.8)],
 }
 """By kind: one of each joint, sign, pair or time."""
 

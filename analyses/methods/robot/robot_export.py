@@ -76,7 +76,6 @@ def export_robot(
     # Of coupled motors (URDF alone) the diagonal: the file has one rotor a joint, and no place for
     # what one joint's acceleration asks of another's motor.
     rotors = np.asarray(chain.rotor_matrix.diagonal())
-    # Of coupled motors a URDF has no place for what is off the diagonal.
     uncoupled = float(np.abs(chain.rotor_matrix - np.diag(rotors)).max())
     if form == "urdf":
         text = identified_urdf(robot, model.inertial_parameters, rotors, friction)
