@@ -8,7 +8,18 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import (
+    DoorHinge,
+    ForceElement,
+    ForceElementIndex,
+    Frame,
+    Joint,
+    JointActuator,
+    ModelInstanceIndex,
+    PrismaticSpring,
+    RevoluteSpring,
+    RigidBody,
+)
 from pydrake.systems.framework import Context
 
 from wrenchsight.models.files.input_error import InputError
@@ -41,7 +52,8 @@ class ArmInPlant(Arm):
 
     The plant may be of URDF, SDF, MJCF or model directives, may sample its output ports or be
     continuous, and may hold other arms and bodies. Joints below the base (a rail, a torso, a
-    vehicle) and those beyond E's chain (a gripper) stand still as they are in `context`.
+    vehicle), those beyond E's chain (a gripper) and those that are locked in `context` stand still
+    as they are there.
 
     W is the plant's World: `wrench`, Jacobian and gravity are in its axes. `in_base_axes` gives the
     same arm with W at its base, as a robot.yaml has it.
@@ -56,7 +68,8 @@ class ArmInPlant(Arm):
             at 1 N m/A, with rotor inertia and effort limit of the plant's actuators.
         base: body that carries the first joint; None: the parent of the first joint of the
             instance.
-        context: context of the plant; None: its default.
+        context: context of the plant, with positions, locks, inertias of bodies and rotors, damping
+            and stiffness; None: its default.
         payload: kg, rated; None: USUAL_PAYLOAD_SHARE of the moving mass.
         name: by which models name the arm; None: the model instance's.
 
@@ -66,8 +79,10 @@ class ArmInPlant(Arm):
         joints: joints of the chain, base to tool.
 
     Raises:
-        InputError: the plant is not finalized; instance or E cannot be told; no joint, or one that
-            is neither revolute nor prismatic, between base and E; a drive is missing.
+        InputError: the plant is not finalized, or of another scalar; instance or E cannot be told,
+            or are of another plant; no joint, or one that is neither revolute nor prismatic,
+            between base and E, or two of one name; gravity acts on a part of the arm; a drive is
+            missing; the payload is not positive.
     """
 
     def __init__(
@@ -82,9 +97,7 @@ class ArmInPlant(Arm):
         payload: float | None = None,
         name: str | None = None,
     ) -> None:
-        if not plant.is_finalized():
-            problem = "is not finalized"
-            raise InputError(plant.get_name() or "plant", "", problem, "call Finalize() first")
+        _check_request(plant, model_instance, frame_E, base, payload)
         self.plant = plant
         self.model_instance = (
             _actuated_instance(plant) if model_instance is None else model_instance
@@ -102,19 +115,23 @@ class ArmInPlant(Arm):
         self.joints: tuple[Joint, ...] = tuple(
             _inboard_joint(plant, self.frame_E, joint) for joint in plant_chain.joint_names
         )
-        actuators = _actuators_of(plant, self.joints)
         # Messages of errors name the model instance where they name the file of another arm.
         source = Path(plant.GetModelInstanceName(self.model_instance))
+        _check_names(source, plant_chain.joint_names)
+        actuators = _actuators_of(plant, self.joints)
         Arm.__init__(  # which refuses drives that are not one a joint
             self,
             name=name or str(source),
             source=source,
             limits=_limits(self.joints, actuators, plant_chain),
-            drives=_simulated_drives(self.joints, actuators) if drives is None else drives,
+            drives=_simulated_drives(plant_chain) if drives is None else drives,
             coupling=[],  # of drives that move several joints: none
             payload=_usual_payload(plant_chain) if payload is None else payload,
         )
-        self._is_simulated = drives is None  # `nominal_model` states a smaller error of such an arm
+        # `nominal_model` states a smaller error of an arm whose current is the torque that acts.
+        self.current_is_measured = drives is not None
+        self._damping = np.array([float(j.GetDampingVector(plant_context)[0]) for j in self.joints])
+        self._springs = _springs_on(plant, self.joints, plant_context)
         # `chain`, Arm's property, reads it here. `Arm.__init__` has put the drives' rotors into
         # `reflected_inertia`.
         self._chain_in_W = replace(plant_chain, reflected_inertia=self.reflected_inertia)
@@ -151,11 +168,21 @@ class ArmInPlant(Arm):
         Its residual standard deviation is a share of each joint's effort limit, or of ten times the
         largest torque of gravity where there is no limit: SIMULATED_RESIDUAL_SHARE of a simulated
         arm, and 2 % where the drives are those of a real one, of which nothing has been measured.
+
+        Raises:
+            InputError: a spring of the plant acts on a joint of the arm: such a model has none.
         """
-        zero = np.zeros(self.num_joints)
-        damping = np.array([float(joint.default_damping_vector()[0]) for joint in self.joints])
+        if self._springs:
+            raise InputError(
+                self.source,
+                f"joint {self._springs[0]!r}",
+                "a spring of the plant acts on it, whose torque would be read as a contact's",
+                "pass the estimator model=IdentifiedModel.nominal(arm) and a block for its stage "
+                '"friction" that adds the spring\'s torque',
+            )
+        zero, damping = np.zeros(self.num_joints), self._damping
         model = IdentifiedModel.nominal(self)
-        share = SIMULATED_RESIDUAL_SHARE if self._is_simulated else NOMINAL_RESIDUAL_SHARE
+        share = NOMINAL_RESIDUAL_SHARE if self.current_is_measured else SIMULATED_RESIDUAL_SHARE
         sd = share * self.effort_limit
         return replace(
             model,
@@ -170,7 +197,12 @@ class ArmInPlant(Arm):
         return joint.effort
 
     def state_selector(self) -> tuple[Array, Array]:
-        """Rows that pick q and v (n, n_state) of the chain from the instance's state."""
+        """Rows that pick q and v (n, n_state) of the chain from the instance's state.
+
+        Raises:
+            InputError: a joint of the chain is of another model instance.
+        """
+        self._check_instances()
         plant, instance = self.plant, self.model_instance
         num_q, num_v = plant.num_positions(instance), plant.num_velocities(instance)
         positions = plant.GetPositionsFromArray(instance, np.arange(plant.num_positions()))
@@ -180,6 +212,17 @@ class ArmInPlant(Arm):
             q_rows[i, positions.tolist().index(joint.position_start())] = 1.0
             v_rows[i, num_q + velocities.tolist().index(joint.velocity_start())] = 1.0
         return q_rows, v_rows
+
+    def _check_instances(self) -> None:
+        """Raises InputError where joints of the chain are of other model instances."""
+        others = [j.name() for j in self.joints if j.model_instance() != self.model_instance]
+        if others:
+            raise InputError(
+                self.source,
+                "",
+                f"{', '.join(others)} of the chain are joints of other model instances",
+                "name a base above them, or wire q, v and current of make_estimator by hand",
+            )
 
     def actuator_limits(self) -> Array:
         """(n_u,) N m, the effort limits of the instance's actuators."""
@@ -205,6 +248,73 @@ class ArmInPlant(Arm):
             raise InputError(self.source, "", problem, "wire the port `current` by hand")
         scale = self.torque_per_ampere * self.current_sign
         return np.asarray(rows / scale[:, None])
+
+
+def _check_request(
+    plant: MultibodyPlant,
+    model_instance: ModelInstanceIndex | None,
+    frame_E: Frame | None,
+    base: RigidBody | None,
+    payload: float | None,
+) -> None:
+    """Raises InputError where the arguments of ArmInPlant are none; Drake would end the program."""
+    if not isinstance(plant, MultibodyPlant):
+        problem = f"is a {type(plant).__name__}, expected a MultibodyPlant of plain numbers"
+        raise InputError("plant", "", problem)
+    name = plant.get_name() or "plant"
+    if not plant.is_finalized():
+        raise InputError(name, "", "is not finalized", "call Finalize() first")
+    if model_instance is not None and not (
+        isinstance(model_instance, int | ModelInstanceIndex)
+        and 0 <= int(model_instance) < plant.num_model_instances()
+    ):
+        problem = f"{model_instance!r} is no model instance of this plant"
+        remedy = "pass what Parser.AddModels or GetModelInstanceByName returns"
+        raise InputError(name, "model_instance", problem, remedy)
+    if frame_E is not None and not (
+        isinstance(frame_E, Frame) and frame_E.GetParentPlant() is plant
+    ):
+        problem = f"{_shown(frame_E)} is no frame of this plant"
+        remedy = "pass what GetFrameByName of it or body_frame() of its body returns"
+        raise InputError(name, "frame_E", problem, remedy)
+    if base is not None and not (isinstance(base, RigidBody) and base.GetParentPlant() is plant):
+        problem, remedy = (
+            f"{_shown(base)} is no body of this plant",
+            "pass what GetBodyByName returns",
+        )
+        raise InputError(name, "base", problem, remedy)
+    if payload is not None and not 0.0 < payload < np.inf:  # NaN neither
+        raise InputError(name, "payload", f"{payload:g}, expected kg above 0")
+
+
+def _shown(value: object) -> str:
+    """An argument as messages show it: its name, where it is a frame or body of another plant."""
+    return repr(value.name() if isinstance(value, Frame | RigidBody) else value)
+
+
+def _check_names(source: Path, joint_names: Sequence[str]) -> None:
+    """Raises InputError where two joints of a chain have one name, as of an arm on an arm."""
+    for name in joint_names:
+        if joint_names.count(name) > 1:
+            problem = f"two joints between base and E are named {name!r}"
+            raise InputError(source, "", problem, "name a base between them, or rename one")
+
+
+def _springs_on(plant: MultibodyPlant, joints: Sequence[Joint], context: Context) -> list[str]:
+    """Names of those joints on which a spring of the plant acts, or a door's hinge."""
+    elements = [
+        plant.get_force_element(ForceElementIndex(k)) for k in range(plant.num_force_elements())
+    ]
+
+    def acts(element: ForceElement) -> bool:
+        if isinstance(element, RevoluteSpring):
+            return bool(element.GetStiffness(context) != 0.0)
+        if isinstance(element, PrismaticSpring):
+            return bool(element.stiffness() != 0.0)
+        return isinstance(element, DoorHinge)
+
+    sprung = {element.joint().index() for element in elements if acts(element)}
+    return [joint.name() for joint in joints if joint.index() in sprung]
 
 
 def _actuated_instance(plant: MultibodyPlant) -> ModelInstanceIndex:
@@ -312,20 +422,16 @@ def _limits(
     ]
 
 
-def _simulated_drives(
-    joints: Sequence[Joint], actuators: Sequence[JointActuator | None]
-) -> list[DriveConfig]:
+def _simulated_drives(chain: SerialChain) -> list[DriveConfig]:
     """Drives whose current is their torque, with the rotors of the plant's actuators, if any."""
     return [
         DriveConfig(
-            joint=joint.name(),
+            joint=name,
             torque_per_ampere=1.0,
-            rotor_inertia=(
-                0.0 if actuator is None else float(actuator.default_reflected_inertia())
-            ),
+            rotor_inertia=float(reflected_inertia),
             rotor_inertia_side="joint",
         )
-        for joint, actuator in zip(joints, actuators, strict=True)
+        for name, reflected_inertia in zip(chain.joint_names, chain.reflected_inertia, strict=True)
     ]
 
 

@@ -190,24 +190,32 @@ def _motor_current(
     """The motors' current, from `actuation` or the torque that drives the plant, (n_u,) N m.
 
     `ArmInPlant.current_selector` divides it by the torque per ampere of the arm's drives, which the
-    estimator multiplies it by.
-
-    The current is clipped, not the torque: a controller that is connected afterwards may ask for
-    more than the plant applies, too.
+    estimator multiplies it by. A controller, also one that is connected afterwards, may ask for
+    more than the plant applies: it is clipped as there.
     """
-    selector = arm.current_selector()
-    to_current = builder.AddNamedSystem(f"{name}_current", MatrixGain(selector))
+    to_current = builder.AddNamedSystem(f"{name}_current", _torque_to_current(arm))
     source = _actuation_source(builder, arm) if actuation is None else actuation
     if source is not None:
         builder.Connect(source, to_current.get_input_port())
+    return to_current.get_output_port()
+
+
+def _torque_to_current(arm: ArmInPlant) -> LeafSystem | Diagram:
+    """From the instance's actuation, (n_u,) N m, to the motors' current (n,) A.
+
+    Each actuator is clipped by itself, as the plant does it: a joint may have several.
+    """
+    gain = MatrixGain(arm.current_selector())
     limit = arm.actuator_limits()
     if not np.isfinite(limit).any():
-        return to_current.get_output_port()
-    actuator = np.abs(selector).argmax(axis=1)  # (n,) of each joint
-    current_limit = np.abs(selector).max(axis=1) * limit[actuator]  # A, what the plant applies
-    clipped = builder.AddNamedSystem(f"{name}_effort", Saturation(-current_limit, current_limit))
-    builder.Connect(to_current.get_output_port(), clipped.get_input_port())
-    return clipped.get_output_port()
+        return gain
+    inner = DiagramBuilder()
+    clipped = inner.AddNamedSystem("effort", Saturation(-limit, limit))
+    to_current = inner.AddNamedSystem("current", gain)
+    inner.Connect(clipped.get_output_port(), to_current.get_input_port())
+    inner.ExportInput(clipped.get_input_port(), "actuation")
+    inner.ExportOutput(to_current.get_output_port(), "current")
+    return inner.Build()
 
 
 def _actuation_source(builder: DiagramBuilder, arm: ArmInPlant) -> OutputPort | None:

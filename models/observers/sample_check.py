@@ -25,7 +25,8 @@ law takes as a sample that never came. Checked are, joint by joint,
                   it falls to zero from more than ZERO_FALL of the effort limit, at rest, too
 
 A current of inf marks a sample that an earlier check has found impossible, before the samples were
-put on a grid.
+put on a grid. The torque of a simulated arm (`Arm.current_is_measured`) acts whatever it is: there
+any finite one is possible.
 
 "before" is the last sample that was taken. After RESTART_TIME nothing is compared with it any
 more, so that a position that jumped for good is then accepted.
@@ -157,6 +158,10 @@ class SampleCheck:
             _ZERO_FALL: ZERO_FALL * current,
         }.items():
             self.table[row] = values
+        if not robot.current_is_measured:
+            largest = np.finfo(float).max
+            self.table[[_CURRENT, _CURRENT_STEP, _ZERO_FALL]] = largest
+            self.table[_MOVING] = np.inf  # no joint moves: no current counts as frozen
 
     def initial_state(self) -> Array:
         """Returns the (CHECK_ROWS, n) state before the first sample."""

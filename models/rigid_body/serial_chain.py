@@ -20,6 +20,7 @@ from pydrake.multibody.tree import (
     PrismaticJoint,
     RevoluteJoint,
     RigidBody,
+    SpatialInertia,
     WeldJoint,
 )
 from pydrake.systems.framework import Context
@@ -176,7 +177,7 @@ class SerialChain:
 
         Bodies welded to a moving body, at any depth and of any model instance, count as part of
         it. Where a joint has several actuators, the last one's rotor inertia is the joint's, as in
-        Drake.
+        Drake. Inertias are those of the context in `standing`, else the plant's defaults.
 
         Args:
             plant: finalized, with the robot's base welded to the world.
@@ -187,7 +188,8 @@ class SerialChain:
 
         Raises:
             InputError: plant not finalized; base not welded; no joint, or a joint that is neither
-                revolute nor prismatic, between world and E; a moving joint off the chain.
+                revolute nor prismatic, between world and E; a moving joint off the chain; gravity
+                that acts on some bodies of the chain and not on others.
         """
         name = plant.GetModelInstanceName(model_instance)
         if not plant.is_finalized():
@@ -201,7 +203,11 @@ class SerialChain:
             actuator = plant.get_joint_actuator(actuator_index)
             if actuator.joint().index() in position:
                 i = position[actuator.joint().index()]
-                reflected_inertia[i] = actuator.default_reflected_inertia()
+                reflected_inertia[i] = (
+                    actuator.default_reflected_inertia()
+                    if standing is None
+                    else actuator.calc_reflected_inertia(standing.context)
+                )
         # In the frame of the joint before, or W: `anchor` gives the joint that carries a frame, and
         # the frame's pose in that one's.
         poses = [tree.anchor(joint.frame_on_parent())[1] for joint in chain]
@@ -210,16 +216,17 @@ class SerialChain:
             for joint in chain
         ]
         _, X_LE = tree.anchor(frame_E)
-        enabled = plant.is_gravity_enabled(model_instance)
+        inertial_parameters = tree.inertial_parameters(position)
+        has_gravity = tree.has_gravity(position)
         return cls(
             joint_names=tuple(joint.name() for joint in chain),
             prismatic=np.array([isinstance(joint, PrismaticJoint) for joint in chain]),
             R_PJ=np.array([X.rotation().matrix() for X in poses]),
             p_PJ=np.array([X.translation() for X in poses]),
             axis=np.array(axes),
-            inertial_parameters=tree.inertial_parameters(position),
+            inertial_parameters=inertial_parameters,
             reflected_inertia=reflected_inertia,
-            gravity=plant.gravity_field().gravity_vector() if enabled else np.zeros(3),
+            gravity=plant.gravity_field().gravity_vector() if has_gravity else np.zeros(3),
             R_LE=X_LE.rotation().matrix(),
             p_LE=X_LE.translation(),
         )
@@ -369,7 +376,8 @@ class StandingJoints(NamedTuple):
 
     Attributes:
         base: body of the arm's base: its own joint and those below it stand still.
-        context: of the plant, with their positions.
+        context: of the plant, with their positions, the locks of joints (a joint that is locked
+            there stands still, too), and the inertias of bodies and rotors.
     """
 
     base: RigidBody
@@ -394,7 +402,9 @@ class _Tree:
         self._inboard = {joint.child_body().index(): joint for joint in joints}
 
     def moving_joints(self) -> list[Joint]:
-        """The moving joints between the world and E, from the base on; welds are passed over.
+        """The moving joints between the world and E, from the base on.
+
+        Welds and locked joints are passed over.
 
         Where joints stand still, the walk ends at the base, and only the joints found here count as
         moving in what `anchor` and `inertial_parameters` say afterwards.
@@ -412,7 +422,7 @@ class _Tree:
                 problem = f"body {body.name()!r} is not connected to {base.name()!r}"
                 remedy = "name a base that carries the arm, or weld the base to the world"
                 raise InputError(self._name, "", problem, remedy)
-            if not isinstance(joint, WeldJoint):
+            if not isinstance(joint, WeldJoint) and not self._is_locked(joint):
                 if not isinstance(joint, RevoluteJoint | PrismaticJoint):
                     raise InputError(
                         self._name,
@@ -429,6 +439,9 @@ class _Tree:
         if self._standing is not None:
             self._moving = {joint.index() for joint in from_tool}
         return from_tool[::-1]
+
+    def _is_locked(self, joint: Joint) -> bool:
+        return self._standing is not None and bool(joint.is_locked(self._standing.context))
 
     def _moves(self, joint: Joint) -> bool:
         if self._standing is not None:
@@ -480,7 +493,7 @@ class _Tree:
         parameters = np.zeros((len(position), 10))
         for index in range(1, self._plant.num_bodies()):
             body = self._plant.get_body(BodyIndex(index))
-            inertia = body.default_spatial_inertia()
+            inertia = self._spatial_inertia(body)
             joint, X = self.anchor(body.body_frame())
             if joint is None:  # fixed to the world
                 continue
@@ -505,6 +518,49 @@ class _Tree:
                 X,
             )
         return parameters
+
+    def has_gravity(self, position: dict[JointIndex, int]) -> bool:
+        """Whether gravity acts on the bodies that the chain carries.
+
+        Args:
+            position: as `inertial_parameters`, which has refused what is no part of the chain.
+
+        Raises:
+            InputError: it acts on some of them and not on others.
+        """
+        # By model instance, of which Drake lets gravity act or not. Bodies without mass feel none.
+        instances: dict[ModelInstanceIndex, bool] = {}
+        for index in range(1, self._plant.num_bodies()):
+            body = self._plant.get_body(BodyIndex(index))
+            joint, _ = self.anchor(body.body_frame())
+            is_carried = joint is not None and joint.index() in position
+            if is_carried and self._spatial_inertia(body).get_mass() > 0.0:
+                instance = body.model_instance()
+                instances[instance] = self._plant.is_gravity_enabled(instance)
+        if not instances:
+            return bool(self._plant.is_gravity_enabled(self._model_instance))
+        if len(set(instances.values())) > 1:
+            names = {
+                enabled: ", ".join(
+                    self._plant.GetModelInstanceName(instance)
+                    for instance, is_enabled in instances.items()
+                    if is_enabled == enabled
+                )
+                for enabled in (True, False)
+            }
+            raise InputError(
+                self._name,
+                "",
+                f"gravity acts on {names[True]} and not on {names[False]}, which the arm carries",
+                "set_gravity_enabled alike for all that moves with the arm",
+            )
+        return next(iter(instances.values()))
+
+    def _spatial_inertia(self, body: RigidBody) -> SpatialInertia:
+        """Of a body, as in the context of what stands still, else the plant's default."""
+        if self._standing is None:
+            return body.default_spatial_inertia()
+        return body.CalcSpatialInertiaInBodyFrame(self._standing.context)
 
 
 def _moved_parameters(m: float, com: Array, inertia: Array, X: RigidTransform) -> Array:

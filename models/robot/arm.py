@@ -44,12 +44,15 @@ class Arm(ABC):
         position_resolution: rad (m), step of the encoders; NaN: not known.
         q_offset, rest_friction_share, rest_torque_per_ampere: see `DriveConfig`.
         gravity: (3,) m/s^2, in the frame W of the arm's wrenches.
+        current_is_measured: whether the motors' current is read from drives, and so may be wrong;
+            False of a simulated arm, whose "current" is the torque that acts.
 
     Raises:
         InputError: a drive is missing or stands twice, or a number of it is out of range.
     """
 
     gravity: Array
+    current_is_measured = True
 
     def __init__(
         self,

@@ -1,5 +1,6 @@
 """Arms in plants of anyone: turned and standing bases, prismatic joints, two arms, grippers."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,15 @@ from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import JacobianWrtVariable, PrismaticJoint
+from pydrake.multibody.tree import (
+    JacobianWrtVariable,
+    ModelInstanceIndex,
+    PrismaticJoint,
+    PrismaticSpring,
+    RevoluteSpring,
+    SpatialInertia,
+    UnitInertia,
+)
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, LogVectorOutput
@@ -410,3 +419,178 @@ def test_a_controller_gets_terms_of_an_impossible_sample_too(sts):
     assert estimator.GetOutputPort("fault").Eval(context)[0] != 0.0
     terms = estimator.GetOutputPort("terms").Eval(context)
     np.testing.assert_array_equal(terms.G, sts.chain.terms(q, np.zeros(6)).G)
+
+
+def test_a_part_of_the_arm_without_gravity_is_refused():
+    """Drake lets gravity act by model instance: of a hand and not of its arm, or the reverse."""
+    for weightless in ("scara", "hand"):
+        plant = MultibodyPlant(1e-3)
+        (instance,) = Parser(plant).AddModelsFromString(scara_with_gripper(), "urdf")
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+        hand = plant.AddRigidBody(
+            "hand",
+            plant.AddModelInstance("hand"),
+            SpatialInertia(2.0, np.zeros(3), UnitInertia(0.1, 0.1, 0.1)),
+        )
+        plant.WeldFrames(plant.GetFrameByName("lift"), hand.body_frame())
+        plant.set_gravity_enabled(plant.GetModelInstanceByName(weightless), False)
+        plant.Finalize()
+        with pytest.raises(InputError, match=rf"gravity acts on \w+ and not on {weightless}"):
+            ArmInPlant(plant, instance, plant.GetFrameByName("lift"))
+
+
+def test_a_joint_that_is_locked_stands_still():
+    plant, instance, context = on_a_rail()
+    frame_E = plant.GetFrameByName("lift")
+    turn_2 = plant.GetJointByName("turn_2")
+    turn_2.set_angle(context, 0.6)
+    turn_2.Lock(context)
+    arm = ArmInPlant(plant, instance, frame_E, context=context)
+    assert arm.joint_names == ("turn_1", "slide")
+    _, p_WE = arm.chain.pose(np.zeros(2))
+    expected = frame_E.CalcPoseInWorld(context).translation()
+    np.testing.assert_allclose(p_WE, expected, atol=1e-13)  # sums of numbers of order 1
+
+
+def test_inertias_rotors_and_damping_are_those_of_the_context():
+    plant, instance, context = on_a_rail()
+    plant.GetBodyByName("fore").SetMass(context, 7.0)
+    plant.GetJointByName("turn_2").SetDamping(context, 4.0)
+    (actuator,) = (
+        plant.get_joint_actuator(k)
+        for k in plant.GetJointActuatorIndices()
+        if plant.get_joint_actuator(k).name() == "turn_1"
+    )
+    actuator.SetRotorInertia(context, 1e-2)
+    actuator.SetGearRatio(context, 10.0)
+    arm = ArmInPlant(plant, instance, plant.GetFrameByName("lift"), context=context)
+    columns = [joint.velocity_start() for joint in arm.joints]
+    q = np.array([joint.GetOnePosition(context) for joint in arm.joints])
+    mass_matrix = plant.CalcMassMatrix(context)[np.ix_(columns, columns)]
+    model = arm.nominal_model()
+    np.testing.assert_allclose(model.chain(arm).terms(q, np.zeros(3)).M, mass_matrix, atol=1e-11)
+    np.testing.assert_array_equal(arm.reflected_inertia, [1.0, 0.0, 0.0])
+    np.testing.assert_allclose(model.friction.torque(np.ones(3)), [0.0, 4.0, 0.0])
+
+
+def test_what_is_no_part_of_the_plant_is_refused():
+    """Most of it would end in Drake's own words, or end the program."""
+    plant, instance, context = on_a_rail()
+    other, _, _ = on_a_rail()
+    lift = plant.GetFrameByName("lift")
+    for part, arguments in {
+        "model_instance: ModelInstanceIndex(77)": (ModelInstanceIndex(77), lift),
+        "model_instance: 'scara'": ("scara", lift),
+        "frame_E: 'lift' is no frame of this plant": (instance, other.GetFrameByName("lift")),
+        "frame_E: 'upper' is no frame": (instance, plant.GetBodyByName("upper")),
+    }.items():
+        with pytest.raises(InputError, match=re.escape(part)):
+            ArmInPlant(plant, *arguments, context=context)
+    with pytest.raises(InputError, match="base: 'base' is no body of this plant"):
+        ArmInPlant(plant, instance, lift, base=other.GetBodyByName("base"))
+    for payload in (-1.0, np.nan):
+        with pytest.raises(InputError, match=f"payload: {payload:g}, expected kg above 0"):
+            ArmInPlant(plant, instance, lift, payload=payload)
+    with pytest.raises(InputError, match=r"AutoDiffXd.*expected a MultibodyPlant of plain numbers"):
+        ArmInPlant(plant.ToAutoDiffXd())
+
+
+def test_a_joint_of_another_model_instance_cannot_be_wired():
+    """Its chain is known; state and actuation of one instance do not hold the rail."""
+    plant, instance, context = on_a_rail()
+    base = plant.world_body()
+    arm = ArmInPlant(plant, instance, plant.GetFrameByName("lift"), base=base, context=context)
+    assert arm.joint_names == ("rail", "turn_1", "turn_2", "slide")
+    builder = DiagramBuilder()
+    builder.AddSystem(plant)
+    with pytest.raises(InputError, match="rail of the chain are joints of other model instances"):
+        add_estimator(builder, plant, arm=arm)
+
+
+def test_an_arm_on_an_arm_of_the_same_names_needs_a_base_between_them():
+    plant = MultibodyPlant(1e-3)
+    parser = Parser(plant)
+    parser.SetAutoRenaming(True)
+    lower, upper = (parser.AddModelsFromString(scara_with_gripper(), "urdf")[0] for _ in range(2))
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base", lower))
+    plant.WeldFrames(plant.GetFrameByName("lift", lower), plant.GetFrameByName("base", upper))
+    plant.Finalize()
+    frame_E = plant.GetFrameByName("lift", upper)
+    assert ArmInPlant(plant, upper, frame_E).joint_names == ("turn_1", "turn_2", "slide")
+    with pytest.raises(InputError, match="two joints between base and E are named 'turn_1'"):
+        ArmInPlant(plant, upper, frame_E, base=plant.world_body())
+
+
+@pytest.mark.parametrize("stiffness", [20.0, 0.0])
+def test_a_spring_on_a_joint_is_no_part_of_the_nominal_model(stiffness):
+    """Its torque would be read as that of a contact."""
+    plant = MultibodyPlant(1e-3)
+    (instance,) = Parser(plant).AddModelsFromString(scara_with_gripper(), "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.AddForceElement(RevoluteSpring(plant.GetJointByName("turn_2"), 0.0, stiffness))
+    finger = plant.GetJointByName("finger_1")  # which stands still
+    plant.AddForceElement(PrismaticSpring(finger, 0.0, 100.0))
+    plant.Finalize()
+    arm = ArmInPlant(plant, instance, plant.GetFrameByName("lift"))
+    if stiffness > 0.0:
+        with pytest.raises(InputError, match=r"joint 'turn_2': a spring of the plant acts on it"):
+            arm.nominal_model()
+    else:
+        assert arm.nominal_model() is not None
+
+
+def test_each_actuator_of_a_joint_is_clipped_by_itself():
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.0))
+    (instance,) = Parser(plant).AddModelsFromString(scara_with_gripper(), "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    for name, limit in (("turn_1", 30.0), ("turn_2", 10.0), ("slide", np.inf)):
+        plant.AddJointActuator(name, plant.GetJointByName(name), limit)
+    plant.AddJointActuator("turn_1_beside", plant.GetJointByName("turn_1"), 5.0)
+    plant.Finalize()
+    torque = builder.AddSystem(ConstantVectorSource([20.0, -40.0, 90.0, 20.0]))
+    builder.Connect(torque.get_output_port(), plant.get_actuation_input_port(instance))
+    frame_E = plant.GetFrameByName("lift")
+    estimator = add_estimator(builder, plant, instance, frame_E=frame_E)
+    context = builder.Build().CreateDefaultContext()
+    current = estimator.GetInputPort("current").Eval(estimator.GetMyContextFromRoot(context))
+    applied = plant.get_net_actuation_output_port(instance).Eval(
+        plant.GetMyContextFromRoot(context)
+    )
+    np.testing.assert_array_equal(applied, [20.0, -10.0, 90.0, 5.0])
+    np.testing.assert_array_equal(current, [25.0, -10.0, 90.0])  # at 1 N m/A
+
+
+def test_a_simulated_torque_is_possible_whatever_it_is():
+    """It acts: one that stays zero is no dead sensor, and a large one no spike."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    (instance,) = Parser(plant).AddModelsFromString(scara_with_gripper(), "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    for name in ("turn_1", "turn_2", "slide"):
+        plant.AddJointActuator(name, plant.GetJointByName(name))
+    for name in ("finger_1", "finger_2"):  # they would slide
+        plant.GetJointByName(name).set_default_damping_vector([1e4])
+    plant.Finalize()
+    frame_E = plant.GetFrameByName("lift")
+    # About a vertical axis no gravity tells the torque that a motor may have.
+    step = builder.AddSystem(StepFunction(0.3, 60.0))
+    builder.Connect(step.get_output_port(), plant.get_actuation_input_port(instance))
+    estimator = add_estimator(builder, plant, instance, frame_E=frame_E)
+    log = LogVectorOutput(estimator.GetOutputPort("fault"), builder, 1e-3)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.31)
+    assert not log.FindLog(simulator.get_context()).data().any()
+
+
+class StepFunction(LeafSystem):
+    """Torque of three joints: zero until a time, s, then so much, N m, of the first."""
+
+    def __init__(self, time, torque):
+        LeafSystem.__init__(self)
+        self._time, self._torque = time, torque
+        self.DeclareVectorOutputPort("torque", 3, self._calc)
+
+    def _calc(self, context, output):
+        is_over = context.get_time() >= self._time
+        output.SetFromVector([self._torque * is_over, 0.0, 0.0])
