@@ -141,22 +141,31 @@ def panels_in_pairs(
     return figure, panels[:count]
 
 
-def legend_below(figure: "Figure", panel: Any, ncols: int | None = None, **style: Any) -> None:
-    """One legend for all panels, with the entries of this one; one row without `ncols`."""
-    handles, labels = panel.get_legend_handles_labels()
-    ncols = len(labels) if ncols is None else ncols
-    figure.legend(handles, labels, loc="outside lower center", ncols=ncols, **style)
+def legend_below(figure: "Figure", *panels: Any, ncols: int | None = None, **style: Any) -> None:
+    """One legend below all panels, with the entries of these: no wider than the figure, and of at
+    most `ncols` columns.
+    """
+    _outside_legend(figure, "outside lower center", panels, ncols, style)
 
 
 def legend_on_top(figure: "Figure", *panels: Any, ncols: int | None = None) -> None:
-    """One legend above all panels, with the entries of these; as many columns as the figure is wide
-    for, unless `ncols` is given.
-    """
+    """The same above all panels."""
+    _outside_legend(figure, "outside upper center", panels, ncols, {})
+
+
+def _outside_legend(
+    figure: "Figure",
+    place: Literal["outside lower center", "outside upper center"],
+    panels: Sequence[Any],
+    most_columns: int | None,
+    style: Mapping[str, Any],
+) -> None:
+    """A legend of as many columns as the figure is wide for: names of joints may be long."""
     entries = [panel.get_legend_handles_labels() for panel in panels]
     handles, labels = ([one for entry in entries for one in entry[k]] for k in range(2))
-    for columns in range(ncols or len(labels), 0, -1):
-        legend = figure.legend(handles, labels, loc="outside upper center", ncols=columns)
-        if ncols or columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+    for columns in range(most_columns or len(labels), 0, -1):
+        legend = figure.legend(handles, labels, loc=place, ncols=columns, **style)
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
             return
         legend.remove()
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from wrenchsight.analyses.output.figures import SERIES, new_figure
+from wrenchsight.analyses.output.figures import SERIES, legend_on_top, new_figure
 from wrenchsight.analyses.output.side_by_side import Died, run_side_by_side
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -291,7 +291,7 @@ def _figure(read: dict[str, dict[str, list[dict[str, Any]]]]) -> Drawing:
     axes[0, 0].axhspan(90.0, 99.0, color="0.9", zorder=0)
     axes[1, 0].axhline(2.0, color="0.6", lw=0.8)
     axes[-1, 0].set_xticks(range(len(case_names)), case_names, rotation=60, ha="right")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    legend_on_top(figure, axes[0, 0], ncols=3)
     caption = (
         "Each dot is a draw: the worst axis of the force (shares inside and beyond 3 sd), and the "
         "share of samples that are valid. Grey: 90 to 99 % inside, 2 % beyond 3 sd."

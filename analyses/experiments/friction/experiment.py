@@ -100,7 +100,7 @@ def reversal_figure(run: TaskRun, readings: dict[str, VariantReading]) -> Figure
     error.set_title("error: a peak where joints turn round")
     velocity.set_title("joint velocities")
     velocity.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    legend_below(figure, force, 3)
+    legend_below(figure, force, ncols=3)
     return figure
 
 

@@ -388,7 +388,7 @@ def near_zero_figure(arm: LawsOnOneArm, title: str) -> Figure:
             axis.plot(entry.v[near], entry.predicted[law][near], color=colour, label=law, **style)
         axis.set_xlim(-edge, edge)
         axis.set_title(arm.joint_names[j])
-    legend_below(figure, panels[0], 4, markerscale=4)
+    legend_below(figure, panels[0], ncols=4, markerscale=4)
     figure.suptitle(f"Friction near zero velocity, {title}")
     return figure
 

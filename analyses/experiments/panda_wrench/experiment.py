@@ -122,7 +122,7 @@ def _force_figure(logs: Sequence[PoseLog], readings: dict[str, MethodReading]) -
         condition = np.mean(inverse.logs[k].condition_number)
         axes[0, column].set_title(f"pose {k + 1}, condition number {condition:.0f}")
         axes[2, column].set_xlabel("time [s]")
-    legend_below(figure, axes[0, 0], 4)
+    legend_below(figure, axes[0, 0], ncols=4)
     return figure
 
 

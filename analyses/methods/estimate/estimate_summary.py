@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, new_figure
 from wrenchsight.analyses.output.stream_summary import Envelope, EvenSample
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from wrenchsight.models.estimation.invalid import UNCERTAIN_FORCE
@@ -407,8 +407,7 @@ class EstimateSummary:
                 panel.text(0.01, 0.97, text, transform=panel.transAxes, va="top", fontsize=7)
             if k % 3 == 2:
                 panel.set_xlabel(f"time{since} [s]")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        legend_below(figure, axes[0, 0], ncols=4)
         title = "Wrench of the environment on the robot, at E in axes of W"
         figure.suptitle(title + (", smoothed" if smoothed else ""))
         return figure

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig, ExciteSettings
-from wrenchsight.analyses.output.figures import SERIES, new_figure
+from wrenchsight.analyses.output.figures import SERIES, legend_below, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
@@ -494,7 +494,7 @@ def trajectory_figure(robot: Robot, result: ExcitationResult) -> "Figure":
         axis.set_ylabel(label)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    legend_below(figure, axes[0, 0], ncols=6)
     figure.suptitle(
         f"{robot.name}: condition number {result.condition_number:.2f}, median of random "
         f"trajectories {np.median(result.random_condition_numbers):.1f}"

@@ -47,7 +47,7 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> Figu
         fits_one_line = len(joint_names[j]) + len(figures) <= TITLE_LETTERS
         separator = " " if fits_one_line else "\n"
         axis.set_title(f"{joint_names[j]}:{separator}{figures}")
-    legend_below(figure, panels[0], 4)
+    legend_below(figure, panels[0], ncols=4)
     figure.suptitle(f"{fit.name} ({kind}): RMSE, and its share of the torque's RMS")
     return figure
 

@@ -18,7 +18,13 @@ from wrenchsight.analyses.methods.jcn_map.jcn_map_settings import (
     SliceConfig,
 )
 from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    SERIES,
+    legend_on_top,
+    new_figure,
+    save_figure,
+)
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.distances.clearance import Clearance
@@ -400,7 +406,7 @@ def draw_distribution(samples: Samples, path: Path) -> None:
     log_scale(ax, "x")
     ax.set_xlabel("condition number of J (last bar: above 10 000)")
     ax.set_ylabel("configurations")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    legend_on_top(figure, ax, ncols=3)
     save_figure(figure, path)
 
 
@@ -437,7 +443,7 @@ def draw_slice(plane: Slice, path: Path) -> None:
         i, j = ("xyz".index(name) for name in plane.axes)
         ax.plot(p[i], p[j], "o", color=SERIES[1], label=f"best: {least:.2f}")
     if ax.get_legend_handles_labels()[0]:
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center")
+        legend_on_top(figure, ax, ncols=1)
     ax.set_aspect("equal")
     ax.set_xlabel(f"{plane.axes[0]} [m]")
     ax.set_ylabel(f"{plane.axes[1]} [m]")

@@ -297,7 +297,7 @@ def load_figure(result: PayloadResult) -> "Figure":
         axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="residual of the model")
         axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="load")
         axis.set_title(f"{names[j]}: {difference_rms[j]:.2f} N m RMS of the difference")
-    legend_below(figure, panels[0], 2)
+    legend_below(figure, panels[0], ncols=2)
     sd = result.load.standard_deviation
     figure.suptitle(f"Load of {result.load.mass:.3f} ± {sd[0]:.3f} kg on the flange")
     return figure

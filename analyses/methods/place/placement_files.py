@@ -8,7 +8,7 @@ import numpy as np
 from wrenchsight.analyses.methods.place.place_settings import PlaceSettings
 from wrenchsight.analyses.methods.place.placement_result import PlacementResult, Profile
 from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_on_top, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.diagrams.pages.cell_picture import cell_picture
 from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
@@ -102,9 +102,7 @@ def draw_profiles(
     ax.set_ylabel("optimised joints [rad]")
     ax.set_xlabel("part of the path")
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    figure.legend(
-        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(cases)
-    )
+    legend_on_top(figure, axes[0, 0], ncols=len(cases))
     return folder.write_figure(name, figure)
 
 

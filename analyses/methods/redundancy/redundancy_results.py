@@ -15,7 +15,13 @@ from wrenchsight.analyses.methods.redundancy.redundancy_task import (
     RedundancyTask,
 )
 from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    SERIES,
+    legend_on_top,
+    new_figure,
+    save_figure,
+)
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.study.experiment import (
     FigureFile,
@@ -96,7 +102,7 @@ def _draw_measure(result: RedundancyResult, path: Path) -> tuple[Path, str]:
     log_scale(axes[0, 0], "y")
     axes[1, 0].set_ylabel("angle about the normal [deg]")
     axes[1, 0].set_xlabel("distance along the path [m]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    legend_on_top(figure, axes[0, 0], ncols=3)
     save_figure(figure, path)
     return path, "Measure and angle about the normal along the path (Fig. 11)."
 
@@ -129,7 +135,7 @@ def _draw_poses(result: RedundancyResult, path: Path) -> tuple[Path, str]:
             ax.set_title(f"{name}, {'from above' if column == 0 else 'from ahead'}")
             ax.set_xlabel(f"{'xyz'[i]} [m]")
             ax.set_ylabel(f"{'xyz'[j]} [m]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    legend_on_top(figure, axes[0, 0], ncols=3)
     save_figure(figure, path)
     # Every twelfth: _NUM_DRAWN_POSES less one.
     return path, "The tool's axes at every twelfth of the path, before and after (Fig. 12)."
@@ -147,7 +153,7 @@ def _draw_joints(result: RedundancyResult, path: Path) -> tuple[Path, str]:
         ax.set_title(name)
         ax.set_xlabel("distance along the path [m]")
     axes[0, 0].set_ylabel("joint position [deg]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=7)
+    legend_on_top(figure, axes[0, 0], ncols=7)
     save_figure(figure, path)
     return path, "Joint positions along the path, before and after (Fig. 13)."
 

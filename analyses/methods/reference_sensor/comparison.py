@@ -14,7 +14,7 @@ from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceJudg
 from wrenchsight.analyses.methods.reference_sensor.mounting import Mounting, find_mounting
 from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
 from wrenchsight.analyses.methods.reference_sensor.sensor_log import WINDOW_BLOCKS, SensorLog
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_on_top, new_figure
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.signals.bands import SIGMA_95
 
@@ -113,8 +113,7 @@ class SensorComparison:
             _show_lines(panel, np.concatenate([mean, self.sensor[drawn, k]]))
         for column in range(columns):
             panels[-1, column].set_xlabel("time [s]")
-        handles, labels = panels[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=3)
+        legend_on_top(figure, panels[0, 0], ncols=3)
         return figure
 
 

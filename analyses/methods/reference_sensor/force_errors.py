@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, legend_below, new_figure
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.signals.bands import SIGMA_68, SIGMA_95
@@ -171,7 +171,6 @@ def variants_figure(metrics: Mapping[str, Any], labels: Mapping[str, str], title
     axes[0, 2].set_xlim(0.0, 1.0)
     axes[0, 0].set_yticks(rows, list(labels.values()))
     axes[0, 0].invert_yaxis()
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], ncols=3)
     figure.suptitle(title)
     return figure

@@ -19,7 +19,7 @@ from wrenchsight.analyses.methods.simulate.advance import advance, even_stretche
 from wrenchsight.analyses.methods.simulate.simulation import known_model
 from wrenchsight.analyses.output.compilation import are_compiled, compile_side_by_side
 from wrenchsight.analyses.output.estimator_compilation import ESTIMATOR_PARTS
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, new_figure
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
@@ -92,8 +92,7 @@ class Demonstration:
             panel.plot(self.t, self.force[:, k], color=colour, lw=1.0, label="estimated")
             panel.set_ylabel(f"{axis} [N]")
         axes[2, 0].set_xlabel("time [s]")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        legend_below(figure, axes[0, 0])
         figure.suptitle("Force of the environment on the robot, at E in axes of W")
         return figure
 

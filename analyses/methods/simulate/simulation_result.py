@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wrenchsight.analyses.methods.reference_sensor.force_errors import envelope
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, legend_below, new_figure
 from wrenchsight.diagrams.scenario import (
     Scenario,
 )
@@ -209,8 +209,7 @@ class SimulationResult:
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{'N' if k < 3 else 'N m'}]")
             if k % 3 == 2:
                 panel.set_xlabel("time [s]")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        legend_below(figure, axes[0, 0])
         figure.suptitle("Wrench of the environment on the robot, at E in axes of W")
         return figure
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.output.axes import legend_above, limit_y, log_label, log_scale, log_ticks
-from wrenchsight.analyses.output.figures import legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import legend_below, legend_on_top, new_figure
 
 ANALYSES = Path(__file__).resolve().parents[3] / "analyses"
 
@@ -90,12 +90,14 @@ def test_a_panels_legend_lies_above_it():
     assert box.y0 >= axes[0, 0].get_window_extent().y1 - 1.0
 
 
+@pytest.mark.parametrize("legend_outside", [legend_on_top, legend_below])
+@pytest.mark.parametrize("columns", [None, 6])
 @pytest.mark.parametrize("entries", [2, 9])
-def test_a_legend_on_top_is_no_wider_than_the_figure(entries):
+def test_a_legend_is_no_wider_than_the_figure(legend_outside, columns, entries):
     figure, axes = new_figure(1, 1, width=4.0)
     for k in range(entries):
         axes[0, 0].plot([0.0, 1.0], [0.0, k], label=f"law {k} of friction")
-    legend_on_top(figure, axes[0, 0])
+    legend_outside(figure, axes[0, 0], ncols=columns)
     (legend,) = figure.legends
     assert len(legend.get_texts()) == entries
     box = legend.get_window_extent()
@@ -104,7 +106,9 @@ def test_a_legend_on_top_is_no_wider_than_the_figure(entries):
 
 
 def test_no_legend_lies_over_the_data():
-    """Every call of `legend` puts it outside the panels."""
+    """A panel's own is put outside it; those of a figure are of `legend_below` or `legend_on_top`,
+    which keep them within its width.
+    """
     inside = []
     for file in sorted(ANALYSES.rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -112,9 +116,8 @@ def test_no_legend_lies_over_the_data():
                 continue
             if node.func.attr != "legend":
                 continue
-            keywords = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
-            outside = "outside" in keywords.get("loc", "") or "bbox_to_anchor" in keywords
-            if not outside:
+            is_anchored = "bbox_to_anchor" in {keyword.arg for keyword in node.keywords}
+            if not is_anchored and file.name != "figures.py":
                 inside.append(f"{file.relative_to(ANALYSES)}:{node.lineno}")
     assert not inside
 

@@ -46,7 +46,7 @@ def force_figure(
         panel.set_ylabel(f"{component} force [N]")
         panel.set_title(f"one way in {feed:g} s")
     axes[-1, 0].set_xlabel("time since the feed started [s]")
-    legend_below(figure, axes[0, 0], 4)
+    legend_below(figure, axes[0, 0], ncols=4)
     return figure
 
 
@@ -71,7 +71,7 @@ def regulation_figure(
         panel.set_ylim(bottom=0.0)
         panel.set_title(f"one way in {feed:g} s")
     axes[-1, 0].set_xlabel("time since the feed started [s]")
-    legend_below(figure, axes[0, 0], 3)
+    legend_below(figure, axes[0, 0], ncols=3)
     return figure
 
 

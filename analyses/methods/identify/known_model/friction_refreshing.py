@@ -220,7 +220,7 @@ def friction_figure(result: RefreshResult) -> "Figure":
             axis.plot(rows.v[:, j], rows.residual[:, j], ".", color=colour, ms=3, label=label)
         axis.axhline(0.0, color=COLOUR["truth"], lw=0.8)
         axis.set_title(f"{names[j]}: RMSE {rmse_before[j]:.2f} to {rmse_after[j]:.2f} N m")
-    legend_below(figure, panels[0], 2)
+    legend_below(figure, panels[0], ncols=2)
     figure.suptitle("Measured minus predicted torque, before and after the refresh")
     return figure
 
