@@ -23,20 +23,25 @@ def new_console(stderr: bool = False) -> Console:
 
 
 def new_table(first: str, *others: str) -> Table:
-    """Returns a table whose first column is text and whose others are figures."""
+    """Returns a table whose first column is text and whose others are figures.
+
+    Headings and cells are shown as they are: "[mm]" is a unit, not rich's markup.
+    """
     table = _PrintableTable(box=None, pad_edge=False, header_style="bold")
-    table.add_column(first, overflow="fold")
+    table.add_column(Text(first), overflow="fold")
     for heading in others:
-        table.add_column(heading, justify="right", overflow="fold")
+        table.add_column(Text(heading), justify="right", overflow="fold")
     return table
 
 
 class _PrintableTable(Table):
-    """A table whose cells hold nothing that a terminal obeys: names come out of files."""
+    """A table whose cells hold nothing that a terminal obeys, and no markup: names come out of
+    files.
+    """
 
     def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
         """As rich's."""
-        shown = (printable(cell) if isinstance(cell, str) else cell for cell in cells)
+        shown = (Text(printable(cell)) if isinstance(cell, str) else cell for cell in cells)
         super().add_row(*shown, **options)
 
 
