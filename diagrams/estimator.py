@@ -155,7 +155,8 @@ def make_estimator(
         InputError: the model belongs to another robot.
         ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`; a stage
             that there is none, or without a port that it needs; stages of a fused estimator; a
-            correction of an observer that reads the wrench itself.
+            correction of an observer that reads the wrench itself; a contact detector where the
+            model has no torque error that was learnt from logs, which decides what is contact.
     """
     replacements = dict(stages or {})
     if fused and replacements:
@@ -166,6 +167,12 @@ def make_estimator(
     if corrected and _reads_wrench(estimator, replacements.get("observer")):
         raise ValueError(
             f"{name}: only an observer of joint torque can be corrected, not of wrench"
+        )
+    if detection is not None and "detection" not in replacements and not estimator.learnt:
+        raise ValueError(
+            f"{name}: no contact would be detected, as the model states no torque error that was "
+            "learnt from logs (`identify`); leave detection out, or give a block of yours for the "
+            'stage "detection"'
         )
     if fused:
         return _fused(estimator, name, detection, corrected)

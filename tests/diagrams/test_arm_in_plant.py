@@ -26,11 +26,12 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, LogVectorOutput
-from sample_models import torque_error
+from sample_models import knowing_model, torque_error
 
 from wrenchsight.diagrams.arm_in_plant import ArmInPlant
 from wrenchsight.diagrams.estimator import add_estimator_to_ports, make_estimator
 from wrenchsight.diagrams.estimator_in_plant import add_estimator
+from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -594,3 +595,12 @@ class StepFunction(LeafSystem):
     def _calc(self, context, output):
         is_over = context.get_time() >= self._time
         output.SetFromVector([self._torque * is_over, 0.0, 0.0])
+
+
+def test_a_detector_that_would_find_no_contact_is_refused(sts):
+    """Without a learnt torque error, as of what a plant states, nothing counts as contact."""
+    model = IdentifiedModel.nominal(sts)
+    for fused in (False, True):
+        with pytest.raises(ValueError, match="no contact would be detected"):
+            make_estimator(sts, model, fused=fused, detection=ContactDetectionConfig())
+    assert make_estimator(sts, knowing_model(sts, 0.3, 0.2), detection=ContactDetectionConfig())
