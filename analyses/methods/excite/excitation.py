@@ -3,8 +3,9 @@
 Several random motions within all limits are drawn; the best of them starts the program of
 `models.planning.excitation.excitation_program`. Its result is checked between the samples: torque
 at the controller's rate, clearance by a bound on the arm's speed (`diagrams.distances.clearance`).
-Where a check fails, the program is solved again with more in reserve. Where that fails, too,
-motions on the way back to the random ones are tried, the best first, until all checks pass.
+Where a check fails, the program is solved again with more in reserve. Where that fails, too, the
+motions within the limits that are nearest to the solver's ends are tried, and motions on the way
+from these back to the random ones, the best first, until all checks pass.
 """
 
 from collections import Counter
@@ -26,7 +27,8 @@ from wrenchsight.diagrams.pages.motion_page import write_motion_page
 from wrenchsight.models.files.configuration import nearest, save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.base_parameters import HIGH_CONDITION_NUMBER
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.identification.least_motion import LEAST_SLIDE, LEAST_TRAVEL, moves
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.ties import in_order
 from wrenchsight.models.planning.excitation.excitation_information import (
     MEASURES,
@@ -56,9 +58,13 @@ SOLVE_RESERVES = (
     Reserve(slack=0.008, torque_share=0.05),
     Reserve(slack=0.015, torque_share=0.15),
 )
-# Where all of the solver's ends break a limit: parts of the way to each of them, from the random
-# motion that it came from. Where a solver ends depends on rounding; whether it finds one must not.
-RETREAT_SHARES = (0.95, 0.85, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.06, 0.0)
+# Where all of the solver's ends break a limit: parts of the way from the random motion that an end
+# came from to the nearest motion that keeps the limits at its samples. Where a solver ends depends
+# on rounding; whether it finds one must not.
+RETREAT_SHARES = (1.0, 0.95, 0.85, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.06, 0.0)
+# Of the least travel and speed that `identify` requires of each joint's log, for a plan: the log's
+# low-pass and the trimming of its ends leave 0.8 to 0.95 of a slow joint's.
+_PLANNED_MOTION_FACTOR = 1.5
 _SPEED_MARGIN = 1.01  # of the speeds at samples of 10 ms: they may be higher between these
 _EVALUATIONS_PER_ITERATION = 1.6  # as the solver usually needs; for the progress shown alone
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
@@ -261,6 +267,7 @@ def excite(
         warnings=(
             *_warnings(robot, undetermined, clearance),
             *_condition_warnings(unweighted_condition),
+            *_stillness_warnings(robot, checked),
             *_stop_warnings(trajectory, config),
         ),
         config=config,
@@ -276,18 +283,30 @@ def _first_within_limits(
     candidates: Iterable[_Candidate],
     time_step: float,
 ) -> _Checked:
-    """The first candidate, of one or more, that keeps all limits between its samples, too.
+    """The first candidate, of one or more, that keeps all limits and moves each joint enough.
 
-    No candidate after it is computed.
+    The limits are kept between its samples, too. Where no candidate moves each joint as `identify`
+    requires (`_moving`), it is the first that keeps the limits. No candidate after it is computed.
 
     Raises:
-        InputError: none does.
+        InputError: none keeps the limits.
     """
+    first_within = None
     for candidate in candidates:
         checked = _checked(robot, clearance, candidate.solution, candidate.trajectory, time_step)
         if checked.is_clear and (checked.torque <= bounds.torque).all():
-            return checked
-    raise _refusal(checked)
+            if _moving(robot, checked).all():
+                return checked
+            first_within = first_within or checked
+    if first_within is None:
+        raise _refusal(checked)
+    return first_within
+
+
+def _moving(robot: Robot, checked: _Checked) -> Flags:
+    """(n,) which joints a motion moves so far and fast that `identify` accepts a log of it."""
+    q, v, _ = checked.motion
+    return moves(q, v, robot.chain.prismatic, _PLANNED_MOTION_FACTOR)
 
 
 def _with_stops(
@@ -324,6 +343,25 @@ def _condition_warnings(condition_number: float) -> list[str]:
     ]
 
 
+def _stillness_warnings(robot: Robot, checked: _Checked) -> list[str]:
+    """A sentence on the joints that a motion moves too little for `identify`; none if all move."""
+    q = checked.motion[0]
+    still = [
+        f"{name} by {np.ptp(q[:, j]):.2g} {'m' if robot.chain.prismatic[j] else 'rad'}"
+        for j, (name, is_moving) in enumerate(
+            zip(robot.joint_names, _moving(robot, checked), strict=True)
+        )
+        if not is_moving
+    ]
+    if not still:
+        return []
+    return [
+        f"the motion moves {', '.join(still)}: too little for `identify`, which asks for "
+        f"{LEAST_TRAVEL:g} rad ({LEAST_SLIDE:g} m) in the log; take more --starts and "
+        "--iterations, another --seed, or give the arm more room (floor, locked joints, clearance)"
+    ]
+
+
 def _stop_warnings(trajectory: FourierTrajectory, config: ExcitationConfig) -> list[str]:
     if trajectory.stops.number >= config.num_stops:
         return []
@@ -354,10 +392,11 @@ def _candidates(
     """Motions to check against the limits, in the order of preference.
 
     First the solver's ends: the second solve goes on from the first one's end, each later one
-    starts from the next random motion. Each is computed when it is asked for. Then motions on the
-    way back from each of these ends to its random motion (RETREAT_SHARES), which is within the
-    limits at its samples: those of the least measure first. With these is an end that is no better
-    than the best random motion, as a solve of few iterations from a poor one has it.
+    starts from the next random motion. Each is computed when it is asked for. After each end that
+    was refused, the nearest motion that keeps all limits at the samples is found; then all of
+    these, and motions on the way from them back to their random ones (RETREAT_SHARES), are tried,
+    those of the least measure first. With these is an end that is no better than the best random
+    motion, as a solve of few iterations from a poor one has it, or than a nearest one before it.
 
     Args:
         programs: to solve, one for each of SOLVE_RESERVES; one or more.
@@ -376,20 +415,23 @@ def _candidates(
     # The random motion from which a solve, and what it went on from, began.
     origin = start = ranked[0]
     pool: list[_Candidate] = []
+    least_cost = np.inf  # of motions that are in the pool, or started the search
     for attempt, program in enumerate(programs):
         # Solve 0 begins at motion 0, solve 1 goes on from its end, solve 2 begins at motion 1;
         # where there are too few motions, the last is taken again.
         if attempt > 1:
             origin = start = ranked[min(attempt - 1, len(ranked) - 1)]
+        least_cost = min(least_cost, program.cost(ranked[0]))
         solution = program.solve(start, config.iterations, report)
         end = _Candidate(solution, solution.trajectory)
-        if solution.cost < program.cost(ranked[0]):
+        if solution.cost < least_cost:
             yield end
         else:
             pool.append(end)
-        start = solution.trajectory
+        nearest_motion = start = program.nearest_within_limits(solution.trajectory)
+        least_cost = min(least_cost, program.cost(nearest_motion))
         pool += [
-            _Candidate(solution, _between(origin, solution.trajectory, share))
+            _Candidate(solution, _between(origin, nearest_motion, share))
             for share in RETREAT_SHARES
         ]
     # By the last program; the others, which differ in their reserves, have the same measure.

@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from scipy.linalg import svd
 
 from wrenchsight.analyses.methods.identify.friction_fit import FoldPart, FrictionFit
-from wrenchsight.analyses.methods.identify.low_passed_logs import (
-    moves,
-)
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.identification.base_parameters import RANK_TOLERANCE
+from wrenchsight.models.identification.least_motion import moves
 from wrenchsight.models.identification.torque_regression import TorqueFactors
 from wrenchsight.models.numerics.arrays import Array, Flags
 

@@ -20,6 +20,7 @@ from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import LogSource
+from wrenchsight.models.identification.least_motion import LEAST_SLIDE, LEAST_TRAVEL, moves
 from wrenchsight.models.identification.rests import arm_rests
 from wrenchsight.models.identification.torque_regression import JointMotion, RegressionRows
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -31,9 +32,6 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
-# A joint that moves less, or slower, than this shows neither its friction nor its inertia.
-LEAST_TRAVEL, LEAST_SLIDE = 0.05, 0.02  # rad, and m of a joint that slides, peak to peak
-LEAST_SPEED = 0.01  # rad/s or m/s
 LARGEST_CUTOFF = 0.25  # of a log's rate
 # In periods of the cutoff:
 GRID_POINTS = 20.0  # grid points on which the regressor is built; its harmonics fold back beyond 10
@@ -315,11 +313,10 @@ def low_pass_log(
 
 def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
     used_q = np.vstack([run.q[run.used] for run in runs])
-    travel = np.ptp(used_q, axis=0)
-    speed = np.max([np.abs(run.v[run.used]).max(axis=0) for run in runs], axis=0)
-    least = np.where(robot.chain.prismatic, LEAST_SLIDE, LEAST_TRAVEL)
-    still = np.flatnonzero((travel < least) | (speed < LEAST_SPEED))
+    used_v = np.vstack([run.v[run.used] for run in runs])
+    still = np.flatnonzero(~moves(used_q, used_v, robot.chain.prismatic))
     if still.size:
+        travel, speed = np.ptp(used_q, axis=0), np.abs(used_v).max(axis=0)
         units = ["m" if prismatic else "rad" for prismatic in robot.chain.prismatic]
         motions = ", ".join(
             f"{robot.joint_names[i]} ({travel[i]:.2g} {units[i]}, at most {speed[i]:.2g} "
@@ -333,14 +330,6 @@ def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
             f"log a motion in which each joint travels {LEAST_TRAVEL:g} rad ({LEAST_SLIDE:g} m) "
             "and more",
         )
-
-
-def moves(q: Array, v: Array, prismatic: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n,) the joints that move over samples (T, n), enough to show friction and inertia."""
-    least = np.where(prismatic, LEAST_SLIDE, LEAST_TRAVEL)
-    if not len(q):
-        return np.zeros(len(prismatic), bool)
-    return np.asarray((np.ptp(q, axis=0) >= least) & (np.abs(v).max(axis=0) >= LEAST_SPEED))
 
 
 def _informative(log: LowPassedLog) -> NDArray[np.bool_]:

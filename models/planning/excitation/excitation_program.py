@@ -53,6 +53,9 @@ _SNOPT_OPTIONS = {
     "Major step limit": 0.5,  # of the coefficients' size
     "Function precision": 1e-7,  # of the distances between curved shapes, found iteratively
 }
+# Major ones, of the search for the nearest motion within the limits, which has mostly converged
+# after fewer; where none is near, more do not find it.
+_NEAREST_ITERATIONS = 10
 _MOST_POSTURES = 2000  # that random motions are drawn about
 UNSTATED_SPEED = 3.0  # rad/s (m/s), of a joint whose URDF states no speed limit
 MAX_SPEED = 30.0  # rad/s (m/s); a limit beyond is a placeholder, and counts as not stated
@@ -321,6 +324,47 @@ class ExcitationProgram:
             returned none. The limits are not checked here.
         """
         self._on_evaluation, self._evaluations = watch, 0  # `_cost` calls and counts
+        x, info = self._solved(self.program, start, iterations)
+        trajectory = self._trajectory(x)
+        return ExcitationSolution(
+            trajectory=trajectory,
+            cost=self.cost(trajectory),
+            status=f"snopt {info}",
+            evaluations=self._evaluations,
+        )
+
+    def nearest_within_limits(
+        self, trajectory: FourierTrajectory, iterations: int = _NEAREST_ITERATIONS
+    ) -> FourierTrajectory:
+        """The motion next to a given one, in its coefficients, that keeps all limits at samples.
+
+        Few iterations of `solve` lower the measure and leave limits broken. From there this takes
+        about as long as ten of them, as it leaves the measure out.
+
+        Args:
+            trajectory: of the same harmonics.
+            iterations: major ones of SNOPT, at most.
+
+        Returns:
+            The motion at which SNOPT ended; limits that no motion nearby keeps are broken by it,
+            too.
+        """
+        program = self.program.Clone()
+        for cost in program.GetAllCosts():
+            program.RemoveCost(cost)
+        all_x = self._x.ravel()
+        guess = np.round(self._coefficients(trajectory), _MOTION_DECIMALS)
+        program.AddQuadraticErrorCost(np.eye(len(all_x)), guess.ravel(), all_x)
+        return self._trajectory(self._solved(program, trajectory, iterations)[0])
+
+    def _solved(
+        self, program: MathematicalProgram, start: FourierTrajectory, iterations: int
+    ) -> tuple[Array, int]:
+        """Where SNOPT ends in a program of this one's variables, and what it states of that.
+
+        Returns:
+            x (n, 1 + 2 H), the start's where SNOPT returned none; SNOPT's info, 1 if it converged.
+        """
         settings = SolverOptions()
         solver = SnoptSolver()
         for name, value in {
@@ -331,18 +375,12 @@ class ExcitationProgram:
             settings.SetOption(solver.solver_id(), name, value)
         # As all that solver and program tell each other: the last bit must not decide the end.
         guess = np.round(self._coefficients(start), _MOTION_DECIMALS)
-        self.program.SetInitialGuess(self._x, guess)
-        result = solver.Solve(self.program, None, settings)
+        program.SetInitialGuess(self._x, guess)
+        result = solver.Solve(program, None, settings)
         x = np.asarray(result.GetSolution(self._x), dtype=np.float64)
         if not np.isfinite(x).all():  # SNOPT returned none
             x = self._coefficients(start)
-        trajectory = self._trajectory(x)
-        return ExcitationSolution(
-            trajectory=trajectory,
-            cost=self.cost(trajectory),
-            status=f"snopt {result.get_solver_details().info}",
-            evaluations=self._evaluations,
-        )
+        return x, int(result.get_solver_details().info)
 
     def cost(self, trajectory: FourierTrajectory) -> float:
         """The smooth measure of a motion of the same harmonics, within the limits or not."""

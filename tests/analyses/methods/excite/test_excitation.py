@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.excite import excitation
 from wrenchsight.analyses.methods.excite.excitation import (
     RETREAT_SHARES,
     SOLVE_RESERVES,
@@ -19,6 +20,7 @@ from wrenchsight.analyses.methods.excite.excitation import (
 from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.least_motion import LEAST_TRAVEL
 from wrenchsight.models.planning.excitation.excitation_limits import ExcitationLimits
 from wrenchsight.models.planning.excitation.excitation_program import (
     ExcitationProgram,
@@ -79,6 +81,8 @@ def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monke
         return ExcitationSolution(end, 0.0, "snopt 32", 1)
 
     monkeypatch.setattr(ExcitationProgram, "solve", beyond)
+    # Nor is there a motion nearby that keeps the limits.
+    monkeypatch.setattr(ExcitationProgram, "nearest_within_limits", lambda self, motion: motion)
     result = excite(sts, ExcitationConfig(num_starts=2))
     assert len(checked) == len(SOLVE_RESERVES)
     # Of either random motion, the first and the last: a stretched one, shorter than any end.
@@ -92,29 +96,64 @@ def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monke
     assert (result.peak_torque_share <= 0.7).all()
 
 
+class LineProgram:
+    """Of one joint that stands at its centre: solves end 10 rad on, the limits 2 rad below that."""
+
+    def solve(self, start, iterations, watch):
+        end = FourierTrajectory(0.1, start.centre + 10.0, [[0.0]], [[0.0]])
+        return ExcitationSolution(end, self.cost(end), "snopt 31", 1)
+
+    def nearest_within_limits(self, trajectory):
+        return FourierTrajectory(0.1, trajectory.centre - 2.0, [[0.0]], [[0.0]])
+
+    def cost(self, trajectory):
+        return abs(float(trajectory.centre[0]) - 8.0)
+
+
 def test_the_ways_back_are_tried_from_all_ends_and_the_best_first():
     """A poor end, or a poor random motion, is not what is left of four searches."""
     starts = [FourierTrajectory(0.1, [float(k)], [[0.0]], [[0.0]]) for k in (1, 2, 3)]
-
-    class Program:
-        def solve(self, start, iterations, watch):
-            end = FourierTrajectory(0.1, start.centre + 10.0, [[0.0]], [[0.0]])
-            return ExcitationSolution(end, self.cost(end), "snopt 31", 1)
-
-        def cost(self, trajectory):
-            return abs(float(trajectory.centre[0]) - 8.0)  # best on the way to the first end
-
-    programs = [Program() for _ in SOLVE_RESERVES]
+    programs = [LineProgram() for _ in SOLVE_RESERVES]
     candidates = list(_candidates(programs, starts, ExcitationConfig(), lambda *_: None))
-    # The first random motion costs 7: the second end, at 21, costs more, and waits its turn.
-    ends, ways_back = candidates[:3], candidates[3:]
-    assert [float(end.trajectory.centre[0]) for end in ends] == [11.0, 12.0, 13.0]
-    assert len(ways_back) == 1 + len(programs) * len(RETREAT_SHARES)
-    assert float(ways_back[-1].trajectory.centre[0]) == 21.0
-    costs = [Program().cost(way.trajectory) for way in ways_back]
-    assert costs == sorted(costs)
-    assert float(ways_back[0].trajectory.centre[0]) == 8.0
-    assert {float(way.solution.trajectory.centre[0]) for way in ways_back} == {11, 21, 12, 13}
+    # The first end, 11, costs 3, less than the best random motion's 7; what is nearest to it, 9,
+    # costs 1. The second solve goes on from there, to 19. No later end costs less than that 1.
+    centres = [float(candidate.trajectory.centre[0]) for candidate in candidates]
+    assert centres[0] == 11.0
+    assert {19.0, 12.0, 13.0} <= set(centres[1:])
+    assert len(centres) == 4 + len(programs) * len(RETREAT_SHARES)
+    costs = [abs(centre - 8.0) for centre in centres[1:]]
+    assert (np.diff(costs) > -1e-9).all()
+    assert costs[0] < 0.4  # on the way to one of 9, 17, 10 and 11
+    ends = {float(candidate.solution.trajectory.centre[0]) for candidate in candidates}
+    assert ends == {11.0, 19.0, 12.0, 13.0}
+
+
+def test_a_motion_in_which_each_joint_moves_enough_is_preferred(sts, monkeypatch):
+    """`identify` refuses a log in which a joint hardly moves."""
+    asked = []
+
+    def second_alone_moves(robot, checked):
+        asked.append(checked.trajectory)
+        return np.full(robot.num_joints, len(asked) == 2)
+
+    monkeypatch.setattr(excitation, "_moving", second_alone_moves)
+    result = excite(sts, replace(QUICK, num_starts=2))
+    np.testing.assert_array_equal(result.trajectory.sine, asked[1].sine)
+
+
+def test_joints_that_move_too_little_for_identify_are_named_with_what_to_do(sts):
+    limits = ExcitationLimits(velocity_share=4e-3)
+    config = ExcitationConfig(limits=limits, num_starts=1, iterations=1, time_step=0.01)
+    result = excite(sts, config)
+    (still,) = [warning for warning in result.warnings if "too little for `identify`" in warning]
+    named = dict(re.findall(r"(joint_\d) by ([0-9.e-]+) rad", still))
+    t = np.linspace(0.0, result.trajectory.period, 2001)
+    travel = np.ptp(result.trajectory.sample(t)[0], axis=0)
+    slow = {name for name, x in zip(sts.joint_names, travel, strict=True) if x < 1.5 * LEAST_TRAVEL}
+    assert named and slow <= named.keys()
+    for name, text in named.items():
+        assert float(text) == pytest.approx(travel[sts.joint_names.index(name)], rel=0.1)
+    assert "more --starts and --iterations" in still
 
 
 def test_a_motion_too_slow_to_determine_inertias_is_reported(sts):

@@ -19,6 +19,7 @@ from wrenchsight.models.planning.excitation.excitation_program import (
     ProgramSettings,
     torque_gradients,
 )
+from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +133,36 @@ def test_random_and_solved_motions_keep_all_limits(sts, information):
         return information.condition_number(*series.sample(np.arange(200) * 0.05))
 
     assert condition(solution.trajectory) < 0.5 * condition(start)
+
+
+def test_the_nearest_motion_within_the_limits_keeps_them_and_is_near(sts, information):
+    """Of a random motion that is twice as large as speed, torque and a wall at joint 1 allow."""
+    bounds = MotionBounds.of_robot(sts, ExcitationLimits(velocity_share=0.1, torque_share=0.4))
+
+    def slack(q):
+        return 0.1 * (1.0 - q[0]), -0.1 * np.eye(6)[0]  # m: a wall at 1 rad
+
+    program = ExcitationProgram(
+        sts.chain, bounds, information, ProgramSettings(num_samples=40), slack
+    )
+    start = program.random_feasible(np.random.default_rng(1))
+    large = FourierTrajectory(
+        start.base_frequency, start.centre, 2.0 * start.sine, 2.0 * start.cosine
+    )
+    near = program.nearest_within_limits(large)
+    t = np.linspace(0.0, near.period, 5001)
+    q, v, vdot = near.sample(t)
+    assert (np.abs(large.sample(t)[1]) > bounds.velocity).any()
+    assert (np.abs(v) <= bounds.velocity + 1e-5).all()  # + the solver's own tolerance
+    assert (np.abs(vdot) <= bounds.acceleration + 1e-5).all()
+    assert (np.abs(sts.chain.inverse_dynamics(q, v, vdot)) <= 1.01 * bounds.torque).all()
+    assert (q[:, 0] <= 1.0).all()
+    np.testing.assert_allclose(v[[0, -1]], 0.0, atol=1e-8)
+    gaps = [
+        np.abs(np.hstack([other.sine - large.sine, other.cosine - large.cosine])).max()
+        for other in (near, start)
+    ]
+    assert gaps[0] < gaps[1]
 
 
 @pytest.mark.parametrize(
