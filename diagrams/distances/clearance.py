@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -48,6 +49,11 @@ _NEVER_NEARER_SHARE = 0.95
 # Random postures, in which neighbours are looked at: in the plane of two joints' positions they are
 # a seventeenth of the ranges apart.
 _NEIGHBOUR_POSTURES = 300
+# Of random postures, in which two links on both sides of one joint overlap: from here on their
+# shapes are judged too coarse. A maker's limits keep the two apart; where they do not quite, as
+# between an upper arm and what is mounted behind the elbow, it is in less than half of the range.
+_COARSE_SHARE = 0.5
+_COARSE_POSTURES = 100  # random ones, in which such pairs are counted
 # s, shortest interval of a motion that is halved. Of links that move at 1 m/s to each other, slacks
 # within 0.05 mm of the least that is allowed may then remain without proof.
 _MIN_INTERVAL = 1e-4
@@ -187,6 +193,7 @@ class Clearance:
         jointed        two links that one joint connects; Drake itself does not state their distance
         rigid          no joint lies between the two, as between parts that stand on the floor
         overlapping    the two overlap at home: their shapes are too coarse to judge
+        coarse         one joint lies between the two, and they overlap in half of its range or more
         always clear   neighbours, with two joints between them or fewer, that never come nearer to
                        each other than at home
         working        the workpiece and what may touch it: the tool, or its shapes at E alone
@@ -205,6 +212,8 @@ class Clearance:
         shapes: the plant with all of them.
         margin: m, as given.
         overlapping: pairs of this kind, by the names of their links ("A and B").
+        coarse: pairs of this kind that do not overlap at home, by the same names, with the share of
+            the range in which they overlap.
         near_at_home: pairs of this kind, by the same names, with what they must keep, m.
         has_shapes: whether the arm has any.
     """
@@ -261,6 +270,13 @@ class Clearance:
         """
         arm_and_floor = self.shapes.body.keys() - self._workpiece_shapes - self._obstacle_shapes
         by_home, self.overlapping = self._required_by_home(robot, arm_and_floor)
+        coarse = self._coarse(robot, by_home)
+        by_home |= dict.fromkeys(coarse, -np.inf)
+        shares: dict[str, float] = {}  # of several shapes of two links the largest
+        for pair, share in coarse.items():
+            names = self._names(pair)
+            shares[names] = max(share, shares.get(names, 0.0))
+        self.coarse = tuple(shares.items())
         self.near_at_home = self._less_than_margin(by_home)
         self._required: dict[tuple[Any, Any], float] = by_home | self._required_of_others()
 
@@ -421,6 +437,44 @@ class Clearance:
             for pair, distance in nearest.items()
             if distance > _NEVER_NEARER_SHARE * neighbours[pair]
         }
+
+    def _coarse(
+        self, robot: Robot, by_home: dict[tuple[Any, Any], float]
+    ) -> dict[tuple[Any, Any], float]:
+        """Pairs of the arm's shapes that are coarse, with the share of postures of overlap.
+
+        Args:
+            robot: the arm.
+            by_home: what pairs must keep by their distances at home; those left out are not looked
+                at.
+        """
+        counts: Counter[tuple[Any, Any]] = Counter()
+        ranges = ranges_of_postures(
+            robot.position_lower, robot.position_upper, robot.chain.prismatic
+        )
+        rng = np.random.default_rng(0)
+        for q in rng.uniform(*ranges, (_COARSE_POSTURES, robot.num_joints)):
+            counts.update(
+                (pair.id_A, pair.id_B)
+                for pair in self.shapes.pairs(q, 0.0)
+                if self._arm_shapes.issuperset((pair.id_A, pair.id_B))
+                and abs(self._level(pair.id_A) - self._level(pair.id_B)) == 1
+            )
+        shares = {pair: count / _COARSE_POSTURES for pair, count in counts.items()}
+        return {
+            pair: share
+            for pair, share in shares.items()
+            if share >= _COARSE_SHARE and by_home.get(pair) != -np.inf
+        }
+
+    def coarse_notes(self) -> list[str]:
+        """A sentence on each pair of `coarse`."""
+        return [
+            f"{pair} overlap in {100.0 * share:.0f} % of the range of the one joint between them: "
+            "their shapes are too coarse, and contact between them is not checked; if the joint "
+            "must not go there, narrow its limits in the URDF"
+            for pair, share in self.coarse
+        ]
 
     def reaches_floor(self, q: ArrayLike) -> bool:
         """Whether a moving shape touches the floor at q (n,), at home or not."""

@@ -165,6 +165,7 @@ def _notices(robot: Robot, clearance: Clearance) -> Iterator[str]:
         )
     for pair in clearance.overlapping:
         yield f"{pair} overlap at home already: their distance is not checked"
+    yield from clearance.coarse_notes()
     for (link, obstacle), depth in clearance.base_in_obstacles(robot).items():
         yield (
             f"{link}, which stands still, reaches {1e3 * depth:.0f} mm into {obstacle}, which is "

@@ -710,4 +710,4 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
         f"{pair} overlap in the home posture: contact between them is not checked"
         for pair in clearance.overlapping
     ]
-    return warnings
+    return [*warnings, *clearance.coarse_notes()]

@@ -314,10 +314,11 @@ def _clearance(robot: Robot) -> tuple[Clearance | None, list[str]]:
     clearance = Clearance(robot, 0.0, robot.floor)
     if not clearance.has_shapes:
         return None, [f"{robot.name} has no collision shapes: collisions are not checked"]
-    return clearance, [
+    overlapping = [
         f"{pair} overlap at home: contact between them is not checked"
         for pair in clearance.overlapping
     ]
+    return clearance, [*overlapping, *clearance.coarse_notes()]
 
 
 def free_figures(samples: Samples, clearance: Clearance) -> dict[str, Any]:

@@ -95,7 +95,7 @@ def test_the_smooth_slack_has_its_gradient_beside_a_body_that_floats(sts, cleara
     np.testing.assert_array_equal(beside.smooth_slack(q)[1], clearance.smooth_slack(q)[1])
 
 
-def mast(folder, lower=0.0, upper=2.0, home=1.0, base_shape=""):
+def mast(folder, lower=0.0, upper=2.0, home=1.0, base_shape="", more=""):
     """A ball on a mast: q is the height of its centre, m, and an angle about the vertical."""
     inertial = """<inertial><mass value="1"/>
     <inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>"""
@@ -112,7 +112,7 @@ def mast(folder, lower=0.0, upper=2.0, home=1.0, base_shape=""):
     <link name="ball">{inertial}
     <collision><geometry><sphere radius=".05"/></geometry></collision></link>
     {joint("up", "prismatic", "base", "lift", lower, upper)}
-    {joint("turn", "revolute", "lift", "ball", 0, 2)}</robot>""")
+    {joint("turn", "revolute", "lift", "ball", 0, 2)}{more}</robot>""")
     settings = {
         "name": "mast",
         "urdf": "mast.urdf",
@@ -141,6 +141,33 @@ def test_neighbours_that_meet_far_along_a_slide_count(tmp_path):
     clearance = Clearance(mast(tmp_path, 4.0, 6.0, 4.2, stop), 0.02, None)
     assert clearance.slack([4.2, 0.0]) == pytest.approx(0.05 - 0.02)
     assert clearance.slack([4.3, 0.0]) == pytest.approx(-0.05 - 0.02)
+
+
+def lift_in_column(folder, top):
+    """A lift, 0 to 1 m, with bellows beside its mast that slide into a column up to `top`, m."""
+    column = f"""<collision><origin xyz=".5 0 {top - 1.0}"/>
+    <geometry><box size=".1 .1 2"/></geometry></collision>"""
+    bellows = """<link name="bellows"><collision><origin xyz=".5 0 0"/>
+    <geometry><sphere radius=".05"/></geometry></collision></link>
+    <joint name="fixed" type="fixed"><parent link="lift"/><child link="bellows"/></joint>"""
+    return mast(folder, 0.0, 1.0, 0.9, column, bellows)
+
+
+def test_links_that_overlap_in_most_of_the_range_of_their_joint_are_coarse(tmp_path):
+    clearance = Clearance(lift_in_column(tmp_path, top=0.75), 0.02, None)
+    ((names, share),) = clearance.coarse
+    assert names == "base and bellows"
+    assert share == pytest.approx(0.75 + 0.05, abs=0.1)  # of 100 postures: 2.5 sd
+    (note,) = clearance.coarse_notes()
+    assert f"overlap in {100 * share:.0f} % of the range" in note
+    assert clearance.slack([0.2, 0.0]) > 0.0  # it does not count
+    assert len(clearance.left_out()) >= 1
+
+
+def test_links_that_overlap_in_a_part_of_the_range_of_their_joint_count(tmp_path):
+    clearance = Clearance(lift_in_column(tmp_path, top=0.25), 0.02, None)
+    assert clearance.coarse == ()
+    assert clearance.slack([0.2, 0.0]) < 0.0
 
 
 @pytest.mark.parametrize("margin", [0.02, 0.1])
