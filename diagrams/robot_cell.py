@@ -195,7 +195,7 @@ def _arm_parts(cell: _CellParts, joints: TrueJoints, script: WrenchScript) -> Ar
     return ArmParts(
         chain=cell.robot_of_links.chain,
         joints=joints,
-        tool_body=tool_body(cell.plant, cell.arm).index(),
+        tool_body=cell.arm.tool_body(cell.plant).index(),
         p_BE=_p_BE(cell.plant, cell.arm),
         script=script,
         contacts=_tool_contacts(cell) if cell.has_contact else None,
@@ -403,7 +403,7 @@ def _truth_outputs(
 
 
 def _tool_contacts(cell: _CellParts) -> ToolContacts:
-    tool = tool_body(cell.plant, cell.arm)
+    tool = cell.arm.tool_body(cell.plant)
     geometries = cell.plant.GetCollisionGeometriesForBody(tool)
     radius = tip_radius(cell.robot_of_joints) if cell.scenario.machining is not None else 0.0
     return ToolContacts(tool.index(), geometries, radius)
@@ -442,13 +442,6 @@ def _add_plant(
     return plant, scene_graph
 
 
-def tool_body(plant: MultibodyPlant, parts: RobotInPlant) -> RigidBody:
-    """The body that the environment touches: the tool, or what E is fixed to without one."""
-    if parts.tool_weld is None:
-        return parts.frame_E.body()
-    return plant.get_joint(parts.tool_weld).child_body()
-
-
 def tip_radius(robot: Robot) -> float:
     """Radius of the ball at the tool's tip, m.
 
@@ -469,7 +462,7 @@ def tip_radius(robot: Robot) -> float:
 
 def _p_BE(plant: MultibodyPlant, parts: RobotInPlant) -> Array:
     context = plant.CreateDefaultContext()
-    X_WB = tool_body(plant, parts).EvalPoseInWorld(context)
+    X_WB = parts.tool_body(plant).EvalPoseInWorld(context)
     X_BE = X_WB.InvertAndCompose(parts.frame_E.CalcPoseInWorld(context))
     return np.array(X_BE.translation())
 
@@ -503,7 +496,7 @@ def _material_of(
     workpiece = cell.scenario.workpiece
     if isinstance(workpiece, BladeConfig):
         # A mesh is touched by patches alone: only the tip has a shape that makes them.
-        is_tool = body.index() == tool_body(cell.plant, cell.arm).index()
+        is_tool = body.index() == cell.arm.tool_body(cell.plant).index()
         is_tip = is_tool and isinstance(shape, Sphere)
         return soft_tip(workpiece, shape.radius()) if is_tip else None
     if body.name() in clear_links:

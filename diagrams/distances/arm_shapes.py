@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, Role
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Joint, RigidBody
+from pydrake.multibody.tree import BodyIndex, Joint
 from pydrake.systems.framework import DiagramBuilder
 
-from wrenchsight.models.robot.robot import Robot, RobotInPlant
+from wrenchsight.models.robot.robot import Robot
 
 
 class ArmShapes:
@@ -51,7 +51,7 @@ class ArmShapes:
             shape: plant.GetBodyFromFrameId(self.inspector.GetFrameId(shape)) for shape in shapes
         }
         self.level = _levels(plant, parts.joints)
-        self.tool = _tool(plant, parts)
+        self.tool = parts.tool_body(plant)
         self.position_indices = [joint.position_start() for joint in parts.joints]
         # Index of the pose of the body that floats among the plant's positions: 7 numbers,
         # quaternion and position. None: no body floats.
@@ -115,13 +115,6 @@ def _levels(plant: MultibodyPlant, joints: Sequence[Joint]) -> dict[BodyIndex, i
         for body in plant.GetBodiesWeldedTo(joint.child_body()):
             level[body.index()] = j + 1
     return level
-
-
-def _tool(plant: MultibodyPlant, parts: RobotInPlant) -> RigidBody:
-    """The body of the robot's tool; without one the body that E lies on."""
-    if parts.tool_weld is None:
-        return parts.frame_E.body()
-    return plant.get_joint(parts.tool_weld).child_body()
 
 
 def _start_of_floating_pose(plant: MultibodyPlant) -> int | None:

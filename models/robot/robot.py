@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
+from pydrake.multibody.tree import JointIndex, ModelInstanceIndex, RigidBody
 
 from wrenchsight.models.files.bundled_files import bundled_files, named_file
 from wrenchsight.models.files.configuration import load_configuration, save_configuration
@@ -66,6 +66,12 @@ class RobotInPlant:
     joints: tuple[Any, ...]  # Joint, base to tool
     actuators: tuple[Any, ...]  # JointActuator, in the order of the joints
     tool_weld: JointIndex | None  # the weld of the tool to the flange; None without a tool
+
+    def tool_body(self, plant: MultibodyPlant) -> RigidBody:
+        """The body that the environment touches: the tool, or what E is fixed to without one."""
+        if self.tool_weld is None:
+            return self.frame_E.body()
+        return plant.get_joint(self.tool_weld).child_body()
 
 
 class Robot(Arm):
