@@ -10,11 +10,13 @@ from wrenchsight.analyses.methods.identify.identification_config import (
     IdentifySettings,
 )
 from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
+from wrenchsight.analyses.output.joint_units import joint_units
 from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.methods.identify.identification import IdentificationResult
     from wrenchsight.analyses.methods.identify.known_model.load_calibration import CalibrationResult
+    from wrenchsight.models.robot.robot import Robot
 
 ORDER = 20
 COMMAND_CLASS = SeveralValues
@@ -151,17 +153,24 @@ def _scale(settings: IdentifySettings, out: Path) -> None:
         if not isnan(scale.torque_per_unit[j]):
             torque_per_unit = f"{scale.torque_per_unit[j]:.3g} ± {scale.standard_error[j]:.2g}"
         note = "" if scale.is_determined[j] else " (not determined)"
+        # Rounded to 1e-9 N m: what gravity does to a vertical axis is zero but for rounding.
         table.add_row(
             name,
             torque_per_unit + note,
             f"{result.stated[j]:.3g}",
-            f"{scale.known_torque_sd[j]:.2g}",
+            f"{round(scale.known_torque_sd[j], 9):.2g}",
         )
     show(
         table,
         *notes((*result.notices, *sentences(result, bool(settings.load)))),
         f"robot with these torques per unit: {out / 'robot.yaml'}",
     )
+
+
+def _friction_units(robot: "Robot") -> tuple[str, str]:
+    """Units of the joints' torques and of their viscous friction."""
+    slides = robot.chain.prismatic
+    return joint_units("N m", slides), joint_units("N m s/rad", slides)
 
 
 def _refresh(settings: IdentifySettings, out: Path) -> None:
@@ -178,14 +187,15 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
         result = refresh_log(settings, out, progress)
     refresh = result.refresh
     rmse_before, rmse_after = result.rmse_before, result.rmse_after
+    torque, viscosity = _friction_units(result.robot)
     table = new_table(
         "\njoint",
-        "Coulomb\n[N m]",
-        "viscous\n[N m s/rad]",
-        "offset\n[N m]",
+        f"Coulomb\n[{torque}]",
+        f"viscous\n[{viscosity}]",
+        f"offset\n[{torque}]",
         "moved by\n[standard errors]",
-        "RMSE before\n[N m]",
-        "after\n[N m]",
+        f"RMSE before\n[{torque}]",
+        f"after\n[{torque}]",
     )
     for j, name in enumerate(result.model.joint_names):
         changes = (  # of Coulomb, viscous and offset
@@ -255,19 +265,20 @@ def _print(result: "IdentificationResult", out: Path) -> None:
     else:
         fits, kind, errors_kind = result.fit, "fitted", "fit"
     joined = joined_fits(fits, name=kind)  # all logs as one, named by what they are
+    torque, viscosity = _friction_units(result.robot)
     columns = {  # (n,) each, by heading
-        "Coulomb\n[N m]": law.coulomb,
-        "viscous\n[N m s/rad]": law.viscous,
-        f"{errors_kind}\nRMSE [N m]": joined.rmse,
+        f"Coulomb\n[{torque}]": law.coulomb,
+        f"viscous\n[{viscosity}]": law.viscous,
+        f"{errors_kind}\nRMSE [{torque}]": joined.rmse,
         "of torque's\nRMS [%]": 100.0 * joined.relative,
     }
-    columns |= {f"{fit.name}\nRMSE [N m]": fit.rmse for fit in result.validation}
+    columns |= {f"{fit.name}\nRMSE [{torque}]": fit.rmse for fit in result.validation}
     table = new_table("\njoint", *columns)
     for j, name in enumerate(model.joint_names):
         cells = [f"{values[j]:#.3g}".rstrip(".") for values in columns.values()]
         table.add_row(name, *cells)
     residuals = [
-        f"residual, {fit.name}, mean ± 1 sd [N m]: {residual_text(fit.bias, fit.residual_sd)}"
+        f"residual, {fit.name}, mean ± 1 sd [{torque}]: {residual_text(fit.bias, fit.residual_sd)}"
         for fit in (joined, *result.validation)
     ]
     show(

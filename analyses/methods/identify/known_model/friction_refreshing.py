@@ -24,6 +24,7 @@ from wrenchsight.analyses.methods.identify.known_model.model_residual import (
 from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, as_logs, logs_of
 from wrenchsight.analyses.methods.identify.low_passed_logs import read_log
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from wrenchsight.analyses.output.joint_units import joint_unit, joint_units
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
@@ -62,6 +63,7 @@ class RefreshResult:
         residual_after: the same instants, of the new model.
         warnings: one line each.
         config: as used.
+        robot: whose model it is.
     """
 
     model: IdentifiedModel
@@ -70,6 +72,7 @@ class RefreshResult:
     residual_after: ResidualRows
     warnings: tuple[str, ...]
     config: RefreshConfig
+    robot: Robot
 
     @property
     def rmse_before(self) -> Array:
@@ -143,7 +146,7 @@ def refresh_model(
         raise InputError(
             ", ".join(residual.log.log.name for residual in old_residuals),
             "",
-            f"no joint moves faster than {V_REST:g} rad/s",
+            f"no joint moves faster than {V_REST:g} {joint_units('rad/s', robot.chain.prismatic)}",
             "log some seconds of motion of the joints whose friction is wanted",
         )
     drift = FrictionDrift(config.coulomb_drift, config.viscous_drift, config.offset_drift)
@@ -169,8 +172,9 @@ def refresh_model(
         residual_after=rows_after,
         warnings=(),  # below: they are of the result
         config=config,
+        robot=robot,
     )
-    return replace(result, warnings=tuple(_warnings(result, robot)))
+    return replace(result, warnings=tuple(_warnings(result)))
 
 
 def refresh_log(
@@ -210,7 +214,9 @@ def friction_figure(result: RefreshResult) -> "Figure":
     """The residual by speed, before and after: one panel a joint."""
     names = result.model.joint_names
     n = len(names)
-    figure, panels = panels_in_pairs(n, "joint velocity [rad/s]", "torque residual [N m]")
+    slides = result.robot.chain.prismatic
+    speed, torque = (joint_units(unit, slides) for unit in ("rad/s", "N m"))
+    figure, panels = panels_in_pairs(n, f"joint velocity [{speed}]", f"torque residual [{torque}]")
     rmse_before, rmse_after = result.rmse_before, result.rmse_after
     for j, axis in enumerate(panels):
         for rows, colour, label in (
@@ -219,7 +225,8 @@ def friction_figure(result: RefreshResult) -> "Figure":
         ):
             axis.plot(rows.v[:, j], rows.residual[:, j], ".", color=colour, ms=3, label=label)
         axis.axhline(0.0, color=COLOUR["truth"], lw=0.8)
-        axis.set_title(f"{names[j]}: RMSE {rmse_before[j]:.2f} to {rmse_after[j]:.2f} N m")
+        errors = f"RMSE {rmse_before[j]:.2f} to {rmse_after[j]:.2f}"
+        axis.set_title(f"{names[j]}: {errors} {joint_unit('N m', slides[j])}")
     legend_below(figure, panels[0], ncols=2)
     figure.suptitle("Measured minus predicted torque, before and after the refresh")
     return figure
@@ -277,9 +284,10 @@ def _source(residuals: Sequence[ModelResidual], refresh: FrictionRefresh) -> Fri
     return FrictionSource(log=logs[0], further=logs[1:], **changes, **deviations)
 
 
-def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
+def _warnings(result: RefreshResult) -> list[str]:
     """What the log does not determine, or friction does not explain, in sentences."""
-    refresh, names = result.refresh, robot.joint_names
+    refresh, names = result.refresh, result.robot.joint_names
+    slides = result.robot.chain.prismatic
     warnings = []
     # Of TERMS: Coulomb and viscous. The third, the offset, may be known of a joint that hardly
     # moves.
@@ -294,7 +302,8 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     sd = result.residual_before.sd
     rmse_after = result.rmse_after
     unexplained = [
-        f"{names[j]} {rmse_after[j]:.2g} N m (stated by the model: {sd[j]:.2g})"
+        f"{names[j]} {rmse_after[j]:.2g} {joint_unit('N m', slides[j])} "
+        f"(stated by the model: {sd[j]:.2g})"
         for j in np.flatnonzero(rmse_after > MORE_THAN_FRICTION * sd)
     ]
     if unexplained:
@@ -306,8 +315,8 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     for term, unit in zip(TERMS[:2], UNITS[:2], strict=True):
         value = getattr(refresh.after, term)
         warnings += [
-            f"{names[j]}: negative {term} friction, {value[j]:.2g} {unit}; log more motion of that "
-            "joint"
+            f"{names[j]}: negative {term} friction, {value[j]:.2g} {joint_unit(unit, slides[j])}; "
+            "log more motion of that joint"
             for j in np.flatnonzero((value < 0.0) & (getattr(refresh.model_law, term) >= 0.0))
         ]
     return warnings

@@ -30,6 +30,7 @@ from wrenchsight.analyses.methods.identify.known_model.stretches import logs_of
 from wrenchsight.analyses.methods.identify.low_passed_logs import read_log
 from wrenchsight.analyses.methods.reference_sensor.mounting import sensor_torque
 from wrenchsight.analyses.methods.reference_sensor.reference_config import checked_reference
+from wrenchsight.analyses.output.joint_units import joint_units
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.calibration.specimen_friction import (
@@ -432,7 +433,8 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
     prior = _SENSOR_PRIOR if places else None  # None: `fit_rows` takes its default
     fit = fit_rows([log.level for log in rows], prior_law, prior)
     if not fit.rows.any():
-        problem = f"no joint moves faster than {SLIDING_SPEED:g} rad/s for {ROW_TIME:g} s"
+        speed = f"{SLIDING_SPEED:g} {joint_units('rad/s', robot.chain.prismatic)}"
+        problem = f"no joint moves faster than {speed} for {ROW_TIME:g} s"
         raise InputError("--other-specimen", "", problem, "give stretches of free motion")
     if not places:
         return SpecimenRefit(

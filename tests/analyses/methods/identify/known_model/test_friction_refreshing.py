@@ -1,5 +1,6 @@
 """Friction refreshed from seconds of a log: of a simulated arm, of the UR10e, and bad input."""
 
+import copy
 import json
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from wrenchsight.analyses.methods.identify.identification_config import (
     RefreshConfig,
 )
 from wrenchsight.analyses.methods.identify.known_model.friction_refreshing import (
+    friction_figure,
     refresh_log,
     refresh_model,
 )
@@ -180,3 +182,18 @@ def test_seven_weeks_of_drift_of_a_real_arm(ur10e, real_model, data):
     )
     assert after[1] < 0.65 * previous[1]
     assert (after < 1.1 * previous).all()
+
+
+def test_sliding_joints_are_refreshed_in_newtons_and_metres(ur10e, model):
+    slides = np.arange(6) == 0
+    arm = copy.copy(ur10e)
+    result = refresh_model(recording(ur10e, 1), ur10e, model)
+    arm.chain = replace(ur10e.chain, prismatic=slides)
+    panels = friction_figure(replace(result, robot=arm)).axes
+    assert panels[-1].get_xlabel() == "joint velocity [rad/s or m/s]"
+    assert panels[0].get_ylabel() == "torque residual [N m or N]"
+    assert panels[0].get_title(loc="left").endswith(" N")
+    assert panels[1].get_title(loc="left").endswith(" N m")
+    still = recording(ur10e, 1, still=range(6))
+    with pytest.raises(InputError, match=r"0\.\d+ rad/s or m/s"):
+        refresh_model(still, arm, model)
