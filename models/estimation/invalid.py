@@ -102,7 +102,7 @@ REASONS: Mapping[int, Reason] = {
     OTHER_LINK: Reason(
         "other_link",
         "contact that may be on a link before the last",
-        "touch the arm at the tool alone, or read tau_ext",
+        "touch the arm at the tool alone, or use the joint torques (tau_ext_1 .. of wrench.csv)",
     ),
     HAS_MOMENT: Reason(
         "has_moment",

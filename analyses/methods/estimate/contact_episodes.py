@@ -45,7 +45,10 @@ class Contact:
 
     def sentence(self, origin: float) -> str:
         """Time, duration, force and place in a sentence; time since `origin` s."""
-        time = f"contact at t = {self.begin - origin:.2f} s for {self.end - self.begin:.2f} s"
+        duration = f"{self.end - self.begin:.2f} s"
+        if duration == "0.00 s":  # from its first sample to its last: it may be a single one
+            duration = "less than 0.01 s"
+        time = f"contact at t = {self.begin - origin:.2f} s for {duration}"
         force = "no valid force" if self.force is None else f"up to {self.force:.3g} N"
         place = ""
         if self.place is not None:

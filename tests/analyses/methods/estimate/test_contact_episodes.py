@@ -118,3 +118,12 @@ def test_places_are_named_likeliest_first_and_e_with_the_link_that_carries_it() 
         time + "not at E: on link 6 (47 %), or on link 7 (38 %), or on link 5 (10 %)"
     )
     assert on_link.metrics()["not_at_e"] is True
+
+
+@pytest.mark.parametrize(
+    ("duration", "text"),
+    [(0.0, "less than 0.01 s"), (0.006, "0.01 s")],
+)
+def test_a_contact_of_a_single_sample_does_not_last_for_no_time(duration, text):
+    contact = Contact(2.0, 2.0 + duration, statistic=1.2, force=None, misfit=0.0, link=0)
+    assert contact.sentence(0.0) == f"contact at t = 2.00 s for {text}, no valid force"
