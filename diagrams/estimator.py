@@ -33,6 +33,7 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
     PortDataType,
+    System,
 )
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
@@ -197,6 +198,8 @@ def _check_stages(name: str, stages: Mapping[str, LeafSystem]) -> None:
         if stage not in _STAGE_OUTPUTS:
             raise ValueError(f"{name}: no stage {stage!r}; there are {', '.join(_STAGE_OUTPUTS)}")
         kind = type(block).__name__
+        if not isinstance(block, System):
+            raise ValueError(f"{name}: stage {stage!r} must be a block, and is a {kind}")
         for port in _STAGE_OUTPUTS[stage]:
             if not block.HasOutputPort(port):
                 raise ValueError(f"{name}: stage {stage!r} needs an output {port!r}: {kind}")
@@ -761,6 +764,38 @@ def _fused(
     return diagram
 
 
+def check_ports(
+    builder: DiagramBuilder, robot: Arm, sources: Mapping[str, OutputPort | None], name: str
+) -> None:
+    """Checks what an estimator is to be wired to, before a system is added.
+
+    Args:
+        builder: to which it will be added.
+        robot: whose joints are the entries of each port.
+        sources: by the estimator's inputs; None is left unconnected.
+        name: of the estimator.
+
+    Raises:
+        ValueError: a port is not a vector with one entry per joint; `builder` has a system `name`.
+    """
+    if builder.HasSubsystemNamed(name):
+        raise ValueError(f'{name}: the builder has a system of that name; pass another, name="..."')
+    for signal, port in sources.items():
+        if port is None:
+            continue  # to be connected later, by the caller
+        if not isinstance(port, OutputPort):
+            kind = type(port).__name__
+            raise ValueError(f"{name}: {signal} must be an output port, and is a {kind}")
+        label = f"{port.get_system().get_name()}.{port.get_name()}"
+        if port.get_data_type() != PortDataType.kVectorValued:
+            raise ValueError(f"{name}: {signal} must be a vector, and {label} is abstract")
+        if port.size() != robot.num_joints:
+            raise ValueError(
+                f"{name}: {signal} must have {robot.num_joints} entries, one a joint of "
+                f"{robot.name}, and {label} has {port.size()}"
+            )
+
+
 def add_estimator_to_ports(
     builder: DiagramBuilder,
     robot: Arm,
@@ -796,20 +831,8 @@ def add_estimator_to_ports(
         InputError, ValueError: as `make_estimator`.
         ValueError: a port is not a vector with one entry per joint; `builder` has a system `name`.
     """
-    if builder.HasSubsystemNamed(name):
-        raise ValueError(f'{name}: the builder has a system of that name; pass another, name="..."')
     sources = {"q": q, "v": v, "current": current}
-    for signal, port in sources.items():
-        if port is None:
-            continue  # to be connected later, by the caller
-        label = f"{port.get_system().get_name()}.{port.get_name()}"
-        if port.get_data_type() != PortDataType.kVectorValued:
-            raise ValueError(f"{name}: {signal} must be a vector, and {label} is abstract")
-        if port.size() != robot.num_joints:
-            raise ValueError(
-                f"{name}: {signal} must have {robot.num_joints} entries, one a joint of "
-                f"{robot.name}, and {label} has {port.size()}"
-            )
+    check_ports(builder, robot, sources, name)
     estimator = builder.AddSystem(
         make_estimator(
             robot,

@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import MatrixGain, Saturation
 
 from wrenchsight.diagrams.arm_in_plant import ArmInPlant
-from wrenchsight.diagrams.estimator import add_estimator_to_ports
+from wrenchsight.diagrams.estimator import check_ports, make_estimator
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -88,12 +88,13 @@ def add_estimator(
 
     Raises:
         InputError: as `ArmInPlant`; the model belongs to another arm.
-        ValueError: as `add_estimator_to_ports`; the plant is not in `builder`; the arm is of
-            another plant, or given together with what describes one; actuation and current are
-            both given; the period is no multiple of the plant's time step.
+        ValueError: as `make_estimator` and `check_ports`; the plant is not in `builder`; the arm is
+            of another plant, or given together with what describes one; actuation and current are
+            both given, or actuation has not an entry for each actuator; the period is no multiple
+            of the plant's time step.
     """
     # Only what this function adds to the request is checked here: `ArmInPlant` checks what
-    # describes an arm, `add_estimator_to_ports` the name and the model.
+    # describes an arm, `check_ports` the name, `make_estimator` the model.
     _check_signals(builder, plant, actuation, current, name)
     description = (model_instance, frame_E, drives, base, payload)
     if arm is None:
@@ -105,23 +106,29 @@ def add_estimator(
         )
     # Of the same joints and drives: only the axes of its wrench are others.
     estimated_arm = arm.in_base_axes() if in_base_axes else arm
-    config_at_plant_rate = _config_at_plant_rate(plant, config, name)
-    q, v = _joint_motion(builder, estimated_arm, name)
-    if current is None:
-        current = _motor_current(builder, estimated_arm, actuation, name)
-    return add_estimator_to_ports(
-        builder,
+    _check_actuation(actuation, estimated_arm, name)
+    check_ports(builder, estimated_arm, {"current": current}, name)
+    # All that may be refused comes before a system is added: a call that failed can be repeated.
+    selectors = estimated_arm.state_selector()
+    to_current = _torque_to_current(estimated_arm) if current is None else None
+    estimator = make_estimator(
         estimated_arm,
         estimated_arm.nominal_model() if model is None else model,
-        config_at_plant_rate,
-        q=q,
-        v=v,
-        current=current,
+        _config_at_plant_rate(plant, config, name),
         name=name,
         fused=fused,
         detection=detection,
         stages=stages,
     )
+    builder.AddSystem(estimator)
+    state = plant.get_state_output_port(estimated_arm.model_instance)
+    for signal, rows in zip(("q", "v"), selectors, strict=True):
+        selected = _selected(builder, state, rows, f"{name}_{signal}")
+        builder.Connect(selected, estimator.GetInputPort(signal))
+    if to_current is not None:
+        current = _motor_current(builder, estimated_arm, to_current, actuation, name)
+    builder.Connect(current, estimator.GetInputPort("current"))
+    return estimator
 
 
 def _check_signals(
@@ -141,15 +148,14 @@ def _check_signals(
         raise ValueError(f"{name}: give actuation or current, not both")
 
 
-def _joint_motion(
-    builder: DiagramBuilder, arm: ArmInPlant, name: str
-) -> tuple[OutputPort, OutputPort]:
-    """Ports of the arm's q and v, (n,) each, taken out of the state of its model instance."""
-    state = arm.plant.get_state_output_port(arm.model_instance)
-    q_selector, v_selector = arm.state_selector()  # matrices of zeros and ones
-    q = _selected(builder, state, q_selector, f"{name}_q")
-    v = _selected(builder, state, v_selector, f"{name}_v")
-    return q, v
+def _check_actuation(actuation: OutputPort | None, arm: ArmInPlant, name: str) -> None:
+    """Raises ValueError where a port of torque has not an entry for each actuator of the arm."""
+    num_actuators = arm.plant.num_actuated_dofs(arm.model_instance)
+    if actuation is not None and actuation.size() != num_actuators:
+        raise ValueError(
+            f"{name}: actuation must have {num_actuators} entries, one an actuator of "
+            f"{arm.source}, and has {actuation.size()}"
+        )
 
 
 def _selected(builder: DiagramBuilder, state: OutputPort, rows: Array, name: str) -> OutputPort:
@@ -176,7 +182,7 @@ def _config_at_plant_rate(
         period = time_step if time_step > 0.0 else DEFAULT_TIME_STEP
         return replace(config, observer=replace(config.observer, time_step=period))
     ticks = config.observer.time_step / time_step if time_step > 0.0 else 1.0
-    if abs(ticks - max(round(ticks), 1)) > _MAX_ROUNDING:
+    if not np.isfinite(ticks) or abs(ticks - max(round(ticks), 1)) > _MAX_ROUNDING:
         raise ValueError(
             f"{name}: the observer's time_step is {config.observer.time_step:g} s, and the plant "
             f"steps every {time_step:g} s: take a multiple of it"
@@ -185,15 +191,18 @@ def _config_at_plant_rate(
 
 
 def _motor_current(
-    builder: DiagramBuilder, arm: ArmInPlant, actuation: OutputPort | None, name: str
+    builder: DiagramBuilder,
+    arm: ArmInPlant,
+    to_current: LeafSystem | Diagram,
+    actuation: OutputPort | None,
+    name: str,
 ) -> OutputPort:
     """The motors' current, from `actuation` or the torque that drives the plant, (n_u,) N m.
 
-    `ArmInPlant.current_selector` divides it by the torque per ampere of the arm's drives, which the
-    estimator multiplies it by. A controller, also one that is connected afterwards, may ask for
-    more than the plant applies: it is clipped as there.
+    Args:
+        to_current: of `_torque_to_current`, added here.
     """
-    to_current = builder.AddNamedSystem(f"{name}_current", _torque_to_current(arm))
+    builder.AddNamedSystem(f"{name}_current", to_current)
     source = _actuation_source(builder, arm) if actuation is None else actuation
     if source is not None:
         builder.Connect(source, to_current.get_input_port())
@@ -203,7 +212,10 @@ def _motor_current(
 def _torque_to_current(arm: ArmInPlant) -> LeafSystem | Diagram:
     """From the instance's actuation, (n_u,) N m, to the motors' current (n,) A.
 
-    Each actuator is clipped by itself, as the plant does it: a joint may have several.
+    `ArmInPlant.current_selector` divides by the torque per ampere of the arm's drives, which the
+    estimator multiplies by. A controller, also one that is connected afterwards, may ask for more
+    than the plant applies: it is clipped as there, each actuator by itself (a joint may have
+    several).
     """
     gain = MatrixGain(arm.current_selector())
     limit = arm.actuator_limits()

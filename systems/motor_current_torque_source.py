@@ -1,12 +1,15 @@
 """Joint torque from motor current, as a block."""
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.arm import Arm
 from wrenchsight.models.robot.motors import joint_torque, motor_gain
+from wrenchsight.systems.declarations import TunedParameters, declare_cached
 
 
 class MotorCurrentTorqueSource(LeafSystem):
@@ -33,7 +36,8 @@ class MotorCurrentTorqueSource(LeafSystem):
             tau_J = D^T (gain current). None: one motor a joint.
 
     Raises:
-        ValueError: a gain is not positive and finite, or a sign is neither +1 nor -1.
+        ValueError: a gain is not positive and finite, here or where the output is evaluated with
+            one of the Context, or a sign is neither +1 nor -1.
     """
 
     def __init__(
@@ -48,15 +52,15 @@ class MotorCurrentTorqueSource(LeafSystem):
         self._sign = np.sign(gain)
         rates = np.zeros((0, self._n)) if motor_rates is None else np.array(motor_rates, float)
         self._motor_rates = rates
-        self._parameter = NumericParameterIndex(
-            self.DeclareNumericParameter(BasicVector(np.abs(gain)))
-        )
+        self._parameters = TunedParameters(self, {"torque_per_ampere": np.abs(gain)})
+        # Checked anew when it is changed, not at every tick.
+        self._gain = declare_cached(self, "gain", self._calc_gain, self._parameters.tickets)
         self._current = self.DeclareVectorInputPort("current", self._n)
         self.DeclareVectorOutputPort(
             "tau_J",
             self._n,
             self._calc_tau_J,
-            {self._current.ticket(), self.numeric_parameter_ticket(self._parameter)},
+            {self._current.ticket(), self._gain.ticket()},
         )
 
     @classmethod
@@ -65,7 +69,11 @@ class MotorCurrentTorqueSource(LeafSystem):
         rates = robot.motor_rates if robot.is_coupled else None
         return cls(robot.torque_per_ampere, robot.current_sign, rates)
 
+    def _calc_gain(self, context: Context) -> Array:
+        """(n,) N m/A of a context, with the drives' signs."""
+        return motor_gain(self._parameters.at(context)["torque_per_ampere"], self._sign)
+
     def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
-        gain = context.get_numeric_parameter(self._parameter).value() * self._sign
+        gain = cast(Array, self._gain.EvalAbstract(context).get_value())
         current = self._current.Eval(context)[None]
         output.SetFromVector(joint_torque(gain, self._motor_rates, current)[0])

@@ -604,3 +604,29 @@ def test_a_detector_that_would_find_no_contact_is_refused(sts):
         with pytest.raises(ValueError, match="no contact would be detected"):
             make_estimator(sts, model, fused=fused, detection=ContactDetectionConfig())
     assert make_estimator(sts, knowing_model(sts, 0.3, 0.2), detection=ContactDetectionConfig())
+
+
+def test_a_call_that_is_refused_leaves_the_builder_as_it_was(sts):
+    """It can be repeated, as in a notebook."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    parts = sts.add_to_plant(plant)
+    plant.Finalize()
+    of_five = builder.AddSystem(ConstantVectorSource(np.zeros(5))).get_output_port()
+    systems = list(builder.GetSystems())
+    arm = ArmInPlant(plant, parts.model_instance, parts.frame_E)
+    of_no_number = WrenchEstimatorConfig()
+    of_no_number.observer.time_step = np.nan
+    for problem, request in {
+        "actuation must have 6 entries, one an actuator of": {"actuation": of_five},
+        "current must have 6 entries": {"current": of_five},
+        "current must be an output port, and is a MultibodyPlant": {"current": plant},
+        "the model is of robot": {"model": IdentifiedModel.nominal(Robot.load("ur5e"))},
+        "no contact would be detected": {"detection": ContactDetectionConfig()},
+        "time_step is nan s": {"config": of_no_number},
+        "stage 'friction' must be a block, and is a ": {"stages": {"friction": LeafSystem}},
+    }.items():
+        with pytest.raises((ValueError, InputError), match=problem):
+            add_estimator(builder, plant, arm=arm, **request)
+        assert builder.GetSystems() == systems
+    assert add_estimator(builder, plant, arm=arm) in builder.GetSystems()

@@ -56,3 +56,10 @@ def test_a_broken_current_is_seen_on_its_own_joint_only(source):
 def test_bad_arguments(gain, sign):
     with pytest.raises(ValueError, match=r"torque per ampere|current sign"):
         MotorCurrentTorqueSource(gain, sign)
+
+
+def test_a_torque_constant_of_the_context_that_is_none_is_refused(source):
+    context = source.CreateDefaultContext()
+    context.get_mutable_numeric_parameter(0).SetFromVector([1.0, -2.0, 1.0])
+    with pytest.raises(ValueError, match="torque per ampere must be positive and finite"):
+        torque(source, context, np.ones(3))
