@@ -9,7 +9,7 @@ d against the positions leave
 A push does not know how need changes. Where it moves the arm itself, need changes with its sign:
 the early currents' change has the opposite one.
 
-Both are tried for every d of .1 to .5 s, by means over SHIFT_TIME of the products of the two sides,
+Both are tried for every d of SHIFTS, by means over SHIFT_TIME of the products of the two sides,
 joint by joint divided by the sd of the error. Their correlation squared is the share that is
 explained: MIN_SHARE, or MIN_NOISY_SHARE where no more is left than MAX_LEFT_SQUARE, as of the error
 alone. Their ratio, the gain, must be within GAIN_LIMITS. While a shift begins the lag makes
@@ -31,7 +31,9 @@ import numpy as np
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 
-MIN_SHIFT, SHIFT_STEP, NUM_SHIFTS = 0.1, 0.05, 9  # s: .1, .15 .. .5
+# s. Between two of them the nearer one explains a shift, as need changes little in half a step
+# beside what it changes in the whole shift: the longer the shift, the longer a step may be.
+SHIFTS = np.concatenate([np.linspace(0.1, 0.45, 8), np.linspace(0.5, 1.0, 6)])
 SHIFT_TIME = 0.02  # s
 MIN_SHARE, MIN_NOISY_SHARE = 0.95, 0.88
 MAX_LEFT_SQUARE = 1.0  # of |tau_ext / sd|^2, by joint
@@ -76,7 +78,7 @@ class ShiftState(NamedTuple):
     """What the test remembers.
 
     Attributes:
-        means: (_FIRST + NUM_SHIFTS * _NUM_PRODUCTS,) count, verdict and means of products.
+        means: (_FIRST + len(SHIFTS) * _NUM_PRODUCTS,) count, verdict and means of products.
         torques: (1 + 2 M, n) N m: tau_J as the observer saw it; need of the last M entries, the
             newest first; tau_ext of them. NaN where there is none.
     """
@@ -100,10 +102,9 @@ def shift_numbers(time_step: float, min_square: float) -> ShiftNumbers:
 
 def initial_shift_state(numbers: ShiftNumbers, num_joints: int) -> ShiftState:
     """Returns the state before the first sample: no torque, no share."""
-    max_shift = MIN_SHIFT + (NUM_SHIFTS - 1) * SHIFT_STEP
-    num_entries = 1 + round(max_shift / numbers.entry_period)
+    num_entries = 1 + round(SHIFTS[-1] / numbers.entry_period)
     return ShiftState(
-        means=np.zeros(_FIRST + NUM_SHIFTS * _NUM_PRODUCTS),
+        means=np.zeros(_FIRST + len(SHIFTS) * _NUM_PRODUCTS),
         torques=np.full((1 + 2 * num_entries, num_joints), np.nan),
     )
 
@@ -174,8 +175,8 @@ def _is_shift(numbers: ShiftNumbers, state: ShiftState, sd: Array) -> bool:
     for j in range(n):
         square += (torques[tau_row, j] / sd[j]) ** 2
     means[_SQUARE] = decay * means[_SQUARE] + (1.0 - decay) * square
-    for shift in range(NUM_SHIFTS):
-        before = round((MIN_SHIFT + SHIFT_STEP * shift) / numbers.entry_period)  # entries
+    for shift in range(len(SHIFTS)):
+        before = round(SHIFTS[shift] / numbers.entry_period)  # entries
         if np.isnan(torques[_NEED_ROW + before, 0]):  # there was none, or it was not measured
             continue
         products = means[_FIRST + shift * _NUM_PRODUCTS : _FIRST + (shift + 1) * _NUM_PRODUCTS]

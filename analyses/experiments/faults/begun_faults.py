@@ -21,6 +21,7 @@ EXTRA_CURRENT = 2.5  # A
 DRIFT_RATE = 1.0  # A/s
 NOISE_SD = 3.0  # A
 SHORT_DELAYS = (0.1, 0.17, 0.2, 0.22, 0.275, 0.3)  # s
+LONG_DELAYS = (0.65, 0.8, 1.0)  # s
 FORCE_LIMITS = (20.0, 80.0)  # N, least and greatest of a push
 MAX_LEVER = 0.1  # m beside E
 
@@ -80,10 +81,12 @@ BEGUN_FAULTS: Mapping[str, Sequence[Fault]] = {
     "exchanged": [exchanged(j, k) for j, k in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (0, 5))],
     "late_100_to_300_ms": [shifted(delay) for delay in SHORT_DELAYS],
     "late_500_ms": [shifted(0.5)],
-    "late_800_ms": [shifted(0.8)],
+    "late_650_to_1000_ms": [shifted(delay) for delay in LONG_DELAYS],
+    "late_1300_ms": [shifted(1.3)],
     "early_100_to_300_ms": [shifted(-delay) for delay in SHORT_DELAYS],
     "early_500_ms": [shifted(-0.5)],
-    "early_800_ms": [shifted(-0.8)],
+    "early_650_to_1000_ms": [shifted(-delay) for delay in LONG_DELAYS],
+    "early_1300_ms": [shifted(-1.3)],
 }
 """By kind: one of each joint, sign, pair or time."""
 

@@ -55,10 +55,12 @@ BEGUN_WORDS: Final[Mapping[str, str]] = {
     "exchanged": "two currents exchanged",
     "late_100_to_300_ms": "all currents 0.1 to 0.3 s late",
     "late_500_ms": "all currents 0.5 s late",
-    "late_800_ms": "all currents 0.8 s late",
+    "late_650_to_1000_ms": "all currents 0.65 to 1 s late",
+    "late_1300_ms": "all currents 1.3 s late",
     "early_100_to_300_ms": "all currents 0.1 to 0.3 s early",
     "early_500_ms": "all currents 0.5 s early",
-    "early_800_ms": "all currents 0.8 s early",
+    "early_650_to_1000_ms": "all currents 0.65 to 1 s early",
+    "early_1300_ms": "all currents 1.3 s early",
 }
 PUSH_WORDS: Final[Mapping[str, str]] = {
     "none": "no push",

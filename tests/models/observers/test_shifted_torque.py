@@ -5,9 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from wrenchsight.models.observers.shifted_torque import (
-    MIN_SHIFT,
-    NUM_SHIFTS,
-    SHIFT_STEP,
+    SHIFTS,
     are_shifted,
     initial_shift_state,
     shift_numbers,
@@ -17,7 +15,6 @@ Array = NDArray[np.float64]
 K_0 = 20.0  # 1/s
 BEGIN, END = 2.0, 4.0  # s of the shift
 SD = np.array([1.0, 1.0, 0.5, 0.5, 0.3, 0.3])  # N m
-MAX_SHIFT = MIN_SHIFT + SHIFT_STEP * (NUM_SHIFTS - 1)
 
 
 def _need(t: Array) -> Array:
@@ -48,7 +45,7 @@ def _shifted(delay: float, step: float) -> tuple[Array, Array, Array]:
 
 
 @pytest.mark.parametrize("step", [0.001, 0.002, 0.008, 0.01])
-@pytest.mark.parametrize("delay", [0.1, 0.23, 0.5, -0.1, -0.23, -0.5])
+@pytest.mark.parametrize("delay", [0.1, 0.23, 0.5, 0.75, 1.0, -0.1, -0.23, -0.5, -0.75, -1.0])
 def test_a_shift_is_found(delay: float, step: float) -> None:
     """Late currents at once, within the observer's lag; early ones once the lead has passed."""
     t, need, tau_J = _shifted(delay, step)
@@ -57,7 +54,7 @@ def test_a_shift_is_found(delay: float, step: float) -> None:
     assert not found[t < BEGIN].any()
     assert found[(t > shows + 0.15) & (t < END)].mean() > 0.95
     # After its end the torques of before are compared for as long as the longest shift.
-    assert not found[t > END + MAX_SHIFT + 0.15].any()
+    assert not found[t > END + SHIFTS[-1] + 0.15].any()
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.02, -0.02])
