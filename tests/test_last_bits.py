@@ -193,8 +193,7 @@ def test_a_placement_is_found_in_the_same_digits(sts):
     def best(robot):
         measure = ConditionNumber(robot.chain)
         program = PlacementProgram(robot, measure, bounds, task.path_length, task.num_segments)
-        guess = (path.n_W, path.p_WM, path.R_WE)
-        return PlacementSearch(robot, program, guess).run(effort=effort).best
+        return PlacementSearch(program, path).run(effort=effort).best
 
     placement, other = best(sts), best(moved_robot(sts, 0))
     assert other.cost == pytest.approx(placement.cost, rel=1e-9)

@@ -14,7 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from wrenchsight.analyses.methods.place.placement_search import SearchResult, coarse_stride
+from wrenchsight.analyses.methods.place.placement_search import (
+    FEASIBILITY_OPTIONS,
+    ROUGH_TOLERANCE,
+    SearchResult,
+    coarse_bounds,
+    coarse_program,
+)
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
@@ -25,16 +31,10 @@ from wrenchsight.models.planning.placement.placements import (
     pose_errors,
 )
 
-_CONSTRAINT_TOLERANCE = 1e-4  # m and rad, of a constraint at the end of a solve, as in the search
 _TRIED_ENDS = 2  # of the search, from which the program without a constraint is solved
 _LOOSENING_HALVINGS = 4  # of the range in which the least loosening lies
 _WIDE_STEP = math.pi / 3.0  # rad, the task's default
 _MAX_NAMED_CONSTRAINTS = 3  # constraints in the sentence
-_SOLVER_OPTIONS = {
-    "Major feasibility tolerance": 1e-6,
-    "Major iterations limit": 60,
-    "Iterations limit": 3000,
-}
 
 
 def infeasible(
@@ -98,7 +98,7 @@ def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
 
     def lacks(amount: float, text: str) -> None:
         """Adds a constraint that is missed by an amount, rad or m."""
-        if amount > _CONSTRAINT_TOLERANCE:
+        if amount > ROUGH_TOLERANCE:
             shortfalls.append((amount, text))
 
     def percent_of_path(sizes: Array) -> str:
@@ -112,7 +112,7 @@ def _shortfalls(program: PlacementProgram, end: PlacementSolution) -> list[str]:
         f"the tool's rotation by {math.degrees(turned):.1f} degrees at {percent_of_path(turn)} "
         "of the path",
     )
-    bounds = _coarse_bounds(program, program.bounds)  # as the end's own program had
+    bounds = coarse_bounds(program, program.bounds)  # as the end's own program had
     for key, value in bounds.violations(placement).items():
         joint = bounds.worst_joint(key, placement)
         slides = joint is not None and bool(program.robot.chain.prismatic[joint])
@@ -164,7 +164,7 @@ def _least_loosened(
         enough, too_little = loosening.largest, 0.0
         for _ in range(_LOOSENING_HALVINGS if loosening.unit else 0):
             if loosening.violation:
-                bounds = _coarse_bounds(program, program.bounds)
+                bounds = coarse_bounds(program, program.bounds)
                 enough = min(enough, bounds.violations(end)[loosening.violation])
             middle = 0.5 * (too_little + enough)
             closer = _kept_end(loosening, [end], middle)
@@ -182,8 +182,8 @@ def _kept_end(
     program = loosening.program(loosening.largest if amount is None else amount)
     for start in starts:
         if np.isfinite(start.q).all():
-            end = program.solve(start, options=_SOLVER_OPTIONS).placement
-            if program.violation(end) < _CONSTRAINT_TOLERANCE:
+            end = program.solve(start, options=FEASIBILITY_OPTIONS).placement
+            if program.violation(end) < ROUGH_TOLERANCE:
                 return end
     return None
 
@@ -201,12 +201,12 @@ def _loosenings(task: PlacementTask, program: PlacementProgram) -> Iterator[_Loo
     ) -> _Loosening:
         """A constraint among the bounds; `loosened` gives them for an amount, rad or m."""
 
-        def coarse_program(amount: float) -> PlacementProgram:
-            return _coarse(program, loosened(amount), program.path_length, with_cell=True)
+        def loosened_program(amount: float) -> PlacementProgram:
+            return coarse_program(program, has_cost=False, bounds=loosened(amount))
 
         # As far as one likes: `loosened` itself stops where nothing is bounded any more.
         return _Loosening(
-            key=key, program=coarse_program, largest=math.inf, violation=violation, unit=unit
+            key=key, program=loosened_program, largest=math.inf, violation=violation, unit=unit
         )
 
     if task.limit_margin_deg > 0.0:
@@ -242,12 +242,12 @@ def _loosenings(task: PlacementTask, program: PlacementProgram) -> Iterator[_Loo
     if program.cell is not None:
         yield _Loosening(
             key="clearance" if task.clearance is not None else "overlap of the arm",
-            program=lambda amount: _coarse(program, bounds, program.path_length, with_cell=False),
+            program=lambda amount: coarse_program(program, has_cost=False, with_cell=False),
         )
     yield _Loosening(
         key="path_length",
-        program=lambda amount: _coarse(
-            program, bounds, program.path_length - amount, with_cell=True
+        program=lambda amount: coarse_program(
+            program, has_cost=False, path_length=program.path_length - amount
         ),
         largest=0.5 * program.path_length,
         unit="mm",
@@ -273,18 +273,3 @@ def _moved(bounds: PlacementBounds, name: str, end: float, amount: float) -> Pla
     return replace(
         bounds, **{name: value + math.copysign(min(amount, abs(end - value)), end - value)}
     )
-
-
-def _coarse(
-    program: PlacementProgram, bounds: PlacementBounds, path_length: float, *, with_cell: bool
-) -> PlacementProgram:
-    count = program.num_segments // coarse_stride(program.num_segments)
-    cell, coarse_bounds = program.cell if with_cell else None, _coarse_bounds(program, bounds)
-    return PlacementProgram(
-        program.robot, program.measure, coarse_bounds, path_length, count, cell, has_cost=False
-    )
-
-
-def _coarse_bounds(program: PlacementProgram, bounds: PlacementBounds) -> PlacementBounds:
-    stride = coarse_stride(program.num_segments)
-    return replace(bounds, max_joint_step=stride * bounds.max_joint_step)

@@ -29,7 +29,6 @@ from wrenchsight.models.planning.placement.placements import (
     PlacementBatch,
     on_all_branches,
 )
-from wrenchsight.models.robot.robot import Robot
 
 UNREACHED_COST = 1e4  # of a path that cannot be followed
 _MIN_AXIS_LENGTH = 1e-9  # of a rotation's axis that is divided by its length
@@ -58,7 +57,6 @@ class _Leader(NamedTuple):
 
 @one_thread()
 def place_by_swarm(
-    robot: Robot,
     program: PlacementProgram,
     seed: int = 0,
     config: SwarmConfig | None = None,
@@ -67,8 +65,8 @@ def place_by_swarm(
     """Places a path by PSO-GA; an interrupt (KeyboardInterrupt) ends it with the best so far.
 
     Args:
-        program: measure, bounds, path and cell; only these are used of it. A placement that comes
-            too near to something counts as not reached.
+        program: robot, measure, bounds, path and cell; only these are used of it. A placement that
+            comes too near to something counts as not reached.
         seed: of the particles' random numbers.
         progress: called with the share done and the best cost so far.
 
@@ -77,7 +75,7 @@ def place_by_swarm(
         be followed; none where no particle found one. `evaluations` counts particles.
     """
     config = config or SwarmConfig()
-    cost = ParticleCost(robot, program)
+    cost = ParticleCost(program)
     rng = np.random.default_rng(seed)
     lower, upper = cost.lower, cost.upper
     count = config.num_particles
@@ -163,8 +161,8 @@ def _breed(
 class ParticleCost:
     """Cost of particles (N, 10): n, m, theta, r."""
 
-    def __init__(self, robot: Robot, program: PlacementProgram) -> None:
-        self._robot, self._program = robot, program
+    def __init__(self, program: PlacementProgram) -> None:
+        self._program = program
         bounds = program.bounds
         ones = np.ones(3)
         self.lower = np.concatenate([-ones, bounds.p_lower, [bounds.angle_lower], -ones])
@@ -188,8 +186,8 @@ class ParticleCost:
         n_W = bounds.allowed_directions(direction, R_WE[:, :, 2])
         # Of each particle one path a branch of the inverse kinematics: whether it can be followed,
         # and whose it is.
-        batch, reached, particle_of = on_all_branches(
-            self._robot,
+        paths = on_all_branches(
+            program.robot,
             n_W,
             midpoint,
             R_WE,
@@ -197,6 +195,7 @@ class ParticleCost:
             program.num_segments,
             bounds.max_joint_step,
         )
+        batch, reached = paths.placements, paths.is_reached
         q = batch.q
         reached &= np.all((q >= bounds.q_lower) & (q <= bounds.q_upper), axis=(1, 2))
         if bounds.tool_direction is not None:
@@ -211,7 +210,7 @@ class ParticleCost:
         # Costs that differ by rounding alone are equal: that of the path with the lower index comes
         # first. A path that is not better than the chosen one is not even checked for collisions.
         for path in in_order(path_costs):
-            particle = particle_of[path]
+            particle = paths.path_index[path]
             if not better(path_costs[path], costs[particle]):
                 continue
             if self._collides(batch, int(path)):

@@ -16,9 +16,9 @@ from wrenchsight.analyses.methods.place.infeasibility import infeasible
 from wrenchsight.analyses.methods.place.particle_swarm import SwarmConfig, place_by_swarm
 from wrenchsight.analyses.methods.place.place_settings import PlaceSettings
 from wrenchsight.analyses.methods.place.placement_files import write_placement
+from wrenchsight.analyses.methods.place.placement_refinement import CONSTRAINT_TOLERANCE
 from wrenchsight.analyses.methods.place.placement_result import PlacementResult, Profile
 from wrenchsight.analyses.methods.place.placement_search import (
-    CONSTRAINT_TOLERANCE,
     PlacementSearch,
     SearchEffort,
     SearchResult,
@@ -145,8 +145,8 @@ def place(
 
     began = time.perf_counter()
     program = program_with(None if task.clearance is None else cell)
-    search = _search(task, robot, program, request, progress)
-    best = _best_profile(task, source, robot, program, cell, search)
+    search = _search(task, program, request, progress)
+    best = _best_profile(task, source, program, cell, search)
     unconstrained: Profile | None = None
     # With a clearance in the task, the first search has kept it already.
     may_overlap = request.may_overlap or task.clearance is not None
@@ -156,13 +156,12 @@ def place(
         program = program_with(cell)
         search = _search(
             task,
-            robot,
             program,
             request,
             lambda fraction, message: progress(fraction, f"without overlap: {message}"),
             others=first_optima,
         )
-        best = _best_profile(task, source, robot, program, cell, search)
+        best = _best_profile(task, source, program, cell, search)
         notices.append(
             "unconstrained, the arm would overlap: "
             f"{unconstrained.overlap}; that placement is only there to compare with"
@@ -199,7 +198,6 @@ def place(
 def _best_profile(
     task: PlacementTask,
     source: Path | str,
-    robot: Robot,
     program: PlacementProgram,
     cell: PlacementCell,
     search: SearchResult,
@@ -214,7 +212,7 @@ def _best_profile(
         if search.interrupted:
             raise KeyboardInterrupt
         raise infeasible(task, source, program, search)
-    best = _profile(task, robot, program.measure, cell, search.best.placement)
+    best = _profile(task, program.robot, program.measure, cell, search.best.placement)
     if best is None:
         problem = "the best path changes its branch between two points"
         raise InputError(source, "", problem, "choose another --seed or --solver")
@@ -234,7 +232,6 @@ def _arm_notices(robot: Robot, cell: PlacementCell) -> list[str]:
 
 def _search(
     task: PlacementTask,
-    robot: Robot,
     program: PlacementProgram,
     request: PlacementRequest,
     progress: ProgressCallback,
@@ -247,11 +244,9 @@ def _search(
     """
     if request.solver == "pso-ga":
         swarm = request.swarm or (QUICK_SWARM if request.quick else SwarmConfig())
-        return place_by_swarm(robot, program, request.seed, swarm, progress)
-    guess = task.initial_path()
-    start = None if guess is None else (guess.n_W, guess.p_WM, guess.R_WE)
-    effort = request.effort or _effort(robot, program.cell is not None, request.quick)
-    return PlacementSearch(robot, program, start, others).run(
+        return place_by_swarm(program, request.seed, swarm, progress)
+    effort = request.effort or _effort(program.robot, program.cell is not None, request.quick)
+    return PlacementSearch(program, task.initial_path(), others).run(
         request.seed, request.solver, effort, progress
     )
 
@@ -359,7 +354,7 @@ def _initial_profile(
     if path is None or task.initial is None:
         return None
     # q (B, k + 1, n): one path, on each of B branches.
-    branches, reached, _ = on_all_branches(
+    paths = on_all_branches(
         robot,
         path.n_W[np.newaxis],
         path.p_WM[np.newaxis],
@@ -368,13 +363,13 @@ def _initial_profile(
         path.num_segments,
         _MAX_GUESS_STEP,
     )
-    q = branches.q
+    q = paths.placements.q
     bounds = task.bounds(robot)
     within = np.all(
         (q >= bounds.q_lower - CONSTRAINT_TOLERANCE) & (q <= bounds.q_upper + CONSTRAINT_TOLERANCE),
         axis=(1, 2),
     )
-    followed = np.flatnonzero(reached & within)  # indices of branches
+    followed = np.flatnonzero(paths.is_reached & within)  # indices of branches
     if len(followed) == 0:
         return None
     if task.initial.posture is not None:
@@ -385,4 +380,4 @@ def _initial_profile(
     else:
         mean = np.mean(measure.values(q[followed]), axis=1)
         chosen = followed[int(first_of_least(mean))]
-    return _profile(task, robot, measure, cell, branches.one(chosen))
+    return _profile(task, robot, measure, cell, paths.placements.one(chosen))

@@ -27,12 +27,11 @@ from wrenchsight.models.planning.placement.placements import (
     on_all_branches,
     quaternion_from,
 )
-from wrenchsight.models.robot.robot import Robot
 
 MEASURE_SHARPNESSES = (1e2, 1e3, 1e4, 1e5)  # of the smoothed measure, one solve each
 _NO_WORSE = 1e-6  # relative; what an exact optimum may lose by the remaining smoothing
 _SAME_DISTANCE = 1e-6  # relative, of two postures' distances from the middle
-_CONSTRAINT_TOLERANCE = 1e-7  # m and rad, of every constraint
+CONSTRAINT_TOLERANCE = 1e-7  # m and rad, of every constraint of a placement that is finished
 _MAX_VIOLATION = 1e-6  # m and rad; a solve that ends farther off its constraints has failed
 _TIGHT_OPTIONS = {
     "Major optimality tolerance": 1e-8,
@@ -42,7 +41,6 @@ _TIGHT_OPTIONS = {
 
 
 def finished(
-    robot: Robot,
     program: PlacementProgram,
     solution: PlacementSolution,
     corrected: Callable[[Placement], Placement | None],
@@ -62,7 +60,7 @@ def finished(
     if exact is None or program.cost(exact.q) > solution.cost * (1.0 + _NO_WORSE):
         exact = solution.placement
     # The standard member was checked at the points of the path; `corrected` checks between them.
-    placement = corrected(standard_member(robot, program, exact)) or exact
+    placement = corrected(standard_member(program, exact)) or exact
     return replace(
         solution,
         placement=placement,
@@ -92,7 +90,7 @@ def refined(program: PlacementProgram, placement: Placement) -> tuple[Placement,
     return placement, evaluations
 
 
-def standard_member(robot: Robot, program: PlacementProgram, placement: Placement) -> Placement:
+def standard_member(program: PlacementProgram, placement: Placement) -> Placement:
     """The standard member of a family of equal placements; the placement itself if it is alone.
 
     Equal are placements with the same measure at every point, to 1e-9 of it, that keep all
@@ -107,11 +105,11 @@ def standard_member(robot: Robot, program: PlacementProgram, placement: Placemen
     Returns:
         Postures on the path to rounding, too; between its points nothing was checked.
     """
-    branches = _branches(robot, program, placement)
+    branches = _branches(program, placement)
     equal_placements = [placement]
     equal_placements += [branch for branch in branches if _equal(program, placement, branch)]
-    members = [_turned(robot, program, equal) for equal in equal_placements]
-    middle = 0.5 * (robot.position_lower + robot.position_upper)
+    members = [_turned(program, equal) for equal in equal_placements]
+    middle = 0.5 * (program.robot.position_lower + program.robot.position_upper)
     middle = np.where(np.isfinite(middle), middle, 0.0)
     distances = [float(np.linalg.norm(_at_midpoint(member.q) - middle)) for member in members]
     placement = members[int(first_of_least(distances, tolerance=_SAME_DISTANCE))]
@@ -124,11 +122,12 @@ def standard_member(robot: Robot, program: PlacementProgram, placement: Placemen
     return placement
 
 
-def _turned(robot: Robot, program: PlacementProgram, placement: Placement) -> Placement:
+def _turned(program: PlacementProgram, placement: Placement) -> Placement:
     """The placement with the first and last joint at the middle of their range, where allowed.
 
     That is at the path's midpoint; a turn is made only where the placement stays equal.
     """
+    robot = program.robot
     for joint in (0, robot.num_joints - 1):
         if robot.chain.prismatic[joint]:
             continue
@@ -154,10 +153,10 @@ def _at_midpoint(q: Array) -> Array:
     return np.asarray(0.5 * (q[k // 2] + q[(k + 1) // 2]))
 
 
-def _branches(robot: Robot, program: PlacementProgram, placement: Placement) -> list[Placement]:
+def _branches(program: PlacementProgram, placement: Placement) -> list[Placement]:
     """The same path on every branch on which it can be followed."""
-    paths, is_reached, _ = on_all_branches(
-        robot,
+    paths = on_all_branches(
+        program.robot,
         placement.n_W[np.newaxis],
         placement.p_WM[np.newaxis],
         placement.R_WE[np.newaxis],
@@ -165,12 +164,12 @@ def _branches(robot: Robot, program: PlacementProgram, placement: Placement) -> 
         program.num_segments,
         program.bounds.max_joint_step,
     )
-    return [replace(placement, q=q) for q in paths.q[is_reached]]
+    return [replace(placement, q=q) for q in paths.placements.q[paths.is_reached]]
 
 
 def _equal(program: PlacementProgram, placement: Placement, candidate: Placement) -> bool:
     """Whether two placements are equal in measure and constraints, whichever way they run."""
-    if program.violation(candidate) > max(_CONSTRAINT_TOLERANCE, program.violation(placement)):
+    if program.violation(candidate) > max(CONSTRAINT_TOLERANCE, program.violation(placement)):
         return False
     profile = program.measure.values(placement.q)
     other_profile = program.measure.values(candidate.q)

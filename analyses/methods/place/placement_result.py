@@ -18,7 +18,7 @@ from wrenchsight.models.planning.placement.placement_task import PlacementTask
 from wrenchsight.models.planning.placement.placements import Placement
 from wrenchsight.models.robot.robot import Robot
 
-_CLEARANCE_ROUNDING = 1e-9  # m and rad; constraints are kept to 1e-7
+_VIOLATION_ROUNDING = 1e-9  # m and rad; constraints are kept to 1e-7
 _HALF_TURN = 1e-9  # of a quaternion's w: a rotation by half a turn
 _MIN_AXIS_LENGTH = 1e-12  # of a quaternion's vector: a smaller one is no rotation
 
@@ -150,7 +150,7 @@ class PlacementResult:
         figures: dict[str, Any] = {
             "optimised": self.best.metrics(key),
             "optima": [{f"mean_{key}": optimum.cost} for optimum in self.search.optima],
-            "largest_violation": beyond_rounding(self.largest_violation, _CLEARANCE_ROUNDING),
+            "largest_violation": beyond_rounding(self.largest_violation, _VIOLATION_ROUNDING),
         }
         if self.initial is not None:
             figures["initial"] = self.initial.metrics(key)

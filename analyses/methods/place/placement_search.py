@@ -36,26 +36,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wrenchsight.analyses.methods.place.placement_refinement import finished
+from wrenchsight.analyses.methods.place.placement_refinement import (
+    CONSTRAINT_TOLERANCE,
+    finished,
+)
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.numerics.ties import in_order
 from wrenchsight.models.planning.motion.path_postures import solve_poses, track_paths, wrap_within
+from wrenchsight.models.planning.motion.paths import StraightPath
 from wrenchsight.models.planning.placement.placements import (
     Placement,
     PlacementBatch,
+    PlacementBounds,
     between_points,
     interpolated,
     on_all_branches,
     placement_on_path,
 )
-from wrenchsight.models.robot.robot import Robot
 
 T = TypeVar("T")
 
-# m and rad, of every constraint; postures are then corrected to rounding
-CONSTRAINT_TOLERANCE = 1e-7
 # rad and m, of joint limits between the points; clearance there is kept in full
 BETWEEN_TOLERANCE = 1e-3
 # Gaps of two profiles, see `profile_gaps`: up to these they are one optimum, one rough end (which
@@ -73,7 +75,7 @@ _DEFICIT_WEIGHT = 10.0  # of the cost by m; a posture through the floor is worth
 _EXCESS_WEIGHT = 2.0  # of the cost by rad (m) beyond a limit: a little is left to the solver
 _FAR_EXCESS = 0.5  # rad (m) beyond a limit, from which a path is no start
 _NUM_FINISHED_WITH_CELL = 2  # optima; with distances the last steps take seconds
-_ROUGHLY_FEASIBLE = 1e-4  # m and rad, of a rough solve's end
+ROUGH_TOLERANCE = 1e-4  # m and rad, of every constraint at the end of a rough solve
 _MIN_ANGLE = 1e-12  # rad, that is divided by: a rotation by 0, which has no axis, stays one
 # Of a rough end's cost over the best so far, up to which it is put on its path: the mean over all
 # points may be lower than that over the coarse ones.
@@ -93,7 +95,7 @@ _LOOSE_OPTIONS = {  # by solver; of a second solve from an end that breaks a con
     "snopt": {"Major optimality tolerance": 1e-2},
     "ipopt": {"tol": 1e-2},
 }
-_FEASIBILITY_OPTIONS = {
+FEASIBILITY_OPTIONS = {  # of a solve without a cost
     "Major feasibility tolerance": 1e-6,
     "Major iterations limit": 60,
     "Iterations limit": 3000,
@@ -207,30 +209,28 @@ class _RandomPoses(NamedTuple):
 
 
 class PlacementSearch:
-    """A search for one robot and one program.
+    """A search for one program.
 
     Attributes:
-        program: measure, bounds and path.
+        program: robot, measure, bounds and path.
 
     Args:
-        robot: the arm.
         program: as the attribute.
-        initial: the task's guess as (n_W, p_WM, R_WE), tried on all branches; None for none.
+        initial: the task's guess, tried on all branches; None for none.
         others: placements to start from, before any other.
     """
 
     def __init__(
         self,
-        robot: Robot,
         program: PlacementProgram,
-        initial: tuple[Array, Array, Array] | None = None,
+        initial: StraightPath | None = None,
         others: tuple[Placement, ...] = (),
     ) -> None:
-        self._robot, self.program, self._initial = robot, program, initial
+        self._robot, self.program, self._initial = program.robot, program, initial
         self._others = others
         self._measure = program.measure
         self._stride = coarse_stride(program.num_segments)
-        self._coarse = self._coarse_program(has_cost=True)
+        self._coarse = coarse_program(program, has_cost=True)
 
     def run(
         self,
@@ -306,23 +306,14 @@ class PlacementSearch:
         progress(1.0, "done")
         return result
 
-    def _coarse_program(self, *, has_cost: bool) -> PlacementProgram:
-        """The program at every few points of the path; what it keeps, every placement must keep."""
-        program = self.program
-        bounds = replace(
-            program.bounds, max_joint_step=self._stride * program.bounds.max_joint_step
-        )
-        size = (program.path_length, program.num_segments // self._stride)
-        return PlacementProgram(self._robot, program.measure, bounds, *size, program.cell, has_cost)
-
     def _at_coarse_points(self, start: Placement) -> Placement:
         return replace(start, q=start.q[:: self._stride])
 
     def _feasibility(self, starts: list[Placement]) -> Iterator[PlacementSolution]:
         """Ends of the coarse program without a cost, up to the first that keeps all constraints."""
-        program = self._coarse_program(has_cost=False)
+        program = coarse_program(self.program, has_cost=False)
         for start in starts:
-            end = program.solve(self._at_coarse_points(start), options=_FEASIBILITY_OPTIONS)
+            end = program.solve(self._at_coarse_points(start), options=FEASIBILITY_OPTIONS)
             yield end
             if self._is_kept(end):
                 break
@@ -395,7 +386,7 @@ class PlacementSearch:
         return self._coarse.violation(end.placement)
 
     def _is_kept(self, end: PlacementSolution) -> bool:
-        return self._violation_of(end) < _ROUGHLY_FEASIBLE
+        return self._violation_of(end) < ROUGH_TOLERANCE
 
     def _with_all_points(self, end: PlacementSolution) -> Placement | None:
         """The end of a rough solve at all points of the path; None where its branch ends there."""
@@ -534,8 +525,10 @@ class PlacementSearch:
         """The task's guess on each branch on which it can be followed; empty without one."""
         if self._initial is None:
             return self._empty()
-        n_W, p_WM, R_WE = self._initial
-        return self._on_all_branches(n_W[None], p_WM[None], R_WE[None], SearchResult())
+        path = self._initial
+        return self._on_all_branches(
+            path.n_W[np.newaxis], path.p_WM[np.newaxis], path.R_WE[np.newaxis], SearchResult()
+        )
 
     def _empty(self) -> PlacementBatch:
         k, n = self.program.num_segments, self._robot.num_joints
@@ -550,7 +543,7 @@ class PlacementSearch:
         if len(n_W) == 0:
             return self._empty()
         program = self.program
-        paths, is_reached, _ = on_all_branches(
+        paths = on_all_branches(
             self._robot,
             n_W,
             p_WM,
@@ -559,7 +552,7 @@ class PlacementSearch:
             program.num_segments,
             program.bounds.max_joint_step,
         )
-        return self._counted(paths, is_reached, result)
+        return self._counted(paths.placements, paths.is_reached, result)
 
     def _track(
         self,
@@ -779,7 +772,7 @@ class PlacementSearch:
         """
         count = len(kinds) if self.program.cell is None else _NUM_FINISHED_WITH_CELL
         for solution in kinds[:count]:
-            exact = finished(self._robot, self.program, solution, self.corrected)
+            exact = finished(self.program, solution, self.corrected)
             result.evaluations += exact.evaluations - solution.evaluations
             clock.better(exact.cost, exact.placement)
             yield exact
@@ -908,6 +901,39 @@ def _solutions(fine_solves: list[_FineSolve]) -> list[PlacementSolution]:
 def coarse_stride(num_segments: int) -> int:
     """The largest stride of at most 4 that divides the number of segments."""
     return next(stride for stride in (4, 3, 2, 1) if num_segments % stride == 0)
+
+
+def coarse_bounds(program: PlacementProgram, bounds: PlacementBounds) -> PlacementBounds:
+    """Bounds for every few points of a program's path, whose joint steps are longer."""
+    stride = coarse_stride(program.num_segments)
+    return replace(bounds, max_joint_step=stride * bounds.max_joint_step)
+
+
+def coarse_program(
+    program: PlacementProgram,
+    *,
+    has_cost: bool,
+    bounds: PlacementBounds | None = None,
+    path_length: float | None = None,
+    with_cell: bool = True,
+) -> PlacementProgram:
+    """A program at every few points of the path; what it keeps, every placement must keep.
+
+    Args:
+        has_cost: as `PlacementProgram`.
+        bounds: of all points, in the place of the program's.
+        path_length: m, in the place of the program's.
+        with_cell: whether the program's distances are kept.
+    """
+    return PlacementProgram(
+        program.robot,
+        program.measure,
+        coarse_bounds(program, program.bounds if bounds is None else bounds),
+        program.path_length if path_length is None else path_length,
+        program.num_segments // coarse_stride(program.num_segments),
+        program.cell if with_cell else None,
+        has_cost,
+    )
 
 
 def best_of_each(bins: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.intp]:

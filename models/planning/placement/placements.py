@@ -9,6 +9,7 @@ eqs. 23-27). Whatever solves for placements (a program over a plant, a swarm) st
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -223,6 +224,20 @@ def quaternion_from(R: Array) -> Array:
     return -quaternion if quaternion[0] < 0.0 else quaternion
 
 
+class PathsOnBranches(NamedTuple):
+    """M placements of some paths, one on each branch of the inverse kinematics at its midpoint.
+
+    Attributes:
+        placements: the M placements.
+        is_reached: (M,) whether the whole path can be followed.
+        path_index: (M,) index of the path that each is of.
+    """
+
+    placements: PlacementBatch
+    is_reached: Flags
+    path_index: NDArray[np.intp]
+
+
 def on_all_branches(
     robot: Robot,
     n_W: Array,
@@ -231,14 +246,11 @@ def on_all_branches(
     path_length: float,
     num_segments: int,
     max_joint_step: float,
-) -> tuple[PlacementBatch, Flags, NDArray[np.intp]]:
-    """Paths from every posture in which E is at their midpoints; joint limits count only there.
+) -> PathsOnBranches:
+    """N paths from every posture in which E is at their midpoints; joint limits count only there.
 
     Args:
         n_W, p_WM, R_WE: (N, 3), (N, 3) m, (N, 3, 3) of the paths.
-
-    Returns:
-        M placements, (M,) whether the whole path can be followed, and (M,) the index of its path.
     """
     q = all_branches(robot, R_WE, p_WM)
     is_posture = np.all(np.isfinite(q), axis=2)
@@ -246,7 +258,7 @@ def on_all_branches(
     q, is_reached = track_paths(
         robot.chain, q[is_posture], n_W[row], path_length, num_segments, max_joint_step
     )
-    return PlacementBatch(q, n_W[row], p_WM[row], R_WE[row]), is_reached, row
+    return PathsOnBranches(PlacementBatch(q, n_W[row], p_WM[row], R_WE[row]), is_reached, row)
 
 
 def placement_on_path(robot: Robot, placement: Placement, path_length: float) -> Placement | None:

@@ -8,7 +8,7 @@ from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.solvers import SnoptSolver
 from scipy.spatial.transform import Rotation
 
-from wrenchsight.analyses.methods.place.placement_search import CONSTRAINT_TOLERANCE
+from wrenchsight.analyses.methods.place.placement_refinement import CONSTRAINT_TOLERANCE
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram
 from wrenchsight.models.planning.motion.path_postures import track_paths
 from wrenchsight.models.planning.motion.posture_cost import ConditionNumber

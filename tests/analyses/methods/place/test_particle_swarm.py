@@ -29,7 +29,7 @@ def program_of(robot: Robot, task: PlacementTask) -> PlacementProgram:
 
 
 def test_a_particle_costs_its_best_branch(sts: Robot, task: PlacementTask) -> None:
-    cost = ParticleCost(sts, program_of(sts, task))
+    cost = ParticleCost(program_of(sts, task))
     # The article's initial path: n, m, theta and r, of any length.
     axis = np.array([1.0, 0.0, 1.0])
     initial = np.concatenate([[0.0, 0.5, 0.0], [0.5, 0.0, 0.45], [np.pi], axis])
@@ -48,7 +48,7 @@ def test_a_particle_costs_its_best_branch(sts: Robot, task: PlacementTask) -> No
 
 def test_the_swarm_gets_better_and_repeats_itself(sts: Robot, task: PlacementTask) -> None:
     program = program_of(sts, task)
-    first, again = (place_by_swarm(sts, program, seed=2, config=FEW) for _ in range(2))
+    first, again = (place_by_swarm(program, seed=2, config=FEW) for _ in range(2))
     assert first.best is not None
     assert again.best is not None
     assert first.best.cost == again.best.cost
@@ -63,7 +63,7 @@ def test_bounds_are_kept(sts: Robot, task: PlacementTask) -> None:
         task, midpoint_lower=[0.2, -0.1, 0.3], path_in_surface=True, limit_margin_deg=5.0
     )
     program = program_of(sts, strict)
-    result = place_by_swarm(sts, program, seed=0, config=FEW)
+    result = place_by_swarm(program, seed=0, config=FEW)
     assert result.best is not None
     assert program.violation(result.best.placement) < 1e-7
 
@@ -73,6 +73,6 @@ def test_an_interrupt_keeps_the_best_so_far(sts: Robot, task: PlacementTask) -> 
         if fraction > 0.3:
             raise KeyboardInterrupt
 
-    result = place_by_swarm(sts, program_of(sts, task), seed=0, config=FEW, progress=progress)
+    result = place_by_swarm(program_of(sts, task), seed=0, config=FEW, progress=progress)
     assert result.interrupted
     assert result.best is not None

@@ -63,7 +63,7 @@ def corrected(robot, program):
 
 def optimum(robot, program, placement):
     start = PlacementSolution(placement, program.cost(placement.q), False, "", 0)
-    return finished(robot, program, start, corrected(robot, program))
+    return finished(program, start, corrected(robot, program))
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +137,7 @@ def family(robot, placement):
 def test_one_member_stands_for_a_family(robot, program, best, kind):
     other = family(robot, best.placement)[kind]
     assert program.violation(other) < 1e-9
-    member = standard_member(robot, program, other)
+    member = standard_member(program, other)
     np.testing.assert_allclose(member.q, best.placement.q, atol=1e-9)
     np.testing.assert_allclose(member.p_WM, best.placement.p_WM, atol=1e-9)
     np.testing.assert_allclose(member.n_W, best.placement.n_W, atol=1e-9)
@@ -149,7 +149,7 @@ def test_a_turn_that_a_constraint_forbids_is_not_made(robot, bounds, best):
     around = dataclasses.replace(bounds, p_lower=turned.p_WM - 0.01, p_upper=turned.p_WM + 0.01)
     measure = ConditionNumber(robot.chain)
     narrow = PlacementProgram(robot, measure, around, LENGTH, SEGMENTS)
-    member = standard_member(robot, narrow, turned)
+    member = standard_member(narrow, turned)
     assert narrow.violation(member) < 1e-9
     np.testing.assert_allclose(member.p_WM, turned.p_WM, atol=1e-9)
     assert member.q[SEGMENTS // 2, 5] == pytest.approx(0.0, abs=1e-9)  # the tool may be turned
@@ -162,7 +162,7 @@ def test_a_turn_that_changes_the_measure_is_not_made(robot, bounds, best):
     measure = ForceSd(robot.chain, covariance, config)
     program = PlacementProgram(robot, measure, bounds, LENGTH, SEGMENTS)
     turned = family(robot, best.placement)["turned"]
-    member = standard_member(robot, program, turned)
+    member = standard_member(program, turned)
     assert member.q[SEGMENTS // 2, 0] == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(measure.values(member.q), measure.values(turned.q), rtol=1e-8)
 

@@ -45,9 +45,7 @@ def task() -> PlacementTask:
 def search_of(robot: Robot, task: PlacementTask, guided: bool = True) -> PlacementSearch:
     measure, size = ConditionNumber(robot.chain), (task.path_length, task.num_segments)
     program = PlacementProgram(robot, measure, task.bounds(robot), *size)
-    path = task.initial_path() if guided else None
-    initial = None if path is None else (path.n_W, path.p_WM, path.R_WE)
-    return PlacementSearch(robot, program, initial)
+    return PlacementSearch(program, task.initial_path() if guided else None)
 
 
 @pytest.mark.parametrize("seed", [None, 3, 4, 11])
