@@ -369,8 +369,7 @@ def _add_force_arrows(parts: _LoopParts, control: _ControlPorts, meshcat: Meshca
 
 def _estimator_config(scenario: Scenario) -> WrenchEstimatorConfig:
     """The scenario's estimator configuration, at the scenario's time step."""
-    observer = replace(scenario.estimator.observer, time_step=scenario.time_step)
-    return replace(scenario.estimator, observer=observer)
+    return scenario.estimator.with_time_step(scenario.time_step)
 
 
 def _connect_drives(

@@ -1,7 +1,6 @@
 """The wrench estimator of an arm in anyone's MultibodyPlant."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -178,9 +177,8 @@ def _config_at_plant_rate(
     """
     time_step = plant.time_step()  # s; 0 of a continuous plant, which may be sampled at any period
     if config is None:
-        config = WrenchEstimatorConfig()
         period = time_step if time_step > 0.0 else DEFAULT_TIME_STEP
-        return replace(config, observer=replace(config.observer, time_step=period))
+        return WrenchEstimatorConfig().with_time_step(period)
     ticks = config.observer.time_step / time_step if time_step > 0.0 else 1.0
     if not np.isfinite(ticks) or abs(ticks - max(round(ticks), 1)) > _MAX_ROUNDING:
         raise ValueError(

@@ -406,9 +406,7 @@ def _check_numbers(scenario: Scenario, source: str) -> None:
             raise InputError(source, key, f"{value}, expected a positive number")
     # The observer's time_step does not count, as the scenario's is used (`_check_time_steps`): here
     # any that is within LIMITS stands for it.
-    estimator = replace(
-        scenario.estimator, observer=replace(scenario.estimator.observer, time_step=1e-3)
-    )
+    estimator = scenario.estimator.with_time_step(1e-3)
     check_numbers(replace(scenario, estimator=estimator, wrench=[]), source, LIMITS)
     ticks = scenario.duration / scenario.time_step
     if not 1 <= ticks <= MOST_TICKS:

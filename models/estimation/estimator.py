@@ -80,6 +80,10 @@ class WrenchEstimatorConfig:
     check_samples: bool = True
     """flag samples that no joint can have made"""
 
+    def with_time_step(self, time_step: float) -> "WrenchEstimatorConfig":
+        """Returns a copy at this time step (s)."""
+        return replace(self, observer=replace(self.observer, time_step=time_step))
+
 
 class Correction(NamedTuple):
     """Learnt correction of an air pass, for one sample or N; see `models.machining.air_pass`.

@@ -90,6 +90,16 @@ class WrenchReconstructionConfig:
     truncation: float = 0.05
     """least singular value of the method truncated, share of the largest"""
 
+    @property
+    def states_prior(self) -> bool:
+        """Whether both prior sds are stated, so that no rule is asked for them."""
+        return self.prior_force_sd is not None and self.prior_moment_sd is not None
+
+    @property
+    def reads_moments(self) -> bool:
+        """Whether the method reads moments; `force_only` presupposes that there are none."""
+        return self.method != "force_only"
+
     def with_prior(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
         """Returns a copy whose missing prior sds are these (N, N m)."""
         return self._filled(prior_force_sd=force_sd, prior_moment_sd=moment_sd)
@@ -198,7 +208,7 @@ class ValidityLimits(NamedTuple):
             max_force_sd,
             UNKNOWN_SD if max_stiction_force is None else max_stiction_force,
             prior.force_sd,
-            0.0 if config.method == "force_only" else prior.moment_sd,
+            prior.moment_sd if config.reads_moments else 0.0,
         )
 
 

@@ -297,8 +297,7 @@ class LiveEstimator:
         # `_resolution` is what the stream or the model has shown. It is None where configuration or
         # robot state one, so that the two never compete.
         config = replace(
-            live.estimator,
-            observer=replace(live.estimator.observer, time_step=step),
+            live.estimator.with_time_step(step),
             position_resolution=self._resolution or live.estimator.position_resolution,
         )
         self._estimator = WrenchEstimator(self._robot, self._model, config)

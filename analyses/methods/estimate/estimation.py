@@ -454,7 +454,7 @@ def _write_figures(outcome: _Outcome, config: EstimateConfig, out: OutputFolder)
     if outcome.comparison is not None:
         out.write_figure("reference", outcome.comparison.figure())
     second_pass = outcome.second_pass
-    reads_moments = second_pass.estimator_config.reconstruction.method != "force_only"
+    reads_moments = second_pass.estimator_config.reconstruction.reads_moments
     figure = second_pass.readings.summary.figure(reads_moments, config.smooth)
     out.write_figure("wrench", figure)
 

@@ -163,7 +163,7 @@ def first_pass(
     if ripple_shown is not None:
         model_with_drift = _with_ripple(model_with_drift, ripple_shown)
     warnings: tuple[str, ...] = ()
-    if prior is None and not _states_prior(config.estimator):
+    if prior is None and not config.estimator.reconstruction.states_prior:
         evidence = _evidence_prior(pass_over_log("finding the prior"))
         prior, prior_rule, warnings = evidence.sds, evidence.rule, evidence.warnings
         work_done += _PASS_WORK
@@ -200,14 +200,9 @@ def _prior_without_log(
     prior, rule = stated_prior(config, robot), "given"
     if prior is None and config.contact.axis:
         prior, rule = live_prior(robot.payload), "live"
-    if prior is None or _states_prior(config.estimator):
+    if prior is None or config.estimator.reconstruction.states_prior:
         return None, rule
     return prior, "live" if config.prior == "live" else rule
-
-
-def _states_prior(config: WrenchEstimatorConfig) -> bool:
-    prior = config.reconstruction
-    return prior.prior_force_sd is not None and prior.prior_moment_sd is not None
 
 
 def _model_with_drift(
@@ -314,7 +309,7 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
             f"{least_force_sd:.3g} N for short contacts; state another with --prior"
         )
     force_sd, moment_sd = max(force_sd, least_force_sd), max(moment_sd, least_moment_sd)
-    if stated.prior_moment_sd is None and stated.method != "force_only":
+    if stated.prior_moment_sd is None and stated.reads_moments:
         R_WE, _ = log_pass.robot.chain.pose(samples.q)
         # `evidence_prior` leaves out samples that are not finite itself, `find_lever` does not.
         J_seen, R_WE, tau_ext = _finite(samples.J_seen, R_WE, samples.tau_ext)

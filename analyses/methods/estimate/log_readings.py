@@ -121,7 +121,7 @@ class LogReadings:
             ),
         )
         part = _marked(part, OTHER_LINK, ~places.may_be_valid)
-        if error is not None and self._config.reconstruction.method == "force_only":
+        if error is not None and not self._config.reconstruction.reads_moments:
             is_force = force_alone_explains(
                 chunk.t, batch.J, tau_ext, batch.torque_sd, error.correlation
             )

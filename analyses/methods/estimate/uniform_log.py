@@ -143,17 +143,12 @@ def completed(
         resolution: (n,) rad, of the encoders.
         prior: sds of force and moment, N and N m; None: the configuration states it.
     """
-    observer, reconstruction = config.observer, config.reconstruction
-    if not observer.time_step:
-        observer = replace(observer, time_step=float(plausible_step(chunk)))
+    if not config.observer.time_step:
+        config = config.with_time_step(float(plausible_step(chunk)))
+    reconstruction = config.reconstruction
     if prior is not None:
         reconstruction = reconstruction.with_prior(*prior)
-    return replace(
-        config,
-        observer=observer,
-        reconstruction=reconstruction,
-        position_resolution=resolution,
-    )
+    return replace(config, reconstruction=reconstruction, position_resolution=resolution)
 
 
 def fault_of(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:

@@ -63,7 +63,6 @@ from wrenchsight.models.estimation.wrench import (
     ValidityLimits,
     WrenchEstimate,
     WrenchReconstruction,
-    WrenchReconstructionConfig,
 )
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_prior import live_prior
@@ -395,7 +394,7 @@ def _prior_and_noise(
     prior_without_log = stated_prior(config, robot)  # None: `prior` leaves it to the log
     # Sds in the estimator's own configuration go before the rule of `prior`; where only one of them
     # stands there, `with_prior` fills in the other alone.
-    if prior_without_log is not None and not _states_prior(reconstruction):
+    if prior_without_log is not None and not reconstruction.states_prior:
         reconstruction = reconstruction.with_prior(*prior_without_log)
         rule = config.prior if config.prior in PRIORS else "given"
     warnings: tuple[str, ...] = ()
@@ -404,12 +403,12 @@ def _prior_and_noise(
             f"a wrench explains any torque of {n} joints: only changes of posture show the "
             "torque's error; state it with --torque-sd",
         )
-    if stated_sd is not None and _states_prior(reconstruction):
+    if stated_sd is not None and reconstruction.states_prior:
         sd = stated_sd  # nothing is left to find: no pass over the logs
     else:
         evidence = _evidence(logs, stated_sd)
         sd = np.sqrt(np.diag(evidence.torque_covariance))  # the stated one, if it is
-        if not _states_prior(reconstruction):
+        if not reconstruction.states_prior:
             rule = "evidence of the log" + ("s" if len(logs) > 1 else "")
             least_force, least_moment = (0.0, 0.0) if robot is None else live_prior(robot.payload)
             reconstruction = reconstruction.with_prior(
@@ -439,10 +438,6 @@ def _stated_torque_sd(config: EstimateConfig, n: int) -> Array | None:
         problem = f"has {stated_sd.size} numbers, expected 1 or {n}"
         raise InputError("estimate", "--torque-sd", problem, "give one for all joints or one each")
     return np.broadcast_to(stated_sd, n) if stated_sd.size else None
-
-
-def _states_prior(reconstruction: WrenchReconstructionConfig) -> bool:
-    return None not in (reconstruction.prior_force_sd, reconstruction.prior_moment_sd)
 
 
 def _evidence(logs: Sequence[TorqueLog], torque_sd: Array | None) -> Knowledge:
@@ -513,15 +508,13 @@ class _Run:
         self.notices = tuple(map(_as_external, reader.notices))  # complete after the last chunk
         if touches.sign.contradicts:
             self.warnings.append(touches.sign.sentence(log.path.name, log.exerted_on))
-        reads_moments = self.config.estimator.reconstruction.method != "force_only"
+        reads_moments = self.config.estimator.reconstruction.reads_moments
         out.write_figure(f"wrench{self.suffix}", self.summary.figure(reads_moments))
 
     def _start(self, chunk: Recording) -> None:
         """Fills in the time step of the log's first rows, and begins what rests on it."""
         step = float(plausible_step(chunk))
-        estimator = self.config.estimator
-        observer = replace(estimator.observer, time_step=step)
-        self.config = replace(self.config, estimator=replace(estimator, observer=observer))
+        self.config = replace(self.config, estimator=self.config.estimator.with_time_step(step))
         if self.config.reference.columns:
             self.sensor_log, self.rows = SensorLogCollector(step), RowsBesideSensor(_MAX_ROWS)
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
-from wrenchsight.analyses.methods.simulate.advance import advance, even_stretches
+from wrenchsight.analyses.methods.simulate.advance import run_loop
 from wrenchsight.analyses.methods.simulate.fast_runs import is_free, run_free
 from wrenchsight.analyses.methods.simulate.simulated_logs import TRACKING_CONFIG
 from wrenchsight.analyses.output.progress import ProgressCallback
@@ -111,14 +110,9 @@ def record_air_pass(
         log=LogRequest(only=("q", "v", "current")),
         estimator=None,
     )
-    simulator = Simulator(loop.diagram)
-    simulator.Initialize()
-    advance(
-        simulator,
-        even_stretches(free.duration, _PROGRESS_PERIOD),
-        lambda share: progress(share, "air pass"),
+    times, signals = run_loop(
+        loop, free.duration, _PROGRESS_PERIOD, lambda share: progress(share, "air pass")
     )
-    times, signals = loop.logged(simulator.get_context())
     return _recorded(times, signals)
 
 
@@ -259,9 +253,8 @@ def _read(
 ) -> _PassReading:
     """Reads an air pass with an estimator that has learnt nothing yet."""
     log = air_pass.log
-    observer = replace(config.observer, time_step=log.time_step)
     estimator = WrenchEstimator(
-        robot, replace(model, torque_error=None), replace(config, observer=observer)
+        robot, replace(model, torque_error=None), config.with_time_step(log.time_step)
     )
     _, v, _ = air_pass.motion.sample(log.t)
     no_correction = Correction(np.zeros_like(v), v, np.ones(len(v)))

@@ -5,17 +5,16 @@ and currents are logged, and the log is read as `estimate` reads one. Controller
 `known_model`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.analysis import Simulator
 
-from wrenchsight.analyses.methods.simulate.advance import advance, even_stretches
+from wrenchsight.analyses.methods.simulate.advance import run_loop
 from wrenchsight.analyses.methods.simulate.simulation import known_model
 from wrenchsight.analyses.output.compilation import are_compiled, compile_side_by_side
 from wrenchsight.analyses.output.estimator_compilation import ESTIMATOR_PARTS
@@ -113,7 +112,9 @@ def demonstrate(
         robot = Robot.load(scenario.robot)
         model = known_model(robot, scenario)
         progress(0.6, "simulating")  # the first 0.6 are compilation, where there is any
-        t, signals = _logged(scenario, robot, model, partial(_part, progress))
+        t, signals = _logged(
+            scenario, robot, model, lambda share: progress(0.6 + 0.2 * share, "simulating")
+        )
         progress(0.8, "reading the wrench")
         batch = _read(scenario, robot, model, signals)
         result = Demonstration(
@@ -131,27 +132,22 @@ def demonstrate(
     return replace(result, files=(out / "figures" / "force.png", out / "push.html"))
 
 
-def _part(progress: ProgressCallback, share: float) -> None:
-    progress(0.6 + 0.2 * share, "simulating")
-
-
 def _logged(
-    scenario: Scenario, robot: Robot, model: IdentifiedModel, report: Any = lambda share: None
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    report: Callable[[float], None] = lambda share: None,
 ) -> tuple[Array, dict[str, Array]]:
     """Times (T,) in s and signals (T, size): q, v, current and wrench_true."""
     request = LogRequest(only=("q", "v", "current", "wrench_true"))
     loop = make_closed_loop(scenario, robot, model, estimator=None, log=request)
-    simulator = Simulator(loop.diagram)
-    simulator.Initialize()
-    advance(simulator, even_stretches(scenario.duration, _PROGRESS_PERIOD), report)
-    return loop.logged(simulator.get_context())
+    return run_loop(loop, scenario.duration, _PROGRESS_PERIOD, report)
 
 
 def _read(
     scenario: Scenario, robot: Robot, model: IdentifiedModel, signals: dict[str, Array]
 ) -> EstimateBatch:
-    observer = replace(scenario.estimator.observer, time_step=scenario.time_step)
-    config = replace(scenario.estimator, observer=observer)
+    config = scenario.estimator.with_time_step(scenario.time_step)
     estimator = WrenchEstimator(robot, model, config)
     state = estimator.initial_state()
     return estimator.run(state, signals["q"], signals["v"], signals["current"])

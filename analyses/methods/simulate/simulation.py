@@ -420,8 +420,8 @@ def _why_not_valid(result: SimulationResult, model: IdentifiedModel) -> tuple[st
     run over the log again.
     """
     scenario, robot = result.scenario, result.robot
-    observer = replace(scenario.estimator.observer, time_step=scenario.time_step)
-    estimator = WrenchEstimator(robot, model, replace(scenario.estimator, observer=observer))
+    config = scenario.estimator.with_time_step(scenario.time_step)
+    estimator = WrenchEstimator(robot, model, config)
     shares: InvalidShares = result.invalid_shares
     if shares.largest != UNCERTAIN_FORCE:
         return shares.sentences(estimator.reading.reconstruction.limits)

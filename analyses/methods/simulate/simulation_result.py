@@ -188,7 +188,7 @@ class SimulationResult:
 
         Every peak is drawn, however long the run. Moments are left out where the method reads none.
         """
-        reads_moments = self.scenario.estimator.reconstruction.method != "force_only"
+        reads_moments = self.scenario.estimator.reconstruction.reads_moments
         shown = WRENCH_AXES if reads_moments else WRENCH_AXES[:3]
         figure, axes = new_figure(3, len(shown) // 3, share_x=True)
         for k, axis in enumerate(shown):

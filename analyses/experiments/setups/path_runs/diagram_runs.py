@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     line_of,
@@ -20,6 +19,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import EstimatorVariant
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
 from wrenchsight.analyses.methods.reference_sensor.force_errors import VariantReading
+from wrenchsight.analyses.methods.simulate.advance import run_loop
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.diagrams.closed_loop import LogRequest, LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
@@ -63,11 +63,7 @@ def read_in_diagram(
         estimator=LoopEstimator(model=estimator.model),
         log=LogRequest(only=["wrench", "covariance", reference], period=LOG_PERIOD),
     )
-    simulator = Simulator(loop.diagram)
-    for time in np.arange(_PROGRESS_PERIOD, scenario.duration + _PROGRESS_PERIOD, _PROGRESS_PERIOD):
-        simulator.AdvanceTo(min(float(time), scenario.duration))
-        progress(min(float(time) / scenario.duration, 1.0))
-    t, logged = loop.logged(simulator.get_context())
+    t, logged = run_loop(loop, scenario.duration, _PROGRESS_PERIOD, progress)
     start, end = uniform_motion(line_of(scenario))
     rows = (t >= start + estimator.observer.settling_time) & (t <= end)
     covariance = logged["covariance"][rows].reshape(-1, 6, 6)
