@@ -18,7 +18,7 @@ from wrenchsight.models.signals.exceedance_tail import MIN_EXCURSION_GAP
 
 MAX_LISTED_CONTACTS = 1000  # contacts in metrics.json; further ones are only counted
 MAX_PRINTED_CONTACTS = 8  # contacts that the command prints
-FAR_CLOCK = 1e6  # s; with a clock that shows more, times are since the first sample
+FAR_CLOCK = 1e6  # s; with a clock that shows more, times are stated since the first sample
 
 
 @dataclass
@@ -90,6 +90,11 @@ class Contact:
                 {"link": link, "odds_pct": 100.0 * bodies[link - 1]} for link in self.place.named()
             ]
         return result
+
+
+def stated_origin(log_begin: float) -> float:
+    """s on the log's clock, since which times are stated: 0, but of a clock that began long ago."""
+    return log_begin if abs(log_begin) >= FAR_CLOCK else 0.0
 
 
 class _OpenContact:
@@ -237,8 +242,7 @@ class ContactEpisodes:
         """Sentences for the user: the first MAX_PRINTED_CONTACTS contacts, and how many follow."""
         if not self.contacts:
             return ["no contact found"]
-        log_begin = self._log_begin or 0.0
-        origin = log_begin if abs(log_begin) >= FAR_CLOCK else 0.0
+        origin = stated_origin(self._log_begin or 0.0)
         lines = [contact.sentence(origin) for contact in self.contacts[:MAX_PRINTED_CONTACTS]]
         num_further = self.num_contacts - len(lines)
         if num_further > 0:

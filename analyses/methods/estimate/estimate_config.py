@@ -5,6 +5,8 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from wrenchsight.analyses.methods.reference_sensor.reference_config import (
+    FOUND,
+    SIGNS,
     ReferenceConfig,
     checked_reference,
 )
@@ -22,12 +24,10 @@ from wrenchsight.models.estimation.wrench_table import TABLES
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
 from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
-from wrenchsight.models.recordings.recording_format import ENVIRONMENT, ROBOT
 from wrenchsight.models.robot.robot import Robot
 
 LARGEST_DRIFT = 10.0  # of the viscous torque
-TORQUES = ("found", "currents", "external")
-SIGNS = ("found", ROBOT, ENVIRONMENT)
+TORQUES = (FOUND, "currents", "external")
 LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a smaller prior means that nothing acts
 LEAST_TORQUE_SD = 1e-6  # N m
 MIN_TIME_STEP, MAX_TIME_STEP = 1e-4, 10.0  # s; finer grids only repeat the log

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.analyses.methods.estimate.contact_episodes import stated_origin
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, new_figure
 from wrenchsight.analyses.output.stream_summary import Envelope, EvenSample
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
@@ -28,7 +29,6 @@ _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
 _MARGIN_SHARE = 0.05  # of a panel's range, above and below it
 _DRAWN_PERCENTILES = (2, 98)  # of a log without a valid reading: its outliers are not drawn
-FAR_CLOCK = 1e6  # s; with a clock that shows more, time is drawn since the first sample
 _MAX_CONDITION_NUMBER = 1e12  # condition number: beyond, rounding alone decides its digits
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
 _FAULTS = {
@@ -193,7 +193,7 @@ class _DrawnBand:
     def add(self, t: Array, wrench: Array, sd: Array, valid: Flags, contact: Flags) -> None:
         """Takes N samples, one or more; wrench and sd are (N, 6), force first."""
         if self.origin is None:  # the clock of a log that counts from 1970 fits no axis
-            self.origin = float(t[0]) if abs(t[0]) >= FAR_CLOCK else 0.0
+            self.origin = stated_origin(float(t[0]))
         lower, upper = wrench - SIGMA_95 * sd, wrench + SIGMA_95 * sd
         self._envelope.add(
             low=np.concatenate([wrench, lower], axis=1),

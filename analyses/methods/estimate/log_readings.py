@@ -25,8 +25,13 @@ from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
     SensorSamples,
 )
 from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.pure_force import force_alone_explains
-from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
 from wrenchsight.models.estimation.invalid import (
     HAS_MOMENT,
     NO_MODEL,
@@ -37,7 +42,7 @@ from wrenchsight.models.estimation.invalid import (
     WRONG_LOG,
 )
 from wrenchsight.models.estimation.uncertain_force import UncertainForce
-from wrenchsight.models.estimation.wrench import ValidityLimits
+from wrenchsight.models.estimation.wrench import ValidityLimits, WrenchEstimate
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWriter
@@ -135,19 +140,8 @@ class LogReadings:
         table: WrenchTableWriter,
         bag: WrenchBagWriter | None,
     ) -> None:
-        chunk, batch, detection, _ = part
-        table.write(
-            WrenchRows(
-                t=chunk.t,
-                wrench=batch.wrench,
-                standard_deviation=batch.standard_deviation,
-                condition_number=batch.condition_number,
-                tau_ext=batch.tau_ext,
-                statistic=detection.statistic,
-                flags={**detection._asdict(), "fault": fault, "invalid": batch.invalid},
-                covariance=batch.covariance,
-            )
-        )
+        chunk, batch = part.chunk, part.batch
+        table.write(table_rows(chunk.t, batch, batch.tau_ext, part.detection, fault))
         if bag is not None:
             _, p_WE = self._robot.chain.pose(np.nan_to_num(chunk.q))
             bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
@@ -226,6 +220,32 @@ class LogReadings:
         if error is not None and self.episodes.rested:
             sentences += unseen_rests(error, self._model.joint_names)
         return sentences
+
+
+def table_rows(
+    t: Array,
+    batch: EstimateBatch | WrenchEstimate,
+    tau_ext: Array,
+    detection: Detection,
+    fault: NDArray[np.int64],
+) -> WrenchRows:
+    """The table's rows of N readings.
+
+    Args:
+        t: (N,) s.
+        tau_ext: (N, n) N m.
+        fault: (N,) codes of `models.observers.sample_check`.
+    """
+    return WrenchRows(
+        t=t,
+        wrench=batch.wrench,
+        standard_deviation=batch.standard_deviation,
+        condition_number=batch.condition_number,
+        tau_ext=tau_ext,
+        statistic=detection.statistic,
+        flags={**detection._asdict(), "fault": fault, "invalid": batch.invalid},
+        covariance=batch.covariance,
+    )
 
 
 def _marked(part: LogPart, reason: int, rows: Flags | bool) -> LogPart:

@@ -8,8 +8,7 @@ from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.numerics.arrays import Array
 
-_SENSOR_COLUMN = 22  # numbers of a row before the sensor's: t, force, covariance, axes
-_FORCE_COLUMNS = 3
+_FORCE_SIZE = 3  # numbers of a force; a sensor of fewer columns reads it along its axis alone
 
 
 class RowsBesideSensor:
@@ -21,8 +20,10 @@ class RowsBesideSensor:
     """
 
     def __init__(self, capacity: int) -> None:
-        self._rows = EvenSample(capacity)
-        self._condition = EvenSample(capacity)
+        # Each is given the same rows, and so keeps the same ones.
+        self._t, self._R_WE, self._sensor = (EvenSample(capacity) for _ in range(3))
+        self._force, self._covariance = EvenSample(capacity), EvenSample(capacity)
+        self._condition_number = EvenSample(capacity)
         self.has_contact = False
         self.reading: LogReading | None = None
 
@@ -35,27 +36,28 @@ class RowsBesideSensor:
             R_WE: (N, 3, 3) axes of the tool.
             sensor: (N, k) as logged.
         """
-        size = len(t)
-        covariance = batch.covariance[:, 3:, 3:].reshape(size, 9)
-        parts = [t[:, None], batch.wrench[:, 3:], covariance, R_WE.reshape(size, 9), sensor]
-        self._rows.add(np.concatenate(parts, axis=1))
-        self._condition.add(batch.condition_number)
+        self._t.add(t)
+        self._R_WE.add(R_WE)
+        self._sensor.add(sensor)
+        self._force.add(batch.wrench[:, 3:])
+        self._covariance.add(batch.covariance[:, 3:, 3:])
+        self._condition_number.add(batch.condition_number)
 
     def hold_against(self, mounting: Mounting, force: float) -> None:
         """Compares the forces where the sensor's is larger than `force` (N)."""
-        rows = self._rows.values()
-        t, estimate, covariance, R_WE, sensor = np.split(rows, (1, 4, 13, _SENSOR_COLUMN), axis=1)
-        truth = mounting.on_robot(t[:, 0], sensor, R_WE.reshape(-1, 3, 3))[:, :_FORCE_COLUMNS]
+        estimate, sensor = self._force.values(), self._sensor.values()
+        sensed = mounting.on_robot(self._t.values(), sensor, self._R_WE.values())
+        truth = sensed[:, :_FORCE_SIZE]
         is_sensed = np.asarray(np.isfinite(truth).all(axis=1))
         truth = np.where(is_sensed[:, None], truth, 0.0)
         loaded = np.asarray(is_sensed & (np.linalg.norm(truth, axis=1) > force))
         self.has_contact = bool(loaded.any())
-        if sensor.shape[1] < _FORCE_COLUMNS:
+        if sensor.shape[1] < _FORCE_SIZE:
             return
         self.reading = LogReading(
             force=estimate,
-            covariance=covariance.reshape(-1, 3, 3),
-            condition_number=self._condition.values(),
+            covariance=self._covariance.values(),
+            condition_number=self._condition_number.values(),
             error=estimate - truth,
             loaded=loaded,
         )

@@ -28,6 +28,7 @@ from wrenchsight.analyses.methods.estimate.estimate_config import (
     stated_prior,
 )
 from wrenchsight.analyses.methods.estimate.estimate_summary import EstimateSummary
+from wrenchsight.analyses.methods.estimate.log_readings import table_rows
 from wrenchsight.analyses.methods.external_torque.force_readings import (
     Knowledge,
     LogReading,
@@ -53,11 +54,11 @@ from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
     SensorSamples,
     joined_logs,
 )
+from wrenchsight.analyses.output.distinct_names import distinct_names
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.output.stream_summary import EvenSample
-from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.estimation.invalid import OTHER_LINK, SAMPLE_MISSING, marked
 from wrenchsight.models.estimation.wrench import (
     ValidityLimits,
@@ -66,7 +67,7 @@ from wrenchsight.models.estimation.wrench import (
 )
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_prior import live_prior
-from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWriter
+from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import Validity
 from wrenchsight.models.numerics.arrays import Array
@@ -324,15 +325,7 @@ def _warnings(
 
 def _names(logs: Sequence[TorqueLog]) -> list[str]:
     """Stems of the files' names; a repeated one gets a number."""
-    names: list[str] = []
-    for log in logs:
-        stem, count = log.path.stem, 1
-        name = stem
-        while name in names:
-            count += 1
-            name = f"{stem}_{count}"
-        names.append(name)
-    return names
+    return distinct_names([log.path.stem for log in logs])
 
 
 def _as_external(notice: str) -> str:
@@ -497,7 +490,10 @@ class _Run:
                 # The reading's own reasons, and two that it does not know of.
                 invalid = marked(batch.invalid, OTHER_LINK, ~may_be_valid)
                 batch = batch._replace(invalid=marked(invalid, SAMPLE_MISSING, chunk.dropout))
-                table.write(_table_rows(chunk, batch, tau_ext, detection))
+                # What is missing stands as zero; samples are not checked here: none has a fault.
+                no_fault = np.zeros(chunk.num_samples, np.int64)
+                torque = np.nan_to_num(tau_ext)
+                table.write(table_rows(chunk.t, batch, torque, detection, no_fault))
                 if bag is not None and robot is not None:
                     _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
                     bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
@@ -549,30 +545,6 @@ def _bag(log: TorqueLog, path: Path, robot: Robot | None) -> WrenchBagWriter:
         problem = "needs the place of E, which only a robot and its positions give"
         raise InputError("estimate", "--mcap", problem, "leave it out")
     return WrenchBagWriter(path, robot.config.base_link)
-
-
-def _table_rows(
-    chunk: Recording, batch: WrenchEstimate, tau_ext: Array, detection: Detection
-) -> WrenchRows:
-    """The table's rows of a chunk of N samples; samples are not checked here, so none has a fault.
-
-    Args:
-        tau_ext: (N, n) N m; what is missing stands as zero.
-    """
-    return WrenchRows(
-        t=chunk.t,
-        wrench=batch.wrench,
-        standard_deviation=batch.standard_deviation,
-        condition_number=batch.condition_number,
-        tau_ext=np.nan_to_num(tau_ext),
-        statistic=detection.statistic,
-        flags={
-            **detection._asdict(),
-            "fault": np.zeros(chunk.num_samples, np.int8),
-            "invalid": batch.invalid,
-        },
-        covariance=batch.covariance,
-    )
 
 
 def _compared(

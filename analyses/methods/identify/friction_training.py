@@ -62,8 +62,6 @@ class TrainedNetworks:
     networks: FrictionNetworks  # to be evaluated by `wrenchsight.models.friction.friction_network`
     v_crit: Array  # (n,) rad/s
     rmse: Array  # (n,) N m, on the held-out samples of the band
-    law_rmse: Array  # (n,) N m, of the velocity law on the same samples
-    num_samples: NDArray[np.int64]  # (n,) in the band
     steps: NDArray[np.int64]  # (n,) after which each joint's weights were taken
 
 
@@ -187,13 +185,10 @@ def train_networks(
     with one_thread():  # the same sums in the same order on every machine; faster, too
         (W1, b1, W2, b2), mean_squares, steps = _descend(x, z, fitted, held_out, config)
     networks = FrictionNetworks(W1, b1, W2 * sd[:, None], b2 * sd + mean, edge)
-    law_error = y - law.torque((x * edge[:, None]).T).T
     return TrainedNetworks(
         networks=networks,
         v_crit=edge,
         rmse=np.sqrt(mean_squares) * sd,
-        law_rmse=np.sqrt((held_out * law_error**2).sum(axis=1)),
-        num_samples=np.array([len(rows) for rows in band_rows]),
         steps=steps,
     )
 

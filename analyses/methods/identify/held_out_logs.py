@@ -11,7 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import svd
 
-from wrenchsight.analyses.methods.identify.friction_fit import FoldPart, FrictionFit
+from wrenchsight.analyses.methods.identify.friction_fit import (
+    MIN_RESIDUAL_SD,
+    FoldPart,
+    FrictionFit,
+)
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.identification.base_parameters import RANK_TOLERANCE
 from wrenchsight.models.identification.least_motion import moves
@@ -95,7 +99,7 @@ def _prediction_errors(problem: FrictionFit) -> Array:
     solution = problem.fit(FrictionStructure.of(_LAW, problem.robot.num_joints))
     factors = problem.factors(solution)
     columns = solution.base.independent
-    sd = np.maximum(solution.estimate.residual_sd, 1e-12)
+    sd = np.maximum(solution.estimate.residual_sd, MIN_RESIDUAL_SD)
     return np.stack(
         [
             _error_of_fold(factor, factors[:k] + factors[k + 1 :], columns, sd)

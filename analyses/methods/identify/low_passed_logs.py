@@ -15,6 +15,7 @@ from wrenchsight.analyses.methods.identify.identification_config import (
 )
 from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit
 from wrenchsight.analyses.methods.reference_sensor.reference_config import reference_columns
+from wrenchsight.analyses.output.distinct_names import distinct_names
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.models.files.input_error import InputError
@@ -202,15 +203,7 @@ def read_episodes(
 
 def log_names(recordings: Sequence[Recording]) -> list[str]:
     """Stems of the logs' file names; a repeated one gets a number."""
-    names: list[str] = []
-    for recording in recordings:
-        stem = Path(recording.source).stem or "log"
-        name, count = stem, 1
-        while name in names:
-            count += 1
-            name = f"{stem}_{count}"
-        names.append(name)
-    return names
+    return distinct_names([Path(recording.source).stem or "log" for recording in recordings])
 
 
 def _is_free_cutoff(periods: float) -> bool:

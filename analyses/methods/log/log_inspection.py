@@ -13,6 +13,7 @@ from wrenchsight.analyses.methods.log.column_draft import (
 from wrenchsight.analyses.methods.log.log_figure import log_figure
 from wrenchsight.analyses.methods.log.log_settings import LogSettings
 from wrenchsight.analyses.methods.log.log_summary import LogSummary, summarised
+from wrenchsight.analyses.output.distinct_names import distinct_names
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
@@ -107,14 +108,11 @@ def _told_apart(logs: Sequence[InspectedLog]) -> list[InspectedLog]:
     """The logs, each with a name and a draft of its own: of a repeated name, NAME_2 and so on."""
     if len(logs) == 1:
         return list(logs)
-    named: dict[str, InspectedLog] = {}
-    for log in logs:
-        name, count = log.name, 1
-        while name in named:
-            count += 1
-            name = f"{log.name}_{count}"
-        named[name] = replace(log, name=name, draft_name=f"columns_{name}.yaml")
-    return list(named.values())
+    names = distinct_names([log.name for log in logs])
+    return [
+        replace(log, name=name, draft_name=f"columns_{name}.yaml")
+        for log, name in zip(logs, names, strict=True)
+    ]
 
 
 def _write(logs: Sequence[InspectedLog], folder: OutputFolder, settings: LogSettings) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.analyses.methods.identify.known_model.model_residual import residuals_of
 from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, logs_of
+from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.methods.payload.payload_config import PayloadConfig, PayloadSettings
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from wrenchsight.analyses.output.outputs import OutputFolder
@@ -119,8 +120,8 @@ class PayloadResult:
             "inertia_sd_kgm2": sd[4:],
             "inertia_observable": self.inertia_observable,
             "realisable_inertia_kgm2": inertia_values(load.realisable),
-            "load_torque_rms_nm": np.sqrt(np.mean(self.torque**2, axis=0)),
-            "residual_rms_nm": np.sqrt(np.mean(unexplained**2, axis=0)),
+            "load_torque_rms_nm": rms(self.torque),
+            "residual_rms_nm": rms(unexplained),
             "stated_sd_nm": self.rows.sd,
             "scatter_over_stated": load.scale,
             "friction_change": {
@@ -292,7 +293,7 @@ def load_figure(result: PayloadResult) -> "Figure":
     n = len(names)
     figure, panels = panels_in_pairs(n, "time [s]", "torque [N m]", share_x=True)
     t = rows.t - rows.t[0]
-    difference_rms = np.sqrt(np.mean((rows.residual - result.torque) ** 2, axis=0))
+    difference_rms = rms(rows.residual - result.torque)
     for j, axis in enumerate(panels):
         axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="residual of the model")
         axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="load")

@@ -16,6 +16,7 @@ from wrenchsight.analyses.methods.reference_sensor.reference_config import Refer
 from wrenchsight.analyses.methods.reference_sensor.sensor_log import WINDOW_BLOCKS, SensorLog
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_on_top, new_figure
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 from wrenchsight.models.signals.bands import SIGMA_95
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 
 PHASES: Final = ("all", "free_rest", "free_moving", "contact_rest", "contact_moving")
-AXES: Final[tuple[str, ...]] = ("fx", "fy", "fz", "mx", "my", "mz")
 ALONG: Final = "along"  # the name of a single force
 _FIGURE_POINTS = 2000  # of a figure
 
@@ -91,7 +91,7 @@ class SensorComparison:
         Args:
             reading: label of the reading.
         """
-        columns = 2 if len(self.axes) == len(AXES) else 1
+        columns = 2 if len(self.axes) == len(WRENCH_AXES) else 1
         figure, panels = new_figure(len(self.axes) // columns, columns, share_x=True)
         drawn = slice(None, None, max(1, len(self.t) // _FIGURE_POINTS))
         t = self.t[drawn]
@@ -139,7 +139,8 @@ def compare_with_sensor(
     mounting, notices = find_mounting(log, config) if mounted is None else (mounted, ())
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
     reading = mounting.compared(log.reading, log.R_WE, k)  # (N, k): what the sensor measures of it
-    sd, axes = log.sd[:, :k], AXES[:k]
+    sd: Array = log.sd[:, :k]
+    axes: tuple[str, ...] = WRENCH_AXES[:k]
     if k == 1:
         # The largest sd along an axis: the components' errors may not be independent.
         sd = np.sum(np.abs(mounting.direction(log.R_WE)) * log.sd[:, :3], axis=1)[:, None]

@@ -5,13 +5,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.recording_format import SignalColumns, column_items
+from wrenchsight.models.recordings.recording_format import (
+    ENVIRONMENT,
+    ROBOT,
+    SignalColumns,
+    column_items,
+)
 
 SIGNAL_SIZES = (1, 3, 6)  # columns: a force along an axis, a force, a force and a moment
-FRAMES = ("found", "world", "tool")
-SIGNS = ("found", "robot", "environment")
-TARES = ("none", "start", "fit")
 FOUND = "found"
+FRAMES = (FOUND, "world", "tool")
+SIGNS = (FOUND, ROBOT, ENVIRONMENT)
+TARES = ("none", "start", "fit")
 REFERENCE = "--reference"  # the sensor's signal in a recording; no description can name one so
 _LONGEST_DELAY = 5.0  # s
 

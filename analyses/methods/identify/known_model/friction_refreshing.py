@@ -23,6 +23,7 @@ from wrenchsight.analyses.methods.identify.known_model.model_residual import (
 )
 from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, as_logs, logs_of
 from wrenchsight.analyses.methods.identify.low_passed_logs import read_log
+from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from wrenchsight.analyses.output.joint_units import joint_unit, joint_units
 from wrenchsight.analyses.output.outputs import OutputFolder
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
 
 
 MIN_VARIANCE_SHARE = 0.2  # share of the prior's variance; a log that removes less shows little
-LARGEST_DRIFT = 0.3  # share of viscous friction, also where a joint at rest leaves more unknown
+MAX_UNKNOWN_DRIFT = 0.3  # share of viscous friction, also where a joint at rest leaves more unknown
 MORE_THAN_FRICTION = 2.0  # of the residual's stated sd
 
 
@@ -77,12 +78,12 @@ class RefreshResult:
     @property
     def rmse_before(self) -> Array:
         """(n,) N m, of the old model's residual."""
-        return _rmse(self.residual_before)
+        return rms(self.residual_before.residual)
 
     @property
     def rmse_after(self) -> Array:
         """(n,) N m, of the new model's residual."""
-        return _rmse(self.residual_after)
+        return rms(self.residual_after.residual)
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json; lists per joint."""
@@ -259,10 +260,6 @@ def _checked(config: RefreshConfig) -> RefreshConfig:
     return config
 
 
-def _rmse(rows: ResidualRows) -> Array:
-    return np.asarray(np.sqrt(np.mean(rows.residual**2, axis=0)))
-
-
 def _with_drift(
     error: TorqueErrorModel | None, refresh: FrictionRefresh
 ) -> TorqueErrorModel | None:
@@ -271,7 +268,7 @@ def _with_drift(
         return None
     viscous = np.abs(refresh.after.viscous)
     share = refresh.standard_deviation[:, 1] / np.maximum(viscous, 1e-12)
-    return error.with_drift(float(np.minimum(np.sqrt(np.mean(share**2)), LARGEST_DRIFT)))
+    return error.with_drift(float(np.minimum(rms(share), MAX_UNKNOWN_DRIFT)))
 
 
 def _source(residuals: Sequence[ModelResidual], refresh: FrictionRefresh) -> FrictionSource:

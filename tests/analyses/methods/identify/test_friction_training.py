@@ -75,7 +75,10 @@ def test_friction_near_zero_is_learnt(odd, trained):
         return np.sqrt(np.mean((torque - true_friction(v)) ** 2, axis=0))
 
     assert (rms(law.torque(v)) < 0.25 * rms(LAW.torque(v))).all()
-    assert (trained.rmse < 0.3 * trained.law_rmse).all()
+    # Against the law's error on all samples of the band, of which a fifth was held out.
+    v, torque = samples()
+    law_error = np.where(np.abs(v) <= trained.v_crit, torque - LAW.torque(v), np.nan)
+    assert (trained.rmse < 0.3 * np.sqrt(np.nanmean(law_error**2, axis=0))).all()
     if odd:
         up, down = trained.networks.evaluate(v), trained.networks.evaluate(-v)
         np.testing.assert_allclose(up + down, 2.0 * trained.networks.evaluate(0.0 * v), atol=1e-12)
