@@ -1,7 +1,7 @@
 """Output of commands: tables, lines and progress, the same in a terminal and in a log."""
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from wrenchsight.analyses.output.compilation import on_first_compilation
-from wrenchsight.analyses.output.progress import Progress, ProgressDisplay
+from wrenchsight.analyses.output.progress import Progress, ProgressCallback, ProgressDisplay
 from wrenchsight.models.files.input_error import printable
 
 
@@ -72,7 +72,7 @@ def plain_text(text: str, style: str = "") -> Text:
 
 
 @contextmanager
-def showing_progress(name: str) -> Iterator[Callable[[float, str], None]]:
+def showing_progress(name: str) -> Iterator[ProgressCallback]:
     """Shows how far a piece of work is; the function that it gives takes share and words."""
     # Drake prints Meshcat's address, which is gone before anyone could open it.
     logging.getLogger("drake").setLevel(logging.WARNING)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from wrenchsight.analyses.data_sets.places import find_data_set
+from wrenchsight.analyses.output.progress import ProgressCallback
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.output.figures import Figure
@@ -33,7 +34,7 @@ class ExperimentContext:
     seed: int = 0
     quick: bool = False  # shorter, coarser; same keys in the metrics
     # takes the share done, 0..1, and the present action
-    progress: Callable[[float, str], None] = lambda fraction, action: None
+    progress: ProgressCallback = lambda fraction, action: None
     draws: bool = True  # whether anybody looks at figures and recordings; else none are needed
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
     world: Callable[["Robot"], "Robot"] = lambda robot: robot  # another draw of that truth
@@ -42,7 +43,7 @@ class ExperimentContext:
     fastest_feed: bool = False  # of several feeds the fastest alone; the others' figures are NaN
     methods: "tuple[MethodEntry, ...]" = ()  # of others, for an experiment that `takes_methods`
 
-    def part(self, start: float, end: float, prefix: str = "") -> Callable[[float, str], None]:
+    def part(self, start: float, end: float, prefix: str = "") -> ProgressCallback:
         """Progress callback of a part of the work, from `start` to `end` of the whole."""
         return lambda share, action: self.progress(start + (end - start) * share, prefix + action)
 

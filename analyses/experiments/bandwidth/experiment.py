@@ -21,7 +21,7 @@ over its step instead would delay it by half a step, and what was compared would
 degrees at 80 Hz and 1 ms.)
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -35,6 +35,7 @@ from scipy.optimize import minimize_scalar
 from wrenchsight.analyses.methods.simulate.advance import advance
 from wrenchsight.analyses.output.axes import legend_above, log_scale
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_on_top, new_figure
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -56,7 +57,6 @@ from wrenchsight.models.observers.momentum_observer import MomentumObserverConfi
 from wrenchsight.models.robot.robot import Robot
 
 ComplexArray = NDArray[np.complex128]
-Progress = Callable[[float, str], None]
 
 OBSERVER_GAINS = (5.0, 20.0, 50.0, 100.0)  # K_0, 1/s
 TIME_STEP = 1e-3  # s
@@ -170,7 +170,7 @@ def measure_response(
     *,
     time_step: float = TIME_STEP,
     seed: int = 0,
-    progress: Progress = lambda fraction, action: None,
+    progress: ProgressCallback = lambda fraction, action: None,
 ) -> list[GainResponse]:
     """Measures every gain's frequency response on the simulated arm, without noise.
 
@@ -242,7 +242,9 @@ class Signals(NamedTuple):
     metrics: dict[float, dict[str, Any]]
 
 
-def measure_signals(robot: Robot, duration: float, seed: int, progress: Progress) -> Signals:
+def measure_signals(
+    robot: Robot, duration: float, seed: int, progress: ProgressCallback
+) -> Signals:
     """Lets a step, a ramp and a sine act, each along an axis of its own, without and with noise.
 
     The controller does not see the current, so that the arm moves, and the true force is, alike in
@@ -259,7 +261,7 @@ def measure_signals(robot: Robot, duration: float, seed: int, progress: Progress
         WrenchSine(start=SIGNAL_START, frequency=SINE_FREQUENCY, force=[0.0, 0.0, SINE_FORCE]),
     ]
 
-    def run(current_noise: bool, report: Progress) -> tuple[dict[float, Array], Array]:
+    def run(current_noise: bool, report: ProgressCallback) -> tuple[dict[float, Array], Array]:
         """The force as it is read, by K_0, and the true one, (T, 3) N each."""
         arm = make_held_arm(
             robot,
@@ -369,7 +371,9 @@ def _estimators(gains: Sequence[float], time_step: float) -> dict[str, WrenchEst
     }
 
 
-def _simulate(arm: HeldArm, duration: float, progress: Progress, *, smooth: bool) -> Context:
+def _simulate(
+    arm: HeldArm, duration: float, progress: ProgressCallback, *, smooth: bool
+) -> Context:
     """Advances the arm from rest and returns the diagram's context, with its logs."""
     simulator = Simulator(arm.diagram)
     # A step never spans two ticks, so none sees the held torque jump. Of a smooth force one step a

@@ -25,6 +25,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     log_file,
 )
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.smoothing import smoothed_estimate
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
@@ -116,7 +117,7 @@ class Ur10eArm:
         fitted: the three runs.
     """
 
-    def __init__(self, data: Path | None, progress: Callable[[float, str], None]) -> None:
+    def __init__(self, data: Path | None, progress: ProgressCallback) -> None:
         self.data, self.robot = data, Robot.load("ur10e")
         self.fitted = tuple(self.read(name.removesuffix(".csv")) for name in FITTED_LOGS)
         self.models = {}

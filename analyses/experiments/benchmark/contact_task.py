@@ -39,6 +39,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     tooled,
 )
 from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceJudgement, ForceReading
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
@@ -58,7 +59,7 @@ ReadRun = Callable[[PreparedRun], ForceReading]
 class ContactTask:
     """Errors of the force along the tool, run by run."""
 
-    def __init__(self, arm: Ur10eArm, quick: bool, progress: Callable[[float, str], None]) -> None:
+    def __init__(self, arm: Ur10eArm, quick: bool, progress: ProgressCallback) -> None:
         self._arm = arm
         self.files = find_runs(arm.data)[:: QUICK_STRIDE if quick else 1]
         robots = {controller: tooled(arm.robot, controller) for controller in CONTROLLERS}
@@ -73,7 +74,7 @@ class ContactTask:
             for controller, refit in air_refits(self._runs, arm.models["ours"]).items()
         }
 
-    def built_in(self, progress: Callable[[float, str], None]) -> dict[str, dict[str, Any]]:
+    def built_in(self, progress: ProgressCallback) -> dict[str, dict[str, Any]]:
         """Scores of the library's own methods, by method (the module's docstring names them).
 
         Each reader takes a prepared run and returns its force along the tool, block by block. Plain

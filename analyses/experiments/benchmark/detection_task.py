@@ -46,6 +46,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials imp
     spans_of,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import log_file
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.stretches import stretches
@@ -89,7 +90,7 @@ class DetectionTask:
             for k, recording in enumerate(arm.fitted, start=1)
         ]
 
-    def built_in(self, progress: Callable[[float, str], None]) -> dict[str, dict[str, Any]]:
+    def built_in(self, progress: ProgressCallback) -> dict[str, dict[str, Any]]:
         """Scores by method."""
         scores = {}
         readers = self._arm.readers(self._arm.robot)

@@ -22,7 +22,6 @@ Nobody labelled the collisions. COLLISION_TIMES are the stretches in which the c
 to 3 differs from that of `collision_free` at the same place of the path by far more than elsewhere.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +73,7 @@ from wrenchsight.analyses.methods.simulate.simulated_logs import (
     stored_excitation,
 )
 from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -231,7 +231,7 @@ def _twins(
 
 
 def _push_metrics(
-    logs: dict[str, TrialLog], rounds: int, progress: Callable[[float, str], None]
+    logs: dict[str, TrialLog], rounds: int, progress: ProgressCallback
 ) -> dict[str, Any]:
     """Pushes of every size, duration and place, by `push_key`; and of 30 N by each link off E."""
     metrics: dict[str, Any] = {}

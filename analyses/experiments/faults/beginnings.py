@@ -19,7 +19,6 @@ Of pushes, and of parts without any:
     worst_wrong_signal_pct      that of the push that loses most
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,6 +27,7 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.faults.begun_faults import BEGUN_FAULTS, COURSES, push
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import log_file
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     WrenchEstimator,
@@ -113,7 +113,7 @@ def measure_beginnings(
     robot: Robot,
     model: IdentifiedModel,
     quick: bool,
-    progress: Callable[[float, str], None],
+    progress: ProgressCallback,
 ) -> dict[str, Any]:
     """The figures of faults and pushes, by kind.
 

@@ -26,6 +26,7 @@ from wrenchsight.analyses.output.figures import (
     save_figure,
 )
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.diagrams.pages.cloud_page import write_cloud_page
@@ -120,7 +121,7 @@ def sample(
     seed: int,
     *,
     within_limits: bool = False,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> Samples:
     """Draws configurations evenly over full turns of all joints, or over the joint limits.
 
@@ -157,7 +158,7 @@ def slice_plane(
     robot: Robot,
     config: SliceConfig,
     reach: Array,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    progress: ProgressCallback = lambda fraction, message: None,
     is_free: Callable[[Array], bool] | None = None,
 ) -> Slice:
     """The best condition number at each point of a plane.
@@ -221,7 +222,7 @@ class JcnMapResult:
 def jcn_map(
     settings: JcnMapSettings,
     out: Path,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> JcnMapResult:
     """The command `jcn-map`: writes samples.npz (q, jcn, p_WE), metrics.json, config.yaml, figures
     and recording.html into `out`; with a plane also slice.npz (p_WE, jcn, direction_W, q).
@@ -234,7 +235,7 @@ def jcn_map(
 
 
 def _map_into(
-    folder: OutputFolder, settings: JcnMapSettings, progress: Callable[[float, str], None]
+    folder: OutputFolder, settings: JcnMapSettings, progress: ProgressCallback
 ) -> JcnMapResult:
     """Draws the samples, maps the slice and writes all files.
 

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.analyses.methods.place.placement_search import Optimum, SearchResult
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import one_thread
@@ -60,7 +61,7 @@ def place_by_swarm(
     program: PlacementProgram,
     seed: int = 0,
     config: SwarmConfig | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> SearchResult:
     """Places a path by PSO-GA; an interrupt (KeyboardInterrupt) ends it with the best so far.
 

@@ -28,7 +28,7 @@ and `infeasibility` explains what is missing.
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeVar
 
@@ -40,6 +40,7 @@ from wrenchsight.analyses.methods.place.placement_refinement import (
     CONSTRAINT_TOLERANCE,
     finished,
 )
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.diagrams.placement.placement_program import PlacementProgram, PlacementSolution
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.kernel import one_thread
@@ -237,7 +238,7 @@ class PlacementSearch:
         seed: int = 0,
         solver: str = "snopt",
         effort: SearchEffort | None = None,
-        progress: Callable[[float, str], None] = lambda fraction, message: None,
+        progress: ProgressCallback = lambda fraction, message: None,
     ) -> SearchResult:
         """Searches; an interrupt (KeyboardInterrupt) ends it with the best placement so far.
 
@@ -256,7 +257,7 @@ class PlacementSearch:
         seed: int,
         solver: str,
         effort: SearchEffort,
-        progress: Callable[[float, str], None],
+        progress: ProgressCallback,
     ) -> SearchResult:
         """Searches; an interrupt ends it with what is found so far.
 
@@ -324,7 +325,7 @@ class PlacementSearch:
         effort: SearchEffort,
         result: SearchResult,
         clock: "_Clock",
-        progress: Callable[[float, str], None],
+        progress: ProgressCallback,
     ) -> Iterator[PlacementSolution]:
         """Ends of rough solves, in rounds; each later one varies the best ends of all so far.
 
@@ -358,7 +359,7 @@ class PlacementSearch:
         effort: SearchEffort,
         result: SearchResult,
         clock: "_Clock",
-        progress: Callable[[float, str], None],
+        progress: ProgressCallback,
     ) -> Iterator[_FineSolve]:
         """Solves the program of all points from the best ends that keep the constraints and differ.
 

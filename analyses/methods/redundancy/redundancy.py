@@ -6,7 +6,6 @@ refined continuously).
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +24,7 @@ from wrenchsight.analyses.methods.redundancy.redundancy_task import (
     RedundancyClearance,
     RedundancyTask,
 )
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.diagrams.distances.clearance import ClosestPair
 from wrenchsight.diagrams.pages.path_page import TriangleMesh
 from wrenchsight.models.files.input_error import InputError
@@ -163,7 +163,7 @@ def find_redundancy(
     robot: Robot,
     config: RedundancyTask,
     source: Path | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> RedundancyResult:
     """Chooses a posture at each sample of the task's path.
 
@@ -237,7 +237,7 @@ def _baselines(
     problem: RedundancyProblem,
     config: RedundancyTask,
     grid: Candidates,
-    progress: Callable[[float, str], None],
+    progress: ProgressCallback,
 ) -> _Baselines:
     """The ways at a constant angle and by the local method, which starts where the first one does.
 
@@ -285,7 +285,7 @@ def _check_clearance(
     grid: Candidates,
     initial: Trajectory | None,
     optimised: Trajectory,
-    progress: Callable[[float, str], None],
+    progress: ProgressCallback,
 ) -> _ClearanceCheck:
     """Checks two ways for collisions; searches a free one where the optimised one is not.
 
@@ -343,7 +343,7 @@ def _refined(
     problem: RedundancyProblem,
     on_grid: Trajectory,
     local: Trajectory | None,
-    progress: Callable[[float, str], None],
+    progress: ProgressCallback,
 ) -> Trajectory:
     """The best way refined from the grid's and the local one, by the problem's cost.
 

@@ -2,7 +2,6 @@
 
 import csv
 import io
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +21,7 @@ from wrenchsight.analyses.output.figures import (
     new_figure,
     save_figure,
 )
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.study.experiment import (
     FigureFile,
@@ -161,7 +161,7 @@ def _draw_joints(result: RedundancyResult, path: Path) -> tuple[Path, str]:
 def redundancy(
     settings: RedundancySettings,
     out: Path,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> RedundancyResult:
     """The command `redundancy`: writes trajectory.csv (of the best way that keeps the
     clearance), metrics.json, config.yaml, figures and recording.html into `out`.

@@ -1,12 +1,12 @@
 """The UR10e's recordings: the runs that a model is fitted on, and those that judge it."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from wrenchsight.analyses.data_sets.places import data_set_folder, find_data_set
 from wrenchsight.analyses.methods.identify.identification import IdentificationResult, identify
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
@@ -72,7 +72,7 @@ def identify_ur10e(
     data: Path | None,
     robot: Robot,
     config: IdentificationConfig | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, action: None,
+    progress: ProgressCallback = lambda fraction, action: None,
 ) -> IdentificationResult:
     """Fits the UR10e's model on the three unloaded runs.
 

@@ -18,7 +18,7 @@ At rest the earlier torque constants hold: on a UR10e (44 runs) forces at rest e
 them, by 3.8 N with those of the slides.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +31,7 @@ from wrenchsight.analyses.methods.identify.low_passed_logs import read_log
 from wrenchsight.analyses.methods.reference_sensor.mounting import sensor_torque
 from wrenchsight.analyses.methods.reference_sensor.reference_config import checked_reference
 from wrenchsight.analyses.output.joint_units import joint_units
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.calibration.specimen_friction import (
@@ -329,7 +330,7 @@ class SpecimenRefit:
 def refit_logs(
     settings: IdentifySettings,
     out: Path,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> SpecimenRefit:
     """Reads model and logs, and writes model.yaml, metrics.json and config.yaml into `out`.
 
