@@ -8,11 +8,11 @@ from wrenchsight.diagrams.scenario import JointSineMotion, Scenario
 from wrenchsight.models.control.wrench_script import HandPush
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import DEFAULT_GRAVITY
 
 _ROOM_SHARE = 0.8  # of the way from home to the nearer limit
 _SPEED_SHARE = 0.5  # of the velocity limit
 _PUSH_SHARE = 0.25  # of the payload's weight, sd of a push along each axis; named in a notice
-_STANDARD_GRAVITY = 9.81  # m/s^2
 
 
 def fitted_to(scenario: Scenario, robot: Robot) -> tuple[Scenario, tuple[str, ...]]:
@@ -47,7 +47,7 @@ def _with_bearable_push(scenario: Scenario, robot: Robot) -> tuple[Scenario, lis
 
     `force` (3,) N and `moment` (3,) N m of a HandPush are the sds along the axes.
     """
-    max_push_sd = _PUSH_SHARE * robot.payload * _STANDARD_GRAVITY  # N
+    max_push_sd = _PUSH_SHARE * robot.payload * DEFAULT_GRAVITY  # N
     pushes = [segment for segment in scenario.wrench if isinstance(segment, HandPush)]
     push_sd = max((max(map(abs, push.force)) for push in pushes), default=0.0)
     if push_sd <= max_push_sd:

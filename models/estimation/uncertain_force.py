@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator
-from wrenchsight.models.estimation.wrench_prior import PriorSds
+from wrenchsight.models.estimation.wrench_prior import STANDARD_GRAVITY, PriorSds
 from wrenchsight.models.numerics.arrays import Array
 
-_STANDARD_GRAVITY = 9.81  # m/s^2
 # By which the sd grows with the prior of the moment, which grows with the payload as well.
 _MOMENT_FACTOR = 1.2
 _NO_PRIOR = 1e6  # N, sd of a force of which nothing is known
@@ -102,7 +101,7 @@ class UncertainForce:
             payload=robot.payload,
             # The prior's sd p is half the payload's weight, the limit p / 3 (`TRUSTED_SHARE`). With
             # s the sd without a prior, 1 / (1 / s^2 + 1 / p^2) <= p^2 / 9 where p >= sqrt(8) s.
-            enough_payload=_MOMENT_FACTOR * 2.0 * np.sqrt(8.0) * free_sd / _STANDARD_GRAVITY,
+            enough_payload=_MOMENT_FACTOR * 2.0 * np.sqrt(8.0) * free_sd / STANDARD_GRAVITY,
             assumed=not estimator.model.provenance.logs,
             is_unfelt=is_unfelt,
             is_like_moment=is_like_moment,

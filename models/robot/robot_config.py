@@ -4,9 +4,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.tree import UniformGravityFieldElement
 
 from wrenchsight.models.files.configuration import REQUIRED
 from wrenchsight.models.robot.truth_config import SimulatedTruthConfig
+
+# m/s^2, of an arm whose file states none; a payload's weight is by standard gravity
+# (`models.estimation.wrench_prior`)
+DEFAULT_GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 
 
 @dataclass
@@ -104,7 +109,7 @@ class RobotConfig:
     tool_frame: PoseConfig = field(default_factory=PoseConfig)
     """E in the flange"""
     tool: ToolConfig | None = None
-    gravity: list[float] = field(default_factory=lambda: [0.0, 0.0, -9.81])
+    gravity: list[float] = field(default_factory=lambda: [0.0, 0.0, -DEFAULT_GRAVITY])
     """in W, m/s^2"""
     floor: float | None = 0.0
     """m, its height in W; null where no floor is near the arm"""

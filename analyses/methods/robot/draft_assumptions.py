@@ -10,9 +10,9 @@ from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.arm_structure import DescribedJoint
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import DEFAULT_GRAVITY
 from wrenchsight.models.robot.unit_doubts import reach_of
 
-STANDARD_GRAVITY = 9.81  # m/s^2
 # of a stated effort limit over what the strongest joint needs: 15 at most where the limits may be
 # drives' (an SO-100; 1 on most arms), 32 to 1200 where an exporter wrote 100 to 2000 on every joint
 MAX_EFFORT_RATIO = 20.0
@@ -115,7 +115,7 @@ def assume(robot: Robot, arm: Sequence[DescribedJoint]) -> Assumed:
     reach = reach_of(robot, q)
     payload = _rounded(max(_PAYLOAD_PER_REACH * reach**2, _MIN_PAYLOAD))
     arm_mass = payload / _PAYLOAD_SHARE  # which acts half as far out as the payload
-    weight = (payload + 0.5 * arm_mass) * STANDARD_GRAVITY
+    weight = (payload + 0.5 * arm_mass) * DEFAULT_GRAVITY
     likely = _rounded(_UNKNOWN_EFFORT_MARGIN * weight * reach)
     effort = np.where(_stated(arm) > 0.0, 0.0, likely)  # 0: the stated limit stays
     if not robot.massless_joints:  # something else is wrong with its inertias

@@ -8,11 +8,11 @@ import numpy as np
 from wrenchsight.analyses.methods.robot.draft_assumptions import (
     FRICTION_SHARE,
     ROTOR_ACCELERATION,
-    STANDARD_GRAVITY,
     Assumed,
 )
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.arm_structure import DescribedJoint
+from wrenchsight.models.robot.robot_config import DEFAULT_GRAVITY
 
 FILL_IN = "FILL IN"
 """Marks, in the comments of a draft, a number that the URDF does not hold."""
@@ -111,9 +111,10 @@ class DraftText:
         return "\n".join(lines) + "\n"
 
     def _gravity_line(self) -> str:
-        if np.allclose(self.gravity, [0.0, 0.0, -STANDARD_GRAVITY], atol=1e-9):
+        if np.allclose(self.gravity, [0.0, 0.0, -DEFAULT_GRAVITY], atol=1e-9):
             return (
-                "gravity: [0, 0, -9.81]  # in W; another vector where the base hangs or is tilted"
+                f"gravity: [0, 0, -{DEFAULT_GRAVITY:g}]  # in W; another vector where the base "
+                "hangs or is tilted"
             )
         vector = ", ".join(f"{value:.5g}" for value in np.round(self.gravity, 5) + 0.0)
         return f"gravity: [{vector}]  # in W, as the URDF mounts the base"

@@ -11,7 +11,6 @@ import numpy as np
 
 from wrenchsight.analyses.methods.robot.draft_assumptions import (
     MAX_EFFORT_RATIO,
-    STANDARD_GRAVITY,
     Assumed,
     assume,
     floors_below,
@@ -26,6 +25,7 @@ from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.arm_structure import ArmStructure, DescribedJoint
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import DEFAULT_GRAVITY
 from wrenchsight.models.robot.unit_doubts import unit_doubts
 from wrenchsight.models.robot.urdf_document import drop_commas, is_xacro_file, read_document
 from wrenchsight.models.robot.urdf_pictures import resolved_mesh
@@ -248,8 +248,8 @@ def _mounting(
     if tilt < _UPRIGHT_ANGLE:
         height = float(X_RB.translation()[2]) if root == "world" else 0.0
         # An arm on a column or a torso has no floor at W.
-        return np.array([0.0, 0.0, -STANDARD_GRAVITY]), (-max(height, 0.0), None), ()
-    gravity = -STANDARD_GRAVITY * up_B
+        return np.array([0.0, 0.0, -DEFAULT_GRAVITY]), (-max(height, 0.0), None), ()
+    gravity = -DEFAULT_GRAVITY * up_B
     vector = ", ".join(f"{value:.4g}" for value in np.round(gravity, 4) + 0.0)
     note = (
         f'the URDF mounts "{base}" turned by {np.degrees(tilt):.3g} deg from upright in "{root}": '
