@@ -59,6 +59,7 @@ SD_WINDOW = 0.15  # s
 NUM_ROUNDS = 3
 START_SD_RATIO = 2.0
 MAX_SAMPLES = 1 << 18  # from which the error is learnt
+SENSOR_LOADED_SDS = 1.5  # as `link_odds.LOADED_SDS`, of what torque sensors read
 _MIN_SD = 1e-4  # N m, where a log shows no error
 _MIN_MEDIAN_SAMPLES = 20  # samples, of which a median is taken
 _MIN_STEPS = 3  # contacts, of whose steps of the baseline a median is taken

@@ -18,6 +18,7 @@ from wrenchsight.models.detection.link_odds import (
     place_evidence,
 )
 from wrenchsight.models.detection.torque_contact import (
+    SENSOR_LOADED_SDS,
     START_TIME,
     ReportedTorqueSd,
     TorqueContactDetector,
@@ -34,7 +35,6 @@ from wrenchsight.models.robot.robot import Robot
 JUDGE_TIME = 0.05  # s of a contact before its place is judged first, then at each doubling
 # samples of a contact: the latest, and of these the strongest that judge
 LATEST_SAMPLES, JUDGED_SAMPLES = 20, 2
-LOADED_SDS = 1.5  # as `place_evidence`, of torque sensors
 
 
 class ExternalTorqueEstimator:
@@ -156,7 +156,7 @@ class ExternalTorqueEstimator:
         tau = np.array([sample.tau for sample in self._contact_samples])
         strongest = np.argsort(-np.linalg.norm(tau / self._sd, axis=1))[:JUDGED_SAMPLES]
         sd = np.broadcast_to(self._sd, (len(strongest), len(self._sd)))
-        evidence = place_evidence(J[strongest], tau[strongest], sd, loaded=LOADED_SDS)
+        evidence = place_evidence(J[strongest], tau[strongest], sd, loaded=SENSOR_LOADED_SDS)
         return PlaceOdds.of(evidence, AT_WORK)
 
 

@@ -20,6 +20,7 @@ from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.torque_contact import (
     MAX_SAMPLES,
     PAUSE_TIME,
+    SENSOR_LOADED_SDS,
     TorqueContact,
     TorqueContactDetector,
     first_baseline,
@@ -32,7 +33,6 @@ from wrenchsight.models.recordings.recording import Recording
 _REST_TIMES = (0.2, 0.08)  # s before a contact, between which the arm's place of rest is read
 _MIN_CONTACTS = 3  # contacts that determine the sign
 _MIN_CORRELATION = 0.5  # least size of the correlation that determines it
-_LOADED_SDS = 1.5  # sds of a torque sensor's reading, beyond which a joint is loaded
 _LEAST_YIELD = 2e-6  # rad (m); less is rounding
 
 
@@ -102,7 +102,7 @@ class TorqueTouches:
         if chunk.num_joints:
             self._shifts += _shifts(chunk, contact, contact_torque)
         torque = ContactTorque(chunk.t, J, contact_torque, contact.sd)
-        return judge_places(detection, torque, loaded=_LOADED_SDS)
+        return judge_places(detection, torque, loaded=SENSOR_LOADED_SDS)
 
     @property
     def sign(self) -> TorqueSign:

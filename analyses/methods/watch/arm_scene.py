@@ -10,6 +10,8 @@ from pydrake.systems.framework import DiagramBuilder
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
+METRES_PER_NEWTON = 0.005  # of the force's arrow
+VALID_COLOUR, NOT_VALID_COLOUR = Rgba(0.0, 0.6, 0.2), Rgba(0.7, 0.7, 0.7)  # of it
 _GREY_COLOUR = Rgba(0.6, 0.6, 0.6, 1.0)
 
 

@@ -19,7 +19,13 @@ from foxglove.websocket import ServerListener
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-from wrenchsight.analyses.methods.watch.arm_scene import ArmScene, LinkShape
+from wrenchsight.analyses.methods.watch.arm_scene import (
+    METRES_PER_NEWTON,
+    NOT_VALID_COLOUR,
+    VALID_COLOUR,
+    ArmScene,
+    LinkShape,
+)
 from wrenchsight.models.estimation.wrench_bag import FRAME
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.numerics.arrays import Array
@@ -28,7 +34,6 @@ from wrenchsight.models.robot.robot import Robot
 
 ARM = "/arm"
 HOST, FOXGLOVE_PORT = "127.0.0.1", 8765
-METRES_PER_NEWTON = 0.005
 FLAGS = (
     "valid",
     "invalid",
@@ -44,7 +49,6 @@ NUMBERS = ("statistic", "condition_number", "latency")
 LARGEST_MESH = 1 << 24  # bytes of a link's file that is sent
 _WRENCH_NAMES = list(WRENCH_AXES) + [f"sd_{axis}" for axis in WRENCH_AXES]
 _LAST_STAMP = 2.0**32  # s
-_VALID_COLOUR, _NOT_VALID_COLOUR = (0.0, 0.6, 0.2), (0.7, 0.7, 0.7)
 _MEDIA = {".obj": "model/obj", ".stl": "model/stl", ".gltf": "model/gltf+json"}
 _MEDIA |= {".glb": "model/gltf-binary", ".dae": "model/vnd.collada+xml"}
 
@@ -169,6 +173,10 @@ def _pose(X: Any) -> Any:
     return messages.Pose(position=_vector(X.translation()), orientation=_quaternion(X))
 
 
+def _color(rgba: Any) -> Any:
+    return messages.Color(r=rgba.r(), g=rgba.g(), b=rgba.b(), a=rgba.a())
+
+
 def _arrow(reading: Reading, stamp: Any) -> Any:
     """The force as an arrow from E."""
     force = np.nan_to_num(reading.wrench[3:]) * METRES_PER_NEWTON
@@ -176,14 +184,14 @@ def _arrow(reading: Reading, stamp: Any) -> Any:
     axis = force / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
     turn = RotationMatrix.MakeFromOneVector(axis, 0)  # an arrow lies along x
     head = min(0.045, 0.5 * length)
-    red, green, blue = _VALID_COLOUR if reading.valid else _NOT_VALID_COLOUR
+    colour = VALID_COLOUR if reading.valid else NOT_VALID_COLOUR
     arrow = messages.ArrowPrimitive(
         pose=_pose(RigidTransform(turn, np.zeros(3))),
         shaft_length=length - head,
         shaft_diameter=0.016,
         head_length=head,
         head_diameter=0.04,
-        color=messages.Color(r=red, g=green, b=blue, a=1.0),
+        color=_color(colour),
     )
     return messages.SceneEntity(
         timestamp=stamp, frame_id=FRAME, id="force", frame_locked=True, arrows=[arrow]
@@ -213,9 +221,8 @@ class _Primitive(NamedTuple):
 
 def _primitive(link_shape: LinkShape) -> _Primitive | None:
     """The shape as Foxglove draws it; None where it cannot."""
-    shape, rgba, pose = link_shape.shape, link_shape.rgba, _pose(link_shape.X_LS)
-    color = messages.Color(r=rgba.r(), g=rgba.g(), b=rgba.b(), a=rgba.a())
-    look = {"pose": pose, "color": color}
+    shape, pose = link_shape.shape, _pose(link_shape.X_LS)
+    look = {"pose": pose, "color": _color(link_shape.rgba)}
     if isinstance(shape, Box):
         return _Primitive("cubes", messages.CubePrimitive(size=_vector(shape.size()), **look))
     if isinstance(shape, Sphere):

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from wrenchsight.analyses.methods.estimate.friction_monitor import FrictionMonitor
+from wrenchsight.analyses.methods.watch.stream_judgement import LONGEST_GAP
 from wrenchsight.models.calibration.load_identification import LoadPrior
 from wrenchsight.models.calibration.load_or_drift import LoadOrDrift, weigh
 from wrenchsight.models.estimation.estimator import WrenchEstimator
@@ -24,7 +25,6 @@ from wrenchsight.models.robot.robot import Robot
 LOOK_TIMES = (5.0, 10.0, 20.0, 40.0)  # s since the stream began
 SETTLING_TIME = 1.0  # s of readings that are left out at the beginning
 LEAST_MASS = 0.5  # kg, below which a load is not reported
-LONGEST_GAP = 0.5  # s between samples, after which the stream begins anew
 
 
 class _Speed(NamedTuple):
@@ -164,10 +164,10 @@ def _add(
     The grid's velocities are linear between two samples likewise.
     """
     t = np.array([reading.t for reading in readings])
-    is_later = _is_later(t)
+    is_later = are_later(t)
     t, readings = t[is_later], [readings[k] for k in np.flatnonzero(is_later)]
     sample_t = np.array([sample.t for sample in speeds])
-    is_later = _is_later(sample_t)
+    is_later = are_later(sample_t)
     sample_t = sample_t[is_later]
     sample_v = np.array([sample.v for sample in speeds])[is_later]
     v = np.stack([np.interp(t, sample_t, joint_v) for joint_v in sample_v.T], axis=1)
@@ -179,6 +179,6 @@ def _add(
     monitor.add(t, q, np.nan_to_num(v), tau_ext, is_usable, is_free)
 
 
-def _is_later(t: Array) -> Flags:
+def are_later(t: Array) -> Flags:
     """(N,) which times are later than all before."""
     return np.asarray(np.r_[True, t[1:] > np.maximum.accumulate(t)[:-1]])

@@ -1,17 +1,20 @@
 """The arm as it stands and the force at its tool, in Meshcat: a page on this computer."""
 
 import numpy as np
-from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, MeshcatParams, Rgba
+from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, MeshcatParams
 from pydrake.math import RigidTransform
 
-from wrenchsight.analyses.methods.watch.arm_scene import ArmScene
+from wrenchsight.analyses.methods.watch.arm_scene import (
+    METRES_PER_NEWTON,
+    NOT_VALID_COLOUR,
+    VALID_COLOUR,
+    ArmScene,
+)
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.wrench_arrows import HEAD_LENGTH, arrow_pose
 
-METRES_PER_NEWTON = 0.005
-_VALID_COLOUR, _NOT_VALID_COLOUR = Rgba(0.0, 0.6, 0.2), Rgba(0.7, 0.7, 0.7)
 _ARROW, _ARM = "/force", "/arm"
 
 
@@ -52,7 +55,7 @@ class MeshcatView:
             self._meshcat.SetTransform(f"{_ARM}/{link}", X_WL)
         if reading.valid is not self._shown:
             self._shown = reading.valid
-            colour = _VALID_COLOUR if reading.valid else _NOT_VALID_COLOUR
+            colour = VALID_COLOUR if reading.valid else NOT_VALID_COLOUR
             self._meshcat.SetObject(f"{_ARROW}/shaft", Cylinder(0.008, 1.0), colour)
             head = MeshcatCone(HEAD_LENGTH, 0.02, 0.02)
             self._meshcat.SetObject(f"{_ARROW}/head", head, colour)

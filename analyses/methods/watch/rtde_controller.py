@@ -1,7 +1,7 @@
 """RTDE controller: plays a log, or a simulated arm, to whoever connects.
 
-It stands in for a robot: `simulate --realtime --publish rtde` and the tests use it. It listens on
-this computer alone unless configured otherwise, and takes no input.
+It stands in for a robot: `simulate --publish rtde://HOST` and the tests use it. It listens on this
+computer alone unless HOST is another of its addresses, and takes no input.
 """
 
 import socket

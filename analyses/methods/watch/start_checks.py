@@ -13,7 +13,7 @@ from collections import deque
 
 import numpy as np
 
-from wrenchsight.analyses.methods.watch.load_search import LoadSearch
+from wrenchsight.analyses.methods.watch.load_search import LoadSearch, are_later
 from wrenchsight.analyses.methods.watch.stream_judgement import StreamJudgement
 from wrenchsight.analyses.methods.watch.watch_config import WatchConfig
 from wrenchsight.models.calibration.gain_at_rest import GainAtRest, TargetSamples, gain_at_rest
@@ -195,8 +195,7 @@ class StartChecks:
         q = np.array([sample.q for sample in samples])
         v = np.array([sample.v for sample in samples])
         effort = np.array([sample.effort for sample in samples])
-        is_complete = np.isfinite(q + v + effort).all(axis=1)
-        is_complete[1:] &= t[1:] > np.maximum.accumulate(t)[:-1]
+        is_complete = np.isfinite(q + v + effort).all(axis=1) & are_later(t)
         if is_complete.sum() < 2:
             return
         t, q, v, effort = t[is_complete], q[is_complete], v[is_complete], effort[is_complete]
@@ -281,8 +280,7 @@ def _targets_of(samples: list[Sample]) -> TargetSamples:
     v = np.array([sample.v for sample in samples])
     current = np.array([sample.more["target_current"] for sample in samples])
     torque = np.array([sample.more["target_moment"] for sample in samples])
-    is_used = np.isfinite(q + v + current + torque).all(axis=1)
-    is_used[1:] &= t[1:] > np.maximum.accumulate(t)[:-1]
+    is_used = np.isfinite(q + v + current + torque).all(axis=1) & are_later(t)
     return TargetSamples(t[is_used], q[is_used], v[is_used], current[is_used], torque[is_used])
 
 

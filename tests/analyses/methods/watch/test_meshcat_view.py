@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.methods.watch.meshcat_view import METRES_PER_NEWTON, MeshcatView
+from wrenchsight.analyses.methods.watch.arm_scene import METRES_PER_NEWTON
+from wrenchsight.analyses.methods.watch.meshcat_view import MeshcatView
 from wrenchsight.analyses.methods.watch.ring import Ring, RingReader
 from wrenchsight.analyses.methods.watch.watching import SinkThread
 from wrenchsight.models.files.input_error import InputError
