@@ -25,14 +25,15 @@ from wrenchsight.models.recordings.rosbag.messages import (
     typestore,
 )
 from wrenchsight.models.recordings.rosbag.table import BagWriter, RosbagTable
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 
 FRAME = "E_W"
 TOPIC = "/wrench"
 COVARIANCE_TOPIC = "/wrench/covariance"
 COVARIANCE = "std_msgs/msg/Float64MultiArray"
 TF = "tf2_msgs/msg/TFMessage"
-_FORCE_FIRST = [3, 4, 5, 0, 1, 2]
-_SIDES = np.ix_(_FORCE_FIRST, _FORCE_FIRST)
+STAMP_END = 2**31  # s, from which on no stamp of ROS 2 holds a time: its seconds are an int32
+_SIDES = np.ix_(FORCE_FIRST, FORCE_FIRST)
 
 
 class TopicMessages(NamedTuple):
@@ -108,7 +109,7 @@ class WrenchMessages:
             wrench, covariance, p_WE: as `WrenchBagWriter.write`.
         """
         sigma = np.asarray(covariance)[:, _SIDES[0], _SIDES[1]].reshape(len(stamps), 36)
-        force_first = np.asarray(wrench[:, _FORCE_FIRST])
+        force_first = np.asarray(wrench[:, FORCE_FIRST])
         return [
             TopicMessages("/tf", TF, self._tf.encode(stamps, np.asarray(p_WE))),
             TopicMessages(TOPIC, WRENCH, self._wrench.encode(stamps, force_first)),
@@ -150,9 +151,9 @@ class WrenchBagWriter:
             InputError: a time that a stamp cannot hold.
         """
         stamps = nanoseconds(np.asarray(t, float))
-        if len(stamps) and not 0 <= stamps.min() <= stamps.max() < 2**32 * 10**9:
+        if len(stamps) and not 0 <= stamps.min() <= stamps.max() < STAMP_END * 10**9:
             raise InputError(
-                self.path, "", "a stamp of ROS holds 0 to 2^32 s", "shift the log's times"
+                self.path, "", "a stamp of ROS holds 0 to 2^31 s", "shift the log's times"
             )
         for topic, kind, messages in self._messages.encode(stamps, wrench, covariance, p_WE):
             self._writer.write(topic, kind, stamps, messages)

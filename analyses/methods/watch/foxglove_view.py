@@ -48,7 +48,7 @@ FLAGS = (
 NUMBERS = ("statistic", "condition_number", "latency")
 LARGEST_MESH = 1 << 24  # bytes of a link's file that is sent
 _WRENCH_NAMES = list(WRENCH_AXES) + [f"sd_{axis}" for axis in WRENCH_AXES]
-_LAST_STAMP = 2.0**32  # s
+_STAMP_END = 2.0**32  # s, from which on no stamp of Foxglove holds a time: an unsigned int32
 _MEDIA = {".obj": "model/obj", ".stl": "model/stl", ".gltf": "model/gltf+json"}
 _MEDIA |= {".glb": "model/gltf-binary", ".dae": "model/vnd.collada+xml"}
 
@@ -87,7 +87,7 @@ class FoxgloveView:
 
     def take(self, rows: list[Array]) -> str:
         """Serves each of the rows, and draws the newest."""
-        readings = [reading for reading in map(Reading, rows) if 0.0 <= reading.t < _LAST_STAMP]
+        readings = [reading for reading in map(Reading, rows) if 0.0 <= reading.t < _STAMP_END]
         for reading in readings:
             stamp, log_time = _stamp(reading.t)
             self._wrench.log(_numbers(reading), log_time=log_time)

@@ -13,7 +13,12 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from wrenchsight.models.estimation.wrench_bag import COVARIANCE_TOPIC, TOPIC, WrenchBagWriter
+from wrenchsight.models.estimation.wrench_bag import (
+    COVARIANCE_TOPIC,
+    STAMP_END,
+    TOPIC,
+    WrenchBagWriter,
+)
 from wrenchsight.models.estimation.wrench_table import FLAGS, WrenchRows, WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
@@ -24,7 +29,6 @@ from wrenchsight.models.robot.robot import Robot
 
 SEGMENT_TIME = 10.0  # s, of the readings in one file
 SAVE_TIME = 1.0  # s between two writings of the newest
-LAST_STAMP = 2.0**32  # s, that a stamp of ROS holds
 MOST_ROWS = 1 << 16  # that are held where a disk takes none
 _TOPICS = (
     (TOPIC, WRENCH),
@@ -96,12 +100,12 @@ class Recorder:
         if t == self._last:  # the same reading, no longer valid
             return ""
         self._last = t
-        if self._form == "mcap" and not 0.0 <= t < LAST_STAMP:
+        if self._form == "mcap" and not 0.0 <= t < STAMP_END:
             self.lost += 1
             if self.lost > 1:  # said already
                 return ""
             return (
-                f"readings before t = 0 or from {LAST_STAMP:.0f} s on are left out: a ROS time "
+                f"readings before t = 0 or from {STAMP_END} s on are left out: a ROS time "
                 "stamp holds no such time"
             )
         message = ""

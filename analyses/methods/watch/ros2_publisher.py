@@ -17,7 +17,13 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.methods.watch.ros2_dds import OPTIONS, TopicWriter, join, topic_name
-from wrenchsight.models.estimation.wrench_bag import COVARIANCE, FRAME, TF, WrenchMessages
+from wrenchsight.models.estimation.wrench_bag import (
+    COVARIANCE,
+    FRAME,
+    STAMP_END,
+    TF,
+    WrenchMessages,
+)
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.source import SourceAddress
@@ -27,7 +33,6 @@ from wrenchsight.models.robot.robot import Robot
 STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 STATUS_TIME = 0.1  # s between two statuses of one kind
 _FLAGS = ("valid", "invalid", "contact", "misfit", "rest", "out_of_range", "dropout", "running")
-_LAST_STAMP = 2**31 * 10**9  # ns
 _NAME = re.compile(r"[\w/.-]{1,200}", re.ASCII)
 
 
@@ -79,7 +84,7 @@ class Ros2Publisher:
         stamp = round(1e9 * reading.t) if np.isfinite(reading.t) else -1
         if self._by_computer:
             stamp = time.time_ns() - round(1e9 * (time.monotonic() - reading.received))
-        if not 0 <= stamp < _LAST_STAMP:
+        if not 0 <= stamp < STAMP_END * 10**9:
             self.lost += 1
             return
         sent = self._send_status(reading, stamp)

@@ -72,6 +72,20 @@ def test_the_messages_are_what_ros_expects(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sigma[:3, 3:], covariance[k, 3:, :3])
 
 
+def test_the_last_time_that_a_stamp_holds_comes_back(tmp_path: Path) -> None:
+    """Its seconds are an int32: a second later they would count from -2^31."""
+    path, last = tmp_path / "wrench.mcap", 2.0**31 - 1.0
+    zeros = np.zeros((1, 6)), np.zeros((1, 6, 6)), np.zeros((1, 3))
+    with WrenchBagWriter(path, "base_link") as writer:
+        writer.write(np.array([last]), *zeros)
+    assert read_wrench_bag(path)[0].tolist() == [last]
+    with (
+        pytest.raises(InputError, match="a stamp of ROS"),
+        WrenchBagWriter(path, "base_link") as writer,
+    ):
+        writer.write(np.array([last + 1.0]), *zeros)
+
+
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
     path = tmp_path / "wrench.mcap"
     path.write_text("earlier")

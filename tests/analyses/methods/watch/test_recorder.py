@@ -155,6 +155,15 @@ def test_times_that_ros_cannot_stamp_are_left_out(ur10e, tmp_path):
     assert len(read_wrench_bag(tmp_path)[0]) == 50
 
 
+def test_times_after_the_last_stamp_are_left_out(ur10e, tmp_path):
+    """At the sixtieth reading the clock passes 2^31 s."""
+    recorder = Recorder(tmp_path, ur10e)
+    last = rows(ur10e, 100, start=2.0**31 - 60 * 0.002)
+    assert "2147483648 s" in recorder.take(last)
+    recorder.close()
+    assert len(read_wrench_bag(tmp_path)[0]) == np.sum([row[0] < 2.0**31 for row in last])
+
+
 def test_a_folder_that_holds_something_is_refused(ur10e, tmp_path):
     (tmp_path / "mine.txt").write_text("x")
     with pytest.raises(InputError, match="not empty"):
