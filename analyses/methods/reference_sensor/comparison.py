@@ -14,7 +14,7 @@ from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceJudg
 from wrenchsight.analyses.methods.reference_sensor.mounting import Mounting, find_mounting
 from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
 from wrenchsight.analyses.methods.reference_sensor.sensor_log import WINDOW_BLOCKS, SensorLog
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, fill_band, legend_on_top, new_figure
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 from wrenchsight.models.signals.bands import SIGMA_95
@@ -98,15 +98,7 @@ class SensorComparison:
         for k, axis in enumerate(self.axes):
             panel: Any = panels[k % len(panels), k // len(panels)]
             mean, half_width = self.reading[drawn, k], SIGMA_95 * self.sd[drawn, k]
-            panel.fill_between(
-                t,
-                mean - half_width,
-                mean + half_width,
-                color=COLOUR["estimate"],
-                alpha=BAND_ALPHA,
-                lw=0,
-                label="95 % band",
-            )
+            fill_band(panel, t, mean, half_width)
             panel.plot(t, self.sensor[drawn, k], color=COLOUR["truth"], lw=1.0, label="sensor")
             panel.plot(t, mean, color=COLOUR["estimate"], lw=1.0, label=reading)
             panel.set_ylabel(f"{axis} [{'N m' if axis.startswith('m') else 'N'}]")
