@@ -235,13 +235,12 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
             friction_per_torque,
         )
     show(table)
-    # Ten parameters of each load: mass, mass times centre of mass, inertia. Its mass is the stated
-    # one, which scales the torques; the first moment is fitted.
-    for index, (name, load) in enumerate(result.loads.items()):
-        com = 1e3 * calibration.loads[index][1:4] / load.mass
-        com_sd = 1e3 * calibration.load_sd[index][1:4] / load.mass
-        text = ", ".join(f"{com[axis]:.1f} +- {com_sd[axis]:.1f}" for axis in range(3))
-        show(f"{name}: {load.mass:g} kg at ({text}) mm from the flange")
+    for name, centre in result.centres.items():
+        text = ", ".join(
+            f"{1e3 * com:.1f} +- {1e3 * sd:.1f}"
+            for com, sd in zip(centre.com, centre.sd, strict=True)
+        )
+        show(f"{name}: {result.loads[name].mass:g} kg at ({text}) mm from the flange")
     robot = f"robot with these torques per ampere, to use with the model: {out / 'robot.yaml'}"
     show(*notes(result.warnings), robot)
 

@@ -35,26 +35,28 @@ def command(settings: PayloadSettings, out: Out = Path("out/payload")) -> None:
 
 def _print(result: "PayloadResult", out: Path) -> None:
     """Prints mass, centre of mass and inertia with their standard errors, flange axes."""
+    from wrenchsight.analyses.methods.payload.payload_identification import TENSOR
+    from wrenchsight.models.robot.rotational_inertia import inertia_values
+
     load = result.load
-    sd = load.standard_deviation  # (10,): mass, centre of mass, then the inertia as below
     table = new_table("", "estimate", "standard error", "", "")
-    table.add_row("mass", f"{load.mass:.3f}", f"{sd[0]:.3f}", "kg", "")
+    table.add_row("mass", f"{load.mass:.3f}", f"{load.sd.mass:.3f}", "kg", "")
     for k, axis in enumerate("xyz"):
-        note = "" if result.com_observable[k] else "not observable"
+        note = "" if load.com_determined[k] else "not observable"
         table.add_row(
             f"centre of mass {axis}",
-            f"{1e3 * load.com[k]:.1f}" if result.com_observable[k] else "–",
-            f"{1e3 * sd[1 + k]:.1f}",
+            f"{1e3 * load.com[k]:.1f}" if load.com_determined[k] else "–",
+            f"{1e3 * load.sd.com[k]:.1f}",
             "mm",
             note,
         )
-    places = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-    for k, (name, place) in enumerate(places.items()):
+    inertia = inertia_values(load.inertia)
+    for k, name in enumerate(TENSOR):
         note = "" if result.inertia_observable[k] else "not observable"
         table.add_row(
             f"inertia {name}",
-            "–" if note else f"{load.inertia[place]:.4f}",
-            f"{sd[4 + k]:.4f}",
+            "–" if note else f"{inertia[k]:.4f}",
+            f"{load.sd.inertia[k]:.4f}",
             "kg m^2",
             note,
         )

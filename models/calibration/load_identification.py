@@ -37,6 +37,7 @@ COM_PRIOR_SD = 0.3  # m, of a centre of mass from the flange: sd of the first so
 # gyration has a fourth of water's: tools and boxes are hollow.
 GYRATION_FACTOR = 0.06
 MIN_MASS_ERRORS = 3.0  # standard errors of its mass, above which a load is present
+COM_DETERMINED_SD = 0.02  # m; beyond it the motion has not determined the centre of mass
 MAX_COM_COORDINATE = 1.0  # m from the flange, of the point about which the second solution is made
 _NUM_LOAD = 10  # parameters of a load: m, m c (3), inertia (6)
 _LEAST_MASS = 1e-9  # kg, for a division
@@ -87,6 +88,26 @@ class LoadRows:
         return LoadRows(self.rows[part], self.load[part], self.model[part], self.model_sd)
 
 
+class LoadSds(NamedTuple):
+    """Standard deviations of a load.
+
+    Attributes:
+        mass: kg.
+        com: (3,) m.
+        inertia: (6,) kg m^2, of Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+
+    @classmethod
+    def of(cls, covariance: Array) -> "LoadSds":
+        """Those of a covariance (10, 10) of mass, centre of mass and inertia."""
+        sd = np.sqrt(np.diag(covariance))
+        return cls(mass=float(sd[0]), com=sd[1:4], inertia=sd[4:])
+
+
 @dataclass(frozen=True, eq=False)
 class LoadEstimate:
     """A load on the flange, in its axes.
@@ -114,14 +135,24 @@ class LoadEstimate:
     scale: Array
 
     @property
-    def standard_deviation(self) -> Array:
-        """(10,) of mass (kg), com (m) and inertia (kg m^2)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+    def sd(self) -> LoadSds:
+        """Of all causes."""
+        return LoadSds.of(self.covariance)
+
+    @property
+    def sd_of_gains(self) -> LoadSds:
+        """Of uncertain torques per ampere alone."""
+        return LoadSds.of(self.gain_covariance)
 
     @property
     def is_present(self) -> bool:
         """Whether the load's mass is significantly above zero."""
-        return bool(self.mass > MIN_MASS_ERRORS * self.standard_deviation[0])
+        return self.mass > MIN_MASS_ERRORS * self.sd.mass
+
+    @property
+    def com_determined(self) -> NDArray[np.bool_]:
+        """(3,) whether the motion determines the centre of mass along each axis of the flange."""
+        return np.asarray(self.is_present & (self.sd.com < COM_DETERMINED_SD))
 
     def with_com_at_flange(self, unknown: NDArray[np.bool_]) -> "LoadEstimate":
         """Returns the load conditioned on a centre of mass at the flange's origin.
@@ -142,7 +173,7 @@ class LoadEstimate:
     @property
     def inertia_determined_share(self) -> Array:
         """(6,) share of the prior's variance that the motion has removed, 0 to 1."""
-        remaining = (self.standard_deviation[4:] / self.inertia_prior_sd) ** 2
+        remaining = (self.sd.inertia / self.inertia_prior_sd) ** 2
         return np.asarray(np.maximum(1.0 - remaining, 0.0))
 
     @property

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
+    COM_DETERMINED_SD,
     MIN_MASS_ERRORS,
     LoadEstimate,
     LoadPrior,
@@ -40,7 +41,6 @@ from wrenchsight.models.numerics.arrays import Array
 MAX_OTHER_PROBABILITY = 0.01
 MAX_MASS_DIFFERENCE = 3.0  # standard errors of the difference
 MIN_ROWS = 40  # rows
-COM_DETERMINED_SD = 0.02  # m; beyond it the motion has not determined the centre of mass
 # rows that a pass tries as the begin of a load; the next pass searches around the best
 PLACES_PER_PASS = 25
 FIRST_PASS_ROWS = 600  # rows of a long log that the first pass uses
@@ -78,11 +78,11 @@ class LoadOrDrift:
 
     def sentence(self) -> str:
         """Mass, place, time and odds of the load, and what to do, for the user."""
-        load, sd = self.load, self.load.standard_deviation
+        load = self.load
         place = ""
-        if (sd[1:4] < COM_DETERMINED_SD).all():
+        if (load.sd.com < COM_DETERMINED_SD).all():
             com = ", ".join(f"{1e3 * x:.0f}" for x in load.com)
-            com_sd = ", ".join(f"{1e3 * x:.0f}" for x in sd[1:4])
+            com_sd = ", ".join(f"{1e3 * x:.0f}" for x in load.sd.com)
             place = f" at ({com}) +- ({com_sd}) mm from the flange"
         begin = "since the log's start"
         if self.begin is not None:
@@ -98,13 +98,12 @@ class LoadOrDrift:
 
     def metrics(self) -> dict[str, object]:
         """As metrics.json holds them under `load`."""
-        sd = self.load.standard_deviation
         return {
             "told": self.is_shown,
             "mass_kg": self.load.mass,
             "mass_sd_kg": self.mass_sd,
             "com_m": self.load.com,
-            "com_sd_m": sd[1:4],
+            "com_sd_m": self.load.sd.com,
             "steady": self.is_steady,
             "begin_s": self.begin,
             "begin_sd_s": None if self.begin is None else self.begin_sd,
@@ -198,7 +197,7 @@ def _weighed(
     load = estimate_load(log, law, prior)
     # Prior sds of mass, and of moments and inertia about any place of a body as heavy as the fit's.
     # Entry 0, the mass, is not the fit's but the arm's.
-    load_sd = vague_spread(max(abs(load.mass), load.standard_deviation[0]))
+    load_sd = vague_spread(max(abs(load.mass), load.sd.mass))
     load_sd[0] = prior.mass
     # By hypothesis: "none", "load", "drift" and "both", a priori equally likely.
     log_evidence = _evidence(log, law, load_sd)
@@ -207,7 +206,7 @@ def _weighed(
     largest = max(log_evidence.values())
     weights = {name: float(np.exp(value - largest)) for name, value in log_evidence.items()}
     total = sum(weights.values())
-    mass_sd = float(load.standard_deviation[0])
+    mass_sd = load.sd.mass
     if load.is_present:  # else none is shown, whatever the spread between joints
         mass_sd = mass_sd_across_joints(log, law, prior, load)
     return LoadOrDrift(

@@ -45,7 +45,7 @@ def mass_sd_across_joints(
     masses = [estimate_load(_without_joint(log, j), law, prior).mass for j in range(n)]
     spread = np.std(masses) * np.sqrt(n - 1) * float(stdtrit(n - 1, 0.975)) / SIGMA_95
     common_gain_error = prior.gain * load.mass
-    return float(np.linalg.norm([load.standard_deviation[0], spread, common_gain_error]))
+    return float(np.linalg.norm([load.sd.mass, spread, common_gain_error]))
 
 
 def _without_joint(log: LoadRows, joint: int) -> LoadRows:

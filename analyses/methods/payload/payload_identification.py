@@ -54,14 +54,8 @@ if TYPE_CHECKING:
 
 NUM_PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
-LARGEST_COM_SD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
 LEAST_INERTIA_SHARE = 0.5  # of the prior's variance, that the motion must remove
 MAX_SCATTER_RATIO = 2.0  # times what the model states; more is not caused by a load
-
-
-def com_determined(load: LoadEstimate) -> NDArray[np.bool_]:
-    """(3,) whether the motion determines the centre of mass along each axis of the flange."""
-    return np.asarray(load.is_present & (load.standard_deviation[1:4] < LARGEST_COM_SD))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +81,6 @@ class PayloadResult:
     config: PayloadConfig
 
     @property
-    def com_observable(self) -> NDArray[np.bool_]:
-        """(3,) whether the motion determines the centre of mass along each axis."""
-        return com_determined(self.load)
-
-    @property
     def inertia_observable(self) -> NDArray[np.bool_]:
         """(6,) whether the motion determines Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
         return np.asarray(
@@ -105,19 +94,17 @@ class PayloadResult:
         lists are over joints, axes, or the six numbers of the inertia (TENSOR).
         """
         load = self.load
-        # (10,) each: mass, centre of mass, inertia; of all causes, and of uncertain gains alone.
-        sd, sd_of_gains = load.standard_deviation, np.sqrt(np.diag(load.gain_covariance))
         unexplained = self.rows.residual - self.torque
         return {
             "load_found": load.is_present,
             "mass_kg": load.mass,
-            "mass_sd_kg": sd[0],
-            "mass_sd_of_gains_kg": sd_of_gains[0],
+            "mass_sd_kg": load.sd.mass,
+            "mass_sd_of_gains_kg": load.sd_of_gains.mass,
             "com_m": load.com,
-            "com_sd_m": sd[1:4],
-            "com_observable": self.com_observable,
+            "com_sd_m": load.sd.com,
+            "com_observable": load.com_determined,
             "inertia_kgm2": inertia_values(load.inertia),
-            "inertia_sd_kgm2": sd[4:],
+            "inertia_sd_kgm2": load.sd.inertia,
             "inertia_observable": self.inertia_observable,
             "realisable_inertia_kgm2": inertia_values(load.realisable),
             "load_torque_rms_nm": rms(self.torque),
@@ -137,7 +124,7 @@ class PayloadResult:
         inertia_note = ", ".join(inertia_names) if inertia_names else "nothing"
         return (
             f"# For robot.yaml. Measured: mass {load.mass:.4g} "
-            f"+- {load.standard_deviation[0]:.2g} kg; {self._com_note()}.\n"
+            f"+- {load.sd.mass:.2g} kg; {self._com_note()}.\n"
             f"# Of the inertia the motion determines {inertia_note}; the rest is that of a body of "
             "this mass.\n"
             "tool:\n"
@@ -150,14 +137,14 @@ class PayloadResult:
 
     def _com_note(self) -> str:
         """The centre of mass with its standard deviation, along the axes that are determined."""
-        load, sd = self.load, self.load.standard_deviation
+        load = self.load
         measured = ", ".join(
-            f"{axis} {load.com[k]:.4g} +- {sd[1 + k]:.2g}"
+            f"{axis} {load.com[k]:.4g} +- {load.sd.com[k]:.2g}"
             for k, axis in enumerate(AXES)
-            if self.com_observable[k]
+            if load.com_determined[k]
         )
         note = f"centre of mass {measured} m" if measured else "nothing of the centre of mass"
-        undetermined = ", ".join(_names_where(AXES, ~self.com_observable))
+        undetermined = ", ".join(_names_where(AXES, ~load.com_determined))
         if undetermined:
             note += f"; not determined along {undetermined}, where it is taken to lie at the flange"
         return note
@@ -216,7 +203,7 @@ def identify_payload(
         load_rows = LoadRows.joined([residual.load_rows(parameters) for residual in residuals])
         load = estimate_load(load_rows, law, prior, empty_rows)
         parameters = load.parameters
-    written = load.with_com_at_flange(~com_determined(load))
+    written = load.with_com_at_flange(~load.com_determined)
     body = body_parameters(written.mass, written.com, written.realisable)
     log_names = ", ".join(residual.log.log.name for residual in residuals)
     result = PayloadResult(
@@ -299,8 +286,8 @@ def load_figure(result: PayloadResult) -> "Figure":
         axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="load")
         axis.set_title(f"{names[j]}: {difference_rms[j]:.2f} N m RMS of the difference")
     legend_below(figure, panels[0], ncols=2)
-    sd = result.load.standard_deviation
-    figure.suptitle(f"Load of {result.load.mass:.3f} ± {sd[0]:.3f} kg on the flange")
+    load = result.load
+    figure.suptitle(f"Load of {load.mass:.3f} ± {load.sd.mass:.3f} kg on the flange")
     return figure
 
 
@@ -330,14 +317,14 @@ def _checked(config: PayloadConfig) -> PayloadConfig:
 
 def _warnings(result: PayloadResult, robot: Robot) -> list[str]:
     """What the motion does not determine of the load, and what speaks against it, in sentences."""
-    load, sd = result.load, result.load.standard_deviation
+    load = result.load
     if not load.is_present:
         return [
-            f"the log shows no load: {load.mass:.3f} +- {sd[0]:.3f} kg; nothing is written for "
-            "robot.yaml"
+            f"the log shows no load: {load.mass:.3f} +- {load.sd.mass:.3f} kg; nothing is written "
+            "for robot.yaml"
         ]
     warnings = []
-    axes = _names_where(AXES, ~result.com_observable)
+    axes = _names_where(AXES, ~load.com_determined)
     if axes:
         warnings.append(
             f"the motion does not determine the centre of mass along {', '.join(axes)} of the "

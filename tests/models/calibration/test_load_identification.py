@@ -54,7 +54,7 @@ def scores(estimate, mass, com, inertia):
         estimate.com - com,
         [estimate.inertia[place] - inertia[place] for place in places],
     ]
-    return error / estimate.standard_deviation
+    return error / np.r_[estimate.sd.mass, estimate.sd.com, estimate.sd.inertia]
 
 
 @pytest.mark.long
@@ -115,11 +115,9 @@ def test_a_log_without_the_load_takes_the_models_errors_off(ur10e):
     laden = measured(laden, body_parameters(mass, com, inertia) + wrong, rng, drift=False)
     alone = estimate_load(laden, LAW, EXACT)
     paired = estimate_load(laden, LAW, EXACT, bare)
-    assert alone.mass == pytest.approx(2.5, abs=4.0 * alone.standard_deviation[0])
-    assert paired.mass == pytest.approx(2.0, abs=4.0 * paired.standard_deviation[0])
-    np.testing.assert_allclose(
-        paired.com, com, atol=4.0 * float(paired.standard_deviation[1:4].max())
-    )
+    assert alone.mass == pytest.approx(2.5, abs=4.0 * alone.sd.mass)
+    assert paired.mass == pytest.approx(2.0, abs=4.0 * paired.sd.mass)
+    np.testing.assert_allclose(paired.com, com, atol=4.0 * float(paired.sd.com.max()))
 
 
 def test_parameters_state_the_same_body(ur10e):
@@ -131,7 +129,7 @@ def test_parameters_state_the_same_body(ur10e):
     expected_parameters = body_parameters(estimate.mass, estimate.com, estimate.inertia)
     np.testing.assert_allclose(estimate.parameters, expected_parameters, atol=1e-9)
     assert estimate.is_present
-    assert estimate.standard_deviation[0] < 0.1
+    assert estimate.sd.mass < 0.1
 
 
 def test_no_load_is_found_in_a_log_without_one(ur10e):
@@ -139,7 +137,7 @@ def test_no_load_is_found_in_a_log_without_one(ur10e):
         measured(quiet(ur10e, 5), np.zeros(10), np.random.default_rng(5)), LAW, EXACT
     )
     assert not estimate.is_present
-    assert abs(estimate.mass) < 3.0 * estimate.standard_deviation[0]
+    assert abs(estimate.mass) < 3.0 * estimate.sd.mass
 
 
 def test_parameters_that_the_motion_does_not_determine_have_wide_errors(ur10e):
@@ -164,6 +162,6 @@ def test_parameters_that_the_motion_does_not_determine_have_wide_errors(ur10e):
         EXACT,
     )
     # Joints 2 to 6 rest: each carries what its stiction takes.
-    assert estimate.standard_deviation[0] > 5.0 * moving.standard_deviation[0]
-    assert estimate.standard_deviation[1:4].max() > 5.0 * moving.standard_deviation[1:4].max()
+    assert estimate.sd.mass > 5.0 * moving.sd.mass
+    assert estimate.sd.com.max() > 5.0 * moving.sd.com.max()
     assert (estimate.inertia_determined_share <= moving.inertia_determined_share + 0.01).all()

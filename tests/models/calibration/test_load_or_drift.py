@@ -48,7 +48,7 @@ def test_the_true_hypothesis_has_the_odds(ur10e, seed, load, drift, expected):
     assert weighed.probability[expected] > 0.9
     assert weighed.is_shown == (load is not None)
     if load is not None:
-        error = (weighed.load.mass - 1.5) / weighed.load.standard_deviation[0]
+        error = (weighed.load.mass - 1.5) / weighed.load.sd.mass
         assert abs(error) < 3.0
         line = weighed.sentence()
         assert line.startswith(f"unmodelled load at the tool: {weighed.load.mass:.3g} +- ")
@@ -71,7 +71,7 @@ def test_a_load_that_is_taken_up_is_reported_with_its_time(ur10e, seed, since, d
     assert weighed.is_shown
     assert weighed.begin == pytest.approx(since, abs=0.15)  # rows are .1 s apart
     assert weighed.begin_sd < 0.1
-    assert abs(weighed.load.mass - 1.5) < 3.0 * weighed.load.standard_deviation[0]
+    assert abs(weighed.load.mass - 1.5) < 3.0 * weighed.load.sd.mass
     assert f"since t = {weighed.begin:.1f} +- 0.1 s" in weighed.sentence()
     assert weighed.metrics()["begin_s"] == weighed.begin
     row = int(np.searchsorted(log.rows.t, weighed.begin))

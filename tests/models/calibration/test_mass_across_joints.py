@@ -50,7 +50,7 @@ def test_torque_of_one_joint_alone_is_no_load(ur10e, joint):
 def test_the_error_of_the_gains_counts_in_full(ur10e):
     log = log_of(ur10e, 1, 2.0, duration=25.0)
     load = estimate_load(log, LAW, PRIOR)
-    assert mass_sd_across_joints(log, LAW, PRIOR, load) > 1.05 * load.standard_deviation[0]
+    assert mass_sd_across_joints(log, LAW, PRIOR, load) > 1.05 * load.sd.mass
     assert mass_sd_across_joints(log, LAW, PRIOR, load) > PRIOR.gain * load.mass
 
 

@@ -10,7 +10,7 @@ more load. Coulomb friction is lowered by what it adds at the unloaded logs' mea
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,7 @@ from wrenchsight.models.calibration.gain_calibration import (
     GainProblem,
     KnownLoad,
 )
+from wrenchsight.models.calibration.load_identification import COM_DETERMINED_SD
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
@@ -46,6 +47,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_regression import split_terms
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.coupling import refuse_coupling
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
@@ -55,9 +57,20 @@ if TYPE_CHECKING:
 
 
 LARGEST_GAIN_SD = 0.1  # relative; a less certain torque constant stays as in the robot's file
-LARGEST_COM_SD = 0.02  # m, beyond which the motion has not determined the centre of mass
 MAX_COM_DISTANCE = 1.0  # m off the flange; a load's centre of mass beyond it says its mass is wrong
 SURE_STANDARD_ERRORS = 2.0  # standard errors, beyond which a load dependence differs from none
+
+
+class FittedCentre(NamedTuple):
+    """Centre of mass of a load of known mass.
+
+    Attributes:
+        com: (3,) m from the flange, in its axes.
+        sd: (3,) m.
+    """
+
+    com: Array
+    sd: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +98,21 @@ class CalibrationResult:
         """(n,) whether the logs determine the joint's constant well enough to change it."""
         return gains_determined(self.calibration)
 
+    @property
+    def centres(self) -> dict[str, FittedCentre]:
+        """Where the loads' centres of mass are, by the name of their log.
+
+        A load's mass is the stated one, which scales the torques; its first moment is fitted.
+        """
+        calibration, masses = self.calibration, [load.mass for load in self.loads.values()]
+        first_moments = slice(1, 4)  # of ten parameters: mass, mass times centre of mass, inertia
+        return {
+            name: FittedCentre(values[first_moments] / mass, sd[first_moments] / mass)
+            for name, mass, values, sd in zip(
+                self.loads, masses, calibration.loads, calibration.load_sd, strict=True
+            )
+        }
+
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json: the identification's and `calibration`.
 
@@ -94,31 +122,26 @@ class CalibrationResult:
         result = self.calibration
         dependence, dependence_sd = result.load_dependence
         worst, worst_sd = result.least_known
-        return (
-            self.identification.metrics()
-            | {
-                "calibration": {
-                    "torque_per_ampere_nm_per_a": self.robot.torque_per_ampere,
-                    "stated_torque_per_ampere_nm_per_a": self.stated,
-                    "ratio": result.ratio,
-                    "ratio_sd": result.ratio_sd,
-                    "changed": self.changed,
-                    "least_known": {"combination": worst, "relative_sd": worst_sd},
-                    "load_dependence_nm_per_nm": dependence,
-                    "load_dependence_sd_nm_per_nm": dependence_sd,
-                    "loads": {  # of ten parameters: mass, mass times centre of mass, inertia
-                        name: {
-                            "mass_kg": load.mass,
-                            "com_m": parameters[1:4] / load.mass,
-                            "com_sd_m": sd[1:4] / load.mass,
-                        }
-                        for (name, load), parameters, sd in zip(
-                            self.loads.items(), result.loads, result.load_sd, strict=True
-                        )
-                    },
-                }
+        return self.identification.metrics() | {
+            "calibration": {
+                "torque_per_ampere_nm_per_a": self.robot.torque_per_ampere,
+                "stated_torque_per_ampere_nm_per_a": self.stated,
+                "ratio": result.ratio,
+                "ratio_sd": result.ratio_sd,
+                "changed": self.changed,
+                "least_known": {"combination": worst, "relative_sd": worst_sd},
+                "load_dependence_nm_per_nm": dependence,
+                "load_dependence_sd_nm_per_nm": dependence_sd,
+                "loads": {
+                    name: {
+                        "mass_kg": self.loads[name].mass,
+                        "com_m": centre.com,
+                        "com_sd_m": centre.sd,
+                    }
+                    for name, centre in self.centres.items()
+                },
             }
-        )
+        }
 
     def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
         """Writes what an identification writes, and robot.yaml and figures/calibration.png."""
@@ -402,26 +425,22 @@ def _warnings(result: CalibrationResult) -> list[str]:
             f"the motion does not determine the torque per ampere of {by_joint}: kept as stated; "
             "move these joints faster, or turn the load so that it pulls on them"
         )
-    for (name, load), parameters, sd in zip(
-        result.loads.items(), calibration.loads, calibration.load_sd, strict=True
-    ):
-        # Of the ten parameters, 1 to 3 are mass times centre of mass; the mass is known.
-        com_sd = sd[1:4] / load.mass
+    for name, centre in result.centres.items():
         axes = [
             f"{axis} (+- {axis_sd:.2g} m)"
-            for axis, axis_sd in zip("xyz", com_sd, strict=True)
-            if axis_sd > LARGEST_COM_SD
+            for axis, axis_sd in zip(AXES, centre.sd, strict=True)
+            if axis_sd > COM_DETERMINED_SD
         ]
         if axes:
             warnings.append(
                 f"{name}: the motion does not determine the centre of mass along "
                 f"{', '.join(axes)} of the flange; turn the load in other directions"
             )
-        distance = float(np.linalg.norm(parameters[1:4])) / load.mass
+        distance = float(np.linalg.norm(centre.com))
         if distance > MAX_COM_DISTANCE:
             warnings.append(
                 f"{name}: centre of mass {distance:.2g} m off the flange; check the stated mass, "
-                f"{load.mass:g} kg"
+                f"{result.loads[name].mass:g} kg"
             )
     dependence, dependence_sd = calibration.load_dependence
     if np.isnan(dependence).all():

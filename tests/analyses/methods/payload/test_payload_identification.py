@@ -37,9 +37,9 @@ def test_a_load_is_found(ur10e, model):
     result = identify_payload(recording(ur10e, 1), ur10e, model, PayloadConfig(gain_sd=0.0))
     load = result.load
     # The log's noise is far below what the model states: well inside its errors.
-    assert load.mass == pytest.approx(2.0, abs=load.standard_deviation[0])
-    np.testing.assert_allclose(load.com, COM, atol=float(load.standard_deviation[1:4].max()))
-    assert result.com_observable.all()
+    assert load.mass == pytest.approx(2.0, abs=load.sd.mass)
+    np.testing.assert_allclose(load.com, COM, atol=float(load.sd.com.max()))
+    assert result.load.com_determined.all()
 
 
 def test_the_model_with_the_load_explains_the_log(ur10e, model):
@@ -86,8 +86,8 @@ def test_two_short_logs_determine_the_load_as_one_long_log_does(ur10e, model):
     )
     # A second of each is the filter's: 9 of 10 rows are left.
     assert len(apart.rows.t) == pytest.approx(0.91 * len(whole.rows.t), rel=0.03)
-    sd = apart.load.standard_deviation[0]
-    assert sd == pytest.approx(whole.load.standard_deviation[0], rel=0.2)
+    sd = apart.load.sd.mass
+    assert sd == pytest.approx(whole.load.sd.mass, rel=0.2)
     assert abs(apart.load.mass - whole.load.mass) < sd
     assert (np.diff(apart.rows.t) > 0.0).all()
 
@@ -122,7 +122,7 @@ def test_an_undetermined_centre_of_mass_is_named_and_not_written(ur10e, model):
     current = tau / (ur10e.torque_per_ampere * ur10e.current_sign)
     result = identify_payload(replace(log, q=q, v=v, current=current), ur10e, model)
     assert result.load.is_present
-    unknown = ~result.com_observable
+    unknown = ~result.load.com_determined
     assert unknown.any()
     np.testing.assert_allclose(np.array(result.tool.com)[unknown], 0.0, atol=1e-9)
     axes = ", ".join(axis for axis, is_unknown in zip("xyz", unknown, strict=True) if is_unknown)
@@ -195,4 +195,4 @@ def test_weighed_loads_of_a_real_arm(ur10e, real_model, data, name, rows, mass, 
     log = log[rows] if log.num_samples > rows.stop - rows.start else log
     load = identify_payload(log, ur10e, real_model).load
     assert load.mass == pytest.approx(mass, abs=within)
-    assert abs(load.mass - mass) < 2.0 * load.standard_deviation[0]
+    assert abs(load.mass - mass) < 2.0 * load.sd.mass
