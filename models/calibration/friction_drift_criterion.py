@@ -30,7 +30,7 @@ import numpy as np
 from wrenchsight.models.calibration.friction_refresh import FrictionRefresh, refresh_friction
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
-from wrenchsight.models.friction.sliding_friction import TERMS, UNITS
+from wrenchsight.models.friction.sliding_friction import OF_MOTION, SLIDING_TERMS, SlidingTerm
 
 # standard errors; of six joints: a false alarm in 2600 logs
 MIN_STANDARD_ERRORS = 4.0
@@ -46,7 +46,7 @@ class FrictionDisagreement:
 
     Attributes:
         joint: its index.
-        term: "coulomb" or "viscous", the one that differs by more standard errors.
+        term: Coulomb or viscous, the one that differs by more standard errors.
         change: change of that coefficient, log less model; N m or N m s/rad.
         change_sd: its standard error.
         standard_errors: that both changes together amount to.
@@ -55,7 +55,7 @@ class FrictionDisagreement:
     """
 
     joint: int
-    term: str
+    term: SlidingTerm
     change: float
     change_sd: float
     standard_errors: float
@@ -68,12 +68,11 @@ class FrictionDisagreement:
 
     def sentence(self, joint_names: Sequence[str]) -> str:
         """The joint, its change with the error, and what to do, for the user."""
-        unit = UNITS[TERMS.index(self.term)]
         return (
-            f"friction of {joint_names[self.joint]} is not the model's: {self.term} "
-            f"{self.change:+.2g} +- {self.change_sd:.1g} {unit}, {self.torque:.2g} N m (rms) "
-            f"beside {self.stated:.2g} N m of the model's error; refresh it with `wrenchsight "
-            "identify --refresh`"
+            f"friction of {joint_names[self.joint]} is not the model's: {self.term.name} "
+            f"{self.change:+.2g} +- {self.change_sd:.1g} {self.term.unit}, {self.torque:.2g} N m "
+            f"(rms) beside {self.stated:.2g} N m of the model's error; refresh it with "
+            "`wrenchsight identify --refresh`"
         )
 
 
@@ -98,15 +97,15 @@ def friction_disagreements(
     refresh = refresh_friction(rows, law) if refresh is None else refresh
     changed_torque = rows.sliding * refresh.change  # (m, n, 3): Coulomb, viscous, offset
     unexplained = rows.moving_rms(rows.residual - changed_torque.sum(axis=2))
-    added = rows.moving_rms(changed_torque[:, :, :2].sum(axis=2))
+    added = rows.moving_rms(changed_torque[:, :, OF_MOTION].sum(axis=2))
     joints = []
     for j in range(rows.num_joints):
         # Of Coulomb and viscous the one that is reported; both together decide.
-        worst = int(np.argmax(np.abs(refresh.standard_errors[j, :2])))
+        worst = int(np.argmax(np.abs(refresh.standard_errors[j, OF_MOTION])))
         joints.append(
             FrictionDisagreement(
                 joint=j,
-                term=TERMS[worst],
+                term=SLIDING_TERMS[worst],
                 change=float(refresh.change[j, worst]),
                 change_sd=float(refresh.standard_deviation[j, worst]),
                 standard_errors=float(refresh.sliding_errors[j]),

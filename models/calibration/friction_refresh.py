@@ -19,6 +19,7 @@ from scipy.special import erfcinv
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.sliding_friction import OF_MOTION
 from wrenchsight.models.numerics.arrays import Array
 
 LEAST_LOG_TAIL = -700.0  # logarithm of the least probability that is a number; 37 standard errors
@@ -101,7 +102,7 @@ class FrictionRefresh:
         One coefficient with as many would be as improbable by chance as this pair. A log often
         shows that a joint has more friction, yet not which of the two is larger.
         """
-        pair, block = self.change[:, :2], self.covariance[:, :2, :2]
+        pair, block = self.change[:, OF_MOTION], self.covariance[:, OF_MOTION, OF_MOTION]
         chi_square = np.einsum("ja,ja->j", pair, np.linalg.solve(block, pair[:, :, None])[:, :, 0])
         # Of two numbers chi^2 exceeds c with exp(-c / 2), of one |z| with erfc(z / sqrt(2)).
         log_tail = np.maximum(-0.5 * chi_square, LEAST_LOG_TAIL)

@@ -41,7 +41,7 @@ from wrenchsight.models.calibration.residual_noise import V_REST
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS, UNITS, with_sliding
+from wrenchsight.models.friction.sliding_friction import SLIDING_TERMS, with_sliding
 from wrenchsight.models.friction.slip_elements import add_slip_torque, update_slip
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -325,8 +325,11 @@ class FrictionTracker:
         """Learnt coefficients; lists per joint."""
         change, sd = self.change, self.standard_deviation
         metrics: dict[str, object] = {"seconds": self.seconds, "share": self.share}
-        for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True)):
-            metrics[term] = {f"change_{unit}": change[:, k], f"sd_{unit}": sd[:, k]}
+        for k, term in enumerate(SLIDING_TERMS):
+            metrics[term.name] = {
+                f"change_{term.unit_key}": change[:, k],
+                f"sd_{term.unit_key}": sd[:, k],
+            }
         return metrics
 
     def advice(self, joint_names: Sequence[str]) -> list[str]:
@@ -335,11 +338,13 @@ class FrictionTracker:
         lines = []
         for j, name in enumerate(joint_names):
             far = np.abs(change[j]) > MONTHLY_PRIOR_SDS * self._prior_sd[j]
+            is_drifted = far & (np.abs(change[j]) > MIN_STANDARD_ERRORS * sd[j])
             lines += [
-                f"{TERMS[k]} friction of {name} is {change[j, k]:+.2g} +- {sd[j, k]:.1g} "
-                f"{UNITS[k]} off the model, more than a month's drift; refresh it with "
+                f"{term.name} friction of {name} is {change[j, k]:+.2g} +- {sd[j, k]:.1g} "
+                f"{term.unit} off the model, more than a month's drift; refresh it with "
                 "`wrenchsight identify --refresh`"
-                for k in np.flatnonzero(far & (np.abs(change[j]) > MIN_STANDARD_ERRORS * sd[j]))
+                for k, term in enumerate(SLIDING_TERMS)
+                if is_drifted[k]
             ]
             if self._surprise_ratio[j] > MAX_SURPRISE_RATIO:
                 lines.append(

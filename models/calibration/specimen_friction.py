@@ -82,6 +82,22 @@ class SlidingRows:
         return cls(**columns)
 
 
+class SpecimenSds(NamedTuple):
+    """Posterior standard deviations of a law, (n,) each.
+
+    Attributes:
+        coulomb: N m.
+        load: N m per N m.
+        viscous: N m s/rad.
+        offset: N m.
+    """
+
+    coulomb: Array
+    load: Array
+    viscous: Array
+    offset: Array
+
+
 @dataclass(frozen=True, eq=False)
 class SpecimenFit:
     """The law of the other specimen.
@@ -90,7 +106,7 @@ class SpecimenFit:
         law: law of all joints.
         gain: share by which the torque constants are too small; 0 where no force determines it.
         gain_sd: standard deviation of it.
-        deviation: (n, 4) posterior sd of coulomb, load, viscous and offset.
+        sd: of its parameters.
         scatter: (n,) N m, sd of the rows; NaN for a joint without rows.
         rows: (n,) how many.
     """
@@ -98,7 +114,7 @@ class SpecimenFit:
     law: PreslidingFriction
     gain: float
     gain_sd: float
-    deviation: Array
+    sd: SpecimenSds
     scatter: Array
     rows: NDArray[np.int64]
 
@@ -141,7 +157,7 @@ def fit_specimen(
         law=law,
         gain=gain,
         gain_sd=gain_sd,
-        deviation=fitted.deviation[:, :-1],
+        sd=SpecimenSds(*fitted.deviation[:, :-1].T),
         scatter=fitted.scatter,
         rows=np.array([len(joint_rows.torque) for joint_rows in rows]),
     )

@@ -29,9 +29,27 @@ from wrenchsight.models.friction.slip_elements import (
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
 
-TERMS = ("coulomb", "viscous", "offset")
-UNITS = ("N m", "N m s/rad", "N m")
-UNIT_KEYS = ("nm", "nms_per_rad", "nm")  # as the keys of metrics have them
+
+class SlidingTerm(NamedTuple):
+    """A coefficient that drifts.
+
+    Attributes:
+        name: of it, as a field of CoulombViscous.
+        unit: of it.
+        unit_key: its unit, as the keys of metrics have it.
+    """
+
+    name: str
+    unit: str
+    unit_key: str
+
+
+SLIDING_TERMS: tuple[SlidingTerm, ...] = (
+    SlidingTerm("coulomb", "N m", "nm"),
+    SlidingTerm("viscous", "N m s/rad", "nms_per_rad"),
+    SlidingTerm("offset", "N m", "nm"),
+)
+OF_MOTION = slice(0, 2)  # of them: Coulomb and viscous friction, which only motion shows
 
 
 def with_sliding(law: FrictionLaw, sliding: CoulombViscous) -> FrictionLaw:
@@ -55,7 +73,7 @@ def with_sliding(law: FrictionLaw, sliding: CoulombViscous) -> FrictionLaw:
 
 
 def sliding_columns(law: FrictionLaw, q: Array, v: Array, load: Array) -> Array:
-    """Returns the derivative (N, n, 3) of tau_f along a log by each coefficient of TERMS.
+    """Returns the derivative (N, n, 3) of tau_f along a log by each of SLIDING_TERMS.
 
     Args:
         law: the friction law.
@@ -66,8 +84,8 @@ def sliding_columns(law: FrictionLaw, q: Array, v: Array, load: Array) -> Array:
     coefficients = law.coulomb_viscous
     tau_f = law.torque_along(q, v, load)
     columns = []
-    for term in TERMS:
-        increased = replace(coefficients, **{term: getattr(coefficients, term) + 1.0})
+    for term in SLIDING_TERMS:
+        increased = replace(coefficients, **{term.name: getattr(coefficients, term.name) + 1.0})
         columns.append(with_sliding(law, increased).torque_along(q, v, load) - tau_f)
     return np.stack(columns, axis=2)
 

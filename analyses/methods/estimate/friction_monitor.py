@@ -33,6 +33,7 @@ from wrenchsight.models.calibration.load_or_drift import (
 from wrenchsight.models.calibration.observed_regressor import ObservedRegressor
 from wrenchsight.models.calibration.residual_noise import LogSignals, ResidualRows
 from wrenchsight.models.estimation.wrench_prior import live_prior
+from wrenchsight.models.friction.sliding_friction import OF_MOTION
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.stretches import stretches
@@ -235,7 +236,8 @@ class FrictionMonitor:
             change = refresh.change
         else:  # the band lies about today's friction
             change = refresh.standard_deviation
-        added = rows.moving_rms(np.einsum("kjc,jc->kj", rows.sliding[:, :, :2], change[:, :2]))
+        changed_torque = rows.sliding[:, :, OF_MOTION], change[:, OF_MOTION]
+        added = rows.moving_rms(np.einsum("kjc,jc->kj", *changed_torque))
         return np.asarray(np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT))
 
     def ripple(self) -> GearRipple | None:

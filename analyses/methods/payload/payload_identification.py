@@ -36,7 +36,7 @@ from wrenchsight.models.calibration.load_parameters import (
 )
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
+from wrenchsight.models.friction.sliding_friction import SLIDING_TERMS
 from wrenchsight.models.hypotheses.judgement import refuse_faulty
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
@@ -112,8 +112,8 @@ class PayloadResult:
             "stated_sd_nm": self.rows.sd,
             "scatter_over_stated": load.scale,
             "friction_change": {
-                f"{term}_{unit}": load.friction_change[:, k]
-                for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True))
+                f"{term.name}_{term.unit_key}": load.friction_change[:, k]
+                for k, term in enumerate(SLIDING_TERMS)
             },
         }
 

@@ -47,7 +47,7 @@ def test_unchanged_friction_gives_no_warning():
 
 def test_more_viscous_friction_is_named():
     (disagreement,) = friction_disagreements(rows([[0.0, 6.0, 0.0], [0.0, 0.0, 0.0]]), LAW)
-    assert (disagreement.joint, disagreement.term) == (0, "viscous")
+    assert (disagreement.joint, disagreement.term.name) == (0, "viscous")
     assert disagreement.standard_errors > 4.0
     assert disagreement.torque > disagreement.stated
     line = disagreement.sentence(NAMES)

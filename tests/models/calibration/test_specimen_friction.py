@@ -44,11 +44,10 @@ def test_the_other_specimens_friction_is_found():
     values = [fit.law.coulomb[0], fit.law.load[0]]
     plain = fit.law.coulomb_viscous
     values += [plain.viscous[0], plain.offset[0]]
+    sd = np.array([fit.sd.coulomb[0], fit.sd.load[0], fit.sd.viscous[0], fit.sd.offset[0]])
     # Four of the stated deviations: one false alarm in 4000.
-    np.testing.assert_array_less(
-        np.abs(np.array(values) - [7.0, 0.07, 30.0, 0.4]), 4.0 * fit.deviation[0, :4]
-    )
-    assert np.all(fit.deviation[0, :4] < [0.6, 0.006, 1.0, 0.15])
+    np.testing.assert_array_less(np.abs(np.array(values) - [7.0, 0.07, 30.0, 0.4]), 4.0 * sd)
+    assert np.all(sd < [0.6, 0.006, 1.0, 0.15])
     assert fit.scatter[0] == pytest.approx(0.5, rel=0.15)
     assert abs(fit.gain) < 4.0 * fit.gain_sd
     assert fit.gain_sd < 0.01

@@ -13,7 +13,7 @@ from wrenchsight.models.friction.friction_terms import FrictionTerm
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.friction.sliding_friction import (
-    TERMS,
+    SLIDING_TERMS,
     dry_and_viscous,
     sliding_columns,
     sliding_table,
@@ -69,8 +69,10 @@ def motion():
 
 def test_a_law_takes_other_coefficients(law):
     changed = with_sliding(law, OTHER)
-    for term in TERMS:
-        np.testing.assert_array_equal(getattr(changed.coulomb_viscous, term), getattr(OTHER, term))
+    for term in SLIDING_TERMS:
+        np.testing.assert_array_equal(
+            getattr(changed.coulomb_viscous, term.name), getattr(OTHER, term.name)
+        )
     q, v, load = motion()
     back = with_sliding(changed, SLIDING)
     np.testing.assert_array_equal(back.torque_along(q, v, load), law.torque_along(q, v, load))
@@ -79,7 +81,9 @@ def test_a_law_takes_other_coefficients(law):
 def test_columns_predict_any_change_of_the_coefficients(law):
     q, v, load = motion()
     columns = sliding_columns(law, q, v, load)
-    change = np.stack([getattr(OTHER, t) - getattr(SLIDING, t) for t in TERMS], axis=1)
+    change = np.stack(
+        [getattr(OTHER, term.name) - getattr(SLIDING, term.name) for term in SLIDING_TERMS], axis=1
+    )
     expected = with_sliding(law, OTHER).torque_along(q, v, load) - law.torque_along(q, v, load)
     # Exactly linear, also inside a network's interval: what is left is rounding.
     np.testing.assert_allclose(

@@ -36,7 +36,7 @@ from wrenchsight.models.calibration.friction_refresh import (
 )
 from wrenchsight.models.calibration.residual_noise import V_REST, ResidualRows
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS, UNITS, with_sliding
+from wrenchsight.models.friction.sliding_friction import OF_MOTION, SLIDING_TERMS, with_sliding
 from wrenchsight.models.identification.identified_model import FrictionSource, IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.numerics.arrays import Array
@@ -97,16 +97,16 @@ class RefreshResult:
                 "stated_sd": rows.sd,
             },
             **{
-                term: {
-                    f"before_{unit}": getattr(result.model_law, term),
-                    f"after_{unit}": getattr(result.after, term),
-                    f"change_{unit}": result.change[:, k],
-                    f"change_sd_{unit}": result.standard_deviation[:, k],
-                    f"prior_sd_{unit}": result.prior_deviation[:, k],
+                term.name: {
+                    f"before_{term.unit_key}": getattr(result.model_law, term.name),
+                    f"after_{term.unit_key}": getattr(result.after, term.name),
+                    f"change_{term.unit_key}": result.change[:, k],
+                    f"change_sd_{term.unit_key}": result.standard_deviation[:, k],
+                    f"prior_sd_{term.unit_key}": result.prior_deviation[:, k],
                     "standard_errors": result.standard_errors[:, k],
                     "told_pct": 100.0 * result.determined_share[:, k],
                 }
-                for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True))
+                for k, term in enumerate(SLIDING_TERMS)
             },
         }
 
@@ -267,15 +267,17 @@ def _with_drift(
     if error is None:
         return None
     viscous = np.abs(refresh.after.viscous)
-    share = refresh.standard_deviation[:, 1] / np.maximum(viscous, 1e-12)
+    _, viscous_sd, _ = refresh.standard_deviation.T
+    share = viscous_sd / np.maximum(viscous, 1e-12)
     return error.with_drift(float(np.minimum(rms(share), MAX_UNKNOWN_DRIFT)))
 
 
 def _source(residuals: Sequence[ModelResidual], refresh: FrictionRefresh) -> FrictionSource:
     """The provenance of a refresh: its logs, the changes and their standard deviations."""
-    changes = {term: refresh.change[:, k].tolist() for k, term in enumerate(TERMS)}
+    changes = {term.name: refresh.change[:, k].tolist() for k, term in enumerate(SLIDING_TERMS)}
     deviations = {
-        f"{term}_sd": refresh.standard_deviation[:, k].tolist() for k, term in enumerate(TERMS)
+        f"{term.name}_sd": refresh.standard_deviation[:, k].tolist()
+        for k, term in enumerate(SLIDING_TERMS)
     }
     logs = [residual.log.log for residual in residuals]
     return FrictionSource(log=logs[0], further=logs[1:], **changes, **deviations)
@@ -286,10 +288,8 @@ def _warnings(result: RefreshResult) -> list[str]:
     refresh, names = result.refresh, result.robot.joint_names
     slides = result.robot.chain.prismatic
     warnings = []
-    # Of TERMS: Coulomb and viscous. The third, the offset, may be known of a joint that hardly
-    # moves.
-    shares_of_sliding = refresh.determined_share[:, :2]
-    is_open = (shares_of_sliding < MIN_VARIANCE_SHARE).all(axis=1)
+    # The offset may be known of a joint that hardly moves.
+    is_open = (refresh.determined_share[:, OF_MOTION] < MIN_VARIANCE_SHARE).all(axis=1)
     hardly_moved = [names[j] for j in np.flatnonzero(is_open)]
     if hardly_moved:
         warnings.append(
@@ -308,12 +308,12 @@ def _warnings(result: RefreshResult) -> list[str]:
             f"friction does not explain the RMSE of {', '.join(unexplained)}: a load, contact or "
             "other changes; read a load with `wrenchsight payload`, or identify the model anew"
         )
-    # The offset, the last of TERMS, may be negative; so may a term that the old model has so.
-    for term, unit in zip(TERMS[:2], UNITS[:2], strict=True):
-        value = getattr(refresh.after, term)
+    # The offset may be negative; so may a term that the old model has so.
+    for term in SLIDING_TERMS[OF_MOTION]:
+        value, old_value = getattr(refresh.after, term.name), getattr(refresh.model_law, term.name)
         warnings += [
-            f"{names[j]}: negative {term} friction, {value[j]:.2g} {joint_unit(unit, slides[j])}; "
-            "log more motion of that joint"
-            for j in np.flatnonzero((value < 0.0) & (getattr(refresh.model_law, term) >= 0.0))
+            f"{names[j]}: negative {term.name} friction, {value[j]:.2g} "
+            f"{joint_unit(term.unit, slides[j])}; log more motion of that joint"
+            for j in np.flatnonzero((value < 0.0) & (old_value >= 0.0))
         ]
     return warnings

@@ -46,7 +46,7 @@ from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.path_friction import SAMPLE_PERIOD, PathFriction, PathPlaces
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
-from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
+from wrenchsight.models.friction.sliding_friction import SLIDING_TERMS
 from wrenchsight.models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -302,22 +302,21 @@ class SpecimenRefit:
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json; lists per joint."""
         carried, fitted = self.carried_law.coulomb_viscous, self.fit.law.coulomb_viscous
-        deviation = self.fit.deviation
         return {
             "rows": self.fit.rows,
             "scatter_nm": [None if np.isnan(x) else float(x) for x in self.fit.scatter],
             **{
-                term: {
-                    f"before_{unit}": getattr(carried, term),
-                    f"after_{unit}": getattr(fitted, term),
-                    f"sd_{unit}": deviation[:, k],
+                term.name: {
+                    f"before_{term.unit_key}": getattr(carried, term.name),
+                    f"after_{term.unit_key}": getattr(fitted, term.name),
+                    f"sd_{term.unit_key}": getattr(self.fit.sd, term.name),
                 }
-                for term, unit, k in zip(TERMS, UNIT_KEYS, (0, 2, 3), strict=True)
+                for term in SLIDING_TERMS
             },
             "load": {
                 "before": self.carried_law.load,
                 "after": self.fit.law.load,
-                "sd": deviation[:, 1],
+                "sd": self.fit.sd.load,
             },
         } | ({} if self.robot is None else self._sensor_metrics())
 
