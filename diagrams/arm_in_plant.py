@@ -147,11 +147,6 @@ class ArmInPlant(Arm):
         arm.gravity = frozen(arm.chain_from_base.gravity)
         return arm
 
-    @property
-    def has_world_axes(self) -> bool:
-        """Whether W is the plant's World, and not the arm's base."""
-        return self._is_in_W
-
     @cached_property
     def chain(self) -> SerialChain:
         """Kinematics and inertias from W to E, as the plant has them."""

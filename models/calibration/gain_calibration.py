@@ -33,6 +33,7 @@ from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.identification.torque_regression import (
+    NUM_INERTIAL,
     parameter_columns,
     parameter_prior,
     split_terms,
@@ -47,7 +48,6 @@ COM_SD = 1e-3  # m, of a known centre of mass
 MAX_STEPS = 8  # of Gauss-Newton, if _STEP_TOLERANCE does not end them
 _STEP_TOLERANCE = 1e-5  # change of u that ends the steps; u is known to 1e-3 at best
 _MAX_LOAD_DEPENDENCE = 0.5  # N m per N m, of the law behind the noise model
-_NUM_INERTIAL = 10  # parameters of a body
 _LOG_DRIFT = FrictionDrift(viscous=0.1)  # of friction from log to log
 
 
@@ -185,14 +185,14 @@ class GainProblem:
         # friction's drift stands behind them, log by log and three a joint.
         self._columns = parameter_columns(self._counts)
         self._arm = slice(0, len(start))
-        self._all_loads = slice(len(start), len(start) + _NUM_INERTIAL * len(loads))
+        self._all_loads = slice(len(start), len(start) + NUM_INERTIAL * len(loads))
         self._gains = slice(self._all_loads.stop, self._all_loads.stop + robot.num_joints)
 
     def solve(self) -> GainCalibration:
         """Runs the Gauss-Newton steps."""
         x, u = self._start, np.zeros(self._robot.num_joints)
         mean = [load.prior()[0] for load in self._loads]
-        loads = np.stack(mean) if mean else np.zeros((0, _NUM_INERTIAL))
+        loads = np.stack(mean) if mean else np.zeros((0, NUM_INERTIAL))
         for _ in range(MAX_STEPS):
             fit = self._step(x, u, loads)
             previous_u, u = u, fit.values[self._gains]
@@ -277,8 +277,8 @@ class GainProblem:
                 A[:, self._columns.rotor[j]] = rigid[:, j, -1]  # behind the links'
                 A[:, self._columns.friction[j]] = log.low_pass(friction[j])[log.rows]
                 if log.load is not None:
-                    first = self._all_loads.start + _NUM_INERTIAL * log.load
-                    A[:, first : first + _NUM_INERTIAL] = load[:, j]
+                    first = self._all_loads.start + NUM_INERTIAL * log.load
+                    A[:, first : first + NUM_INERTIAL] = load[:, j]
                 predicted = A[:, :first_drift] @ present  # u's slope leaves the small drift out
                 first = first_drift + 3 * (n * index + j)
                 A[:, first : first + 3] = rows.drift[:, j]

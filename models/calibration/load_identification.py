@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_parameters import (
+    INERTIA_PLACES,
     load_inertia_matrix,
     moved_parameters,
     realisable_inertia,
@@ -29,6 +30,7 @@ from wrenchsight.models.calibration.load_parameters import (
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.identification.torque_regression import NUM_INERTIAL
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot import rotational_inertia
 
@@ -39,10 +41,8 @@ GYRATION_FACTOR = 0.06
 MIN_MASS_ERRORS = 3.0  # standard errors of its mass, above which a load is present
 COM_DETERMINED_SD = 0.02  # m; beyond it the motion has not determined the centre of mass
 MAX_COM_COORDINATE = 1.0  # m from the flange, of the point about which the second solution is made
-_NUM_LOAD = 10  # parameters of a load: m, m c (3), inertia (6)
 _LEAST_MASS = 1e-9  # kg, for a division
-_DIAGONAL_PLACES = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
-_TENSOR_PLACES = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
+_DIAGONAL_PLACES = INERTIA_PLACES[:3]  # of Ixx, Iyy, Izz
 
 
 @dataclass(frozen=True)
@@ -204,9 +204,9 @@ def estimate_load(
     logs = [log] if empty is None else [log, empty]
     vague_sd = vague_spread(prior.mass)
     at_flange = _solve(
-        logs, np.eye(_NUM_LOAD), mean=np.zeros(_NUM_LOAD), sd=vague_sd, law=law, prior=prior
+        logs, np.eye(NUM_INERTIAL), mean=np.zeros(NUM_INERTIAL), sd=vague_sd, law=law, prior=prior
     )
-    parameters, mass_sd = at_flange.values[:_NUM_LOAD], np.sqrt(at_flange.covariance[0, 0])
+    parameters, mass_sd = at_flange.values[:NUM_INERTIAL], np.sqrt(at_flange.covariance[0, 0])
     mass = max(parameters[0], mass_sd)
     com = np.zeros(3)
     if parameters[0] > MIN_MASS_ERRORS * mass_sd:
@@ -214,10 +214,10 @@ def estimate_load(
     # Moment of inertia of a body of that mass, whose size goes with the cube root of the mass:
     # within twice itself; products within once. Mass and first moment stay vague.
     moment = mass * GYRATION_FACTOR**2 * mass ** (2.0 / 3.0)
-    prior_mean, prior_sd = np.zeros(_NUM_LOAD), vague_sd.copy()
-    prior_mean[list(_DIAGONAL_PLACES)] = moment
+    prior_mean, prior_sd = np.zeros(NUM_INERTIAL), vague_sd.copy()
+    prior_mean[_DIAGONAL_PLACES] = moment
     prior_sd[4:] = moment
-    prior_sd[list(_DIAGONAL_PLACES)] = 2.0 * moment
+    prior_sd[_DIAGONAL_PLACES] = 2.0 * moment
     frame = moved_parameters(np.eye(3), com)  # from a frame at the centre of mass to the flange's
     at_com = _solve(logs, frame, mean=prior_mean, sd=prior_sd, law=law, prior=prior)
     return _estimate(at_com, com, frame, prior_sd)
@@ -274,7 +274,7 @@ def _solve(
         rows = _whitened_rows(logs, j, frame, k)
         blocks.append(np.hstack([rows.unknowns, rows.residual]))
         considered.append(rows.model * logs[0].model_sd)
-    fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _NUM_LOAD)]))
+    fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - NUM_INERTIAL)]))
     # Of each joint (k, m), how the solution responds to an error e of its whitened torque:
     # covariance A^T e / s^2, as the fit divides rows A and torque by the scale s.
     responses = [
@@ -282,7 +282,7 @@ def _solve(
     ]
     # A gain that is wrong by prior.gain: the joint's torque of the load is wrong by that share.
     gain_effects = [
-        prior.gain * response @ (block[:, :_NUM_LOAD] @ fit.values[:_NUM_LOAD])
+        prior.gain * response @ (block[:, :NUM_INERTIAL] @ fit.values[:NUM_INERTIAL])
         for response, block in zip(responses, blocks, strict=True)
     ]
     gain_covariance = sum(np.outer(effect, effect) for effect in gain_effects)
@@ -324,10 +324,10 @@ def _whitened_rows(logs: list[LoadRows], j: int, frame: Array, num_unknowns: int
     for index, log in enumerate(logs):
         columns = np.zeros((len(log.rows.t), num_unknowns))
         if index == 0:
-            columns[:, :_NUM_LOAD] = log.load[:, j] @ frame
-        columns[:, _NUM_LOAD + 3 * j : _NUM_LOAD + 3 * j + 3] = log.rows.drift[:, j]
+            columns[:, :NUM_INERTIAL] = log.load[:, j] @ frame
+        columns[:, NUM_INERTIAL + 3 * j : NUM_INERTIAL + 3 * j + 3] = log.rows.drift[:, j]
         if len(logs) > 1:  # what the model misses of the weight at the flange
-            columns[:, -_NUM_LOAD:] = log.load[:, j]
+            columns[:, -NUM_INERTIAL:] = log.load[:, j]
         parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
     whole = np.vstack(parts)  # columns as they went in, the residual behind them
     return _WhitenedRows(whole[:, :num_unknowns], whole[:, num_unknowns:-1], whole[:, -1:])
@@ -343,7 +343,7 @@ def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) ->
         frame: (10, 10) from parameters about `com` to those in the flange's frame.
         prior_sd: (10,) of the load's parameters about `com`.
     """
-    values = solution.values[:_NUM_LOAD]
+    values = solution.values[:NUM_INERTIAL]
     mass = float(values[0])
     divisor = mass if abs(mass) > _LEAST_MASS else _LEAST_MASS
     offset = values[1:4] / divisor  # of the centre of mass from `com`
@@ -351,22 +351,22 @@ def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) ->
     inertia = inertia - mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz), the order of the covariance, by the ten
     # parameters; the offset is small: what it adds to the inertia's is left out.
-    slope = np.zeros((_NUM_LOAD, _NUM_LOAD))
+    slope = np.zeros((NUM_INERTIAL, NUM_INERTIAL))
     slope[0, 0] = 1.0
     slope[1:4, 0] = -offset / divisor
     slope[1:4, 1:4] = np.eye(3) / divisor
-    slope[np.arange(4, 10), list(_TENSOR_PLACES)] = 1.0
-    covariance = slope @ solution.covariance[:_NUM_LOAD, :_NUM_LOAD] @ slope.T
-    gain_covariance = slope @ solution.gain_covariance[:_NUM_LOAD, :_NUM_LOAD] @ slope.T
+    slope[np.arange(4, 10), INERTIA_PLACES] = 1.0
+    covariance = slope @ solution.covariance[:NUM_INERTIAL, :NUM_INERTIAL] @ slope.T
+    gain_covariance = slope @ solution.gain_covariance[:NUM_INERTIAL, :NUM_INERTIAL] @ slope.T
     num_joints = len(solution.scale)
-    changes = solution.values[_NUM_LOAD : _NUM_LOAD + 3 * num_joints]
+    changes = solution.values[NUM_INERTIAL : NUM_INERTIAL + 3 * num_joints]
     return LoadEstimate(
         mass=mass,
         com=com + offset,
         inertia=inertia,
         covariance=covariance,
         gain_covariance=gain_covariance,
-        inertia_prior_sd=prior_sd[list(_TENSOR_PLACES)],
+        inertia_prior_sd=prior_sd[INERTIA_PLACES],
         parameters=frame @ values,
         friction_change=changes.reshape(num_joints, 3),
         scale=solution.scale,

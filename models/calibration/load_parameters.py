@@ -7,22 +7,21 @@ physical_consistency`): P' = X P X^T with X the homogeneous pose of the old fram
 
 import numpy as np
 
-from wrenchsight.models.identification.physical_consistency import pseudo_inertia
+from wrenchsight.models.identification.physical_consistency import TENSOR_PLACES, pseudo_inertia
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot import rotational_inertia
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import ToolConfig, pose_of
 
 LEAST_RADIUS = 1e-3  # m, of gyration
-# places of the last six parameters
-_TENSOR_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+INERTIA_PLACES = [4, 6, 9, 5, 7, 8]  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the ten parameters
 
 
 def parameters_of(pseudo: Array) -> Array:
     """Returns the ten parameters of a pseudo-inertia (4, 4)."""
     second_moments = pseudo[:3, :3]
     inertia = np.trace(second_moments) * np.eye(3) - second_moments
-    return np.array([pseudo[3, 3], *pseudo[:3, 3], *(inertia[place] for place in _TENSOR_PLACES)])
+    return np.array([pseudo[3, 3], *pseudo[:3, 3], *(inertia[place] for place in TENSOR_PLACES)])
 
 
 def moved_parameters(R: Array, p: Array) -> Array:
@@ -61,7 +60,7 @@ def tool_parameters(tool: ToolConfig) -> Array:
 
 def load_inertia_matrix(parameters: Array) -> Array:
     """Returns the inertia (3, 3) about the frame's origin."""
-    return rotational_inertia.inertia_matrix(parameters[[4, 6, 9, 5, 7, 8]])
+    return rotational_inertia.inertia_matrix(parameters[INERTIA_PLACES])
 
 
 def realisable_inertia(inertia: Array, mass: float) -> Array:

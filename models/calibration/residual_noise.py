@@ -25,7 +25,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 MAX_ROW_GAP = 1.0  # s without a row, after which a joint rests anew
 BETWEEN_LOGS = 20.0  # s, far beyond any correlation
@@ -164,17 +164,22 @@ class ResidualRows:
         where a joint rests. There stiction balances the torque, whatever the law's coefficients
         are.
         """
-        moves = np.abs(self.v) >= V_REST
+        moves = self.moves
         return self.sliding * np.stack([moves, moves, np.ones_like(moves)], axis=2)
+
+    @property
+    def moves(self) -> Flags:
+        """(m, n) whether the joint moves."""
+        return np.asarray(np.abs(self.v) >= V_REST)
 
     @property
     def moving_share(self) -> Array:
         """(n,) share of the rows in which the joint moves."""
-        return np.asarray((np.abs(self.v) >= V_REST).mean(axis=0))
+        return np.asarray(self.moves.mean(axis=0))
 
     def moving_rms(self, torque: Array) -> Array:
         """(n,) root mean square of torque (m, n) where each joint moves; 0 where it never does."""
-        moves = np.abs(self.v) >= V_REST
+        moves = self.moves
         return np.asarray(
             np.sqrt((torque**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
         )

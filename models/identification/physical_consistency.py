@@ -27,12 +27,17 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from wrenchsight.models.friction.friction_terms import term_of
 from wrenchsight.models.identification.base_parameters import triangular_factor
-from wrenchsight.models.identification.torque_regression import ParameterColumns, parameter_columns
+from wrenchsight.models.identification.torque_regression import (
+    NUM_INERTIAL,
+    ParameterColumns,
+    parameter_columns,
+)
 from wrenchsight.models.numerics.arrays import Array
 
 MIN_EIGENVALUE = 1e-4  # least eigenvalue of a scaled pseudo-inertia: inside, whatever rounding does
 DRIVE_PRIOR = 1e-3  # weight of the prior on rotor inertia and friction
-_NUM_INERTIAL = 10
+# Places in a tensor of Ixx, Ixy, Iyy, Ixz, Iyz, Izz, the last six of the ten parameters.
+TENSOR_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +133,7 @@ def _scaled_pseudo_inertia(prior: Array, spread: Array) -> list[Array]:
     """
     S = _scaling(spread)
     at_prior = S @ pseudo_inertia(prior) @ S - MIN_EIGENVALUE * np.eye(4)
-    return [at_prior, *(S @ _BASIS[k] @ S * spread[k] for k in range(_NUM_INERTIAL))]
+    return [at_prior, *(S @ _BASIS[k] @ S * spread[k] for k in range(NUM_INERTIAL))]
 
 
 class _Bound(NamedTuple):
@@ -189,11 +194,11 @@ def _scaling(spread: Array) -> Array:
 
 
 def _basis() -> Array:
-    out = np.zeros((_NUM_INERTIAL, 4, 4))
+    out = np.zeros((NUM_INERTIAL, 4, 4))
     out[0, 3, 3] = 1.0
     for k in range(3):
         out[1 + k, k, 3] = out[1 + k, 3, k] = 1.0
-    for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+    for k, (i, j) in enumerate(TENSOR_PLACES):
         inertia = np.zeros((3, 3))
         inertia[i, j] = inertia[j, i] = 1.0
         out[4 + k, :3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia

@@ -35,7 +35,7 @@ from wrenchsight.models.robot.robot import Robot
 
 INERTIAL_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 JOINT_NAMES = ("rotor", "coulomb", "viscous", "offset")
-_INERTIAL, _JOINT = len(INERTIAL_NAMES), len(JOINT_NAMES)
+NUM_INERTIAL, _JOINT = len(INERTIAL_NAMES), len(JOINT_NAMES)
 _MIN_RESIDUAL_SHARE = 1e-12  # of the torque's norm: a log without noise leaves nothing to weigh by
 _LEAST_LENGTH = 1e-300  # of a column of zeros, for a division
 # Prior of what a robot's file does not state.
@@ -132,10 +132,10 @@ def parameter_columns(counts: Sequence[int]) -> ParameterColumns:
     The inertial ones come first, ten a link; then joint by joint its rotor inertia and friction.
     """
     n = len(counts)
-    ends = _INERTIAL * n + np.cumsum([1 + count for count in counts])
+    ends = NUM_INERTIAL * n + np.cumsum([1 + count for count in counts])
     starts = ends - [1 + count for count in counts]
     return ParameterColumns(
-        inertial=np.arange(_INERTIAL * n).reshape(n, _INERTIAL),
+        inertial=np.arange(NUM_INERTIAL * n).reshape(n, NUM_INERTIAL),
         rotor=starts,
         friction=[np.arange(start + 1, end) for start, end in zip(starts, ends, strict=True)],
         torque=int(ends[-1]),
@@ -196,7 +196,7 @@ class RegressionRows:
             tau, vdot = tau @ C, vdot @ chain.motor_rates.T
             first_links = [int(np.flatnonzero(column)[0]) for column in C.T]
         rigid = tuple(
-            low_pass(np.hstack([Y[:, k, _INERTIAL * j :], vdot[:, k : k + 1]]))[rows]
+            low_pass(np.hstack([Y[:, k, NUM_INERTIAL * j :], vdot[:, k : k + 1]]))[rows]
             for k, j in enumerate(first_links)
         )
         return cls(rigid, tau[rows], low_pass, rows)
@@ -204,7 +204,7 @@ class RegressionRows:
     @property
     def _first_links(self) -> list[int]:
         """Of each joint's (motor's) rows, the first link that they depend on."""
-        return [self.tau.shape[1] - W.shape[1] // _INERTIAL for W in self.rigid]
+        return [self.tau.shape[1] - W.shape[1] // NUM_INERTIAL for W in self.rigid]
 
     @cached_property
     def _orthogonal(self) -> list[tuple[Array, Array]]:
@@ -415,7 +415,7 @@ def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[
     mean_mass = max(float(stated_mass.mean()), likely_mass, _LEAST_MEAN_MASS)
     light_link_share = _LIGHT_LINK_SHARE if stated_mass.any() else 1.0
     mass = np.maximum(stated_mass, light_link_share * mean_mass)
-    spread = np.empty((n, _INERTIAL))  # columns: mass, m c (3), inertia (6)
+    spread = np.empty((n, NUM_INERTIAL))  # columns: mass, m c (3), inertia (6)
     spread[:, 0] = mass
     spread[:, 1:4] = (mass * half_length)[:, None]
     spread[:, 4:] = (mass * half_length**2)[:, None]

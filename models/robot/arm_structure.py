@@ -21,8 +21,8 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.mimic_joints import leader_of
 from wrenchsight.models.robot.rounded_angles import exact_angle
+from wrenchsight.models.robot.urdf_elements import MOVING_JOINT_TYPES
 
-_MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
 _FREE_JOINT_TYPES = ("planar", "floating")  # of a vehicle or a humanoid, which no motor holds
 _FLANGE_NAMES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_eef", "ee")
 _TOOL_WORDS = ("tool0", "tcp", "ee", "eef", "tool", "flange", "effector", "tip", "grasp")
@@ -67,7 +67,7 @@ class DescribedJoint:
     @property
     def moves(self) -> bool:
         """Whether it is a joint of an arm's kind."""
-        return self.kind in _MOVING_JOINT_TYPES
+        return self.kind in MOVING_JOINT_TYPES
 
     @property
     def unit(self) -> str:

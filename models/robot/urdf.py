@@ -31,6 +31,7 @@ from wrenchsight.models.robot.rounded_angles import exact_angle
 from wrenchsight.models.robot.urdf_document import drop_commas, place_of, read_document
 from wrenchsight.models.robot.urdf_elements import (
     INERTIA,
+    MOVING_JOINT_TYPES,
     add_inertial,
     fixed_joint,
     set_pose,
@@ -39,8 +40,7 @@ from wrenchsight.models.robot.urdf_elements import (
 from wrenchsight.models.robot.urdf_pictures import drop_pictures
 from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
 
-_MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
-_KNOWN_TYPES = (*_MOVING_JOINT_TYPES, "fixed", "floating", "planar")
+_KNOWN_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
 _KEPT_TAGS = ("link", "joint", "material", "drake:collision_filter_group")
 _MAX_TILT = math.radians(1.0)  # between two directions of gravity that agree
 _MIN_AXIS = 1e-9  # of an axis that has a direction
@@ -167,7 +167,7 @@ class _Reader:
                     )
             self._origin(joint)  # refuses what is no pose; rounded angles are then written out
             self._snap_angles(joint)
-            if kind in _MOVING_JOINT_TYPES and np.linalg.norm(self._axis(joint)) < _MIN_AXIS:
+            if kind in MOVING_JOINT_TYPES and np.linalg.norm(self._axis(joint)) < _MIN_AXIS:
                 self._fail(joint, f'joint "{name}" has an axis of length zero')
 
     def _renamed_world(self) -> str:
@@ -255,7 +255,7 @@ class _Reader:
             kind = joint.get("type", "")
             if kind == "fixed":
                 continue
-            if kind not in _MOVING_JOINT_TYPES:
+            if kind not in MOVING_JOINT_TYPES:
                 self._fail(joint, f'joint "{name}" of type "{kind}" cannot be locked')
             if position != 0.0:
                 axis = self._axis(joint)
@@ -354,7 +354,7 @@ class _Reader:
             raise InputError(self.config_source, "flange", f'no moving joint carries "{flange}"')
         for joint in chain:
             kind, name = joint.get("type"), joint.get("name")
-            if kind not in _MOVING_JOINT_TYPES:
+            if kind not in MOVING_JOINT_TYPES:
                 self._fail(joint, f'joint "{name}": type "{kind}" is not supported in an arm')
             if leader_of(joint):
                 self._fail(

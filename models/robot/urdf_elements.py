@@ -1,4 +1,4 @@
-"""Elements of a URDF that are written: numbers to the last bit, poses, inertias, fixed joints."""
+"""Elements of a URDF: kinds of joints; numbers to the last bit, poses, inertias, fixed joints."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from wrenchsight.models.numerics.arrays import Array
 
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")  # along or about one axis
 
 
 def text_of(values: Array | Iterable[float]) -> str:

@@ -19,12 +19,11 @@ from wrenchsight.models.identification.base_parameters import (
 from wrenchsight.models.identification.identified_model import (
     IdentifiedModel,
 )
-from wrenchsight.models.identification.torque_regression import INERTIAL_NAMES, TorqueFactors
+from wrenchsight.models.identification.torque_regression import NUM_INERTIAL, TorqueFactors
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-_INERTIAL = len(INERTIAL_NAMES)
 GAUSS_NEWTON_STEPS = 6
 _MIN_LENGTH = 1e-12  # of a column that is divided by its length: one of zeros stays so
 _DETERMINED_SHARE = 0.999  # length of a unit vector that must lie in what the rows determine
@@ -59,7 +58,7 @@ def gain_ratios(
         for j in range(n)
     ]
     rows = np.vstack(stacked)
-    inertial_columns = slice(0, _INERTIAL * n)
+    inertial_columns = slice(0, NUM_INERTIAL * n)
     ends = np.cumsum([len(R) for R in stacked])
     ratios, sds = np.full(n, np.nan), np.full(n, np.inf)
     for j in range(n):
@@ -119,7 +118,7 @@ def rigid_torque(factors: Sequence[TorqueFactors], x: Array) -> Array:
         x: all parameters.
     """
     n = len(factors[0].R)
-    rigid = slice(0, _INERTIAL * n)
+    rigid = slice(0, NUM_INERTIAL * n)
     squares = [
         sum(float(np.sum((f.R[j][:, rigid] @ x[rigid]) ** 2)) for f in factors) for j in range(n)
     ]
@@ -143,7 +142,7 @@ def payload_differences(
     """
     n = len(factors[0].R)
     # Columns of the last link's mass and first moments, which are its first four (INERTIAL_NAMES).
-    last = slice(_INERTIAL * (n - 1), _INERTIAL * (n - 1) + 4)
+    last = slice(NUM_INERTIAL * (n - 1), NUM_INERTIAL * (n - 1) + 4)
     masses: list[float] = []
     sds: list[float] = []
     for factor in factors:

@@ -7,7 +7,7 @@ eqs. 23-27). Whatever solves for placements (a program over a plant, a swarm) st
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -58,9 +58,6 @@ class PlacementBatch:
 
     def __len__(self) -> int:
         return len(self.q)
-
-    def __iter__(self) -> Iterator[Array]:
-        return iter((self.q, self.n_W, self.p_WM, self.R_WE))
 
     def __getitem__(self, index: "NDArray[np.intp] | Flags | slice") -> "PlacementBatch":
         return PlacementBatch(
