@@ -22,6 +22,7 @@ from wrenchsight.analyses.methods.estimate.uniform_log import (
     PassProgress,
     completed,
     fault_of,
+    is_measured,
     is_usable,
     screen_of,
     uniform_chunks,
@@ -345,12 +346,12 @@ def _prior_samples(log_pass: _PassOverLog) -> _PriorSamples:
     for chunk in chain([first_chunk], chunks):
         batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
         duration += len(chunk.t) * estimator.observer.time_step
-        is_measured = ~chunk.dropout & (batch.fault == 0)
+        measured = is_measured(chunk, batch)
         sd = batch.torque_sd if has_sds else np.ones_like(batch.tau_ext)
-        q.add(chunk.q[is_measured])
-        J.add((batch.J / sd[:, None, :])[is_measured])
-        J_seen.add((batch.J_seen / sd[:, None, :])[is_measured])
-        tau_ext.add((batch.tau_ext / sd)[is_measured])
+        q.add(chunk.q[measured])
+        J.add((batch.J / sd[:, None, :])[measured])
+        J_seen.add((batch.J_seen / sd[:, None, :])[measured])
+        tau_ext.add((batch.tau_ext / sd)[measured])
     covariance = model.residual_covariance
     if model.torque_error is not None:
         covariance = model.torque_error.correlation
