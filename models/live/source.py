@@ -11,6 +11,7 @@ from wrenchsight.models.robot.robot import Robot
 
 LONGEST_URL = 4096
 MOST_ITEMS = 1 << 12  # of one `read`: bounds what is held
+RETRY_TIME = 0.25  # s between two tries to connect
 
 
 class Source(Protocol):
@@ -120,6 +121,16 @@ class SourceAddress:
             problem = f'is "{value}", expected {" or ".join(choices)}'
             raise InputError(f"{self.scheme}://", key, problem)
         return value
+
+    def wants_external_torque(self) -> bool:
+        """Whether effort is to be a robot's external torque, by the option `torque`.
+
+        Without it, and where it is `measured`, effort is the joint torque.
+
+        Raises:
+            InputError: it is neither `measured` nor `external`.
+        """
+        return self.choice("torque", ("measured", "external")) == "external"
 
     def require_known(self, *known: str) -> None:
         """Refuses options that the source does not have.

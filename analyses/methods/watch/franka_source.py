@@ -13,12 +13,10 @@ import numpy as np
 
 from wrenchsight.models.files.input_error import InputError, needing_extra, printable
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
-from wrenchsight.models.live.source import SourceAddress
+from wrenchsight.models.live.source import RETRY_TIME, SourceAddress
 from wrenchsight.models.robot.robot import Robot
 
-TORQUES = ("measured", "external")
 FCI_PORT = 1337  # of every FCI
-RETRY_TIME = 0.25  # s between two tries
 _NUM_JOINTS = 7
 _RUNS = ("Idle", "Move", "Guiding")
 
@@ -67,7 +65,7 @@ class FrankaSource:
             raise InputError(
                 "franka://", "", f"is port {port}, expected none: it is always {FCI_PORT}"
             )
-        return cls(host, address.choice("torque", TORQUES) == "external")
+        return cls(host, address.wants_external_torque())
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
         """As the protocol; a state is waited for by the library, for a second at most."""

@@ -25,7 +25,6 @@ from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
 from wrenchsight.models.robot.robot import Robot
 
 ROBOTS = ("iiwa", "panda")
-TORQUES = ("measured", "external")
 _PANDA_RUNS = (1, 2, 3)  # idle, move, guiding, as libfranka's RobotMode
 _PANDA_MODES = {0: "other", 4: "reflex", 5: "user stop", 6: "error recovery"}
 _DAMAGED = (ValueError, struct.error, IndexError, OverflowError, MemoryError, TypeError)
@@ -72,8 +71,8 @@ class LcmSource:
     def open(cls, address: SourceAddress, robot: Robot) -> "LcmSource":
         """As `SourceOpener`."""
         address.require_known("robot", "url", "torque")
-        kind, torque = address.choice("robot", ROBOTS), address.choice("torque", TORQUES)
-        return cls(open_lcm(address), address.place, kind, torque == "external")
+        kind, external = address.choice("robot", ROBOTS), address.wants_external_torque()
+        return cls(open_lcm(address), address.place, kind, external)
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
         """As the protocol."""

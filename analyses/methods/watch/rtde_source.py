@@ -33,12 +33,11 @@ from wrenchsight.models.live.rtde import (
     read_control_version,
 )
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
-from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
+from wrenchsight.models.live.source import MOST_ITEMS, RETRY_TIME, SourceAddress
 from wrenchsight.models.robot.robot import Robot
 
 ANSWER_TIME = 1.0  # s, longest wait for a connection or an answer
 QUIET_TIME = 1.0  # s without a packet after which the connection counts as lost
-RETRY_TIME = 0.25  # s between two tries
 _CHUNK_BYTES = 1 << 16  # bytes that are taken at once
 _NUM_JOINTS = 6
 _FIRST_OF_500_HZ = 5  # major version of the controller's software
