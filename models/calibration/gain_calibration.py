@@ -145,8 +145,8 @@ class GainCalibration:
         n = self.structure.num_joints
         value, sd = np.full(n, np.nan), np.full(n, np.nan)
         counts = [len(terms) for terms in self.structure.terms]
-        _, _, coefficients = split_terms(self.x, counts)
-        _, _, deviations = split_terms(self.standard_deviation, counts)
+        coefficients = split_terms(self.x, counts).friction
+        deviations = split_terms(self.standard_deviation, counts).friction
         for j, terms in enumerate(self.structure.terms):
             if "load" in terms:
                 k = terms.index("load")

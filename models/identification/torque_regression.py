@@ -142,12 +142,28 @@ def parameter_columns(counts: Sequence[int]) -> ParameterColumns:
     )
 
 
-def split_terms(x: Array, counts: Sequence[int]) -> tuple[Array, Array, list[Array]]:
-    """Returns inertial parameters (n, 10), rotor inertia (n,) and each joint's friction
-    coefficients of x, for `counts` friction terms per joint.
+class ArmParameters(NamedTuple):
+    """The parameters of an arm, apart.
+
+    Attributes:
+        inertial: (n, 10) of each link, in the order of INERTIAL_NAMES.
+        rotor: (n,) inertia of each joint's rotor.
+        friction: coefficients of each joint.
     """
+
+    inertial: Array
+    rotor: Array
+    friction: list[Array]
+
+
+def split_terms(x: Array, counts: Sequence[int]) -> ArmParameters:
+    """Returns the parameters x apart, for `counts` friction terms per joint."""
     columns = parameter_columns(counts)
-    return x[columns.inertial], x[columns.rotor], [x[terms] for terms in columns.friction]
+    return ArmParameters(
+        inertial=x[columns.inertial],
+        rotor=x[columns.rotor],
+        friction=[x[terms] for terms in columns.friction],
+    )
 
 
 class JointMotion(NamedTuple):

@@ -157,7 +157,7 @@ def _worst_direction_share(logs: Sequence[LogReading]) -> Array:
     shares = []
     for log in logs:
         error = log.error[log.loaded]
-        worst = np.linalg.eigh(log.covariance[log.loaded])[1][:, :, -1]
+        worst = np.linalg.eigh(log.covariance[log.loaded]).eigenvectors[:, :, -1]
         along = np.sum(error * worst, axis=1)
         shares.append(100.0 * np.sum(along**2) / np.sum(error**2))
     return np.array(shares)

@@ -46,6 +46,7 @@ from wrenchsight.models.identification.base_parameters import (
 )
 from wrenchsight.models.identification.physical_consistency import fit_consistent
 from wrenchsight.models.identification.torque_regression import (
+    ArmParameters,
     RegressionRows,
     TorqueEstimate,
     TorqueFactors,
@@ -97,8 +98,8 @@ class LawSolution:
     x: Array
     names: tuple[str, ...]
 
-    def parts(self) -> tuple[Array, Array, list[Array]]:
-        """Inertial parameters (n, 10), rotor inertia (n,), friction coefficients per joint."""
+    def parts(self) -> ArmParameters:
+        """The parameters apart."""
         return split_terms(self.x, [len(terms) for terms in self.structure.terms])
 
 
@@ -222,7 +223,7 @@ class FrictionFit:
         while structure.has("load"):
             for _ in range(LOAD_PASSES):
                 solution = self._solve(structure, self.loads(solution), chosen)
-            coefficients = solution.parts()[2]
+            coefficients = solution.parts().friction
             unfit = [
                 j
                 for j, terms in enumerate(structure.terms)
@@ -373,7 +374,7 @@ class FrictionFit:
         while True:
             solution = self.fit(structure)
             structure = solution.structure
-            _, _, coefficients = solution.parts()
+            coefficients = solution.parts().friction
             driven = []  # joints that friction drives at a crawl
             for j, (terms, values) in enumerate(zip(structure.terms, coefficients, strict=True)):
                 crawl_friction = sum(

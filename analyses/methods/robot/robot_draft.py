@@ -161,7 +161,7 @@ def _draft(
     # Where no joint is left, all stay: the robot's reader says what is wrong.
     arm = [joint for joint in way if not joint.leader and joint.name not in followed] or way
     locked = structure.at_rest(arm)
-    gravity, floors, mounting_note = _mounting(structure, base)
+    mounting = _mounting(structure, base)
     name = root.get("name") or urdf.stem
     draft = DraftText(
         out=out,
@@ -172,7 +172,7 @@ def _draft(
         flange=flange,
         arm=arm,
         locked=locked,
-        gravity=gravity,
+        gravity=mounting.gravity,
     )
     middle = np.array([joint.middle for joint in arm])
     with writing_to(out):
@@ -180,7 +180,7 @@ def _draft(
     with whole_file(out) as partial:
         draft, robot = _loaded(draft, middle, partial)
         doubts = unit_doubts(robot, postures(robot))
-        floors, floor_note = floors_below(robot, floors)
+        floors, floor_note = floors_below(robot, mounting.floors)
         # floor: height in the base frame, m, the first of `floors` that the arm can stand above.
         home, floor = good_posture(robot, middle, floors)
         # No floor where the arm hangs below it at every posture.
@@ -191,7 +191,7 @@ def _draft(
     robot = Robot.load(out)
     notes = [
         *doubts,
-        *mounting_note,
+        mounting.note,
         floor_note,
         *_effort_notes(arm, assumed),
         *_mimic_notes(joint for joint in way if joint.name in followed and joint not in arm),
@@ -238,24 +238,37 @@ def _ends(structure: ArmStructure, base: str | None, flange: str | None) -> tupl
     return base or structure.base(flange), flange
 
 
-def _mounting(
-    structure: ArmStructure, base: str
-) -> tuple[Array, tuple[float | None, ...], tuple[str, ...]]:
-    """Gravity (3,) in W, heights of the floor to try, and a sentence where the base is turned."""
+class _Mounting(NamedTuple):
+    """How an arm is mounted.
+
+    Attributes:
+        gravity: (3,) m/s^2 in W.
+        floors: m, heights of the floor to try, in the base frame; None: there is none.
+        note: a sentence where the base is turned, else empty.
+    """
+
+    gravity: Array
+    floors: tuple[float | None, ...]
+    note: str
+
+
+def _mounting(structure: ArmStructure, base: str) -> _Mounting:
+    """How the URDF mounts the arm."""
     root, X_RB = structure.mounting(base)
     up_B = X_RB.rotation().matrix()[2]
     tilt = float(np.arccos(np.clip(up_B[2], -1.0, 1.0)))
     if tilt < _UPRIGHT_ANGLE:
         height = float(X_RB.translation()[2]) if root == "world" else 0.0
         # An arm on a column or a torso has no floor at W.
-        return np.array([0.0, 0.0, -DEFAULT_GRAVITY]), (-max(height, 0.0), None), ()
+        gravity = np.array([0.0, 0.0, -DEFAULT_GRAVITY])
+        return _Mounting(gravity, floors=(-max(height, 0.0), None), note="")
     gravity = -DEFAULT_GRAVITY * up_B
     vector = ", ".join(f"{value:.4g}" for value in np.round(gravity, 4) + 0.0)
     note = (
         f'the URDF mounts "{base}" turned by {np.degrees(tilt):.3g} deg from upright in "{root}": '
         f"gravity is [{vector}] m/s^2 in W, and no floor is assumed"
     )
-    return gravity, (None,), (note,)
+    return _Mounting(gravity, floors=(None,), note=note)
 
 
 def _mimic_notes(followed: Iterable[DescribedJoint]) -> list[str]:

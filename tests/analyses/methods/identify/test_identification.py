@@ -609,7 +609,7 @@ def test_friction_of_coupled_motors_comes_back(coupled_wrist, truth, tmp_path):
     np.testing.assert_allclose(law.coulomb, COULOMB, rtol=0.015)
     np.testing.assert_allclose(law.viscous, VISCOUS, rtol=0.03)
     # Alone determined only for the last three joints: others' rotors stand with a link's inertia.
-    np.testing.assert_allclose(outcome.solution.parts()[1][3:], truth.armature[3:], rtol=0.02)
+    np.testing.assert_allclose(outcome.solution.parts().rotor[3:], truth.armature[3:], rtol=0.02)
     for fit in outcome.cross_validation:
         assert (fit.relative < 0.015).all()
     np.testing.assert_array_equal(outcome.metrics()["coupling"], coupled_wrist.coupling)
