@@ -48,7 +48,7 @@ FLAGS = (
 NUMBERS = ("statistic", "condition_number", "latency")
 LARGEST_MESH = 1 << 24  # bytes of a link's file that is sent
 _WRENCH_NAMES = list(WRENCH_AXES) + [f"sd_{axis}" for axis in WRENCH_AXES]
-_STAMP_END = 2.0**32  # s, from which on no stamp of Foxglove holds a time: an unsigned int32
+_STAMP_END = 2.0**32  # s, from which on no stamp of Foxglove, a uint32, holds a time
 _MEDIA = {".obj": "model/obj", ".stl": "model/stl", ".gltf": "model/gltf+json"}
 _MEDIA |= {".glb": "model/gltf-binary", ".dae": "model/vnd.collada+xml"}
 
