@@ -35,7 +35,7 @@ def command(settings: PayloadSettings, out: Out = Path("out/payload")) -> None:
 
 def _print(result: "PayloadResult", out: Path) -> None:
     """Prints mass, centre of mass and inertia with their standard errors, flange axes."""
-    from wrenchsight.analyses.methods.payload.payload_identification import TENSOR
+    from wrenchsight.analyses.methods.payload.payload_identification import TENSOR_NAMES
     from wrenchsight.models.robot.rotational_inertia import inertia_values
 
     load = result.load
@@ -51,7 +51,7 @@ def _print(result: "PayloadResult", out: Path) -> None:
             note,
         )
     inertia = inertia_values(load.inertia)
-    for k, name in enumerate(TENSOR):
+    for k, name in enumerate(TENSOR_NAMES):
         note = "" if result.inertia_observable[k] else "not observable"
         table.add_row(
             f"inertia {name}",

@@ -33,7 +33,6 @@ COVARIANCE_TOPIC = "/wrench/covariance"
 COVARIANCE = "std_msgs/msg/Float64MultiArray"
 TF = "tf2_msgs/msg/TFMessage"
 STAMP_END = 2**31  # s, from which on no stamp of ROS 2 holds a time: its seconds are an int32
-_SIDES = np.ix_(FORCE_FIRST, FORCE_FIRST)
 
 
 class TopicMessages(NamedTuple):
@@ -108,8 +107,8 @@ class WrenchMessages:
             stamps: (N,) ns, not negative.
             wrench, covariance, p_WE: as `WrenchBagWriter.write`.
         """
-        sigma = np.asarray(covariance)[:, _SIDES[0], _SIDES[1]].reshape(len(stamps), 36)
-        force_first = np.asarray(wrench[:, FORCE_FIRST])
+        sigma = covariance[:, FORCE_FIRST][:, :, FORCE_FIRST].reshape(len(stamps), 36)
+        force_first = wrench[:, FORCE_FIRST]
         return [
             TopicMessages("/tf", TF, self._tf.encode(stamps, np.asarray(p_WE))),
             TopicMessages(TOPIC, WRENCH, self._wrench.encode(stamps, force_first)),

@@ -33,8 +33,8 @@ COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(WRENCH_AXES) for b in WR
 TABLES = ("csv", "parquet")
 
 _UPPER_INDICES = np.triu_indices(6)
-_INTEGER = ("valid", *FLAGS)
-_WIDE = ("invalid",)  # integers of more than eight bits
+_INTEGER_COLUMNS = ("valid", *FLAGS)
+_WIDE_COLUMNS = ("invalid",)  # integers of more than eight bits
 
 
 def columns_of(num_joints: int, covariance: bool = False) -> tuple[str, ...]:
@@ -46,9 +46,9 @@ def columns_of(num_joints: int, covariance: bool = False) -> tuple[str, ...]:
 
 def _type_of(name: str) -> pa.DataType:
     """Of a column."""
-    if name in _WIDE:
+    if name in _WIDE_COLUMNS:
         return pa.int32()
-    return pa.int8() if name in _INTEGER else pa.float64()
+    return pa.int8() if name in _INTEGER_COLUMNS else pa.float64()
 
 
 class WrenchRows(NamedTuple):
@@ -126,7 +126,7 @@ class WrenchTableWriter:
         is_valid = np.asarray(rows.flags["invalid"]) == 0
         columns += [is_valid.astype(np.int8), *rows.tau_ext.T, rows.statistic]
         columns += [
-            np.asarray(rows.flags[name]).astype(np.int32 if name in _WIDE else np.int8)
+            np.asarray(rows.flags[name]).astype(np.int32 if name in _WIDE_COLUMNS else np.int8)
             for name in FLAGS
         ]
         if self._covariance:

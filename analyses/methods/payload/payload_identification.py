@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 
 NUM_PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
-TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
+TENSOR_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
 LEAST_INERTIA_SHARE = 0.5  # of the prior's variance, that the motion must remove
 MAX_SCATTER_RATIO = 2.0  # times what the model states; more is not caused by a load
 
@@ -91,7 +91,7 @@ class PayloadResult:
         """All figures, as written to metrics.json, in axes of the flange.
 
         `friction_change` is of the day against the model, a list over joints for each term; other
-        lists are over joints, axes, or the six numbers of the inertia (TENSOR).
+        lists are over joints, axes, or the six numbers of the inertia (TENSOR_NAMES).
         """
         load = self.load
         unexplained = self.rows.residual - self.torque
@@ -120,7 +120,7 @@ class PayloadResult:
     def tool_block(self) -> str:
         """The block `tool` of a robot.yaml, with the errors of its numbers as comments."""
         load, tool = self.load, self.tool
-        inertia_names = _names_where(TENSOR, self.inertia_observable)
+        inertia_names = _names_where(TENSOR_NAMES, self.inertia_observable)
         inertia_note = ", ".join(inertia_names) if inertia_names else "nothing"
         return (
             f"# For robot.yaml. Measured: mass {load.mass:.4g} "
@@ -331,7 +331,7 @@ def _warnings(result: PayloadResult, robot: Robot) -> list[str]:
             "flange: it is taken to lie at the flange there; turn the last joints with the load in "
             "other directions"
         )
-    tensor = _names_where(TENSOR, ~result.inertia_observable)
+    tensor = _names_where(TENSOR_NAMES, ~result.inertia_observable)
     if tensor:
         warnings.append(
             f"the motion does not determine the inertia's {', '.join(tensor)}: those of a body of "
