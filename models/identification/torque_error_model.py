@@ -210,7 +210,7 @@ class TorqueErrorModel:
         drift: share of the viscous torque.
         beyond_speed: share of the viscous coefficient.
         beyond_load: N m per N m.
-        scale: share of the wrench that is read; see `models.estimation.trusted_reading`.
+        scale: share of the wrench that is read; see `models.observers.lag`.
         read_load: N m per N m that is read, joint by joint; 0 where `load` covers what is carried.
         resting_only: 1 where w grows at rest alone, 0 where it does at any speed.
         drift_shown: (n,) share of the viscous torque, as `drift`, measured on a log for each joint.
