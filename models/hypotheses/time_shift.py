@@ -14,8 +14,13 @@ from wrenchsight.models.recordings.log_words import DELAY_WORD, DRIVE_SIGNALS, c
 
 NAME = "time of the drives"
 MIN_SHIFT = 0.025  # s; filters of drives and encoders differ by less
-MAX_SHIFT = 1.0  # s
+MAX_SHIFT = 3.0  # s
+MAX_SHIFT_SHARE = 0.25  # of a log, up to which a shift of more than SHORT_SHIFT is looked for
+SHORT_SHIFT = 1.0  # s; looked for in any log
+MEAN_SHIFT = 1.0  # s, of the sizes of shifts beforehand: the larger, the less likely
 MEAN_TIMES = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0)  # s, of averages
+# s; friction that an identified model has fitted turns round faster than in an average of this one
+FRICTION_WINDOW = 0.3
 WINDOW_ODDS = 10.0  # of an average against none, or a shorter one, from which on it counts
 _MIN_MEAN_ROWS = 3.0  # rows in an average's window, below which the rows do not show it
 # Odds beforehand: half for a shift alone, half for all averages, each of which is as likely.
@@ -58,9 +63,9 @@ def explain(case: Case) -> Explanation | None:
     view = _with_drives_earlier(case, _model_view(case, window), _spline(case), best.shift)
     fit = case.fit(view)  # in full; the search has ranked shifts by quick ones
     cause, remedy = _sentences(case, best, window)
-    # The evidence of a fit at the best shift is that of its peak. The integral over all shifts
-    # within MAX_SHIFT, equally likely beforehand, is the peak times its width over that range.
-    log_width_share = math.log(peak_width_share(best.sd))
+    # The evidence of a fit at the best shift is that of its peak. The integral over all shifts is
+    # the peak times its width and the density of the shift beforehand.
+    log_width_share = math.log(peak_width_share(best.shift, best.sd))
     log_prior = math.log(_EACH_MEAN_PRIOR if window else _SHIFT_ALONE_PRIOR)
     # Friction is late in any log: what its lateness alone explains speaks for no fault.
     log_evidence = fit.log_evidence - _known_of_friction(case, best.shift, window)
@@ -71,19 +76,24 @@ def explain(case: Case) -> Explanation | None:
         kind_share=fit.kind_share,
         cause=cause,
         remedy=remedy,
+        # Of slow motion an average changes little.
+        is_small=_is_centred(best.shift, window) and case.base_is_good,
         values={"delay_s": best.shift, "delay_sd_s": best.sd, "average_s": window},
     )
 
 
-def peak_width_share(sd: float) -> float:
-    """The width of a shift's normal peak, over the range of the shifts within MAX_SHIFT; at most 1.
+def peak_width_share(shift: float, sd: float) -> float:
+    """The probability beforehand of the shifts within a shift's normal peak; at most 1.
+
+    The density of shifts beforehand is exp(-|shift| / MEAN_SHIFT) / (2 MEAN_SHIFT).
 
     Args:
-        sd: s, standard error of the shift; MAX_SHIFT where the log does not determine it.
+        shift: s.
+        sd: s, its standard error; MAX_SHIFT where the log does not determine it.
     """
     peak_width = max(sd, _LEAST_SD) * math.sqrt(2.0 * math.pi)
-    # A peak that is wider than the range ends with it.
-    return min(peak_width / (2.0 * MAX_SHIFT), 1.0)
+    density = math.exp(-abs(shift) / MEAN_SHIFT) / (2.0 * MEAN_SHIFT)
+    return min(peak_width * density, 1.0)
 
 
 class ShiftPeak(NamedTuple):
@@ -117,16 +127,33 @@ def peak_of_parabola(
     return ShiftPeak(vertex if abs(vertex - best) < _PARABOLA_STEP else best, sd)
 
 
+def _is_centred(shift: float, window: float) -> bool:
+    """Whether it is an average about each sample, which is neither late nor early.
+
+    Args:
+        shift: s, by which the drives' signals are late.
+        window: s, over which they are averaged; 0: no average.
+    """
+    return window > 0.0 and abs(shift) < MIN_SHIFT
+
+
 def _known_of_friction(case: Case, shift: float, window: float) -> float:
     """The part of the evidence that friction alone explains, which is no fault of the log.
 
-    It follows a reversal late, over some displacement.
+    It follows a reversal late, over some displacement. How wide that is, an identified model has
+    fitted: where an average over FRICTION_WINDOW or more, about each sample, explains the log
+    beside one, friction is averaged over less, and what remains speaks for the average.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+        shift: s, by which the drives' signals are late.
+        window: s, over which they are averaged; 0: no average.
     """
-    wider_windows = [wider for wider in MEAN_TIMES if wider > window > 0.0]
-    evidence = max(
-        case.fit(_friction_view(case, shift, tried)).log_evidence
-        for tried in (window, *wider_windows)
-    )
+    if case.model is not None and _is_centred(shift, window) and window >= FRICTION_WINDOW:
+        windows = [narrow for narrow in MEAN_TIMES if narrow < FRICTION_WINDOW]
+    else:
+        windows = [window, *(wider for wider in MEAN_TIMES if wider > window > 0.0)]
+    evidence = max(case.fit(_friction_view(case, shift, tried)).log_evidence for tried in windows)
     return max(0.0, evidence - case.base_fit.log_evidence)
 
 
@@ -134,6 +161,12 @@ def _sentences(case: Case, best: "_Shift", window: float) -> tuple[str, str]:
     """What is wrong with the log, and what to do."""
     word, shift, spread = case.word, best.shift, f"+- {max(best.sd, _LEAST_STATED_SD):.1g} s"
     option = f"--log-format {correction_word(DRIVE_SIGNALS, DELAY_WORD, shift)}"
+    if _is_centred(shift, window):
+        return (
+            f"{word}s averaged over {window:.2g} s about each sample",
+            f"log the {word}s without that average, as the positions are; nothing brings back what "
+            "it has lost of fast motion",
+        )
     if window:
         sense = "late" if shift >= 0.0 else "late (they lead)"
         return (
@@ -174,7 +207,7 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
         case: the log.
         window: s; 0: no average.
         around: s, within _FIRST_STEPS coarse steps of which it is looked for; None: within
-            MAX_SHIFT.
+            MAX_SHIFT, or what the log's length allows of it.
     """
     evidence_of: dict[float, float] = {}  # log evidence by shift, of those that `score` has tried
     model_view, effort = _model_view(case, window), _spline(case)
@@ -193,7 +226,9 @@ def _best_shift(case: Case, window: float, around: float | None = None) -> _Shif
 
     if around is None:
         grid_step = _WIDE_STEP
-        grid = np.arange(-MAX_SHIFT, MAX_SHIFT + 1e-9, grid_step)  # both ends included
+        length = float(case.rows.t[-1] - case.rows.t[0])
+        largest = min(MAX_SHIFT, max(SHORT_SHIFT, MAX_SHIFT_SHARE * length))
+        grid = np.arange(-largest, largest + 1e-9, grid_step)  # both ends included
     else:
         grid_step = _COARSE_STEP
         grid = around + grid_step * np.arange(-_FIRST_STEPS, _FIRST_STEPS + 1)

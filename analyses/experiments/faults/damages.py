@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
@@ -34,6 +35,16 @@ def averaged(window: float) -> Damage:
         padded = np.vstack([np.repeat(log.current[:1], size, axis=0), log.current])
         total = np.cumsum(padded, axis=0)
         return replace(log, current=(total[size:] - total[:-size]) / size)
+
+    return damage
+
+
+def centred(window: float) -> Damage:
+    """Currents averaged over `window` s about each sample."""
+
+    def damage(log: Recording, robot: Robot) -> Recording:
+        size = round(window / log.time_step) // 2 * 2 + 1  # odd: as many samples before as behind
+        return replace(log, current=uniform_filter1d(log.current, size, axis=0, mode="nearest"))
 
     return damage
 
@@ -103,9 +114,10 @@ def without_sign(log: Recording, robot: Robot) -> Recording:
 
 DAMAGES: dict[str, Damage] = {
     "none": lambda log, robot: log,
-    **{f"late_{1000 * d:.0f}_ms": late(d) for d in (0.05, 0.1, 0.2, 0.3, 0.5)},
-    **{f"early_{1000 * d:.0f}_ms": late(-d) for d in (0.05, 0.1, 0.2, 0.3, 0.5)},
+    **{f"late_{1000 * d:.0f}_ms": late(d) for d in (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)},
+    **{f"early_{1000 * d:.0f}_ms": late(-d) for d in (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)},
     **{f"averaged_{1000 * w:.0f}_ms": averaged(w) for w in (0.1, 0.25, 0.5)},
+    **{f"centred_{1000 * w:.0f}_ms": centred(w) for w in (0.3, 0.5)},
     "drives_by_name": reordered((3, 2, 1, 4, 5, 6), True),
     "drives_backwards": reordered((6, 5, 4, 3, 2, 1), True),
     "drives_4_5": reordered((1, 2, 3, 5, 4, 6), True),
@@ -127,6 +139,8 @@ DAMAGES: dict[str, Damage] = {
     "tilted_5_deg": under_gravity((0.855, 0.0, -9.773)),
     "gravity_missing": without_gravity,
     "milliamperes": scaled([1000.0] * 6),
+    "all_times_115": scaled([1.15] * 6),
+    "all_times_87": scaled([0.87] * 6),
     "drive_3_doubled": scaled((1.0, 1.0, 2.0, 1.0, 1.0, 1.0)),
     "drive_2_half": scaled((1.0, 0.5, 1.0, 1.0, 1.0, 1.0)),
     "unsigned": without_sign,

@@ -1,4 +1,4 @@
-"""Supports docs/faults.md, "damaged in each of 37 ways and read with the defaults".
+"""Supports docs/faults.md, "damaged in each of 45 ways and read with the defaults".
 
 Experiment `faults`: damage done to real recordings, and what is read then. Both tables of that
 page are its own.
@@ -209,5 +209,5 @@ EXPERIMENT = Experiment(
     run=run,
     needs=("ur10e", "ur10e_more"),
     order=158,
-    seconds=600,
+    seconds=700,
 )

@@ -13,9 +13,15 @@ WORDS: Final[Mapping[str, tuple[str, Sequence[str]]]] = {
     "shifted_50_ms": ("currents 50 ms late or early", ("late_50_ms", "early_50_ms")),
     "shifted_100_ms": ("currents 0.1 s late or early", ("late_100_ms", "early_100_ms")),
     "shifted_200_to_500_ms": ("currents 0.2 to 0.5 s late or early", _SHIFTS),
+    "shifted_1_or_2_s": (
+        "currents 1 or 2 s late or early",
+        ("late_1000_ms", "early_1000_ms", "late_2000_ms", "early_2000_ms"),
+    ),
     "averaged_100_ms": ("currents averaged over 0.1 s", ("averaged_100_ms",)),
     "averaged_250_ms": ("currents averaged over 0.25 s", ("averaged_250_ms",)),
     "averaged_500_ms": ("currents averaged over 0.5 s", ("averaged_500_ms",)),
+    "centred_300_ms": ("currents averaged over 0.3 s about each sample", ("centred_300_ms",)),
+    "centred_500_ms": ("currents averaged over 0.5 s about each sample", ("centred_500_ms",)),
     "drives_reordered": (
         "currents in another order: by name, backwards, two exchanged",
         ("drives_by_name", "drives_backwards", "drives_4_5", "drives_5_6"),
@@ -42,6 +48,7 @@ WORDS: Final[Mapping[str, tuple[str, Sequence[str]]]] = {
         "milliamperes; one current doubled or halved",
         ("milliamperes", "drive_3_doubled", "drive_2_half"),
     ),
+    "common_gain": ("all currents 1.15 or 0.87 times as large", ("all_times_115", "all_times_87")),
     "unsigned": ("currents without sign", ("unsigned",)),
 }
 """By row of the table of whole logs: its words, and the kinds of damage that it has."""

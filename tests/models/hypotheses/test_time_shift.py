@@ -5,21 +5,26 @@ import pytest
 
 from wrenchsight.models.hypotheses.time_shift import (
     MAX_SHIFT,
+    MEAN_SHIFT,
     peak_of_parabola,
     peak_width_share,
 )
 
 
-def test_the_share_is_the_integral_of_the_peak_over_the_range():
-    sd = 0.1
-    shift, step = np.linspace(-MAX_SHIFT, MAX_SHIFT, 20001, retstep=True)
-    integral = np.exp(-0.5 * (shift / sd) ** 2).sum() * step
-    assert peak_width_share(sd) == pytest.approx(integral / (2.0 * MAX_SHIFT), rel=1e-6)
+@pytest.mark.parametrize("shift", [0.0, -0.3, 2.0])
+def test_the_share_is_the_density_beforehand_times_the_width_of_the_peak(shift):
+    """The peak is narrow: over it the density, whose integral is one, hardly changes."""
+    sd = 0.01
+    shifts, step = np.linspace(-MAX_SHIFT, MAX_SHIFT, 20001, retstep=True)
+    density = np.exp(-np.abs(shifts) / MEAN_SHIFT) / (2.0 * MEAN_SHIFT)
+    integral = (density * np.exp(-0.5 * ((shifts - shift) / sd) ** 2)).sum() * step
+    # sd / MEAN_SHIFT is the largest relative change of the density within a standard error
+    assert peak_width_share(shift, sd) == pytest.approx(integral, rel=sd / MEAN_SHIFT)
 
 
 def test_a_shift_that_is_not_determined_is_not_rewarded():
     """Its peak is wider than the range: no shift is likelier than the others."""
-    assert peak_width_share(MAX_SHIFT) == 1.0
+    assert peak_width_share(0.0, MAX_SHIFT) == 1.0
 
 
 @pytest.mark.parametrize("off_s", [0.0, 3e-4, -2e-3, 0.011])

@@ -24,6 +24,7 @@ def test_times(log: Recording, ur10e: Robot) -> None:
         ("late_200_ms", 0.2),
         ("early_300_ms", -0.3),
         ("averaged_500_ms", 0.5 * (0.5 - STEP)),  # of a ramp: late by half the window
+        ("centred_500_ms", 0.0),
     ):
         damaged = DAMAGES[kind](log, ur10e)
         expected = log.current - delay
