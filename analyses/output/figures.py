@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.stretches import stretches
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -39,6 +41,7 @@ BAND_ALPHA: Final = 0.2  # of an uncertainty band in the colour of its estimate
 FIGURE_WIDTH: Final = 8.0  # inches; the report shows it 960 CSS pixels wide
 ROW_HEIGHT: Final = 2.6  # inches
 DOTS_PER_INCH: Final = 170
+TITLE_LETTERS: Final = 40  # that a panel of half the figure's width has room for, in bold
 
 _STYLE: Final[dict[Any, Any]] = {  # Any: matplotlib types the keys as one Literal of 330
     "axes.axisbelow": True,
@@ -141,6 +144,12 @@ def panels_in_pairs(
     return figure, panels[:count]
 
 
+def set_joint_title(panel: Any, joint: str, figures: str) -> None:
+    """The title "joint: figures" of a panel of `panels_in_pairs`, on two lines where it is long."""
+    separator = " " if len(joint) + len(figures) <= TITLE_LETTERS else "\n"
+    panel.set_title(f"{joint}:{separator}{figures}")
+
+
 def legend_below(figure: "Figure", *panels: Any, ncols: int | None = None, **style: Any) -> None:
     """One legend below all panels, with the entries of these: no wider than the figure, and of at
     most `ncols` columns.
@@ -183,6 +192,29 @@ def draw_bars(panel: Any, series: Mapping[str, Any], names: Sequence[Any]) -> No
         at = places + each * (k - 0.5 * (len(series) - 1))
         panel.bar(at, values, each, color=SERIES[k % len(SERIES)], label=label)
     panel.set_xticks(places, names)
+
+
+def shade(panel: Any, t: Array, flag: Flags, meaning: Meaning, label: str) -> list[float]:
+    """Marks the stretches of time in which a flag is set, from half a sample before to half after.
+
+    Args:
+        panel: to draw in.
+        t: (T,) s.
+        flag: (T,).
+        meaning: of the background's colour.
+        label: in the legend, once.
+
+    Returns:
+        Where each stretch begins, s.
+    """
+    half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.5
+    begins: list[float] = []
+    for stretch in stretches(flag):
+        begin, end = float(t[stretch.start]) - half, float(t[stretch.stop - 1]) + half
+        label_once = None if begins else label
+        panel.axvspan(begin, end, color=COLOUR[meaning], lw=0, zorder=0, label=label_once)
+        begins.append(begin)
+    return begins
 
 
 def fill_band(panel: Any, t: Any, x: Any, half_width: Any, label: str = "95 % band") -> None:

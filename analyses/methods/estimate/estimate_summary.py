@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.analyses.methods.estimate.contact_episodes import stated_origin
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, new_figure
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, new_figure, shade
 from wrenchsight.analyses.output.stream_summary import Envelope, EvenSample
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from wrenchsight.models.estimation.invalid import UNCERTAIN_FORCE
@@ -15,7 +15,6 @@ from wrenchsight.models.estimation.invalid_shares import InvalidShares
 from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.identification.identified_model import Validity
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.observers.sample_check import FAULT_BEYOND, FAULT_DISAGREES, FAULT_FROZEN
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
@@ -396,8 +395,9 @@ class EstimateSummary:
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{unit}]")
             bottom, top = self._drawn_band.limits(k, drawn)
             panel.set_ylim(bottom, top)
-            _shade(panel, t, drawn.is_invalid, COLOUR["invalid"])
-            _shade(panel, t, drawn.has_contact, COLOUR["contact"], "contact")
+            shade(panel, t, drawn.is_invalid, "invalid", "not valid")
+            for begin in shade(panel, t, drawn.has_contact, "contact", "contact"):
+                panel.axvline(begin, color=COLOUR["onset"], lw=0.8, zorder=1)
             # The panel shows all valid samples (`limits`): what it hides is not valid.
             extremes = (lowest[:, k].min(), highest[:, k].max())
             hidden = [value for value in extremes if not bottom <= value <= top]
@@ -411,20 +411,3 @@ class EstimateSummary:
         title = "Wrench of the environment on the robot, at E in axes of W"
         figure.suptitle(title + (", smoothed" if smoothed else ""))
         return figure
-
-
-def _shade(panel: Any, t: Array, flag: Flags, colour: str, label: str = "not valid") -> None:
-    """Marks the stretches in which a flag is set; a contact begins with a line."""
-    half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.5
-    for index, stretch in enumerate(stretches(flag)):
-        begin, end = t[stretch.start] - half, t[stretch.stop - 1] + half
-        if label == "contact":
-            panel.axvline(begin, color=COLOUR["onset"], lw=0.8, zorder=1)
-        panel.axvspan(
-            begin,
-            end,
-            color=colour,
-            lw=0,
-            zorder=0,
-            label=label if index == 0 else None,
-        )

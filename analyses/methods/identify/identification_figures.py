@@ -12,10 +12,10 @@ from wrenchsight.analyses.output.figures import (
     Figure,
     legend_below,
     panels_in_pairs,
+    set_joint_title,
 )
 from wrenchsight.models.numerics.arrays import Array
 
-TITLE_LETTERS: Final = 40  # that a panel of half the figure's width has room for
 GAP_STEPS: Final = 2.5  # between samples, from which on no line joins them
 
 
@@ -44,9 +44,7 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> Figu
             label="its mean ± 1 sd",
         )
         figures = f"{fit.rmse[j]:.2f} N m ({100 * fit.relative[j]:.0f} %)"
-        fits_one_line = len(joint_names[j]) + len(figures) <= TITLE_LETTERS
-        separator = " " if fits_one_line else "\n"
-        axis.set_title(f"{joint_names[j]}:{separator}{figures}")
+        set_joint_title(axis, joint_names[j], figures)
     legend_below(figure, panels[0], ncols=4)
     figure.suptitle(f"{fit.name} ({kind}): RMSE, and its share of the torque's RMS")
     return figure

@@ -17,7 +17,12 @@ from wrenchsight.analyses.methods.identify.known_model.model_residual import res
 from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, logs_of
 from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.methods.payload.payload_config import PayloadConfig, PayloadSettings
-from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    legend_below,
+    panels_in_pairs,
+    set_joint_title,
+)
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
@@ -284,7 +289,7 @@ def load_figure(result: PayloadResult) -> "Figure":
     for j, axis in enumerate(panels):
         axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="residual of the model")
         axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="load")
-        axis.set_title(f"{names[j]}: {difference_rms[j]:.2f} N m RMS of the difference")
+        set_joint_title(axis, names[j], f"{difference_rms[j]:.2f} N m RMS of the difference")
     legend_below(figure, panels[0], ncols=2)
     load = result.load
     figure.suptitle(f"Load of {load.mass:.3f} ± {load.sd.mass:.3f} kg on the flange")

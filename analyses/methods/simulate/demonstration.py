@@ -18,7 +18,7 @@ from wrenchsight.analyses.methods.simulate.advance import run_loop
 from wrenchsight.analyses.methods.simulate.simulation import known_model
 from wrenchsight.analyses.output.compilation import are_compiled, compile_side_by_side
 from wrenchsight.analyses.output.estimator_compilation import ESTIMATOR_PARTS
-from wrenchsight.analyses.output.figures import COLOUR, fill_band, legend_below, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, fill_band, legend_below, new_figure, shade
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
@@ -86,6 +86,7 @@ class Demonstration:
             fill_band(panel, self.t, self.force[:, k], band[:, k])
             panel.plot(self.t, self.force_true[:, k], color=COLOUR["truth"], label="true")
             panel.plot(self.t, self.force[:, k], color=colour, lw=1.0, label="estimated")
+            shade(panel, self.t, ~self.valid, "invalid", "not valid")
             panel.set_ylabel(f"{axis} [N]")
         axes[2, 0].set_xlabel("time [s]")
         legend_below(figure, axes[0, 0])

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wrenchsight.analyses.methods.reference_sensor.force_errors import envelope
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, legend_below, new_figure
+from wrenchsight.analyses.output.figures import (
+    BAND_ALPHA,
+    COLOUR,
+    SERIES,
+    legend_below,
+    new_figure,
+    shade,
+)
 from wrenchsight.diagrams.scenario import (
     Scenario,
 )
@@ -184,13 +191,15 @@ class SimulationResult:
         )
 
     def figure(self) -> "Figure":
-        """True and estimated wrench with the stated 95 % band, and the sensor's.
+        """True and estimated wrench with the stated 95 % band, where it is valid, and the sensor's.
 
         Every peak is drawn, however long the run. Moments are left out where the method reads none.
         """
         reads_moments = self.scenario.estimator.reconstruction.reads_moments
         shown = WRENCH_AXES if reads_moments else WRENCH_AXES[:3]
         figure, axes = new_figure(3, len(shown) // 3, share_x=True)
+        # Of each stretch of a long run whether any of its readings is not valid.
+        stretch_times, _, is_invalid = envelope(self.t, (~self.valid).astype(np.float64))
         for k, axis in enumerate(shown):
             panel: Any = axes[k % 3, k // 3]
             column = FORCE_FIRST[k]  # of the wrench, in which the moment is first
@@ -206,6 +215,7 @@ class SimulationResult:
             panel.plot(*_peaks(self.t, estimate), color=colour, lw=1.0, label="estimated")
             if self.ft_wrench is not None:
                 panel.plot(*_peaks(self.t, self.ft_wrench[:, column]), **_SENSOR_LINE)
+            shade(panel, stretch_times, is_invalid > 0.0, "invalid", "not valid")
             panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{'N' if k < 3 else 'N m'}]")
             if k % 3 == 2:
                 panel.set_xlabel("time [s]")

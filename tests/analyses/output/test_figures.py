@@ -12,7 +12,10 @@ from wrenchsight.analyses.output.figures import (
     FIGURE_WIDTH,
     SERIES,
     new_figure,
+    panels_in_pairs,
     save_figure,
+    set_joint_title,
+    shade,
 )
 
 
@@ -121,3 +124,26 @@ def test_the_colours_stay_apart_for_everyone(deficiency):
         for one, other in itertools.combinations(palette, 2):
             # A just noticeable difference is about 0.02 in Oklab; lines need several of them.
             assert np.linalg.norm(seen(one) - seen(other)) > 0.06, (one, other)
+
+
+@pytest.mark.parametrize(
+    "joint", ["elbow_joint", "shoulder_lift_joint", "left_arm_shoulder_lift_joint"]
+)
+def test_a_joint_s_title_stays_over_its_panel(joint):
+    figure, panels = panels_in_pairs(2, "time [s]", "torque [N m]")
+    for panel in panels:
+        set_joint_title(panel, joint, "RMSE 1.15 to 1.08 N m")
+    figure.draw_without_rendering()
+    left, right = (panel._left_title.get_window_extent() for panel in panels)
+    assert left.x1 < right.x0
+    assert right.x1 <= figure.bbox.x1
+
+
+def test_what_is_shaded_reaches_half_a_sample_beyond_and_has_one_label():
+    _, axes = new_figure()
+    t = 0.1 * np.arange(10)
+    flag = np.isin(np.arange(10), (0, 1, 5))
+    begins = shade(axes[0, 0], t, flag, "invalid", "not valid")
+    assert begins == pytest.approx([-0.05, 0.45])
+    assert axes[0, 0].get_legend_handles_labels()[1] == ["not valid"]
+    assert not shade(axes[0, 0], t, ~flag & flag, "invalid", "not valid")

@@ -24,7 +24,12 @@ from wrenchsight.analyses.methods.identify.known_model.model_residual import (
 from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, as_logs, logs_of
 from wrenchsight.analyses.methods.identify.low_passed_logs import read_log
 from wrenchsight.analyses.methods.identify.torque_fit import rms
-from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    legend_below,
+    panels_in_pairs,
+    set_joint_title,
+)
 from wrenchsight.analyses.output.joint_units import joint_unit, joint_units
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
@@ -227,7 +232,7 @@ def friction_figure(result: RefreshResult) -> "Figure":
             axis.plot(rows.v[:, j], rows.residual[:, j], ".", color=colour, ms=3, label=label)
         axis.axhline(0.0, color=COLOUR["truth"], lw=0.8)
         errors = f"RMSE {rmse_before[j]:.2f} to {rmse_after[j]:.2f}"
-        axis.set_title(f"{names[j]}: {errors} {joint_unit('N m', slides[j])}")
+        set_joint_title(axis, names[j], f"{errors} {joint_unit('N m', slides[j])}")
     legend_below(figure, panels[0], ncols=2)
     figure.suptitle("Measured minus predicted torque, before and after the refresh")
     return figure

@@ -111,7 +111,7 @@ def test_figure_shows_truth_estimate_band_and_sensor(written):
     assert len(figure.axes) == 6
     assert figure.axes[0].get_ylabel() == "f$_x$ [N]"
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert labels == {"true", "estimated", "95 % band", "sensor"}
+    assert labels == {"true", "estimated", "95 % band", "sensor", "not valid"}
     figure.clear()
 
 
