@@ -285,27 +285,44 @@ def _first_within_limits(
 ) -> _Checked:
     """The first candidate, of one or more, that keeps all limits and moves each joint enough.
 
-    The limits are kept between its samples, too. Where no candidate moves each joint as `identify`
-    requires (`_moving`), it is the first that keeps the limits. No candidate after it is computed.
+    The limits are kept between its samples, too. Where no candidate that moves each joint as
+    `identify` requires keeps them, it is the first of the others that does. No candidate after it
+    is computed.
 
     Raises:
         InputError: none keeps the limits.
     """
-    first_within = None
+
+    def checked(candidate: _Candidate) -> _Checked:
+        return _checked(robot, clearance, candidate.solution, candidate.trajectory, time_step)
+
+    def keeps_limits(motion: _Checked) -> bool:
+        return motion.is_clear and bool((motion.torque <= bounds.torque).all())
+
+    deferred = []  # unchecked: checks of clearance are slow
+    last = None
     for candidate in candidates:
-        checked = _checked(robot, clearance, candidate.solution, candidate.trajectory, time_step)
-        if checked.is_clear and (checked.torque <= bounds.torque).all():
-            if _moving(robot, checked).all():
-                return checked
-            first_within = first_within or checked
-    if first_within is None:
-        raise _refusal(checked)
-    return first_within
+        if not _moving(robot, _period(candidate.trajectory, time_step)).all():
+            deferred.append(candidate)
+            continue
+        last = checked(candidate)
+        if keeps_limits(last):
+            return last
+    for candidate in deferred:
+        last = checked(candidate)
+        if keeps_limits(last):
+            return last
+    assert last is not None, "there is a candidate"
+    raise _refusal(last)
 
 
-def _moving(robot: Robot, checked: _Checked) -> Flags:
-    """(n,) which joints a motion moves so far and fast that `identify` accepts a log of it."""
-    q, v, _ = checked.motion
+def _moving(robot: Robot, motion: tuple[Array, Array, Array]) -> Flags:
+    """(n,) which joints a motion moves so far and fast that `identify` accepts a log of it.
+
+    Args:
+        motion: q, v, vdot (T, n) over a period.
+    """
+    q, v, _ = motion
     return moves(q, v, robot.chain.prismatic, _PLANNED_MOTION_FACTOR)
 
 
@@ -349,7 +366,7 @@ def _stillness_warnings(robot: Robot, checked: _Checked) -> list[str]:
     still = [
         f"{name} by {np.ptp(q[:, j]):.2g} {'m' if robot.chain.prismatic[j] else 'rad'}"
         for j, (name, is_moving) in enumerate(
-            zip(robot.joint_names, _moving(robot, checked), strict=True)
+            zip(robot.joint_names, _moving(robot, checked.motion), strict=True)
         )
         if not is_moving
     ]

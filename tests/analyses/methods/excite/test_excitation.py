@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from wrenchsight.analyses.methods.excite import excitation
 from wrenchsight.analyses.methods.excite.excitation import (
     RETREAT_SHARES,
     SOLVE_RESERVES,
+    _Candidate,
     _candidates,
+    _first_within_limits,
     excite,
     excite_robot,
 )
@@ -25,6 +28,7 @@ from wrenchsight.models.planning.excitation.excitation_limits import ExcitationL
 from wrenchsight.models.planning.excitation.excitation_program import (
     ExcitationProgram,
     ExcitationSolution,
+    MotionBounds,
 )
 from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.robot.robot import Robot
@@ -128,17 +132,39 @@ def test_the_ways_back_are_tried_from_all_ends_and_the_best_first():
     assert ends == {11.0, 19.0, 12.0, 13.0}
 
 
-def test_a_motion_in_which_each_joint_moves_enough_is_preferred(sts, monkeypatch):
+def swing(sts, amplitude, last):
+    """A motion of all joints by `amplitude`, rad, but the last one's."""
+    shape = np.full((6, 2), [amplitude, -amplitude])
+    shape[-1] = [last, -last]
+    return FourierTrajectory(0.1, sts.home, shape, np.zeros((6, 2)))
+
+
+@pytest.mark.parametrize(
+    ("beyond", "expected", "looked_at"),
+    [
+        ((), 2, [2]),  # the first that moves each joint enough; no other is checked
+        ((2,), 3, [2, 3]),
+        ((2, 3, 0), 1, [2, 3, 0, 1]),  # none of these keeps the limits: one that moves less
+    ],
+)
+def test_a_motion_in_which_each_joint_moves_enough_is_preferred(
+    sts, monkeypatch, beyond, expected, looked_at
+):
     """`identify` refuses a log in which a joint hardly moves."""
-    asked = []
+    motions = [swing(sts, 0.2, 0.01), swing(sts, 0.1, 0.0), swing(sts, 0.2, 0.1), swing(sts, 1, 1)]
+    checked = []
 
-    def second_alone_moves(robot, checked):
-        asked.append(checked.trajectory)
-        return np.full(robot.num_joints, len(asked) == 2)
+    def check(robot, clearance, solution, trajectory, time_step):
+        checked.append(motions.index(trajectory))
+        is_clear = checked[-1] not in beyond
+        return SimpleNamespace(is_clear=is_clear, torque=np.zeros(6), trajectory=trajectory)
 
-    monkeypatch.setattr(excitation, "_moving", second_alone_moves)
-    result = excite(sts, replace(QUICK, num_starts=2))
-    np.testing.assert_array_equal(result.trajectory.sine, asked[1].sine)
+    monkeypatch.setattr(excitation, "_checked", check)
+    candidates = [_Candidate(None, motion) for motion in motions]
+    bounds = MotionBounds.of_robot(sts, ExcitationLimits())
+    taken = _first_within_limits(sts, None, bounds, candidates, 0.01)
+    assert motions.index(taken.trajectory) == expected
+    assert checked == looked_at
 
 
 def test_joints_that_move_too_little_for_identify_are_named_with_what_to_do(sts):
