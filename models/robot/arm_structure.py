@@ -21,7 +21,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.mimic_joints import leader_of
 from wrenchsight.models.robot.rounded_angles import exact_angle
-from wrenchsight.models.robot.urdf_elements import MOVING_JOINT_TYPES
+from wrenchsight.models.robot.urdf_elements import MAX_NUMBER, MOVING_JOINT_TYPES
 
 _FREE_JOINT_TYPES = ("planar", "floating")  # of a vehicle or a humanoid, which no motor holds
 _FLANGE_NAMES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_eef", "ee")
@@ -449,8 +449,8 @@ def _attribute(element: ET.Element | None, key: str, missing: float) -> float:
 def _joint(element: ET.Element, rotor_inertia: float) -> DescribedJoint:
     """A joint as its URDF element states it, with the rotor that a transmission states.
 
-    A velocity or effort that is left out, or is no number, is NaN; an end of the range is then 0,
-    as in URDF.
+    A velocity or effort that is left out, is no number or is beyond MAX_NUMBER, is NaN. An end of
+    the range that is left out or is no number is 0, as in URDF; beyond MAX_NUMBER it is inf.
 
     Args:
         element: <joint>.
@@ -463,8 +463,15 @@ def _joint(element: ET.Element, rotor_inertia: float) -> DescribedJoint:
 
     limit, origin, axis = element.find("limit"), element.find("origin"), element.find("axis")
 
-    def number(key: str) -> float:
-        return _attribute(limit, key, math.nan)
+    def size(key: str) -> float:
+        value = _attribute(limit, key, math.nan)
+        return value if abs(value) <= MAX_NUMBER else math.nan
+
+    def end_of_range(key: str) -> float:
+        value = _attribute(limit, key, 0.0)
+        if abs(value) > MAX_NUMBER:
+            return math.copysign(math.inf, value)
+        return 0.0 if math.isnan(value) else value
 
     kind = element.get("type", "")
     is_free = kind == "continuous"
@@ -477,10 +484,10 @@ def _joint(element: ET.Element, rotor_inertia: float) -> DescribedJoint:
         parent=end("parent"),
         child=end("child"),
         leader=leader_of(element),
-        lower=-math.inf if is_free else float(np.nan_to_num(number("lower"))),
-        upper=math.inf if is_free else float(np.nan_to_num(number("upper"))),
-        velocity=number("velocity"),
-        effort=number("effort"),
+        lower=-math.inf if is_free else end_of_range("lower"),
+        upper=math.inf if is_free else end_of_range("upper"),
+        velocity=size("velocity"),
+        effort=size("effort"),
         rotor_inertia=rotor_inertia,
         X_PJ=RigidTransform(RollPitchYaw(rpy), xyz),
         axis=_vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0")),
@@ -493,6 +500,6 @@ def _vector(text: str, number: Callable[[str], float] = float) -> tuple[float, f
         x, y, z = (number(word) for word in text.split())
     except ValueError:
         return 0.0, 0.0, 0.0
-    if not all(abs(value) < 1e6 for value in (x, y, z)):
+    if not all(abs(value) <= MAX_NUMBER for value in (x, y, z)):
         return 0.0, 0.0, 0.0
     return x, y, z

@@ -31,6 +31,7 @@ from wrenchsight.models.robot.rounded_angles import exact_angle
 from wrenchsight.models.robot.urdf_document import drop_commas, place_of, read_document
 from wrenchsight.models.robot.urdf_elements import (
     INERTIA,
+    MAX_NUMBER,
     MOVING_JOINT_TYPES,
     add_inertial,
     fixed_joint,
@@ -44,7 +45,6 @@ _KNOWN_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
 _KEPT_TAGS = ("link", "joint", "material", "drake:collision_filter_group")
 _MAX_TILT = math.radians(1.0)  # between two directions of gravity that agree
 _MIN_AXIS = 1e-9  # of an axis that has a direction
-_MAX_NUMBER = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
 _MIN_SPEED = 1e-6  # rad/s (m/s), of a joint that moves; a limit below is a slip, or negative
 
 
@@ -669,7 +669,7 @@ class _Reader:
     def _limits(self, joint: ET.Element) -> JointLimits:
         """The limits of a moving joint, and their place in the file.
 
-        A speed or effort of 0, or beyond _MAX_NUMBER, counts as not stated, which is inf and None;
+        A speed or effort of 0, or beyond MAX_NUMBER, counts as not stated, which is inf and None;
         a range of which an end is beyond it is open there.
 
         Raises:
@@ -705,9 +705,9 @@ class _Reader:
         )
 
     def _limit(self, limit: ET.Element, key: str) -> float:
-        """A limit of a joint; inf beyond _MAX_NUMBER, and then removed for Drake, too."""
+        """A limit of a joint; inf beyond MAX_NUMBER, and then removed for Drake, too."""
         value = self._number(limit, key, 0.0, math.inf)
-        if abs(value) > _MAX_NUMBER:
+        if abs(value) > MAX_NUMBER:
             limit.attrib.pop(key)
             value = math.copysign(math.inf, value)
         return value
@@ -730,13 +730,13 @@ class _Reader:
             values = np.array([float(word) for word in text.split()])
         except ValueError:
             values = np.array([])
-        if values.shape != (3,) or not np.all(np.abs(values) <= _MAX_NUMBER):
+        if values.shape != (3,) or not np.all(np.abs(values) <= MAX_NUMBER):
             problem = f'{key}="{text}" of <{element.tag}>, expected three numbers'
-            self._fail(element, f"{problem} of at most {_MAX_NUMBER:g}")
+            self._fail(element, f"{problem} of at most {MAX_NUMBER:g}")
         return values
 
     def _number(
-        self, element: ET.Element, key: str, default: float, largest: float = _MAX_NUMBER
+        self, element: ET.Element, key: str, default: float, largest: float = MAX_NUMBER
     ) -> float:
         text = element.get(key)
         try:

@@ -10,6 +10,7 @@ from wrenchsight.models.numerics.arrays import Array
 
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")  # along or about one axis
+MAX_NUMBER = 1e6  # of any number in a URDF, in SI units; a joint's limit beyond means no limit
 
 
 def text_of(values: Array | Iterable[float]) -> str:

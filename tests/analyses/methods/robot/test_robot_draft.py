@@ -279,10 +279,11 @@ def test_efforts_that_no_drive_of_the_arm_has_are_filled_in(tmp_path: Path) -> N
     assert (robot.reflected_inertia < robot.effort_limit / 290.0).all()
 
 
-def test_an_unknown_effort_limit_holds_a_push_across_gravity(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stated", ["0", "1e9"])  # none; none either, as exporters write it
+def test_an_unknown_effort_limit_holds_a_push_across_gravity(tmp_path: Path, stated: str) -> None:
     """A joint about the vertical and a wrist through E carry no weight of the payload."""
     urdf = arm_with_gripper(tmp_path / "arm.urdf")
-    urdf.write_text(urdf.read_text().replace("effort='10'", "effort='0'"))
+    urdf.write_text(urdf.read_text().replace("effort='10'", f"effort='{stated}'"))
     robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml")
     weight = robot.payload * 9.81
     q = np.random.default_rng(2).uniform(-1.9, 1.9, (500, 5))
