@@ -28,6 +28,7 @@ _PATTERNS: Final = {  # by the order of the date's numbers
     "month first": rf"{_MONTH}/{_DAY}/{_YEAR}{_GAP}{_TIME}",
     "no date": _TIME,
 }
+_DATE: Final = re.compile(r"\d{4}[./-]\d{1,2}[./-]\d{1,2}|\d{1,2}[./-]\d{1,2}[./-]\d{4}")
 _MONTHS_OF_YEAR: Final = 12
 _HOURS_OF_HALF_DAY: Final = 12
 _SECONDS_OF_DAY: Final = 86400.0
@@ -54,6 +55,11 @@ class StampForm(NamedTuple):
         if self.order != "ISO":
             return pa.string()
         return pa.timestamp("ns", tz="UTC" if self.has_zone else None)
+
+
+def is_date(cell: str) -> bool:
+    """Whether a cell is a date without a time."""
+    return _DATE.fullmatch(cell.strip()) is not None
 
 
 def stamp_form(cell: str) -> StampForm | None:

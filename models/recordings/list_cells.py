@@ -28,7 +28,8 @@ class UnfoldedFile:
     Args:
         path: path of a table that has lists, as `has_lists` says.
         separator: separator of its cells.
-        skip_lines: lines before the header.
+        names: of its columns.
+        num_lines: lines before the first row.
 
     Attributes:
         path: path of the table with a column for each entry.
@@ -37,44 +38,47 @@ class UnfoldedFile:
         InputError: a list has another length than the first row's.
     """
 
-    def __init__(self, path: Path, separator: str, skip_lines: int) -> None:
+    def __init__(self, path: Path, separator: str, names: Sequence[str], num_lines: int) -> None:
         """Writes the table; its lines keep their numbers, so that errors name those of the log.
 
         A row of several lines (a cell may have line breaks) becomes the last of them, after blank
         ones; the header becomes the line before the first row, whatever stands between.
 
         Args:
-            path: of the table with lists; it has a header and a row.
+            path: of the table with lists; it has a row.
             separator: of its cells, and of the new table's.
-            skip_lines: lines before the header; blank lines take their place.
+            names: of its columns.
+            num_lines: lines before the first row; blank lines take their place, but for the header.
         """
         self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
         self.path = Path(self._folder.name) / path.name
         with opened(path, "a log") as raw, self.path.open("w", encoding="utf-8") as target:
             lines = (line.decode("utf-8", "replace").lstrip("\ufeff") for line in raw)
-            for _ in range(skip_lines):
-                target.write("\n" if next(lines, None) is not None else "")
-            reader = csv.reader(lines, delimiter=separator)  # its lines count from the header on
+            header = list(names)
+            for _ in range(num_lines):
+                next(lines, None)
+            target.write("\n" * (num_lines - 1))
+            # Its lines count from the first row on.
+            reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
             try:
-                header = next(reader)
                 first_cells = next((cells for cells in reader if cells), [])
                 # How wide its lists are decides the names of the columns.
                 widths = [_width(entries(cell)) for cell in first_cells]
-                num_written = reader.line_num - 1  # lines up to the header's new place
+                num_written = reader.line_num - 1  # lines of the first row but its last one
                 if first_cells:
-                    target.write(_line(_names(header, widths), separator, num_written))
+                    target.write(_line(_names(header, widths), separator, num_written + 1))
                 # After each row as many lines are written as the reader has read.
                 for cells in chain([first_cells] if first_cells else [], reader):
                     lists = [entries(cell) for cell in cells]
-                    _check_widths(path, skip_lines + reader.line_num, header, lists, widths)
+                    _check_widths(path, num_lines + reader.line_num, header, lists, widths)
                     flat: list[str] = []
                     for cell, row in zip(cells, lists, strict=True):
                         flat += [cell] if row is None else row
-                    num_lines = reader.line_num - num_written
+                    num_new = reader.line_num - num_written
                     num_written = reader.line_num
-                    target.write(_line(flat, separator, num_lines) if cells else "\n" * num_lines)
+                    target.write(_line(flat, separator, num_new) if cells else "\n" * num_new)
             except csv.Error as error:
-                place = f"line {skip_lines + reader.line_num}"
+                place = f"line {num_lines + reader.line_num}"
                 problem = f"cannot be read ({error})"
                 raise InputError(path, place, problem, "correct or remove the line") from error
 

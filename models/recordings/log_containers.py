@@ -1,8 +1,18 @@
-"""The kinds of log files, by the ending of their names."""
+"""The kinds of log files, by their first bytes or else by the ending of their names."""
 
+import re
+import zipfile
 from pathlib import Path
+from typing import Final
 
-from wrenchsight.models.recordings.json_lines import JsonLinesContainer
+from wrenchsight.models.files.limited_file import opened
+from wrenchsight.models.recordings.arrow_table import (
+    ARROW_MAGIC,
+    FEATHER_1_MAGIC,
+    ArrowContainer,
+)
+from wrenchsight.models.recordings.echo_text import is_echo
+from wrenchsight.models.recordings.json_table import JsonContainer, YamlContainer, is_yaml_log
 from wrenchsight.models.recordings.lerobot.data_set import root_of
 from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS
 from wrenchsight.models.recordings.log_container import LogContainer
@@ -10,6 +20,7 @@ from wrenchsight.models.recordings.mat_table import MatContainer
 from wrenchsight.models.recordings.npz_table import NpzContainer
 from wrenchsight.models.recordings.parquet_table import ParquetContainer
 from wrenchsight.models.recordings.rosbag.table import RosbagContainer, is_bag
+from wrenchsight.models.recordings.sqlite_table import SQLITE_MAGIC, SqliteContainer
 from wrenchsight.models.recordings.text_table import TextContainer
 
 TEXT = TextContainer()
@@ -18,25 +29,69 @@ TEXT = TextContainer()
 BAG = RosbagContainer()
 """Also for a folder that holds a rosbag2."""
 
-CONTAINERS: list[LogContainer] = [
-    TEXT,
-    ParquetContainer(),
-    NpzContainer(),
-    BAG,
-    MatContainer(),
-    JsonLinesContainer(),
-]
+_PARQUET, _NPZ, _MAT = ParquetContainer(), NpzContainer(), MatContainer()
+_JSON, _YAML = JsonContainer(), YamlContainer()
+_ARROW, _SQLITE = ArrowContainer(), SqliteContainer()
+
+CONTAINERS: list[LogContainer] = [TEXT, _PARQUET, _NPZ, BAG, _MAT, _JSON, _ARROW, _SQLITE]
 """A further kind is one line here, or one `CONTAINERS.append` in a user's program."""
+
+_HEAD_BYTES: Final = 1 << 12
+_KINDS_BY_MAGIC: Final[tuple[tuple[bytes, LogContainer], ...]] = (
+    (b"PAR1", _PARQUET),
+    (ARROW_MAGIC, _ARROW),
+    (FEATHER_1_MAGIC, _ARROW),
+    (b"\x93NUMPY", _NPZ),
+    (b"MATLAB", _MAT),
+    (SQLITE_MAGIC, _SQLITE),
+)
+_TEXT_SUFFIXES: Final = (*TEXT.suffixes, *_JSON.suffixes)
+_YAML_SUFFIXES: Final = (".yaml", ".yml")
+_JSON_BEGIN: Final = re.compile(r"\s*(\{|\[\s*[\[{])")
 
 
 def container_of(path: Path) -> LogContainer | None:
-    """The kind of a log by its ending; None for an unknown ending."""
+    """The kind of a log by its first bytes, else by its ending; None where neither is known.
+
+    A bag in a database (.db3) is known by its ending.
+    """
     if is_bag(path):
         return BAG
     if root_of(path) is not None:
         return DATA_SETS
     suffix = path.suffix.lower()
-    return next((kind for kind in CONTAINERS if suffix in kind.suffixes), None)
+    by_suffix = next((kind for kind in CONTAINERS if suffix in kind.suffixes), None)
+    if not path.is_file() or by_suffix is BAG:
+        return by_suffix
+    with opened(path, "a log") as file:
+        head = file.read(_HEAD_BYTES)
+    for magic, kind in _KINDS_BY_MAGIC:
+        if head.startswith(magic):
+            return kind
+    if head.startswith(b"PK") and _is_npz(path):
+        return _NPZ
+    text = head.decode("utf-8", "replace").removeprefix("\ufeff")
+    if suffix in _TEXT_SUFFIXES and head and is_echo(text):
+        return TEXT
+    if suffix in _YAML_SUFFIXES:
+        return TEXT if is_echo(text) else _YAML
+    if suffix in _TEXT_SUFFIXES and _JSON_BEGIN.match(text):
+        return _JSON
+    return by_suffix
+
+
+def is_described(path: Path) -> bool:
+    """Whether a file is a description of a log rather than a log in YAML."""
+    return path.suffix.lower() in _YAML_SUFFIXES and not is_yaml_log(path)
+
+
+def _is_npz(path: Path) -> bool:
+    """Whether an archive holds arrays of NumPy."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(name.endswith(".npy") for name in archive.namelist())
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return False
 
 
 def usual_suffixes() -> list[str]:

@@ -18,7 +18,7 @@ _MOST_DEPTH: Final = 4  # of structures within structures
 
 
 def variables(path: str) -> Iterator[tuple[str, NDArray[Any]]]:
-    """The arrays of numbers of a file, by name."""
+    """The arrays of numbers and of lines of text of a file, by name."""
     from scipy.io import loadmat
 
     content: dict[str, Any] = loadmat(path, appendmat=False, squeeze_me=False)
@@ -34,6 +34,8 @@ def _numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, NDArray[A
             yield from _numbers(f"{name}.{field}", array.reshape(-1)[0][field], depth + 1)
     elif array.dtype.kind in "iufb" and array.ndim == 2 and array.size:
         yield name, array
+    elif array.dtype.kind == "U" and array.ndim == 1 and array.size > 1:  # such as dates
+        yield name, array[:, None]
 
 
 if __name__ == "__main__":

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened, read_limited
 from wrenchsight.models.files.whole_file import whole_file, writing_to
-from wrenchsight.models.recordings.npz_table import NpzTable
+from wrenchsight.models.recordings.npz_table import NpzTable, in_seconds, is_numeric
 from wrenchsight.models.recordings.packed_file import refuse_ratio
 from wrenchsight.models.recordings.recording_format import RecordingFormat
+from wrenchsight.models.recordings.text_table import binary_remedy
 from wrenchsight.models.robot.limited_child import run_limited
 
 _LARGEST_FILE: Final = 1 << 29  # bytes; a file is read whole
@@ -68,7 +69,9 @@ class MatTable(NpzTable):
             raise InputError(self.path, "", "is empty", "record the log again")
         if head[:8] == b"\x89HDF\r\n\x1a\n" or b"MATLAB 7.3" in head[:20]:
             problem = "is a MATLAB file of version 7.3, which is HDF5"
-            remedy = "save it again with save(..., '-v7')"
+            remedy = "save it again with save(..., '-v7'), or " + binary_remedy(
+                self.path, b"\x89HDF"
+            )
             raise InputError(self.path, "", problem, remedy)
         content = read_limited(self.path, _LARGEST_FILE, "a MATLAB file", "save a part of it")
         try:
@@ -84,7 +87,11 @@ class MatTable(NpzTable):
         structure = next(iter(series)).partition(".")[0] + "."
         if all(name.startswith(structure) for name in series):  # one structure is the log
             series = {name.removeprefix(structure): x for name, x in series.items()}
-        self._arrays = {name: _in_rows(x, count) for name, x in series.items()}
+        arrays = {name: _in_rows(x, count) for name, x in series.items()}
+        try:
+            self._arrays = {name: in_seconds(x) for name, x in arrays.items() if is_numeric(x)}
+        except ValueError as error:  # also Arrow's, of a text that is no date
+            raise self._damaged(error) from error
         return {name: x.shape for name, x in self._arrays.items()}
 
     def _loaded(self, names: list[str]) -> dict[str, NDArray[Any]]:

@@ -1,4 +1,5 @@
-"""Tables of numbers in NumPy's npz files: arrays by name, read by `numpy.load`, and written.
+"""Tables of numbers in NumPy's files: arrays by name (npz), read by `numpy.load`, and written; and
+one array (npy), a matrix or a structured one.
 
 The shape that an array's header states is compared with the size of its data before it is read.
 """
@@ -12,12 +13,15 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.date_stamps import stamp_form, stamp_seconds
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.table_checks import no_words, refuse_missing, rows_within
 
@@ -34,6 +38,10 @@ _JOINT_ARRAYS = {
     "tau_J": "tau",
 }  # fmt: skip
 _SUFFIX = ".npy"
+NPY_MAGIC = b"\x93NUMPY"
+_TEXT_KINDS = "US"  # of an array's type
+_LONGEST_STAMP = 256  # bytes
+_NUMBER_KINDS = "iufbmM"  # of an array's type; the last two are durations and dates, in s
 
 
 class _Place(NamedTuple):
@@ -46,11 +54,13 @@ class _Place(NamedTuple):
 class NpzContainer:
     """Logs in npz files; implements `log_container.LogContainer`."""
 
-    suffixes: tuple[str, ...] = (".npz",)
+    suffixes: tuple[str, ...] = (".npz", _SUFFIX)
 
     def open(self, path: Path, form: RecordingFormat | None) -> "NpzTable":
         """As the protocol; the file describes itself, so that `form` is not used."""
-        return NpzTable(path)
+        with opened(path, "a log") as file:
+            is_single = file.read(len(NPY_MAGIC)) == NPY_MAGIC
+        return NpyTable(path) if is_single else NpzTable(path)
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
         """As the protocol."""
@@ -142,7 +152,7 @@ class NpzTable:
         """Arrays as matrices (T, k), by name."""
         try:
             with np.load(self.path, allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in names}
+                arrays = {name: in_seconds(archive[name]) for name in names}
         except (*_DAMAGE, MemoryError) as error:
             raise self._damaged(error) from error
         return {
@@ -169,7 +179,8 @@ class NpzTable:
                     with archive.open(member) as file:
                         shape, dtype = _header(file)
                         num_bytes = member.file_size - file.tell()
-                    if dtype.kind not in "iufb":
+                        is_stamp = len(shape) == 1 and _begins_with_stamp(file, dtype)
+                    if dtype.kind not in _NUMBER_KINDS and not is_stamp:
                         self.notices.append(
                             f"the array {name} is left out: it holds no numbers ({dtype})"
                         )
@@ -195,6 +206,72 @@ class NpzTable:
             return InputError(self.path, "", "is empty", "record the log again")
         problem = f"is no npz file, or a damaged one ({error})"
         return InputError(self.path, "", problem, "write the file again")
+
+
+class NpyTable(NpzTable):
+    """One array: a matrix (T, k), whose columns have no names, or a structured one (T,)."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        if "" in self._arrays:
+            self.names = None
+
+    def _array_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Reads the array; the constructor calls it. `_arrays` holds it by fields for `_loaded`."""
+        if self.path.stat().st_size > _LARGEST_ARRAY:
+            raise InputError(self.path, "", "is too large an array", "save a part of it")
+        try:
+            array = np.load(self.path, allow_pickle=False)
+            fields = {name: array[name] for name in array.dtype.names or ()} or {"": array}
+            self._arrays = {
+                name: in_seconds(x) for name, x in fields.items() if is_numeric(x) and x.ndim
+            }
+        except (*_DAMAGE, MemoryError) as error:
+            raise self._damaged(error) from error
+        if not self._arrays:
+            remedy = "save the log's numbers, such as by numpy.savez(path, t=t, q=q, v=v, i=i)"
+            raise InputError(self.path, "", "holds no numbers", remedy)
+        return {name: x.shape for name, x in self._arrays.items()}
+
+    def _loaded(self, names: list[str]) -> dict[str, NDArray[Any]]:
+        return {name: self._arrays[name].reshape(self.num_rows, -1) for name in names}
+
+
+def is_numeric(array: NDArray[Any]) -> bool:
+    """Whether an array holds numbers, dates or durations, the latter two perhaps as text."""
+    if array.dtype.kind not in _TEXT_KINDS:
+        return array.dtype.kind in _NUMBER_KINDS
+    is_list = array.ndim == 1 and array.size > 0
+    return is_list and stamp_form(str(array.astype(str)[0]).strip()) is not None
+
+
+def in_seconds(array: NDArray[Any]) -> NDArray[Any]:
+    """Dates (since 1970) and durations in s, also as text; other arrays as they are.
+
+    Raises:
+        ValueError: a text is no date with time.
+    """
+    if array.dtype.kind in _TEXT_KINDS:
+        cells = pa.chunked_array([pa.array([text.strip() for text in array.astype(str).tolist()])])
+        form = stamp_form(cells[0].as_py())
+        if form is None:
+            raise ValueError("text that is no date with time")
+        return np.asarray(stamp_seconds(pc.cast(cells, form.arrow_type()), form))
+    if array.dtype.kind not in "mM":
+        return array
+    whole = array.astype("m8[ns]" if array.dtype.kind == "m" else "M8[ns]")
+    seconds = whole.astype(np.int64) * 1e-9
+    return np.where(np.isnat(array), np.nan, seconds)
+
+
+def _begins_with_stamp(file: IO[bytes], dtype: np.dtype[Any]) -> bool:
+    """Whether the first entry of an array is a date with time; `file` is behind the header."""
+    if dtype.kind not in _TEXT_KINDS or dtype.itemsize > _LONGEST_STAMP:
+        return False
+    data = file.read(dtype.itemsize)
+    if len(data) < dtype.itemsize:
+        return False
+    return stamp_form(str(np.frombuffer(data, dtype).astype(str)[0]).strip()) is not None
 
 
 def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -1,12 +1,13 @@
-"""Logs that are compressed as a whole (`log.mcap.zstd`, `log.csv.gz`, `log.zip` of one file),
-unpacked within a bound.
+"""Logs that are compressed as a whole (`log.mcap.zstd`, `log.csv.gz`), or lie in an archive of one
+log (`log.zip`, `log.tar.gz`), unpacked within a bound.
 
 A file of zeros compresses to a thousandth: without a bound, a small file fills the disk.
 """
 
+import re
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,32 +64,84 @@ def _zip(file: Any) -> Any:
     import zipfile
 
     archive = zipfile.ZipFile(file)
-    return archive.open(_only_member(archive))
+    name = _only_log([n for n in archive.namelist() if not n.endswith("/")])
+    return _Member(archive.open(name), name)
 
 
-def _only_member(archive: Any) -> str:
-    """The only file of an archive, without what macOS adds.
+def _tar(file: Any) -> Any:
+    import tarfile
+
+    archive = tarfile.TarFile(fileobj=file)
+    name = _only_log([m.name for m in archive.getmembers() if m.isfile()])
+    return _Member(archive.extractfile(name), name)
+
+
+class _Member:
+    """A file of an archive, opened, with its name there."""
+
+    def __init__(self, file: Any, name: str) -> None:
+        self.name = Path(name).name
+        self._file = file
+
+    def read(self, size: int) -> bytes:
+        return bytes(self._file.read(size))
+
+    def __enter__(self) -> "_Member":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+
+def _only_log(names: Sequence[str]) -> str:
+    """The only file of an archive, without what macOS adds and what goes with a log.
 
     Raises:
         ValueError: there is none, or there are several.
     """
-    names = [str(name) for name in archive.namelist()]
-    files = [name for name in names if not name.endswith("/") and "__MACOSX" not in name]
-    if len(files) != 1:
-        listed = ", ".join(files[:_LISTED_MEMBERS]) or "none"
-        raise ValueError(f"{len(files)} files: {listed}; expected one")
-    return files[0]
+    files = [name for name in names if not _ASIDE.search(name)]
+    logs = [name for name in files if not _BESIDE_LOG.search(name)] or files
+    if len(logs) != 1:
+        listed = ", ".join(logs[:_LISTED_MEMBERS]) or "none"
+        raise ValueError(f"{len(logs)} files: {listed}; expected one")
+    return logs[0]
 
 
-_UNPACKERS: Final[dict[str, Callable[[Any], Any]]] = {
-    ".gz": _gzip,
-    ".bz2": _bz2,
-    ".xz": _xz,
-    ".zst": _zstd,
-    ".zstd": _zstd,
-    ".lz4": _lz4,
-    ".zip": _zip,
-}
+_ASIDE: Final = re.compile(r"(^|/)(__MACOSX/|\._|\.DS_Store$)")
+_BESIDE_LOG: Final = re.compile(
+    r"(^|/)readme[^/]*$|\.(md|ya?ml|png|jpe?g|pdf|svg|html|urdf|xacro|ini|cfg|toml)$", re.IGNORECASE
+)
+_MAGIC_BYTES: Final = 262
+_TAR_MAGIC: Final = slice(257, 262)  # its place, of a tar archive
+_UNPACKERS: Final[tuple[tuple[bytes, tuple[str, ...], Callable[[Any], Any]], ...]] = (
+    # first bytes, endings, what reads it
+    (b"\x1f\x8b", (".gz", ".tgz"), _gzip),
+    (b"BZh", (".bz2", ".tbz2"), _bz2),
+    (b"\xfd7zXZ", (".xz", ".txz"), _xz),
+    (b"\x28\xb5\x2f\xfd", (".zst", ".zstd"), _zstd),
+    (b"\x04\x22\x4d\x18", (".lz4",), _lz4),
+    (b"", (".tar",), _tar),
+    (b"", (".zip",), _zip),
+)
+_MOST_LAYERS: Final = 3  # such as log.csv in a tar archive that gzip has packed
+
+
+def _unpacker(path: Path) -> Callable[[Any], Any] | None:
+    """What unpacks a file, by its first bytes or its ending; None: it is not packed."""
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as file:
+            head = file.read(_MAGIC_BYTES)
+    except OSError:  # whoever opens it says what is wrong
+        return None
+    suffix = path.suffix.lower()
+    if head[_TAR_MAGIC] == b"ustar":
+        return _tar
+    for magic, suffixes, unpacker in _UNPACKERS:
+        if suffix in suffixes or (magic and head.startswith(magic)):
+            return unpacker
+    return None
 
 
 class UnpackedFile:
@@ -96,6 +149,8 @@ class UnpackedFile:
 
     Args:
         path: path of a packed file, `is_packed`.
+
+    What is in an archive may be packed itself.
 
     Attributes:
         path: path of the unpacked file, whose name is that of the packed one without its last
@@ -108,24 +163,40 @@ class UnpackedFile:
     def __init__(self, path: Path) -> None:
         self._packed = path
         self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
-        self.path = Path(self._folder.name) / _name_within(path)
-        packed = path.stat().st_size
-        unpacked = 0
+        self.path = path
+        for layer in range(_MOST_LAYERS):
+            unpacker = _unpacker(self.path)
+            if unpacker is None:
+                break
+            folder = Path(self._folder.name) / str(layer)
+            folder.mkdir()
+            self.path = self._unpacked(self.path, folder, unpacker)
+
+    def _unpacked(self, source: Path, folder: Path, unpacker: Callable[[Any], Any]) -> Path:
+        """The file in a packed one, written into a folder.
+
+        Raises:
+            InputError: as the class.
+        """
+        size = unpacked = 0
+        path = folder / "log"
         try:
-            with (
-                opened(path, "a log") as raw,
-                self.path.open("wb") as target,
-                _UNPACKERS[path.suffix.lower()](raw) as source,
-            ):
-                while block := source.read(_BLOCK_BYTES):
-                    unpacked += len(block)
-                    refuse_ratio(unpacked, packed)
-                    target.write(block)
+            with opened(source, "a log") as raw, path.open("wb") as target:
+                size = source.stat().st_size
+                with unpacker(raw) as file:
+                    name = file.name if isinstance(file, _Member) else source.stem or "log"
+                    while block := file.read(_BLOCK_BYTES):
+                        unpacked += len(block)
+                        refuse_ratio(unpacked, size)
+                        target.write(block)
         except InputError:
             raise
         except Exception as error:  # each kind of compression has errors of its own
             problem = f"cannot be unpacked ({str(error)[:200] or type(error).__name__})"
-            raise InputError(path, "", problem, "unpack it by hand, or record it again") from error
+            raise InputError(
+                self._packed, "", problem, "unpack it by hand, or record it again"
+            ) from error
+        return path.rename(folder / name)
 
     @contextmanager
     def errors_of_packed(self) -> Iterator[None]:
@@ -144,15 +215,5 @@ class UnpackedFile:
 
 
 def is_packed(path: Path) -> bool:
-    """Whether a file is compressed as a whole, by the ending of its name."""
-    return path.suffix.lower() in _UNPACKERS and path.is_file()
-
-
-def _name_within(path: Path) -> str:
-    """The name of the unpacked file; of an archive that cannot be read, that of the archive."""
-    if path.suffix.lower() == ".zip":
-        import zipfile
-
-        with suppress(OSError, ValueError, zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
-            return Path(_only_member(archive)).name
-    return path.stem
+    """Whether a file is compressed as a whole, or an archive, by its first bytes or its ending."""
+    return _unpacker(path) is not None

@@ -2,15 +2,21 @@
 
 A column of lists, all of one length k, becomes the columns NAME.1..NAME.k. Lists of lists are read
 row by row; a list of one number is that number. The fields of a column of records (a struct)
-become the columns NAME.FIELD.
+become the columns NAME.FIELD, those of a list of k records NAME.1.FIELD..NAME.k.FIELD. Numbers and
+dates with times that are written as text are read, times of a day and durations in s.
+
+Files of other kinds are read as a Parquet table that is made of them (`ConvertedTable`).
 """
 
 import tempfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -20,6 +26,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.date_stamps import StampForm, stamp_form, stamp_seconds
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.table_checks import (
     no_words,
@@ -33,7 +40,8 @@ Lines = NDArray[np.int64]
 _BATCH_ROWS = 1 << 16
 _MAGIC = b"PAR1"
 _MOST_ENTRIES = 4096  # of a list
-_MOST_LEVELS = 4  # of records within records
+_MOST_LEVELS = 8  # of records and lists of them within records
+_ONE_FORM = "write all samples with the same entries"
 
 
 class _Place(NamedTuple):
@@ -50,10 +58,13 @@ class ParquetContainer:
 
     def open(self, path: Path, form: RecordingFormat | None) -> "ParquetTable":
         """As the protocol; the file describes itself, so that `form` is not used."""
-        copy = _FlatCopy(path) if _has_records(path) else None
-        table = ParquetTable(path, source=None if copy is None else copy.path)
-        table.copy = copy
-        return table
+        if not _has_records(path):
+            return ParquetTable(path)
+        try:
+            with pq.ParquetFile(path) as file:
+                return ConvertedTable(path, map(_as_table, file.iter_batches(_BATCH_ROWS)))
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(path, "", f"is damaged ({error})", "write the file again") from error
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
         """As the protocol."""
@@ -73,7 +84,6 @@ class ParquetTable:
     """
 
     row_word = "row"
-    copy: "_FlatCopy | None" = None  # that is read, and lasts as long as the table
 
     def __init__(self, path: Path, part: range | None = None, source: Path | None = None) -> None:
         """Reads the file's schema and the lengths of its lists.
@@ -146,6 +156,24 @@ class ParquetTable:
         finally:
             file.close()
         return first
+
+    def frame(self, num_rows: int | None = None) -> pd.DataFrame:
+        """The rows, or the first ones, with their texts; one column for each of the table's names.
+
+        Raises:
+            InputError: the file is damaged; it has lists.
+        """
+        file = self._opened()
+        names = [place.name for place in self._places]
+        try:
+            batches = file.iter_batches(min(num_rows or _BATCH_ROWS, _BATCH_ROWS), columns=names)
+            parts = list(islice(batches, 1)) if num_rows else list(batches)
+            table = pa.Table.from_batches(parts, parts[0].schema if parts else None)
+        except (pa.ArrowException, OSError) as error:
+            raise self._damaged("near row 1", error) from error
+        finally:
+            file.close()
+        return table.select(names).slice(self._begin, self.num_rows).to_pandas()
 
     def _words(self, rows: pa.RecordBatch, names: list[str]) -> Iterator[tuple[list[str], int]]:
         """The words of the rows of a batch, each once, with the number of its first row in it."""
@@ -252,17 +280,31 @@ class ParquetTable:
                 problem = f"a list of {counts[k]} numbers" if counts[k] >= 0 else "is empty"
                 raise InputError(self.path, place, problem, "write lists of one length")
             column = column.flatten()
-        if pa.types.is_timestamp(column.type):
-            column = column.cast(pa.timestamp("ns")).cast(pa.int64())
-            numbers = column.to_numpy(zero_copy_only=False) * 1e-9
-        else:
-            column = column.cast(pa.float64(), safe=False)
-            numbers = column.to_numpy(zero_copy_only=False)
+        numbers = self._numbers_of(column, name, row)
         if len(numbers) != size * width:
             place = f"row {row}, column {name}"
             problem = f"lists of {len(numbers) // max(1, size)} numbers, but {width} in row 1"
             raise InputError(self.path, place, problem, "write lists of one length")
         return np.asarray(numbers, float).reshape(size, width)
+
+    def _numbers_of(self, column: pa.Array, name: str, row: int) -> Array:
+        """The numbers of a column without lists: times in s, text as the numbers that it is."""
+        types = pa.types
+        if types.is_timestamp(column.type):
+            column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+            return np.asarray(column.to_numpy(zero_copy_only=False) * 1e-9)
+        if types.is_duration(column.type) or types.is_time(column.type):
+            in_ns = pa.duration("ns") if types.is_duration(column.type) else pa.time64("ns")
+            column = column.cast(in_ns).cast(pa.int64())
+            return np.asarray(column.to_numpy(zero_copy_only=False) * 1e-9)
+        try:
+            if _is_text(column.type):
+                column = _numbers_of_text(column)
+            return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False))
+        except pa.ArrowInvalid as error:
+            place = f"row {row} or below, column {name}"
+            problem = f"holds text that is no number ({str(error)[:80]})"
+            raise InputError(self.path, place, problem, "correct or remove the row") from error
 
     def _widths(self, file: pq.ParquetFile) -> dict[str, int]:
         """How many numbers a row of each column holds, by its type or its first row."""
@@ -294,9 +336,26 @@ class ParquetTable:
             problem = f'names the column "{name}" more than once'
             raise InputError(self.path, "schema", problem, "give each column its own name")
         kind = self._types[name]
+        if _is_text(kind) and self._first_text(name) is not None:
+            return
         if not _is_number(_entry_type(kind)):
             remedy = "write one numeric column per joint, or lists of numbers"
             raise InputError(self.path, f"column {name}", f"holds {kind}, expected numbers", remedy)
+
+    def _first_text(self, name: str) -> StampForm | float | None:
+        """What the first text of a column is: how it writes a time, a number, or None."""
+        file = self._opened()
+        try:
+            batch = next(file.iter_batches(_BATCH_ROWS, columns=[name]), None)
+        finally:
+            file.close()
+        cells = [] if batch is None else batch.column(0).drop_null()
+        if not len(cells):
+            return None
+        text = str(cells[0]).strip()
+        with suppress(ValueError):
+            return float(text)
+        return stamp_form(text)
 
     def _damaged(self, place: str, error: Exception) -> InputError:
         return InputError(self.path, place, f"is damaged ({error})", "write the file again")
@@ -333,34 +392,64 @@ def _entry_type(kind: pa.DataType) -> pa.DataType:
 
 def _is_number(kind: pa.DataType) -> bool:
     types = pa.types
-    numeric = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp)
+    numeric = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp,
+               types.is_duration, types.is_time, types.is_decimal)  # fmt: skip
     return any(check(kind) for check in numeric)
 
 
-class _FlatCopy:
-    """A Parquet file whose records are columns of their own; it is removed with this object.
+def _is_text(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
-    Args:
-        path: of a file with records.
 
-    Attributes:
-        path: of the copy.
+def _numbers_of_text(column: pa.Array) -> pa.Array:
+    """Numbers, or the seconds of dates with times, that are written as text.
 
     Raises:
-        InputError: the file is damaged.
+        pa.ArrowInvalid: a cell is neither.
+    """
+    cells = pa.chunked_array([column.cast(pa.string())])
+    texts = cells.drop_null()
+    form = stamp_form(str(texts[0]).strip()) if len(texts) else None
+    if form is not None:
+        cells = stamp_seconds(pc.cast(cells, form.arrow_type()), form)
+    return pc.cast(cells, pa.float64()).combine_chunks()
+
+
+class ConvertedTable(ParquetTable):
+    """A log of another kind as a Parquet table of it, which lasts as long as this object.
+
+    Args:
+        path: of the log, for error lines.
+        parts: successive rows of it.
+
+    Raises:
+        InputError: there is no part, or it has no rows.
+        pa.ArrowException: a part has other types than the first one.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, parts: Iterable[pa.Table]) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
-        self.path = Path(self._folder.name) / path.name
+        copy = Path(self._folder.name) / path.name
+        writer: pq.ParquetWriter | None = None
         try:
-            with pq.ParquetFile(path) as file:
-                schema = flattened(file.schema_arrow.empty_table()).schema
-                with pq.ParquetWriter(self.path, schema) as writer:
-                    for batch in file.iter_batches(_BATCH_ROWS):
-                        writer.write_table(flattened(pa.Table.from_batches([batch])))
-        except (pa.ArrowException, OSError) as error:
-            raise InputError(path, "", f"is damaged ({error})", "write the file again") from error
+            for part in parts:
+                flat = flattened(part)
+                writer = writer or pq.ParquetWriter(copy, flat.schema)
+                try:
+                    writer.write_table(flat.cast(writer.schema, safe=False))
+                except (pa.ArrowInvalid, ValueError) as error:
+                    problem = f"changes its columns ({str(error)[:200]})"
+                    raise InputError(path, "", problem, _ONE_FORM) from error
+        finally:
+            if writer is not None:
+                writer.close()
+        if writer is None:
+            raise InputError(path, "", "has no rows", "record the log again")
+        super().__init__(path, source=copy)
+
+
+def _as_table(batch: pa.RecordBatch) -> pa.Table:
+    return pa.Table.from_batches([batch])
 
 
 def _has_records(path: Path) -> bool:
@@ -374,7 +463,36 @@ def _has_records(path: Path) -> bool:
 def flattened(table: pa.Table) -> pa.Table:
     """A table whose records (objects within objects) are columns of their own."""
     for _ in range(_MOST_LEVELS):
-        if not any(pa.types.is_struct(kind) for kind in table.schema.types):
+        if any(pa.types.is_struct(kind) for kind in table.schema.types):
+            table = table.flatten()
+        elif any(_holds_records(kind) for kind in table.schema.types):
+            table = _without_lists_of_records(table)
+        else:
             break
-        table = table.flatten()
     return table
+
+
+def _holds_records(kind: pa.DataType) -> bool:
+    """Whether a type is a list of records."""
+    return _is_list(kind) and pa.types.is_struct(kind.value_type)
+
+
+def _without_lists_of_records(table: pa.Table) -> pa.Table:
+    """A table with a column of records for each entry of its lists of records, NAME.1..NAME.k.
+
+    Lists of several lengths are left out.
+    """
+    columns: dict[str, Any] = {}
+    for name in table.column_names:
+        column = table.column(name).combine_chunks()
+        if not _holds_records(column.type):
+            columns[name] = column
+            continue
+        lengths = pc.unique(pc.list_value_length(column)).to_pylist()
+        if len(lengths) != 1 or not lengths[0] or lengths[0] > _MOST_ENTRIES:
+            continue
+        entries = pc.list_flatten(column)
+        for k in range(lengths[0]):
+            places = pa.array(np.arange(k, len(entries), lengths[0]))
+            columns[f"{name}.{k + 1}"] = entries.take(places)
+    return pa.table(columns)

@@ -3,7 +3,8 @@
 - Text in UTF-16, as spreadsheets save "Unicode text", and in Windows' code page 1252 (Latin-1).
 - Cells in aligned columns, with runs of blanks between them.
 - Quoted cells behind a blank: `"time", "q1"`; numbers with their unit in the cell: `13.7 deg`.
-- Lines that end with two carriage returns, as Python's csv writes them on Windows.
+- Lines that end with two carriage returns, as Python's csv writes them on Windows, or with one
+  alone.
 - Messages as `ros2 topic echo` prints them (`echo_text`).
 - Exports of TwinCAT Scope (Beckhoff TE13xx): a block of lines with label and value of each channel
   (Name;Position;Name;Current, then SymbolName, Data-Type, ..), and rows with a time in ms and a
@@ -24,6 +25,7 @@ from typing import BinaryIO, Final
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.recordings.echo_text import is_echo, table_of_echo
+from wrenchsight.models.recordings.text_head import table_head
 
 _UTF_16: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 _WESTERN: Final = "cp1252"  # in which five bytes stand for nothing: most binary files are none
@@ -44,6 +46,7 @@ _UNIT_IN_CELL: Final = re.compile(
     re.MULTILINE,
 )
 _SCOPE_TIME: Final = "Time [ms]"  # since the first sample
+_SCOPE_TIMES: Final = "Time_{} [ms]"  # of a further channel, by its number
 
 
 class PlainCopy:
@@ -77,8 +80,7 @@ class PlainCopy:
             scope_head = _plain_scope_head(head)
             if scope_head is not None:
                 self.notices.append(
-                    "read as an export of TwinCAT Scope: a time in ms and a value of each channel; "
-                    "the time of the first channel is that of all"
+                    "read as an export of TwinCAT Scope: a time in ms and a value of each channel"
                 )
             change = None if scope_head is not None else _change_of_lines(head)
             parts: Iterable[str] = chain([scope_head or head], text)
@@ -157,8 +159,9 @@ def _plain_scope_head(head: str) -> str | None:
                 names = cells[1::2]
             continue
         if _is_row(_cells(line, separator), 2 * len(names)):
-            above = [(_SCOPE_TIME if k == 0 else "", name) for k, name in enumerate(names)]
-            header = separator.join(cell for pair in above for cell in pair)
+            times = [_SCOPE_TIME, *(_SCOPE_TIMES.format(k + 2) for k in range(len(names) - 1))]
+            pairs = zip(times, names, strict=True)
+            header = separator.join(cell for pair in pairs for cell in pair)
             return "\n" * (number - 1) + header + "\n" + "".join(lines[number:])
     return None
 
@@ -169,6 +172,8 @@ def _change_of_lines(head: str) -> Callable[[str], str] | None:
     Args:
         head: the first lines.
     """
+    if "\r" in head and "\n" not in head:
+        return lambda text: text.replace("\r", "\n")
     lines = [line for line in head.splitlines()[:_MOST_HEAD_LINES] if line.strip()][:-1]
     if len(lines) > 1 and all(_QUOTE_BEHIND_BLANK.search(line) for line in lines[-2:]):
         return lambda text: _QUOTE_BEHIND_BLANK.sub(r'\1"', text)
@@ -176,11 +181,11 @@ def _change_of_lines(head: str) -> Callable[[str], str] | None:
         return lambda text: text.replace(_DOUBLE_RETURN, "\r\n")
     if len(lines) > 2 and all(_UNIT_IN_CELL.search(line) for line in lines[-2:]):
         return _without_units(lines)
-    is_aligned = bool(lines) and all(
-        _RUN_OF_BLANKS.search(line) and not re.search(r"[,;\t]", line) for line in lines
-    )
-    if is_aligned and len({len(line.split()) for line in lines}) == 1:
-        return lambda text: re.sub(r"(?m)^ +| +(?=\r?$)", "", re.sub(r" {2,}", " ", text))
+    table = table_head(lines) if lines else None
+    if table is not None and table.separator == " ":
+        rows = lines[table.num_lines :]
+        if any(line != line.strip() or _RUN_OF_BLANKS.search(line) for line in rows):
+            return lambda text: re.sub(r"(?m)^ +| +(?=\r?$)", "", re.sub(r" {2,}", " ", text))
     return None
 
 

@@ -17,12 +17,12 @@ from wrenchsight.models.files.bundled_files import bundled_files
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.aligned_table import aligned
 from wrenchsight.models.recordings.differentiation import (
     HALF_WINDOW_S,
     LEAST_WINDOW,
     with_velocities,
 )
-from wrenchsight.models.recordings.layouts.array_layout import array_layout
 from wrenchsight.models.recordings.layouts.column_words import column_words_layout
 from wrenchsight.models.recordings.layouts.external_torque import external_torque_layout
 from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, known_layout
@@ -34,6 +34,7 @@ from wrenchsight.models.recordings.log_container import LogContainer, LogTable
 from wrenchsight.models.recordings.log_containers import (
     TEXT,
     container_of,
+    is_described,
     usual_suffixes,
 )
 from wrenchsight.models.recordings.log_words import (
@@ -45,6 +46,7 @@ from wrenchsight.models.recordings.log_words import (
     LogWords,
     log_words,
 )
+from wrenchsight.models.recordings.long_table import as_samples
 from wrenchsight.models.recordings.packed_file import UnpackedFile, is_packed
 from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
 from wrenchsight.models.recordings.plausibility.idle_signals import (
@@ -59,6 +61,7 @@ from wrenchsight.models.recordings.recording_checks import RecordingChecks
 from wrenchsight.models.recordings.recording_format import (
     FORMATS,
     MOST_COLUMNS,
+    TAU_EXT,
     ColumnLayout,
     LogHeader,
     RecordingFormat,
@@ -77,6 +80,7 @@ from wrenchsight.models.recordings.rosbag.messages import KINDS
 from wrenchsight.models.recordings.rosbag.table import RosbagTable, is_bag
 from wrenchsight.models.recordings.sample_stamps import StampFilter
 from wrenchsight.models.recordings.signal_corrections import corrected_chunks
+from wrenchsight.models.recordings.text_head import is_number
 from wrenchsight.models.recordings.wrapped_angles import Unwrapper
 from wrenchsight.models.robot.robot import Robot
 
@@ -189,7 +193,7 @@ class RecordingReader:
         has them.
         """
         path = Path(path)
-        if path.suffix.lower() in (".yaml", ".yml"):
+        if is_described(path):
             if description is not None:
                 raise InputError(
                     path, "", "is a description itself", "give the log, or leave out --log-format"
@@ -223,6 +227,7 @@ class RecordingReader:
         self.table = log.table
         self.layout: ColumnLayout = self._resolved_layout(log)
         self._rows = rows_for(log.form, path)
+        self._align_rows()
         if log.form.rows and path.name not in log.form.rows:
             self._notices.append(
                 f"{Path(log.form_source).name} selects rows of {len(log.form.rows)} files, but not "
@@ -252,6 +257,13 @@ class RecordingReader:
             for signal in layout.signals
         ]
         return replace(layout, signals=(*signals, *self._further_signals(log.table)))
+
+    def _align_rows(self) -> None:
+        """Puts signals that have rows or clocks of their own on the rows of the positions."""
+        if isinstance(self.table, RosbagTable | EpisodeTable):
+            return
+        with suppress(InputError):  # a fault that a later pass reports
+            self.table = aligned(self.table, self.layout, self.path)
 
     def _first_chunks(self) -> Iterator[Recording]:
         """Chunks as written, up to a fault, which a later pass reports."""
@@ -603,10 +615,8 @@ class RecordingReader:
                 episode = DATA_SETS.open(path, None)
                 layout = episode.layout(self._robot, self._words.angle)
                 log = _recognised(layout, self.path, episode)
-            elif container is None:
-                raise _unknown_ending(path)
             else:
-                log = self._open_undescribed(container, path)
+                log = self._open_undescribed(container or _of_unknown_ending(path), path)
         return log._replace(unpacked=unpacked)
 
     def _open_undescribed(self, container: LogContainer, path: Path) -> _OpenedLog:
@@ -621,7 +631,7 @@ class RecordingReader:
         Raises:
             InputError: the columns have no names, none is a time, or signals are missing.
         """
-        table = container.open(path, None)
+        table = as_samples(container.open(path, None), self.path)
         if self._words.rate_hz:
             table = RatedTable(table, self._words.rate_hz)
         bundled = self._bundled_format(table)
@@ -654,7 +664,9 @@ class RecordingReader:
             log = _OpenedLog(form, str(self.path), table)
         except InputError:  # reported where the words in the names leave doubt, too
             joint_names = self._robot.joint_names if self._robot is not None else None
-            layout = column_words_layout(table.names, path, joint_names, self._words)
+            layout = column_words_layout(
+                table.names, path, table.row_words, joint_names, self._words
+            )
             if layout is None:
                 raise
             log, others = _recognised(layout, self.path, table), ()
@@ -674,7 +686,10 @@ class RecordingReader:
             joint_names = self._robot.joint_names if self._robot is not None else None
             names, words = table.names, self._words
             layout = known_layout(names, table.num_columns, self.path, joint_names, words)
-            layout = layout or array_layout(names, self.path, table.row_words, joint_names, words)
+            if layout is not None and not _holds_torque(layout.form):
+                with suppress(InputError):  # such as currents that have no joint's name
+                    arguments = (names, self.path, table.row_words, joint_names, words)
+                    layout = column_words_layout(*arguments) or layout
         return layout
 
     def _in_requested_angle(self, log: _OpenedLog) -> _OpenedLog:
@@ -728,7 +743,7 @@ def _described(container: LogContainer, path: Path, description: str | Path) -> 
         description: a bundled name or a file.
     """
     form, form_path = load_format(description)
-    table = container.open(path, form)
+    table = as_samples(container.open(path, form), path)
     if form.rate_hz:
         # The time is one more column, behind those of the log; the description is changed to one of
         # that table. (A num_columns of 0 states none.)
@@ -758,13 +773,20 @@ def _recognised(layout: KnownLayout, path: Path, table: LogTable) -> _OpenedLog:
     )
 
 
-def _unknown_ending(path: Path) -> InputError:
-    """The error of a log whose ending is that of no container."""
+def _of_unknown_ending(path: Path) -> LogContainer:
+    """What reads a file of an ending that no container has: it is a text with a table, or nothing.
+
+    Raises:
+        InputError: it is none.
+    """
+    table = TEXT.open(path, None)  # raises for a kind of file that is not read
+    if table.num_columns > 1 and any(is_number(cell) for cell in table.first_cells):
+        return TEXT
     problem = f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
     remedy = "export the log as CSV, or as npz with arrays t, q, v and i"
-    if TEXT.open(path, None).num_columns > 1:  # raises for a kind of file that is not read
+    if table.num_columns > 1:
         remedy = "name the file .csv, " + _DESCRIBE
-    return InputError(path, "", problem, remedy)
+    raise InputError(path, "", problem, remedy)
 
 
 def _no_time(path: Path, names: Sequence[str]) -> InputError:
@@ -782,6 +804,11 @@ def _no_time(path: Path, names: Sequence[str]) -> InputError:
 def _has_drives(names: Sequence[str]) -> bool:
     """Whether a header names motor currents or motor torques."""
     return not {"i1", "tau1"}.isdisjoint(_in_lower_case(names))
+
+
+def _holds_torque(form: RecordingFormat) -> bool:
+    """Whether a description names currents, motor torques or the external torque."""
+    return form.current is not None or form.motor_torque is not None or TAU_EXT in form.extra
 
 
 def _in_lower_case(names: Sequence[str]) -> tuple[str, ...]:

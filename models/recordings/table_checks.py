@@ -62,9 +62,9 @@ def refuse_missing(
     is_optional = np.array([column in may_be_empty for column in columns])
     is_wrong = ~(np.isfinite(values) | (np.isnan(values) & is_optional))
     if is_wrong.any():
-        assert table.names is not None
         wrong_rows, wrong_columns = np.nonzero(is_wrong)
-        name = table.names[columns[int(wrong_columns[0])]]
+        column = columns[int(wrong_columns[0])]
+        name = str(column + 1) if table.names is None else table.names[column]
         place = f"{table.row_word} {rows[int(wrong_rows[0])]}, column {name}"
         problem = "is empty or not finite, expected a number"
         remedy = "correct or remove the row; a short gap is bridged"

@@ -1,6 +1,5 @@
 """Tables of numbers in text files (CSV): read block by block with constant memory, and written."""
 
-import csv
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,41 +19,52 @@ from wrenchsight.models.recordings.list_cells import UnfoldedFile, has_lists
 from wrenchsight.models.recordings.plain_text import PlainCopy, is_plain
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.table_checks import other_words
+from wrenchsight.models.recordings.text_head import (
+    MOST_HEAD_LINES,
+    NAN_CELLS,
+    is_number,
+    split_cells,
+    table_head,
+)
 
 Lines = NDArray[np.int64]
 
 BLOCK_BYTES = 1 << 23  # small beside any memory, large enough that a block's overhead vanishes
 _LONGEST_LINE = 1 << 17  # more than any number of joints needs
-_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
-# Unambiguous, so that it does not backtrack: a cell may have a hundred thousand digits.
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
-# What stands for a missing number, also in pandas and in databases.
-_NAN_CELLS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)", "null", "NULL", "None", "N/A", "n/a", "NA",
-              "#N/A", "<NA>", "-")  # fmt: skip
-_UNIT_CELL = re.compile(r"\W*[a-zA-Zµ°%‰]{0,5}([ */·^_][a-zA-Z0-9°]{1,5}){0,2}\W*")
-_UNIT_LENGTH = 20  # characters
-_HEAD_LINES = 100  # in which the table's first row is looked for
-_MIN_CELLS = 4  # of a table
-_MOST_LEVELS = 4  # lines of names above each other
+SEPARATOR_WORDS = {
+    ",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces", "|": "vertical bars",
+}  # fmt: skip
+"""What separates the cells, in words, by the separators that are recognised."""
+_HEAD_BYTES = 1 << 20  # of a file, in which its table begins
+_MIN_COLUMNS = 3  # of a table, in which a line of one cell is a remark
+_REMARK = re.compile(r"\W*[A-Za-z]{3}")
 _MOST_LAST_LINES = 20  # below the table that are no rows, and
 _LAST_BYTES = 1 << 12  # the end of the file in which they are looked for
 _CAN_FRAME = re.compile(r"\(\d{1,12}\.\d{1,9}\) +\w{1,16} +[0-9A-Fa-f]{3,8}##?[0-9A-Fa-f]*")
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
-_BINARY_KINDS = (  # first bytes, kind of file, remedy
-    (b"PAR1", "a Parquet file", "name it .parquet"),
+_PICKLES = tuple(bytes([0x80, protocol]) for protocol in range(2, 6))  # first bytes
+_HDF5_REMEDY = (
+    'write its arrays as npz: pip install h5py, then python -c "import h5py, numpy; d = {}; '
+    "h5py.File('{name}').visititems(lambda n, x: d.update({n.replace('/', '.'): x[()]}) if "
+    "isinstance(x, h5py.Dataset) else None); numpy.savez('{stem}.npz', **d)\""
+)
+_SHEET_REMEDY = (
+    'save it as CSV in the spreadsheet program, or: pip install openpyxl, then python -c "import '
+    "pandas; pandas.read_excel('{name}').to_csv('{stem}.csv', index=False)\""
+)
+_PICKLE_REMEDY = (
+    'if you trust it and it holds a DataFrame: python -c "import pandas; '
+    "pandas.read_pickle('{name}').reset_index().to_feather('{stem}.feather')\"; if it holds a "
+    "dictionary of arrays: python -c \"import numpy, pickle; numpy.savez('{stem}.npz', "
+    "**pickle.load(open('{name}', 'rb')))\""
+)
+_BINARY_KINDS = (  # first bytes, kind of file, remedy with the file's name and its stem
     (b"\x1f\x8b", "compressed by gzip", "name it .csv.gz"),
-    (b"\x28\xb5\x2f\xfd", "compressed by zstd", "name it .csv.zst"),
-    (b"PK\x03\x04", "a zip archive or a spreadsheet", "unpack it, or export it as CSV"),
-    (
-        b"\x89HDF",
-        "an HDF5 file",
-        "save its arrays as npz, such as by h5py and numpy.savez('log.npz', t=.., q=.., v=.., "
-        "i=..), samples in rows",
-    ),
-    (b"MATLAB", "a MATLAB file", "name it .mat"),
+    (b"PK\x03\x04", "a zip archive or a spreadsheet", _SHEET_REMEDY),
+    (b"\x89HDF", "an HDF5 file", _HDF5_REMEDY),
     (b"#ROSBAG", "a ROS 1 bag", "name it .bag"),
     (b"\x89MCAP", "an MCAP file", "name it .mcap"),
-    (b"SQLite format 3", "an SQLite database", "name it .db3 if it is a rosbag2"),
+    *((magic, "a pickle, which runs code when it is read", _PICKLE_REMEDY) for magic in _PICKLES),
 )
 
 
@@ -82,7 +92,7 @@ class TextContainer:
             )
         table = _without_lists(lambda copy: TextTable(path, copy=copy), plain)
         if table.names is not None and table.separator != ",":
-            table.notices.append(f"columns are separated by {_SEPARATORS[table.separator]}")
+            table.notices.append(f"columns are separated by {SEPARATOR_WORDS[table.separator]}")
         return table
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
@@ -110,15 +120,8 @@ def _without_lists(
     if table.names is None or not has_lists(table.first_cells):
         return table
     source = table.path if plain is None else plain.path
-    return open_table(UnfoldedFile(source, table.separator, table.skip_lines))
-
-
-def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
-    """The names of columns with their units behind, as "q1 [rad]"; without where there is none."""
-    return tuple(
-        f"{name} [{unit.strip('[]() ')}]" if unit.strip("[]()- ") else name
-        for name, unit in zip(names, units, strict=True)
-    )
+    copy = UnfoldedFile(source, table.separator, table.names, table.num_head_lines)
+    return open_table(copy)
 
 
 def _stamp_forms(first_cells: Sequence[str]) -> dict[int, StampForm]:
@@ -127,19 +130,15 @@ def _stamp_forms(first_cells: Sequence[str]) -> dict[int, StampForm]:
     return {k: form for k, form in forms.items() if form is not None}
 
 
-def _joined_levels(levels: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """A name for each column from lines of names above each other, as pandas writes MultiIndexes.
-
-    The first column is the index, whose name is the last one: those above name the levels.
-    """
-    names = [" ".join(name for name in column if name) for column in zip(*levels, strict=True)]
-    names[0] = next((level[0] for level in reversed(levels) if level[0]), "")
-    return tuple(names)
-
-
 def write_csv_header(file: BinaryIO, names: Sequence[str]) -> None:
     """Writes names without quotes, which pyarrow's own header has."""
     file.write((",".join(names) + "\n").encode())
+
+
+def binary_remedy(path: Path, magic: bytes) -> str:
+    """What to do about a file of a kind that is not read, by its first bytes."""
+    remedy = next(text for first, _, text in _BINARY_KINDS if first == magic)
+    return remedy.replace("{name}", path.name).replace("{stem}", path.stem)
 
 
 class TextTable:
@@ -162,6 +161,7 @@ class TextTable:
     Attributes:
         first_cells: first cells of the first row.
         skip_lines: lines before the header or the first row.
+        num_head_lines: lines before the first row.
 
     Raises:
         InputError: no such file, a directory, a binary file, no line of numbers.
@@ -197,126 +197,51 @@ class TextTable:
         with opened(self._source, "a log") as file:
             _refuse_binary(path, file)
             self._begin = _after_byte_order_mark(file)
-            # The table's top line, and how many lines precede it. From here on each `_line` reads
-            # the one below the last.
-            may_be_blank = header is not False
-            top_line, self.skip_lines = self._top_line_from(file, skip_lines, may_be_blank)
-            if separator is None and header is None:
-                top_line, self.skip_lines = self._below_words(file, top_line, self.skip_lines)
-            if not top_line:
-                raise InputError(path, "", "is empty", "record the log again")
-            if _CAN_FRAME.match(top_line):
-                problem = "holds raw frames of a CAN bus, as candump writes them"
-                remedy = "decode them with the drives' DBC file, such as by cantools, into a table "
-                remedy += "(CSV: t, q1.., v1.., i1..)"
-                raise InputError(path, "", problem, remedy)
-            self.separator = separator or _separator_of(top_line)  # by which `_cells` splits
-            top_cells = self._cells(top_line)
-            has_header = header
-            if has_header is None:
-                has_header = not all(_is_number(cell.replace(",", ".")) for cell in top_cells)
-            # The header, the units below it, and the first row of numbers.
-            self.names: tuple[str, ...] | None = tuple(top_cells) if has_header else None
-            self._num_head_lines = self.skip_lines + (1 if has_header else 0)
-            line_of_numbers = self._line(file).strip() if has_header else top_line
-            if self.names is not None:
-                line_of_numbers = self._with_further_levels(file, line_of_numbers)
-            if self.names is not None and self._is_of_units(self._cells(line_of_numbers)):
-                self.names = _with_units(self.names, self._cells(line_of_numbers))
-                self.notices.append("units are read from the line below the header")
-                self._num_head_lines += 1
-                line_of_numbers = self._line(file).strip()
-            self.first_cells = tuple(self._cells(line_of_numbers))
-        if self.names and self.first_cells[len(self.names) :] == ("",):
-            self.names = (*self.names, "")  # a separator at the end of the rows alone
-            top_cells = [*top_cells, ""]
+            for _ in range(skip_lines):
+                self._line(file)
+            lines, begins = self._head_lines(file)
+        if not any(line.strip() for line in lines):
+            raise InputError(path, "", "is empty", "record the log again")
+        if _CAN_FRAME.match(next(line for line in lines if line.strip())):
+            problem = "holds raw frames of a CAN bus, as candump writes them"
+            remedy = "decode them with the drives' DBC file, such as by cantools, into a table "
+            remedy += "(CSV: t, q1.., v1.., i1..)"
+            raise InputError(path, "", problem, remedy)
+        head = table_head(lines, separator, decimal_mark, header)
+        self.notices += head.notices
+        self.separator, self.decimal_mark = head.separator, head.decimal_mark
+        self.names, self.num_columns = head.names, head.num_columns
+        self.skip_lines = skip_lines + begins[head.skip_lines]
+        self.num_head_lines = skip_lines + begins[head.num_lines]
+        self._header = head.header.encode()
+        self.first_cells = head.first_cells
         self._stamps = _stamp_forms(self.first_cells)
-        self.num_columns = len(top_cells)
-        self._top_line = top_line
         self._end = self._end_of_rows()
-        self.decimal_mark = decimal_mark or self._decimal_mark_of(line_of_numbers)
-        if has_header and all(_is_number(cell, self.decimal_mark) for cell in top_cells):
+        if self.names and all(is_number(name, self.decimal_mark) for name in self.names):
             problem = "holds numbers where the names of the columns are expected"
             remedy = "set header: false in the description, or add a first line t,q1,..."
-            raise InputError(path, f"line {self._num_head_lines}", problem, remedy)
+            raise InputError(path, f"line {self.num_head_lines}", problem, remedy)
 
-    def _top_line_from(
-        self, file: BinaryIO, skip_lines: int, may_be_blank: bool
-    ) -> tuple[str, int]:
-        """The first line of the table, behind which the file is left, and how many precede it.
+    def _head_lines(self, file: BinaryIO) -> tuple[list[str], list[int]]:
+        """The lines from here on in which the table begins, and how many precede each of them.
 
-        Args:
-            file: at its begin, behind a byte order mark.
-            skip_lines: lines that are no part of the table.
-            may_be_blank: whether blank lines below these are passed over, too.
+        A line that ends within quotes goes on in the next one.
         """
-        for _ in range(skip_lines):
-            self._line(file)
-        num_skipped, size = skip_lines, self._source.stat().st_size
-        top_line = self._line(file).lstrip("#").strip()  # numpy.savetxt writes "# " and names
-        while not top_line and may_be_blank and file.tell() < size:
-            num_skipped += 1
-            top_line = self._line(file).lstrip("#").strip()
-        return top_line, num_skipped
-
-    def _below_words(self, file: BinaryIO, top_line: str, skip_lines: int) -> tuple[str, int]:
-        """As `_top_line_from`, below words on the recording that stand above the table."""
-        num_words = self._num_words_above(file, top_line)
-        if not num_words:
-            return top_line, skip_lines
-        file.seek(self._begin)
-        num_skipped = skip_lines + num_words
-        self.notices.append(f"the first {num_skipped} lines are no table: left out")
-        return self._top_line_from(file, num_skipped, may_be_blank=False)
-
-    def _num_words_above(self, file: BinaryIO, top_line: str) -> int:
-        """Lines above a table that are no part of it, such as words on the recording."""
-        here, lines = file.tell(), [top_line]
-        size = self._source.stat().st_size
-        while len(lines) < _HEAD_LINES and file.tell() < size:
-            lines.append(self._line(file).strip())
-        file.seek(here)
-        shown = [(k, text) for k, text in enumerate(lines) if text]
-        counts = [len(_split(text, _separator_of(text))) for _, text in shown]
-        if len(shown) < 2 or counts[0] == counts[1] >= _MIN_CELLS:
-            return 0
-        for i in range(1, len(shown) - 1):
-            cells = _split(shown[i][1], _separator_of(shown[i][1]))
-            is_row = sum(_is_number(cell.replace(",", ".")) for cell in cells) > 0.5 * len(cells)
-            if not (is_row and counts[i] >= _MIN_CELLS and counts[i] == counts[i + 1]):
-                continue
-            first = i
-            while first > 0 and i - first < 2 and counts[first - 1] == counts[i]:
-                first -= 1
-            return shown[first][0] if first < i else 0
-        return 0
-
-    def _with_further_levels(self, file: BinaryIO, line: str) -> str:
-        """Joins lines of names below the header to the names, where these repeat.
-
-        Args:
-            file: behind the line.
-            line: below the header.
-
-        Returns:
-            The first line that is none of names.
-        """
-        assert self.names is not None
-        levels: list[Sequence[str]] = [self.names]
-        repeats = len(self.names) - len(set(self.names))
-        # Half of the names or more repeat (but for the time's): quantities, over those of joints.
-        while repeats * 2 >= len(self.names) - 1 > 0 and len(levels) < _MOST_LEVELS:
-            cells = self._cells(line)
-            is_named = any(cells) and not any(_is_number(cell.replace(",", ".")) for cell in cells)
-            if len(cells) != len(self.names) or not is_named or has_lists(cells):
+        lines = [self._line(file).strip("\r\n")]
+        begins = [0]
+        num_read = 1
+        while len(lines) < MOST_HEAD_LINES and file.tell() < _HEAD_BYTES:
+            data = file.readline(_LONGEST_LINE)
+            if not data:
                 break
-            levels.append(cells)
-            line = self._line(file).strip()
-        if len(levels) > 1:
-            self.names = _joined_levels(levels)
-            self.notices.append(f"the names stand in {len(levels)} lines, which are joined")
-            self._num_head_lines += len(levels) - 1
-        return line
+            line = data.decode("utf-8", "replace").strip("\r\n")
+            if lines[-1].count('"') % 2 and len(lines[-1]) < _LONGEST_LINE:
+                lines[-1] += f" {line}"
+            else:
+                lines.append(line)
+                begins.append(num_read)
+            num_read += 1
+        return lines, [*begins, num_read]
 
     def _end_of_rows(self) -> int:
         """Where the lines of text below the last row begin, in bytes; the file's end without any.
@@ -349,17 +274,7 @@ class TextTable:
 
     def _is_remark(self, cells: Sequence[str]) -> bool:
         """Whether the cells of a line are fewer than those of a row, and words."""
-        words = " ".join(cells)
-        return len(cells) < self.num_columns and bool(re.match(r"\W*[A-Za-z]{3}", words))
-
-    def _is_of_units(self, cells: Sequence[str]) -> bool:
-        """Whether cells are the units of the columns."""
-        return (
-            len(cells) == len(self.names or ())
-            and not any(_is_number(cell.replace(",", ".")) for cell in cells)
-            and all(len(cell) < _UNIT_LENGTH and _UNIT_CELL.fullmatch(cell) for cell in cells)
-            and any(cell.strip("[]() ").lower() in ("s", "ms", "rad", "deg", "°") for cell in cells)
-        )
+        return len(cells) < self.num_columns and bool(_REMARK.match(" ".join(cells)))
 
     def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
         """As the protocol."""
@@ -396,11 +311,11 @@ class TextTable:
         Raises:
             InputError: also where a line has missing or extra cells.
         """
-        first_line, last_line = self._num_head_lines + 1, np.iinfo(np.int64).max
+        first_line, last_line = self.num_head_lines + 1, np.iinfo(np.int64).max
         if rows is not None:
             first_row, last_row = rows
-            first_line = self._num_head_lines + first_row
-            last_line = self._num_head_lines + last_row
+            first_line = self.num_head_lines + first_row
+            last_line = self.num_head_lines + last_row
         end = 0  # number of the last line that was looked at, for the check below
         for block, line in self._raw_blocks():  # `line`: number of its first one
             num_lines = block.count(b"\n") + (not block.endswith(b"\n"))
@@ -425,17 +340,33 @@ class TextTable:
                 yield values, lines
         if rows is not None and end < last_line:
             problem = (
-                f"ends at row {end - self._num_head_lines}, but the description selects rows "
+                f"ends at row {end - self.num_head_lines}, but the description selects rows "
                 f"{first_row} to {last_row}"
             )
             raise InputError(self.path, "", problem, "correct the rows in the description")
 
+    def text(self, most_bytes: int, num_lines: int | None = None) -> bytes:
+        """The rows as they are written, or the first ones.
+
+        Raises:
+            InputError: they are more than `most_bytes`.
+        """
+        parts: list[bytes] = []
+        for block, line in self._raw_blocks():
+            parts.append(self._without_headers(block, line))
+            if num_lines is not None:
+                return b"\n".join(parts[0].split(b"\n")[:num_lines])
+            if sum(map(len, parts)) > most_bytes:
+                problem = f"has a row for each joint in more than {most_bytes >> 20} MB"
+                raise InputError(self.path, "", problem, "write a row for each sample")
+        return b"".join(parts)
+
     def _raw_blocks(self) -> Iterator[tuple[bytes, int]]:
         """Whole lines below the header, some MB at a time, with the first one's number."""
-        line = self._num_head_lines + 1
+        line = self.num_head_lines + 1
         with opened(self._source, "a log") as file:
             file.seek(self._begin)
-            for _ in range(self._num_head_lines):
+            for _ in range(self.num_head_lines):
                 file.readline()
             incomplete_line = b""
             size = max(1, self._source.stat().st_size)
@@ -457,7 +388,7 @@ class TextTable:
     def _is_truncated(self, last_line: bytes, line: int) -> bool:
         """Whether a last line was cut off while it was written: a crash, a full disk."""
         cells = self._cells(last_line.decode("utf-8", "replace"))
-        if len(cells) >= self.num_columns or line == self._num_head_lines + 1:
+        if len(cells) >= self.num_columns or line == self.num_head_lines + 1:
             return False
         self._note(
             f"line {line}, the last one, is left out: it is cut off after {len(cells)} of "
@@ -477,13 +408,31 @@ class TextTable:
             block: bytes of some lines.
             line: number of the first one, for the notice.
         """
-        header = self._top_line.encode()
-        if self.names is None or header not in block:
+        header = self._header
+        if not header or header not in block:
             return block
         lines = block.split(b"\n")
         for k, text in enumerate(lines):
             if text.strip() == header:
                 self._note(f"line {line + k} repeats the header: left out")
+                lines[k] = b""
+        return b"\n".join(lines)
+
+    def _without_remarks(self, block: bytes, line: int) -> bytes:
+        """A block in which remarks are blank lines: comments, and lines of one cell of words.
+
+        Args:
+            block: bytes of some lines.
+            line: number of the first one, for the notice.
+        """
+        if self.num_columns < _MIN_COLUMNS:
+            return block
+        lines = block.split(b"\n")
+        for k, data in enumerate(lines):
+            text = data.decode("utf-8", "replace").strip()
+            is_comment = text.startswith(("#", "//"))
+            if is_comment or (_REMARK.match(text) and len(self._cells(text)) == 1):
+                self._note(f'line {line + k} is no row: left out (beginning "{text[:40]}")')
                 lines[k] = b""
         return b"\n".join(lines)
 
@@ -514,11 +463,13 @@ class TextTable:
             try:
                 table = self._table(block, names, used)
             except pa.ArrowInvalid:
-                # As over a line of blanks, which is as good as an empty one. (As many lines stay.)
-                without_blanks = _BLANK_LINE.sub(b"", block)
-                if without_blanks == block:
+                # As over a line of blanks, which is as good as an empty one, or a remark. (As many
+                # lines stay.)
+                plain = self._without_remarks(_BLANK_LINE.sub(b"", block), line)
+                if plain == block:
                     raise
-                table = self._table(without_blanks, names, used)
+                block = plain
+                table = self._table(block, names, used)
             values = _numbers(table, self._stamps)
         except pa.ArrowInvalid as error:
             self._refuse_fault(block, line, columns, may_be_empty)
@@ -551,7 +502,7 @@ class TextTable:
             convert_options=pa_csv.ConvertOptions(
                 column_types={name: self._arrow_type(int(name)) for name in used},
                 include_columns=used,
-                null_values=["", *_NAN_CELLS],
+                null_values=["", *NAN_CELLS],
                 decimal_point=self.decimal_mark,
             ),
         )
@@ -574,7 +525,7 @@ class TextTable:
             if fault is not None:
                 raise InputError(self.path, f"line {number}", fault.problem, fault.remedy)
             for column in columns:
-                if column in may_be_empty and cells[column] in ("", *_NAN_CELLS):
+                if column in may_be_empty and cells[column] in ("", *NAN_CELLS):
                     continue
                 if column in self._stamps and self._stamps[column].fits(cells[column]):
                     continue
@@ -594,7 +545,7 @@ class TextTable:
         if len(cells) == self.num_columns:
             return None
         remedy = "correct or remove the line"
-        if len(cells) > 1 and not any(_is_number(cell.replace(",", ".")) for cell in cells):
+        if len(cells) > 1 and not any(is_number(cell.replace(",", ".")) for cell in cells):
             problem = f"begins another table ({', '.join(cells)[:60]})"
             return _Fault(problem, "cut the file before this line")
         if len(cells) > self.num_columns and self.separator == ",":
@@ -605,7 +556,7 @@ class TextTable:
 
     def _fault_of_cell(self, cell: str, line: int) -> _Fault | None:
         """What is wrong with a cell; None: it is a finite number."""
-        if _is_number(cell, self.decimal_mark):
+        if is_number(cell, self.decimal_mark):
             if np.isfinite(float(cell.replace(self.decimal_mark, "."))):
                 return None
             return _Fault(f"{cell} is too large a number", "correct or remove the line")
@@ -616,11 +567,11 @@ class TextTable:
         else:
             problem = f'holds "{cell[:40]}", expected a number'
         remedy = "correct or remove the line; a short gap is bridged"
-        if self.names is None and line == self._num_head_lines + 1:
+        if self.names is None and line == self.num_head_lines + 1:
             remedy = "set header: true in the description if this line names the columns"
-        elif self.decimal_mark == "." and _is_number(cell, ","):
+        elif self.decimal_mark == "." and is_number(cell, ","):
             remedy = 'set decimal_mark: "," in the description'
-        elif self.decimal_mark == "," and _is_number(cell, "."):
+        elif self.decimal_mark == "," and is_number(cell, "."):
             remedy = "use one decimal mark in all lines"
         return _Fault(problem, remedy)
 
@@ -629,16 +580,7 @@ class TextTable:
         return InputError(self.path, place, "does not end", remedy)
 
     def _cells(self, text: str) -> list[str]:
-        return _split(text, self.separator)
-
-    def _decimal_mark_of(self, line: str) -> str:
-        """The decimal mark of a line of numbers."""
-        if "," not in line:
-            return "."
-        if any(_is_number(cell, ",") and "," in cell for cell in self._cells(line)):
-            self.notices.append("numbers are read with decimal commas")
-            return ","
-        return "."
+        return split_cells(text, self.separator)
 
     def _line(self, file: BinaryIO) -> str:
         """The next line of the head of a file, as text."""
@@ -658,37 +600,16 @@ class TextTable:
             ) from error
 
 
-def _split(text: str, separator: str) -> list[str]:
-    """The cells of a line."""
-    try:
-        cells = next(csv.reader([text], delimiter=separator), [""])
-    except csv.Error:
-        cells = text.split(separator)
-    return [cell.strip() for cell in cells]
-
-
-def _is_number(text: str, decimal_mark: str = ".") -> bool:
-    if decimal_mark == ",":
-        text = text.replace(".", "x").replace(",", ".")
-    return _NUMBER.fullmatch(text) is not None
-
-
-def _separator_of(line: str) -> str:
-    """The most likely separator of a line of names or numbers."""
-    for separator in (";", "\t", ","):
-        if separator in line:
-            return separator
-    return " " if " " in line else ","
-
-
 def _refuse_binary(path: Path, file: BinaryIO) -> None:
     """Refuses a file that is no text, by its first bytes."""
     head = file.read(1 << 12)
     if not head:
         raise InputError(path, "", "is empty", "record the log again")
-    for magic, kind, remedy in _BINARY_KINDS:
+    for magic, kind, _ in _BINARY_KINDS:
         if head.startswith(magic):
-            raise InputError(path, "", f"is {kind}, expected text (CSV)", remedy)
+            raise InputError(
+                path, "", f"is {kind}, expected text (CSV)", binary_remedy(path, magic)
+            )
     if b"\0" in head.split(b"\n")[0]:
         raise InputError(path, "", "is a binary file, expected text (CSV)", "export it as CSV")
     file.seek(0)

@@ -18,6 +18,7 @@ from wrenchsight.models.hypotheses.effort_gain import RATED_UNITS
 from wrenchsight.models.hypotheses.explanation import numbers_text
 from wrenchsight.models.hypotheses.judgement import Judgement
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.aligned_table import AlignedTable
 from wrenchsight.models.recordings.layouts.column_words import JointColumns, signal_columns
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.log_container import LogTable
@@ -193,7 +194,7 @@ def encoding_of(table: LogTable, columns: Sequence[int]) -> RawWords | None:
 
 def _text_keys(table: LogTable) -> list[str]:
     """How a text is written, where that is not the usual way."""
-    if isinstance(table, RatedTable):
+    while isinstance(table, RatedTable | AlignedTable):
         table = table.table
     if not isinstance(table, TextTable):
         return []

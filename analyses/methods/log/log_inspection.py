@@ -20,19 +20,21 @@ from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.hypotheses.judgement import Judgement, judge_log
+from wrenchsight.models.recordings.aligned_table import AlignedTable
 from wrenchsight.models.recordings.lerobot.data_set import episode_paths, root_of
 from wrenchsight.models.recordings.log_container import LogTable
 from wrenchsight.models.recordings.log_containers import TEXT, container_of
+from wrenchsight.models.recordings.long_table import as_samples
 from wrenchsight.models.recordings.mat_table import MatTable
 from wrenchsight.models.recordings.npz_table import NpzTable
 from wrenchsight.models.recordings.packed_file import UnpackedFile, is_packed
-from wrenchsight.models.recordings.parquet_table import ParquetTable
+from wrenchsight.models.recordings.parquet_table import ConvertedTable, ParquetTable
 from wrenchsight.models.recordings.plausibility.raw_words import RawWords
 from wrenchsight.models.recordings.rated_table import RatedTable
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import resample_chunks
 from wrenchsight.models.recordings.rosbag.table import RosbagTable
-from wrenchsight.models.recordings.text_table import TextTable
+from wrenchsight.models.recordings.text_table import SEPARATOR_WORDS, TextTable
 from wrenchsight.models.robot.robot import Robot
 
 _PRINTED_COLUMNS = 40
@@ -210,7 +212,7 @@ def _unread(
     about_to_read(path)  # raises for a pipe, or a result of this command, as the reader did
     packed = UnpackedFile(path) if is_packed(path) else None
     inner = path if packed is None else packed.path
-    table = (container_of(inner) or TEXT).open(inner, None)
+    table = as_samples((container_of(inner) or TEXT).open(inner, None), path)
     names = table.names or tuple(f"column {k + 1}" for k in range(table.num_columns))
     return InspectedLog(
         path=path,
@@ -263,11 +265,12 @@ def _encodings(reader: RecordingReader) -> dict[str, RawWords]:
 
 
 def _container_word(table: LogTable) -> str:
-    if isinstance(table, RatedTable):
+    if isinstance(table, RatedTable | AlignedTable):
         return _container_word(table.table)
+    if isinstance(table, ConvertedTable):
+        return f"table made of {table.path.suffix or 'a'} file"
     if isinstance(table, TextTable):
-        names = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
-        separator = names.get(table.separator, repr(table.separator))
+        separator = SEPARATOR_WORDS.get(table.separator, repr(table.separator))
         head = "" if table.names is not None else ", no header"
         return f"text, cells separated by {separator}{head}"
     kinds: list[tuple[type, str]] = [

@@ -2,5 +2,5 @@
 
 In: names of columns, and the robot's joints. Out: a `KnownLayout` (`header_layouts`): the log's
 RecordingFormat with notices, or None. `recording_reader` tries them in this order:
-`external_torque`, `header_layouts` (known programs), `array_layout`, `plain_header` (t,q1..).
+`external_torque`, `header_layouts` (known programs), `plain_header` (t,q1..), `column_words`.
 """

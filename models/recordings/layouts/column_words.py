@@ -1,46 +1,61 @@
 """Recognises the columns of any table by the words in their names.
 
-`Base Position [deg]`, `left_elbow_joint_pos`, `AxisAct_A1`, `q1_deg`: a name is a quantity, perhaps
-its unit, and a joint, by its number or its name. What a controller commands (target, desired, ..)
-and what is no signal of a joint are left out. Where no column says that it is a position, those of
-the axes' actual values (`Achse1_Ist`, `J1`) are. A table that names two series of one quantity is
-refused: only its owner knows which one counts.
+`Base Position [deg]`, `left_elbow_joint_pos`, `AxisAct_A1`, `q1_deg`, `state.q[0]`: a name is a
+quantity, perhaps its unit, and a joint, by its number or its name. Arrays of npz, Parquet and other
+files have a column for each entry (`positions.1`..). What a controller commands (target, desired,
+..) and what is no signal of a joint are left out. Where no column says that it is a position, those
+of the axes' actual values (`Achse1_Ist`, `J1`) are. Of two series of one quantity that counts which
+is called measured; a table that leaves it open is refused: only its owner knows.
+
+Where the rows name the joints (a Parquet column `name` of lists of words, or `field.name0`.. as
+`rostopic echo -p` writes them), the joints are put in the robot's order.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout
+from wrenchsight.models.recordings.layouts.header_layouts import (
+    JointOrder,
+    KnownLayout,
+    joint_order,
+)
 from wrenchsight.models.recordings.layouts.joint_names import (
     DESCRIBE,
     is_nameless,
     matched_joints,
 )
 from wrenchsight.models.recordings.layouts.signal_words import (
-    QUANTITIES,
     ColumnName,
     column_name,
+    is_measured,
     name_tokens,
     without_joint_words,
 )
-from wrenchsight.models.recordings.layouts.time_names import time_columns
+from wrenchsight.models.recordings.layouts.time_names import clock_numbers, time_columns
+from wrenchsight.models.recordings.log_container import RowWords
 from wrenchsight.models.recordings.log_words import LogWords
 from wrenchsight.models.recordings.recording_format import (
     PER_CENT,
     PER_MILLE,
     UNITS,
     RecordingFormat,
+    SignalColumns,
     by_number,
     column_numbers,
 )
 
 _LISTED_NAMES = 6  # of the columns that are left out, in a notice
-_SIGNAL_COLUMNS = ("signal", "variable", "name", "tag", "channel", "key", "field", "metric")
-_VALUE_COLUMNS = ("value", "values", "val", "wert", "valeur", "valor")
-_JOINT_COLUMNS = ("joint", "joint_name", "joint_names", "joint_id", "axis", "name")
+_QUANTITIES = ("position", "velocity", "current", "motor_torque")
+_ENTRY = re.compile(r"(.+)\.(\d{1,4})")  # of an array: its name and number
+_JOINT_LISTS = ("name", "names", "joint_name", "joint_names")
+_STAMP = "field.header.stamp"
+_NUMBERED_NAME = re.compile(r"(?P<word>.*?)[._]?\[?(?P<number>\d{1,4})\]?")  # name[0]
+_NAME_OF_ENTRY = re.compile(
+    r".*?[._\[](?P<number>\d{1,4})\]?[._/](?P<word>[a-z_]+)"
+)  # joints.1.name
 
 
 class _Column(NamedTuple):
@@ -51,42 +66,50 @@ class _Column(NamedTuple):
 
 
 def column_words_layout(
-    names: Sequence[str], path: Path, joint_names: Sequence[str] | None, words: LogWords
+    names: Sequence[str],
+    path: Path,
+    row_words: RowWords,
+    joint_names: Sequence[str] | None,
+    words: LogWords,
 ) -> KnownLayout | None:
-    """The description of a table by the words in its columns' names; None where they leave doubt.
+    """The description of a table by the words in its columns' names; None without known time.
 
-    There is no doubt where time is named, position and current or torque of as many joints each,
-    and every column whose name has a word for a quantity is one of these joints' columns.
+    There is no doubt where time is named, and position and current or torque of each joint; or
+    position and velocity where no name is one of a current or torque. A velocity in doubt is left
+    out. Arrays that are no such signal become extra ones.
 
     Args:
         names: names of the columns.
         path: path of the log, for error lines.
+        row_words: row words of the log.
         joint_names: joint names of the robot, base to tool; None: those of the log, in its order.
         words: what the user states.
 
     Raises:
-        InputError: each row holds one joint; as `matched_joints`.
+        InputError: a quantity is there in another number than one a joint, or only positions are;
+            as `matched_joints`; or the rows name the joints, but not those of the robot.
     """
-    time = time_columns(names)
+    time = _time(names, row_words)
     if time is None:
         return None
     series = signal_columns(names, path, joint_names, words)
-    _refuse_joint_rows(names, path)
-    named = {column_name(name).quantity for name in names} - {""}  # quantities that some name has
-    has_drives = not series.keys().isdisjoint(("current", "motor_torque"))
-    if not named <= series.keys():
-        # Refused, unless plain names (q1..) stand among them: then the plain header's own error
-        # says what is wrong.
-        _refuse_doubtful_series(names, named - series.keys(), path)
+    drives = {"current", "motor_torque"}
+    names_drives = not drives.isdisjoint(column_name(name).quantity for name in names)
+    # Positions and velocities alone are read, too: who needs currents says so.
+    needed = drives if names_drives or "velocity" not in series else {"velocity"}
+    is_complete = "position" in series and not needed.isdisjoint(series)
+    if not is_complete or _has_broken_series(names, series):
+        _refuse_doubt(names, series, joint_names, path)
         return None
-    if not ("position" in series and has_drives):
-        _refuse_positions_alone(names, joint_names, path)
+    num_joints = len(series["position"].columns)
+    series = {key: signal for key, signal in series.items() if len(signal.columns) == num_joints}
+    if needed.isdisjoint(series):
         return None
-    if len({len(signal.columns) for signal in series.values()}) > 1:
-        return None
+    order = _order_in_rows(names, num_joints, path, row_words, joint_names, words)
     form = RecordingFormat(time=time)
     used_columns = set(column_numbers(time))
-    assignments = []
+    assignments = [f"{', '.join(names[column] for column in column_numbers(time))} as time"]
+    torque_names: list[str] = []
     for key, signal in series.items():
         # A share of a rated value is read as a current of an unknown scale: of which value, the
         # hypotheses find and the user must say. A torque in such shares says nothing more where
@@ -94,24 +117,94 @@ def column_words_layout(
         is_share = signal.unit in (PER_CENT, PER_MILLE)
         if is_share and key == "motor_torque" and "current" in series:
             continue
-        columns = by_number(signal.columns, "" if is_share else signal.unit)
+        places = [signal.columns[j] for j in order.indices]
+        columns = by_number(places, "" if is_share else signal.unit)
         setattr(form, "current" if is_share else key, columns)
-        used_columns |= set(signal.columns)
+        if key == "motor_torque" and not signal.unit:
+            torque_names = [names[place] for place in places]
+        used_columns |= set(places)
         first, last = names[signal.columns[0]], names[signal.columns[-1]]
         in_unit = f" in {signal.unit}" if signal.unit else ""
         assignments.append(f"{first} .. {last} as {key.replace('_', ' ')}{in_unit}")
     notices = [f"columns read by the words in their names: {', '.join(assignments)}"]
     notices += dict.fromkeys(signal.how for signal in series.values() if signal.how)
+    notices += order.notices
+    form.extra = _further_arrays(names, used_columns)
+    used_columns |= {c for columns in form.extra.values() for c in column_numbers(columns)}
     others = [name for k, name in enumerate(names) if k not in used_columns and name]
     if others:
         num_more = len(others) - _LISTED_NAMES
         more = f" and {num_more} more" if num_more > 0 else ""
         notices.append(f"columns left out: {', '.join(others[:_LISTED_NAMES])}{more}")
     called_effort = {"effort", "efforts", "eff"}
-    is_effort = form.motor_torque is not None and any(
-        "effort" in name.lower() or called_effort & set(name_tokens(name)) for name in names
-    )
+    is_effort = any(called_effort & set(name_tokens(name)) for name in torque_names)
     return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
+
+
+def _time(names: Sequence[str], row_words: RowWords) -> SignalColumns | None:
+    """The stamp in a message's header, if there is one that is set, or else the log's time."""
+    if _STAMP in names and any(row_words([list(names).index(_STAMP)], False)[0].strip("0.")):
+        return by_number([list(names).index(_STAMP)], unit="ns")
+    return time_columns(names)
+
+
+def _further_arrays(names: Sequence[str], used: set[int]) -> dict[str, SignalColumns]:
+    """The arrays (NAME.1 .. NAME.k) among the columns that are not used, but of messages' fields.
+
+    Args:
+        names: of all columns.
+        used: columns that are signals of the joints or the time.
+    """
+    arrays: dict[str, dict[int, int]] = {}
+    for column, name in enumerate(names):
+        match = _ENTRY.fullmatch(name)
+        if match and column not in used and not name.startswith("field."):
+            arrays.setdefault(match[1], {})[int(match[2])] = column
+    return {
+        re.sub(r"\W", "_", name).strip("_"): by_number([entries[k] for k in sorted(entries)])
+        for name, entries in arrays.items()
+        if _last_word(name) not in _JOINT_LISTS and _counts(entries)
+    }
+
+
+def _order_in_rows(
+    names: Sequence[str],
+    num_joints: int,
+    path: Path,
+    row_words: RowWords,
+    joint_names: Sequence[str] | None,
+    words: LogWords,
+) -> JointOrder:
+    """The robot's joints among those that the rows name; as they stand where the rows name none."""
+    listed = [column for column, name in enumerate(names) if _last_word(name) in _JOINT_LISTS]
+    entries: dict[int, int] = {}
+    for column, name in enumerate(names):
+        for pattern in (_NUMBERED_NAME, _NAME_OF_ENTRY):
+            match = pattern.fullmatch(name)
+            if match and _last_word(match["word"]) in _JOINT_LISTS:
+                entries[int(match["number"])] = column
+    in_log_order = JointOrder(list(range(num_joints)), [])
+    if not entries and len(listed) != 1:
+        return in_log_order
+    joints = list(row_words([entries[k] for k in sorted(entries)] or listed))
+    if len(joints) != num_joints:
+        if len(joints) < num_joints and not entries:
+            return in_log_order  # a name of the row, not of its joints
+        problem = f"names {len(joints)} joints in a row, but holds {num_joints} positions"
+        raise InputError(path, "joints", problem, "write one name for each position")
+    order = joint_order(joints, path, joint_names, words)
+    if joint_names is not None:
+        order.notices.append("joints are put in the robot's order by the names in the rows")
+    return order
+
+
+def _last_word(name: str) -> str:
+    return re.split(r"[/.]", name)[-1].lower()
+
+
+def _counts(entries: Mapping[int, int]) -> bool:
+    """Whether the keys are numbers without a gap, from 0 or 1 on."""
+    return sorted(entries) in (list(range(len(entries))), list(range(1, len(entries) + 1)))
 
 
 class JointColumns(NamedTuple):
@@ -146,7 +239,10 @@ def signal_columns(
     """
     by_quantity: dict[str, list[_Column]] = {}
     bare: list[_Column] = []  # names of a joint without a word for a quantity
+    clocks = clock_numbers(names)  # t_pos is none of the positions
     for place, name in enumerate(names):
+        if place in clocks:
+            continue
         column = _Column(place, column_name(name))
         if column.name.quantity:
             by_quantity.setdefault(column.name.quantity, []).append(column)
@@ -155,23 +251,52 @@ def signal_columns(
     if not by_quantity.keys().isdisjoint(("current", "motor_torque")):
         by_quantity.setdefault("position", bare)  # Axis 1 Actual beside Axis 1 Current
     joint_columns: dict[str, JointColumns] = {}
-    for quantity in ("position", "velocity", "current", "motor_torque"):
+    for quantity in _QUANTITIES:
         columns = by_quantity.get(quantity, [])
-        match = _numbered(columns, joint_names) or _named(columns, joint_names, path, words)
+        match = _numbered(columns, joint_names, quantity) or _named(
+            columns, joint_names, path, words
+        )
         if match is None:
             continue
         places, how_matched = match  # of the joints, base to tool
-        unit_of = {column.place: column.name.unit for column in columns}
-        units = {unit_of[place] for place in places}
+        unit_of_place = {column.place: column.name.unit for column in columns}
+        units = {unit_of_place[place] for place in places}
         if len(units) == 1 and units <= {"", *UNITS[quantity]}:
             joint_columns[quantity] = JointColumns(places, units.pop(), how_matched)
     return joint_columns
 
 
 def _numbered(
-    columns: Sequence[_Column], joint_names: Sequence[str] | None
+    columns: Sequence[_Column], joint_names: Sequence[str] | None, quantity: str
 ) -> tuple[list[int], str] | None:
-    """The only series of columns that count through the joints, from 0 or 1 on."""
+    """The only series of columns that count through the joints, from 0 or 1 on.
+
+    Of several one that is called measured is the only one, and of positions and velocities then
+    one that is not the motors'. Without a robot the longest series count.
+    """
+    series = _series(columns)
+    complete = {
+        stem: entries
+        for stem, entries in series.items()
+        if _counts(entries) and (joint_names is None or len(entries) == len(joint_names))
+    }
+    if joint_names is None:
+        longest = max((len(entries) for entries in complete.values()), default=0)
+        complete = {stem: x for stem, x in complete.items() if len(x) == longest > 1}
+    of_place = {column.place: column.name for column in columns}
+    measured = {stem: x for stem, x in complete.items() if is_measured(of_place[min(x.values())])}
+    complete = measured or complete
+    if quantity in ("position", "velocity"):
+        of_joints = {stem: x for stem, x in complete.items() if "motor" not in stem}
+        complete = of_joints or complete
+    if len(complete) != 1:
+        return None
+    (entries,) = complete.values()
+    return [entries[k] for k in sorted(entries)], ""
+
+
+def _series(columns: Sequence[_Column]) -> dict[tuple[str, ...], dict[int, int]]:
+    """The places of columns that differ in one number, by the words around it and that number."""
     series: dict[tuple[str, ...], dict[int, int]] = {}
     for column in columns:
         words = column.name.words
@@ -179,13 +304,7 @@ def _numbered(
             if word.isdigit() and len(word) < 4:
                 stem = (*words[:k], "#", *words[k + 1 :])
                 series.setdefault(stem, {})[int(word)] = column.place
-    complete = [
-        [numbers[k] for k in sorted(numbers)]
-        for numbers in series.values()
-        if sorted(numbers) in (list(range(len(numbers))), list(range(1, len(numbers) + 1)))
-        and len(numbers) == (len(columns) if joint_names is None else len(joint_names))
-    ]
-    return (complete[0], "") if len(complete) == 1 else None
+    return series
 
 
 def _named(
@@ -212,69 +331,85 @@ def _named(
     return None
 
 
-def _refuse_doubtful_series(names: Sequence[str], quantities: set[str], path: Path) -> None:
-    """Refuses a table without a plain header whose columns of a quantity are not one a joint."""
-    if any(re.fullmatch(r"(q|v|i|tau)\d{1,4}", name) for name in names):
-        return
-    quantity = next(key for key in QUANTITIES if key in quantities)
-    columns = [name for name in names if column_name(name).quantity == quantity]
-    more = f" and {len(columns) - 6} more" if len(columns) > 6 else ""
-    words = quantity.replace("_", " ")
-    problem = f"names {words}s that are not one for each joint of the robot, by number or name: "
-    problem += f"{', '.join(columns[:6])}{more}"
-    remedy = f"leave one for each joint and call it {words} 1.. from base to tool, {DESCRIBE}"
-    raise InputError(path, "header", problem, remedy)
+def _has_broken_series(names: Sequence[str], found: Mapping[str, JointColumns]) -> bool:
+    """Whether plain names (v1, tau2) are there for some joints only: which, the owner must say."""
+    letters = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
+    plain = [re.fullmatch(r"(q|v|i|tau)\d{1,4}", name) for name in names]
+    return any(match is not None and letters[match[1]] not in found for match in plain)
 
 
-def _refuse_positions_alone(
-    names: Sequence[str], joint_names: Sequence[str] | None, path: Path
+def _refuse_doubt(
+    names: Sequence[str],
+    found: Mapping[str, JointColumns],
+    joint_names: Sequence[str] | None,
+    path: Path,
 ) -> None:
-    """Refuses a table of one number for each axis (J1.., A1..) and no word for a current or torque.
+    """Says why a table is not read: a quantity is not there once a joint, or only positions are.
+
+    A table with plain names (q1..) is left to the plain header's own error.
 
     Args:
-        names, path: as `column_words_layout`.
-        joint_names: of the robot; None: any number of axes.
+        names: of the columns.
+        found: quantities that are there for all joints.
+        joint_names: of the robot; None: any number of joints.
+        path: of the log.
 
     Raises:
-        InputError: it is such a table.
+        InputError: unless no name has a word for a quantity.
     """
-    taken = [column_name(name) for name in names]
-    has_drives = any(column.quantity in ("current", "motor_torque") for column in taken)
-    columns = [
-        _Column(place, column)
-        for place, column in enumerate(taken)
-        if column.is_bare or column.quantity == "position"
-    ]
-    if has_drives or not columns:
+    if any(re.fullmatch(r"(q|v|i|tau)\d{1,4}", name) for name in names):
         return
-    match = _numbered(columns, joint_names)
-    if match is None:
-        return
-    first, last = names[match[0][0]], names[match[0][-1]]
-    problem = f"holds joint positions ({first} .. {last}), but no motor current or joint torque"
-    remedy = "record the motors' currents or torques beside them (of an ABB arm through EGM: test "
-    remedy += "signals of the motors' torque), from which the wrench is estimated"
-    raise InputError(path, "header", problem, remedy)
+    columns_of: dict[str, list[_Column]] = {}
+    for place, name in enumerate(names):
+        column = column_name(name)
+        key = "position" if column.is_bare else column.quantity
+        if key and (column.words or not column.is_bare):
+            columns_of.setdefault(key, []).append(_Column(place, column))
+    doubtful = [key for key in ("position", "current", "motor_torque")
+                if key in columns_of and key not in found]  # fmt: skip
+    drives = {"current", "motor_torque"}
+    if "position" in columns_of and drives.isdisjoint(columns_of):
+        match = _numbered(columns_of["position"], joint_names, "position")
+        if match is None and "position" in doubtful:
+            raise _doubt_of("position", columns_of["position"], names, joint_names, path)
+        places = found["position"].columns if match is None else match[0]
+        first, last = names[places[0]], names[places[-1]]
+        problem = f"holds joint positions ({first} .. {last}), but no motor current or joint torque"
+        remedy = "record the motors' currents or torques beside them (of an ABB arm through EGM: "
+        remedy += "test signals of the motors' torque), from which the wrench is estimated"
+        raise InputError(path, "header", problem, remedy)
+    if "position" not in columns_of and not drives.isdisjoint(columns_of):
+        key = next(key for key in ("current", "motor_torque") if key in columns_of)
+        listed = _listed([names[column.place] for column in columns_of[key]])
+        problem = f"names no joint positions beside the {key.replace('_', ' ')}s ({listed})"
+        raise InputError(path, "header", problem, f"call them position 1.., {DESCRIBE}")
+    if doubtful:
+        raise _doubt_of(doubtful[0], columns_of[doubtful[0]], names, joint_names, path)
 
 
-def _refuse_joint_rows(names: Sequence[str], path: Path) -> None:
-    """Refuses a table with a row for each joint, or each signal, instead of one for each sample."""
-    by_word = {name.strip().lower(): name for name in names}
-    signal = next((by_word[word] for word in _SIGNAL_COLUMNS if word in by_word), None)
-    value = next((by_word[word] for word in _VALUE_COLUMNS if word in by_word), None)
-    time = next((by_word[word] for word in ("t", "time", "timestamp") if word in by_word), "time")
-    if signal is not None and value is not None:
-        problem = f'has a row for each signal (columns "{signal}", "{value}"), expected one for '
-        problem += "each sample"
-        remedy = f"turn it, such as by pandas: table.pivot(index={time!r}, columns={signal!r}, "
-        remedy += f"values={value!r}).to_csv('turned.csv')"
-        raise InputError(path, "header", problem, remedy)
-    joint = next((name for name in names if name.strip().lower() in _JOINT_COLUMNS), None)
-    if joint is None:
-        return
-    taken = [column_name(name) for name in names]
-    if any(column.quantity == "position" and not column.words for column in taken):
-        problem = f'has a row for each joint (column "{joint}"), expected one for each sample'
-        remedy = "write a row a sample with a column for each joint and quantity, such as "
-        remedy += "q1..qn, v1..vn, i1..in, or JOINT_position, JOINT_velocity, JOINT_current"
-        raise InputError(path, "header", problem, remedy)
+def _doubt_of(
+    quantity: str,
+    columns: Sequence[_Column],
+    names: Sequence[str],
+    joint_names: Sequence[str] | None,
+    path: Path,
+) -> InputError:
+    """The error of a quantity that is not there once a joint; arguments as `_refuse_doubt`."""
+    words = quantity.replace("_", " ")
+    listed = _listed([names[column.place] for column in columns])
+    lengths = {len(x) for x in _series(columns).values() if _counts(x) and len(x) > 1}
+    if joint_names is not None and len(lengths) == 1 and len(joint_names) not in lengths:
+        problem = f"numbers {lengths.pop()} {words}s ({listed}), but the robot has "
+        problem += f"{len(joint_names)} joints"
+        remedy = f"give the robot that the log comes from, {DESCRIBE}"
+        return InputError(path, "header", problem, remedy)
+    problem = f"names {words}s that are not one for each joint of the robot, by number or name: "
+    problem += listed
+    remedy = f"leave one for each joint and call it {words} 1.. from base to tool, {DESCRIBE}"
+    return InputError(path, "header", problem, remedy)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_LISTED_NAMES]) + (
+        f" and {len(names) - _LISTED_NAMES} more" if len(names) > _LISTED_NAMES else ""
+    )

@@ -195,6 +195,8 @@ def _series(
         return None
     form = RecordingFormat(time=times)
     form.extra = _wrenches(names) | _pop_plain_signals(topics)
+    if not any("position" in columns for columns in topics.values()):
+        return None  # such as motor_0/current beside motor_0/pos
     arm = _arm_joints(topics, path, joint_names, words)
     lack_of_effort = ""
     for quantity in _SERIES_QUANTITIES:

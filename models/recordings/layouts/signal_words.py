@@ -1,40 +1,50 @@
 """Words in the names of a log's columns: the quantity, its unit, and what is left of the name.
 
-English, German, French, Italian and Spanish words, and those of robot makers: KUKA
-(`$AXIS_ACT.A1`, `AIPos.A1`, `MACur.A1`), ABB (`rax_1`), Beckhoff (`ActPos`), ODrive
-(`axis0.encoder.pos_estimate`, turns), others (`posFbk`).
+English, German, French, Italian, Spanish, Portuguese, Chinese and Japanese words, and those of
+robot makers: KUKA (`$AXIS_ACT.A1`, `AIPos.A1`, `MACur.A1`), ABB (`rax_1`), Beckhoff (`ActPos`),
+ODrive (`axis0.encoder.pos_estimate`, turns), others (`posFbk`).
 """
 
 import re
 import unicodedata
 from typing import NamedTuple
 
+from wrenchsight.models.recordings.layouts.unit_words import unit_of
 from wrenchsight.models.recordings.recording_format import PER_CENT, PER_MILLE, UNITS
 
 QUANTITIES = {  # in this order: "current as torque" is a torque, "joint speed" a velocity
     "velocity": {"vel", "velo", "velocity", "velocities", "velocityactual", "speed", "speeds", "qd",
-                 "dq", "qdot", "qvel", "omega", "v", "geschw", "geschwindigkeit", "vitesse",
-                 "velocita", "velocidad"},
-    "motor_torque": {"tau", "trq", "torque", "torques", "moment", "effort", "efforts", "eff",
-                     "taumsr", "drehmoment", "couple", "coppia"},
-    "current": {"cur", "curr", "current", "currents", "amp", "amps", "ampere", "i", "iq", "strom",
-                "courant", "corrente", "corriente"},
-    "position": {"pos", "position", "positions", "angle", "angles", "theta", "q", "qpos", "winkel",
-                 "posizione", "angolo", "posicion", "angulo"},
+                 "dq", "qdot", "qvel", "dot", "dtheta", "thetadot", "jvel", "omega", "v", "geschw",
+                 "geschwindigkeit", "vitesse", "velocita", "velocidad", "velocidade", "速度",
+                 "转速"},
+    "motor_torque": {"tau", "trq", "torq", "torque", "torques", "moment", "moments", "effort",
+                     "efforts", "eff", "taumsr", "jtrq", "drehmoment", "couple", "coppia",
+                     "momento", "par", "torsor", "力矩", "扭矩", "转矩", "トルク"},
+    "current": {"cur", "curr", "crnt", "current", "currents", "amp", "amps", "ampere", "i", "iq",
+                "jcur", "strom", "stroeme", "strome", "courant", "corrente", "corriente", "电流",
+                "電流"},
+    "position": {"pos", "position", "positions", "posn", "angle", "angles", "ang", "theta", "th",
+                 "q", "qpos", "jpos", "winkel", "lage", "posizione", "angolo", "posicion",
+                 "posicao", "angulo", "位置", "角度", "角"},
 }  # fmt: skip
 _ASIDE = {  # words of what is no measured signal of a joint
     "target", "desired", "des", "d", "cmd", "command", "commanded", "goal", "ref", "reference",
     "set", "setpoint", "soll", "ext", "external", "error", "err", "temp", "temperature", "voltage",
     "limit", "max", "min", "acc", "acceleration", "tcp", "ee", "wrench", "mode", "status",
     "gripper", "finger", "digital", "output", "input", "gravity", "coriolis", "friction", "control",
+    "scaling", "override", "following", "lag", "deviation", "residual", "accel", "acceleracion",
+    "ddot", "ddq", "qdd", "ddtheta", "jerk", "cartesian", "pose", "flange", "sollwert",
     "temperatur", "spannung", "drehzahl", "rpm", "schleppfehler", "consigne", "consigna",
+    "objetivo", "目标", "指令", "设定", "期望", "温度", "电压", "误差", "目標",
 }  # fmt: skip
 _AXIS_WORDS = {
     "joint", "joints", "jnt", "j", "jt", "axis", "axes", "ax", "a", "rax", "achse", "gelenk", "axe",
-    "articulation", "asse", "giunto", "eje", "articulacion",
+    "articulation", "asse", "giunto", "eje", "articulacion", "junta", "eixo", "关节", "轴", "軸",
+    "関節",
 }  # fmt: skip
 _VALUE_WORDS = {"actual", "act", "measured", "meas", "msr", "real", "ist", "feedback", "fb", "fbk",
-                "wert", "value", "mesure", "misurato", "medido"}  # fmt: skip
+                "wert", "istwert", "value", "mesure", "misurato", "medido", "实际",
+                "反馈", "当前"}  # fmt: skip
 _MEASURED = (_AXIS_WORDS - {"j", "jt", "a"}) | _VALUE_WORDS | {"motor", "raw"}
 _PROGRAM_WORDS = {
     # of KUKA's sensor interface: axes' actual and set positions, motor currents
@@ -43,25 +53,34 @@ _PROGRAM_WORDS = {
     "MACur": "motor cur",
     # of ODrive: its current controller's measured current
     "current_control.Iq_measured": "Iq",
+    # of LeRobot's data sets
+    "observation.state": "position",
 }
 _PROGRAM_UNITS = {"pos_estimate": "rev", "vel_estimate": "rev/s"}  # of ODrive
-_FIRST_WORDS = ("ist", "soll", "motor", "achsen", "achs", "gelenk")  # of German compounds
-_UNITS = {
-    "rad": "rad", "rads": "rad", "radian": "rad", "radians": "rad", "deg": "deg", "degree": "deg",
-    "degrees": "deg", "°": "deg", "grad": "deg", "rev": "rev", "turns": "rev", "mm": "mm",
-    "rad/s": "rad/s", "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "rad/sec": "rad/s",
-    "deg/s": "deg/s", "°/s": "deg/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
-    "deg/sec": "deg/s", "grad/s": "deg/s", "rpm": "rpm", "u/min": "rpm", "1/min": "rpm",
-    "rev/s": "rev/s", "turns/s": "rev/s", "a": "A", "amp": "A", "ampere": "A", "amperes": "A",
-    "ma": "mA", "nm": "N m", "n*m": "N m", "n.m": "N m", "n m": "N m", "mnm": "mN m",
-    "%": PER_CENT, "percent": PER_CENT, "pct": PER_CENT, "permille": PER_MILLE,
-    "promille": PER_MILLE, "‰": PER_MILLE,
-}  # fmt: skip
+# Of compounds: iststrom, motormoment, achswinkel, jointpos, actvel, 关节角度.
+_FIRST_WORDS = (
+    "ist", "soll", "motor", "achsen", "achs", "gelenk", "joint", "axis", "actual", "act", "meas",
+    "real", "target", "cmd", "电机", "关节", "実", "实际", "反馈", "目标", "轴",
+)  # fmt: skip
+_IDEOGRAMS = "\u3040-\u30ff\u3400-\u9fff"
 _INNER_UNITS = ("rad", "deg", "ma", "nm", "mnm", "percent", "pct", "permille", "promille")
-_IN_BRACKETS = re.compile(r"\s*[\[(<]\s*([^\])>]+?)\s*[\])>]\s*")
+_IN_BRACKETS = re.compile(r"[\s_]*[\[(<{（]\s*([^\])>}）]+?)\s*[\])>}）]\s*")
 _AT_END = re.compile(
-    r"[\s_.\-](rad[_/]s|rad_per_s|deg[_/]s|deg_per_s|rad/sec|deg/sec|[a-z%°‰]+)$", re.IGNORECASE
+    r"[\s_.\-](rad[_/]s|rad_per_s|rad_per_sec|deg[_/]s|deg_per_s|deg_per_sec|rev_s|turns_s|mm_s|"
+    r"rad/sec|deg/sec|[^\s_.\-\d\w]|[^\W\d_]+)$",
+    re.IGNORECASE,
 )
+_NUMBER_AT_END = re.compile(r"[._]?[\[(]?\d{1,4}[\])]?$")
+_AXIS_LETTER = re.compile(r"[\s_.\-][A-Za-z]\d{1,4}$")  # AxisAct_A1 is in no ampere
+_UNITS_OF_WORD = {  # where a unit is stated that a quantity cannot have, but one like it can
+    ("velocity", "rad"): ("velocity", "rad/s"),
+    ("velocity", "deg"): ("velocity", "deg/s"),
+    ("velocity", "rev"): ("velocity", "rev/s"),
+    ("motor_torque", "A"): ("current", "A"),
+    ("motor_torque", "mA"): ("current", "mA"),
+    ("current", "N m"): ("motor_torque", "N m"),
+    ("current", "mN m"): ("motor_torque", "mN m"),
+}
 _MAX_NAME = 200  # characters
 
 
@@ -91,17 +110,28 @@ def column_name(name: str) -> ColumnName:
     unit = unit or next((u for word, u in _PROGRAM_UNITS.items() if rest.endswith(word)), "")
     tokens = name_tokens(rest)
     if not unit:  # percent_1, or pos_deg_1
-        unit = next((_UNITS[token] for token in tokens if token in _INNER_UNITS), "")
+        unit = next((unit_of(token) for token in tokens if token in _INNER_UNITS), "")
         tokens = [token for token in tokens if token not in _INNER_UNITS]
     named = [key for key, words in QUANTITIES.items() if words & set(tokens)]
     quantity = named[0] if named else next(
         (key for key in QUANTITIES if unit in UNITS[key] and unit not in (PER_CENT, PER_MILLE)), ""
     )  # fmt: skip
+    quantity, unit = _UNITS_OF_WORD.get((quantity, unit), (quantity, unit))
     if not tokens or _ASIDE & set(tokens):
         return ColumnName("", unit, tuple(tokens))
     quantity_words = set().union(*(QUANTITIES[key] for key in named))
     joint = tuple(token for token in tokens if token not in quantity_words)
     return ColumnName(quantity, unit, joint, not quantity and not unit and _is_bare(tokens))
+
+
+def is_signal_word(token: str) -> bool:
+    """Whether a word, or a number, may be of the name of a joint's signal."""
+    return token.isdigit() or token in _AXIS_WORDS or any(token in x for x in QUANTITIES.values())
+
+
+def is_measured(column: ColumnName) -> bool:
+    """Whether the name says that its value is measured."""
+    return not _VALUE_WORDS.isdisjoint(column.words)
 
 
 def name_tokens(text: str) -> list[str]:
@@ -110,7 +140,7 @@ def name_tokens(text: str) -> list[str]:
         text = text.replace(word, words)
     plain = unicodedata.normalize("NFKD", text)
     plain = "".join(letter for letter in plain if not unicodedata.combining(letter))
-    tokens = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", plain)
+    tokens = re.findall(rf"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[{_IDEOGRAMS}]+", plain)
     return [part for token in tokens for part in _compound_parts(token.lower())]
 
 
@@ -127,7 +157,7 @@ def _is_bare(tokens: list[str]) -> bool:
 
 
 def _compound_parts(token: str) -> list[str]:
-    """The parts of a German compound: iststrom, motormoment, achswinkel."""
+    """The parts of a compound: iststrom, motormoment, achswinkel, jointpos."""
     known = set().union(_ASIDE, _VALUE_WORDS, *QUANTITIES.values())
     for first in _FIRST_WORDS:
         rest = token.removeprefix(first)
@@ -139,10 +169,25 @@ def _compound_parts(token: str) -> list[str]:
 
 
 def _unit(name: str) -> tuple[str, str]:
-    """The unit in a column's name, in brackets or at its end, and the name without it."""
-    for pattern in (_IN_BRACKETS, _AT_END):
-        for match in pattern.finditer(name):
-            if match[1].lower() in _UNITS and match.start():
-                rest = f"{name[: match.start()]} {name[match.end() :]}"
-                return _UNITS[match[1].lower()], rest.strip()
+    """The unit in a column's name, in brackets or at its end, and the name without it.
+
+    It may stand before the number of an array's entry: positions_deg.1, angle [deg][0].
+    """
+    number = _NUMBER_AT_END.search(name)
+    parts = [name]
+    if number is not None and not (number[0].isdigit() and _AXIS_LETTER.search(name)):
+        parts.append(name[: number.start()])
+    for part in parts:
+        for pattern in (_IN_BRACKETS, _AT_END):
+            for match in pattern.finditer(part):
+                unit = unit_of(match[1])
+                if unit and match.start():
+                    rest = f"{part[: match.start()]} {name[match.end() :]}"
+                    return unit, _without_unit(rest.strip(), unit)
     return "", name
+
+
+def _without_unit(name: str, unit: str) -> str:
+    """A name from which one unit was taken, without the same unit once more: pos_deg [deg]."""
+    match = _AT_END.search(name)
+    return name[: match.start()] if match and unit_of(match[1]) == unit else name

@@ -2,96 +2,142 @@
 
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from wrenchsight.models.recordings.recording_format import SignalColumns, by_number
+from wrenchsight.models.recordings.layouts.signal_words import is_signal_word, name_tokens
+from wrenchsight.models.recordings.layouts.unit_words import unit_of
+from wrenchsight.models.recordings.recording_format import UNITS, SignalColumns, by_number
 
-TIME_WORDS = ("t", "__time", "time", "times", "timestamp", "timestamps", "%time", "rosbagtimestamp",
-              "ipoc")  # fmt: skip
-_UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "ns": "ns"}
 _UNITS_BY_WORD = {"%time": "ns", "rosbagtimestamp": "ns", "ipoc": "ms"}  # ROS 1; KUKA RSI
-_CLOCK_WORDS = frozenset(
-    ("time", "timestamp", "stamp", "datetime", "date", "elapsed", "since", "start", "system", "ros",
-     "log", "host", "unix", "epoch", "controller", "robot", "header", "zeit", "zeitstempel", "utc",
-     "temps", "tempo", "tiempo", "datum", "uhrzeit", "cycle", "duration", "fecha", "hora", "heure")
-)  # fmt: skip
-_TIME_TOKENS = frozenset(
-    (
-        "time",
-        "timestamp",
-        "stamp",
-        "datetime",
-        "zeit",
-        "zeitstempel",
-        "temps",
-        "tempo",
-        "tiempo",
-        "uhrzeit",
-        "duration",
-        "elapsed",
-        "hora",
-        "heure",
-    )
+_PLAIN_WORDS = ("t", "__time", "time", "times", "timestamp", "timestamps", "stamp", "%time",
+                "rosbagtimestamp", "ipoc")  # fmt: skip
+# Words that name a time, and words that may stand beside them.
+_TIME_WORDS = frozenset((
+    "time", "times", "timestamp", "timestamps", "stamp", "datetime", "timespan", "elapsed",
+    "duration", "clock", "zeit", "zeiten", "epoch", "zeitstempel", "uhrzeit", "uhr",
+    "laufzeit", "messzeit", "temps", "tempo", "tiempo", "hora", "heure", "horodatage", "时间",
+    "时间戳", "時間", "時刻", "rosbagtimestamp",
+))  # fmt: skip
+_BESIDE = frozenset((
+    "date", "datum", "fecha", "data", "since", "start", "started", "system", "sys", "ros",
+    "ros2", "log", "logger", "host", "unix", "epoch", "controller", "ctrl", "robot", "header",
+    "zeit", "utc", "local", "cycle", "of", "day", "the", "rel", "relative", "abs", "absolute",
+    "wall", "recv", "received", "receive", "record", "recording", "recorded", "rec",
+    "measurement", "meas", "sample", "sampling", "server", "client", "pc", "plc", "device",
+    "sensor", "total", "run", "running", "sim", "simulation", "stamp", "msg", "message",
+    "mono", "monotonic", "absolute", "relativ", "vergangene", "系统", "采样", "运行", "记录",
+))  # fmt: skip
+_CLOCKS_OF_SIGNALS = ("t", "time", "timestamp", "stamp", "zeit")
+_DATE_RANK = 9  # behind that of any clock
+_DATE_WORDS = frozenset(("date", "datum", "fecha", "data", "日期"))
+_UNIT_ALONE = re.compile(
+    r"(milli|micro|nano)?sec(onds|s)?|msec|usec|nsec|ms|us|ns|µs", re.IGNORECASE
 )
-_WITH_UNIT = re.compile(r"(?:t|time|timestamp)[ _]?[\[(]?(s|sec|ms|us|ns)[\])]?")
+_UNIT_BEHIND = re.compile(r"(.*?)[\s_]*[\[(（]?([^\W\d_]+)[\])）]?", re.DOTALL)
+_UNIT_IN_BRACKETS = re.compile(r"\s*[\[(]n?s[\])]$")
 _SECOND_WORDS = (  # of whole seconds and nanoseconds
     ("sec", "nanosec"),
     ("secs", "nsecs"),
     ("seconds", "nanoseconds"),
     ("s", "ns"),
     ("sec", "nsec"),
+    ("sec", "ns"),
     ("secs", "nanosecs"),
 )
 
 
+class _Clock(NamedTuple):
+    """A column that is a time by its name; the one of the smallest numbers is the log's."""
+
+    rank: int
+    column: int
+    unit: str
+
+
 def time_columns(names: Sequence[str]) -> SignalColumns | None:
-    """The column or columns of a log's time; None where there are none, or several.
+    """The column or columns of a log's time; None where no name is one.
 
     A column `t` is the time whatever else there is. Else two columns of seconds and nanoseconds
     are (sec and nanosec, secs and nsecs, s and ns, seconds and nanoseconds, with any prefix:
-    header/stamp/sec, t_s), or else the only column that is called time, timestamp or the like,
-    in upper or lower case, or with a unit behind it (time_ms, Time [s]); or else the only one
-    whose name has no other words than such a clock's (robot_time, Zeit, elapsed time (ms),
-    cycle_ms).
+    header/stamp/sec, t_s), or else a column that is called time, timestamp or the like; or else
+    one whose words are those of a clock (robot_time, Zeit, elapsed time (ms), log.stamp), or
+    a unit of time alone (ms). Of several the first such kind, and its first column, counts:
+    `clock_numbers` has the others, too.
     """
     if "t" in names:
         return by_number([list(names).index("t")])
-    return _seconds_and_nanoseconds(names) or _single(names) or _of_words(names)
+    pair = _seconds_and_nanoseconds(names)
+    if pair is not None:
+        return pair
+    clocks = _clocks(names)
+    return by_number([clocks[0].column], unit=clocks[0].unit) if clocks else None
 
 
-def _single(names: Sequence[str]) -> SignalColumns | None:
-    units: dict[int, str] = {}
-    for column, name in enumerate(names):
-        word = name.strip().lower()
-        match = _WITH_UNIT.fullmatch(word)
-        if match:
-            units[column] = _UNITS[match[1]]
-        elif word in TIME_WORDS:
-            units[column] = _UNITS_BY_WORD.get(word, "")
-    if len(units) != 1:
-        return None
-    ((column, unit),) = units.items()
-    return by_number([column], unit=unit)
+def clock_numbers(names: Sequence[str]) -> list[int]:
+    """Numbers, from 0, of all columns that are a time by their names, without dates alone."""
+    return [clock.column for clock in _clocks(names) if clock.rank < _DATE_RANK]
 
 
-def _of_words(names: Sequence[str]) -> SignalColumns | None:
-    """The only column all of whose words are those of a clock, the last one perhaps a unit."""
-    units: dict[int, str] = {}
-    for column, name in enumerate(names):
-        tokens = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
-        unit = _UNITS.get(tokens[-1], "") if len(tokens) > 1 else ""
-        rest = set(tokens[:-1] if unit else tokens)
-        if rest <= _CLOCK_WORDS and (rest & _TIME_TOKENS or unit):
-            units[column] = unit
-    if len(units) != 1:
-        return None
-    ((column, unit),) = units.items()
-    return by_number([column], unit=unit)
+def _clocks(names: Sequence[str]) -> list[_Clock]:
+    """The columns that are a time by their names, the likeliest first."""
+    found = (
+        _clock(column, name)
+        for column, name in enumerate(names)
+        if not _is_lettered_axis(name, names)
+    )
+    return sorted(clock for clock in found if clock is not None)
+
+
+def _is_lettered_axis(name: str, names: Sequence[str]) -> bool:
+    """Whether a name is that of Yaskawa's axis T: S_pos, L_pos, U_pos are there, too."""
+    others = {"t": "slu", "T": "SLU"}.get(name[:1], "")
+    return bool(others) and all(letter + name[1:] in names for letter in others)
+
+
+def _clock(column: int, name: str) -> _Clock | None:
+    """The column as a clock; None where its name is that of something else."""
+    unit, stem = _unit(name.strip())
+    word = stem.lower()
+    if word in _PLAIN_WORDS:
+        return _Clock(0, column, unit or _UNITS_BY_WORD.get(word, ""))
+    if _UNIT_ALONE.fullmatch(name.strip()):
+        return _Clock(2, column, unit_of(name))
+    for rank, part in ((1, stem), (2, re.split(r"[/.:]", stem)[-1])):  # robot_time; log.stamp
+        split = re.sub(r"([a-z])([A-Z])", r"\1 \2", part).lower()
+        words = set(re.findall(r"[^\W\d_]+\d?", split))
+        if words & _TIME_WORDS and words <= _TIME_WORDS | _BESIDE:
+            return _Clock(rank + (1 if unit or words <= _TIME_WORDS else 2), column, unit)
+        if words and words <= _BESIDE and unit and part == stem:  # cycle_ms
+            return _Clock(4, column, unit)
+    first, *rest = name_tokens(stem) or [""]
+    for clock, signal in ((first, rest), ((rest or [first])[-1], [first, *rest[:-1]])):
+        # Of a signal: t_pos, time_q1, J1_time.
+        if clock in _CLOCKS_OF_SIGNALS and signal and all(map(is_signal_word, signal)):
+            return _Clock(6, column, unit)
+    if word in _DATE_WORDS:  # a date, with the time behind it where it is the only clock
+        return _Clock(_DATE_RANK, column, "")
+    return None
+
+
+def _unit(name: str) -> tuple[str, str]:
+    """The unit of time at the end of a name, perhaps twice (time_ms [ms]), and what precedes it."""
+    unit = ""
+    for _ in range(2):
+        match = _UNIT_BEHIND.fullmatch(name)
+        if match is None or not match[1] or unit_of(match[2]) not in UNITS["time"]:
+            break
+        if match.end(1) == match.start(2) and match[1][-1:].isalpha():  # a part of a word
+            break
+        unit, name = unit or unit_of(match[2]), match[1]
+    return unit, name
 
 
 def _seconds_and_nanoseconds(names: Sequence[str]) -> SignalColumns | None:
+    """The first two columns of one prefix that are called so; None where there are none."""
+    plain = [_UNIT_IN_BRACKETS.sub("", name) for name in names]
     for seconds, nanoseconds in _SECOND_WORDS:
-        for i, name in enumerate(names):
+        for i, name in enumerate(plain):
             match = re.fullmatch(rf"(.*[._/]|){seconds}", name)
-            if match and match[1] + nanoseconds in names:
-                return by_number([i, list(names).index(match[1] + nanoseconds)])
+            if match and match[1] + nanoseconds in plain:
+                return by_number([i, plain.index(match[1] + nanoseconds)])
     return None

@@ -40,9 +40,9 @@ def test_rows_keep_the_numbers_of_their_lines(tmp_path: Path) -> None:
     """Also where blank lines stand before the first row and a cell has line breaks."""
     log = tmp_path / "log.csv"
     log.write_text('# made by a robot\nt,q\n\n0,"[1,\n2]"\n\n1,"[3, 4]"\n')
-    table = UnfoldedFile(log, ",", skip_lines=1)
+    table = UnfoldedFile(log, ",", ("t", "q"), num_lines=3)
     lines = table.path.read_text().split("\n")
     assert lines == ["", "", "", "t,q.1,q.2", "0,1,2", "", "1,3,4", ""]
     log.write_text('# made by a robot\nt,q\n\n0,"[1, 2]"\n1,"[3]"\n')
     with pytest.raises(InputError, match="line 5, column q: holds a list of 1 entries"):
-        UnfoldedFile(log, ",", skip_lines=1)
+        UnfoldedFile(log, ",", ("t", "q"), num_lines=3)

@@ -108,8 +108,20 @@ def test_the_size_of_blocks_does_not_change_the_result(
         lambda data: b"# " + data,  # numpy.savetxt
         lambda data: data.replace(b",", b" , "),
         lambda data: data.replace(b"t,q1", b'"T","Q1"'),
+        lambda data: data.replace(b"\n", b"\r"),
+        lambda data: data.replace(b",", b";", 3),
     ],
-    ids=["crlf", "bom", "no-last-newline", "blank-tail", "savetxt", "spaces", "quotes-capitals"],
+    ids=[
+        "crlf",
+        "bom",
+        "no-last-newline",
+        "blank-tail",
+        "savetxt",
+        "spaces",
+        "quotes-capitals",
+        "cr",
+        "header-of-two-separators",
+    ],
 )
 def test_harmless_variants_of_a_csv_are_read(
     tmp_path: Path, change: Callable[[bytes], bytes]
@@ -325,8 +337,9 @@ def test_files_that_are_no_log_are_refused(tmp_path: Path) -> None:
     _refused(tmp_path / "none" / "a.csv", "no such file")
     _refused(_csv(tmp_path, "t,q", name="log.abc"), 'has the ending ".abc"', "name the file .csv")
     for name, content, words in (
-        ("log.xlsx", b"PK\x03\x04" + bytes(40), "export it as CSV"),
-        ("log.hdf5", b"\x89HDF\r\n" + bytes(40), "numpy.savez('log.npz', t=.., q=.., v=.., i=..)"),
+        ("log.xlsx", b"PK\x03\x04" + bytes(40), "pandas.read_excel('log.xlsx').to_csv('log.csv'"),
+        ("log.hdf5", b"\x89HDF\r\n" + bytes(40), "numpy.savez('log.npz', **d)"),
+        ("log.pkl", b"\x80\x04" + bytes(40), "pandas.read_pickle('log.pkl')"),
     ):
         (tmp_path / name).write_bytes(content)
         _refused(tmp_path / name, words)
@@ -341,14 +354,16 @@ def test_files_that_are_no_log_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "word"),
     [
-        (b"PAR1" + bytes(40), "is a Parquet file"),
-        (b"\x1f\x8b\x08" + bytes(40), "compressed by gzip"),
+        (b"PAR1" + bytes(40), "is a damaged Parquet file"),
+        (b"\x1f\x8b\x08" + bytes(40), "cannot be unpacked"),
+        (b"ARROW1" + bytes(40), "is no Arrow file, or a damaged one"),
+        (b"SQLite format 3" + bytes(40), "is no SQLite database, or a damaged one"),
         (b"PK\x03\x04" + bytes(40), "spreadsheet"),
         (b"\x7fELF\x02\x01" + bytes(40), "is a binary file"),
         (bytes(range(128, 256)), "is no text"),
         (b"x" * (1 << 23), "header: does not end"),
         ((_HEADER + "\n").encode() + b"x" * (1 << 23), "does not end"),
-        (b"1,2,3\r4,5,6\r7,8,9", "carriage returns alone"),
+        (b"1,2,3\r4,5,6\r7,8,9", "holds 3 numbers and no names"),
     ],
 )
 def test_binary_files_are_refused_by_their_kind(tmp_path: Path, content: bytes, word: str) -> None:
@@ -424,12 +439,11 @@ def test_words_above_the_table_are_left_out(tmp_path: Path) -> None:
         ("t,q1,q2,v1,i1,i2,tau1", ["lacks the columns v2, tau2"]),
         ("t,q1,q2,v1,v3,i1,i2", ["lacks the column", "v2"]),
         ("q1,q2,v1,v2,i1,i2,x.1", ["has no column of time", "--log-format rate_hz=100"]),
-        ("clock stamp,q1,q2,v1,v2,i1,i2", ["it may be clock stamp", "time: {columns:"]),
+        ("clockstamp,q1,q2,v1,v2,i1,i2", ["it may be clockstamp", "time: {columns:"]),
         ("t,q1,q2,v1,v2,i1,temperature", ['unknown column "temperature"', "--log-format"]),
         ("t,q1,q2,v1,v2,i1,q_3", ['unknown column "q_3"', 'did you mean "q3"?']),
         ("t,q1,q2,v1,v2,i1,i1", ['names the column "i1" twice']),
         ("t,q1,q2,v1,v2,i1,", ["lacks the column i2"]),
-        ("t;q1;q2;v1,v2,i1,i2", ['unknown column "v1,v2,i1,i2"']),
     ],
 )
 def test_wrong_headers_are_refused_with_a_remedy(
@@ -514,8 +528,12 @@ def test_words_below_the_table_are_left_out(tmp_path: Path) -> None:
         'the last 2 lines are no rows: left out (beginning "Recording stopped by user")',
     )
     lines = _lines(_table())
-    path = _csv(tmp_path, _HEADER, *lines[:30], "Recording paused", *lines[30:])
-    _refused(path, "line 32", "has 1 columns, expected 7", 'begins with "Recording paused"')
+    between = ["Recording paused", "# and resumed"]
+    log = read_recording(_csv(tmp_path, _HEADER, *lines[:30], *between, *lines[30:]))
+    _same(log, _table())
+    assert 'line 32 is no row: left out (beginning "Recording paused")' in log.notices
+    path = _csv(tmp_path, _HEADER, *lines[:30], "1.5", *lines[30:])
+    _refused(path, "line 32", "has 1 columns, expected 7")
 
 
 def test_a_separator_at_the_end_of_the_rows_is_no_column(tmp_path: Path) -> None:

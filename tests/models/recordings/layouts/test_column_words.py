@@ -4,7 +4,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
@@ -60,6 +59,11 @@ def _joints(text: str, number: int = 1) -> list[str]:
          (180 / np.pi, 180 / np.pi, 1.0)),
         ("tiempo", "eje {j} posición", "eje {j} velocidad", "eje {j} corriente", (1.0, 1.0, 1.0)),
         ("time", "rax_{j}", "speed rax_{j}", "current rax_{j}", (1.0, 1.0, 1.0)),
+        ("时间(ms)", "关节{j}位置(°)", "关节{j}速度(°/s)", "关节{j}电流(mA)",
+         (180 / np.pi, 180 / np.pi, 1e3)),
+        ("t", "jointpos{j}", "jointvel{j}", "motorcurrent{j}", (1.0, 1.0, 1.0)),
+        ("log.stamp", "state.positions_deg.{j}", "state.velocities_deg_s.{j}", "state.currents.{j}",
+         (180 / np.pi, 180 / np.pi, 1.0)),
         ("stamp", "actual_position_{j}", "actual_velocity_{j}", "actual_current_{j}",
          (1.0, 1.0, 1.0)),
     ],
@@ -70,7 +74,7 @@ def test_words_and_units_are_recognised(
     extra = ["robot mode", *_joints("target_" + q), *_joints("temperature_{j}")]
     header = [time, *_joints(q), *_joints(v), *_joints(i), *extra]
     signals = np.hstack([_Q * scale[0], _V * scale[1], _I * scale[2]])
-    t = 1e3 * _T if time in ("IPOC", "cycle_ms") else _T  # KUKA's clock is in ms
+    t = 1e3 * _T if time in ("IPOC", "cycle_ms", "时间(ms)") else _T  # KUKA's clock is in ms
     columns = [t, *signals.T, *np.full((len(extra), _ROWS), 7.0)]
     log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
     for read, expected in ((log.q, _Q), (log.v, _V), (log.current, _I)):
@@ -115,27 +119,38 @@ def test_positions_alone_are_told(tmp_path: Path, names: str) -> None:
     assert "record the motors' currents or torques beside them" in str(caught.value)
 
 
-def test_a_row_for_each_signal_is_told_and_its_remedy_turns_the_table(tmp_path: Path) -> None:
-    signals = {f"{letter}{j + 1}": x[:, j] for letter, x in (("q", _Q), ("v", _V), ("i", _I))
-               for j in range(3)}  # fmt: skip
-    rows = [f"{t},{name},{x[k]}" for k, t in enumerate(_T) for name, x in signals.items()]
-    path = tmp_path / "long.csv"
-    path.write_text("\n".join(["time,signal,value", *rows]))
-    with pytest.raises(InputError) as caught:
-        read_recording(path, None, _ROBOT, check=False)
-    remedy = "table.pivot(index='time', columns='signal', values='value').to_csv('turned.csv')"
-    assert remedy in str(caught.value)
-    turned = pd.read_csv(path).pivot(index="time", columns="signal", values="value")
-    turned.to_csv(tmp_path / "turned.csv")
-    log = read_recording(tmp_path / "turned.csv", None, _ROBOT, check=False)
-    np.testing.assert_array_equal(log.q, _Q)
-
-
-def test_a_row_for_each_joint_is_told(tmp_path: Path) -> None:
-    columns = [np.repeat(_T, 3), np.tile(["a", "b", "c"], _ROWS), _Q.ravel(), _I.ravel()]
-    path = _csv(tmp_path, ["t", "joint", "position", "current"], columns)
-    with pytest.raises(InputError, match=r'a row for each joint \(column "joint"\)'):
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ("positions.{j}", "numbers 4 positions"),
+        ("m{j}_pos", "numbers 4 positions"),
+    ],
+)
+def test_another_number_of_joints_is_told(tmp_path: Path, names: str, words: str) -> None:
+    header = ["time", *(names.format(j=j + 1) for j in range(4)), *_joints("current_{j}")]
+    path = _csv(tmp_path, header, [_T, *_Q.T, _Q[:, 0], *_I.T])
+    with pytest.raises(InputError, match=f"{words}.*but the robot has 3 joints"):
         read_recording(path, None, _ROBOT)
+
+
+def test_a_measured_series_counts_beside_another_one(tmp_path: Path) -> None:
+    header = ["time", *_joints("q_{j}"), *_joints("q_actual_{j}"), *_joints("motor_speed_{j}")]
+    header += [*_joints("joint_speed_{j}"), *_joints("i_actual_{j}"), "speed_scaling"]
+    columns = [_T, *(_Q + 1.0).T, *_Q.T, *(100.0 * _V).T, *_V.T, *_I.T, 0.0 * _T]
+    log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
+    np.testing.assert_array_equal(log.q, _Q)
+    np.testing.assert_array_equal(log.v, _V)
+    assert any("columns left out: q_1, q_2, q_3" in notice for notice in log.notices)
+
+
+@pytest.mark.parametrize("unit", ["A", "mA"])
+def test_an_effort_in_amperes_by_its_name_is_a_current(tmp_path: Path, unit: str) -> None:
+    header = ["time", *_joints("js.position[{j}]", 0), *_joints("js.effort[{j}] (" + unit + ")", 0)]
+    factor = {"A": 1.0, "mA": 1e3}[unit]
+    log = read_recording(_csv(tmp_path, header, [_T, *_Q.T, *(factor * _I).T]), None, _ROBOT,
+                         check=False)  # fmt: skip
+    np.testing.assert_allclose(log.current, _I, atol=1e-12)
+    assert log.tau_J is None
 
 
 def test_other_columns_beside_a_plain_header_are_left_out(tmp_path: Path) -> None:

@@ -1,0 +1,106 @@
+"""Logs of JSON objects, one a line."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings import json_table
+from wrenchsight.models.recordings.recording_reader import read_recording
+
+T = 0.01 * np.arange(60)
+Q = np.c_[np.sin(T), np.cos(T)]
+
+
+def _objects() -> list[dict]:
+    return [
+        {
+            "timestamp": float(t),
+            "joint_positions": q.tolist(),
+            "joint_velocities": [0, float(t)],  # whole numbers, then others
+            "joint_currents": [1, 2],
+            "state": {"mode": "AUTO"},
+        }
+        for t, q in zip(T, Q, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("block", [1 << 22, 400])
+def test_objects_are_read_as_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr(json_table, "_BLOCK_BYTES", block)
+    path = tmp_path / "log.jsonl"
+    path.write_text("\n".join(json.dumps(entry) for entry in _objects()))
+    log = read_recording(path)
+    np.testing.assert_array_equal(log.t, T)
+    np.testing.assert_array_equal(log.q, Q)
+    np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (json.dumps(_objects()[0], indent=2), "holds neither samples nor arrays"),
+        ("[[0.0, 0.1], [0.01, 0.2]]", "holds neither samples nor arrays"),
+        ('{"t": 0.0, "q": [0.1\n', "cannot be read as JSON"),
+        ('{"t": 0.0}\n{"t": [1.0]}\n', "all with the same entries"),
+        ("t,q1\n0,1\n", "is no JSON"),
+        ("", "is no JSON"),
+    ],
+)
+def test_other_json_is_refused_with_a_remedy(tmp_path: Path, content: str, words: str) -> None:
+    path = tmp_path / "log.json"
+    path.write_text(content)
+    with pytest.raises(InputError) as caught:
+        read_recording(path)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        _objects(),
+        {"robot": "two", "samples": _objects()},
+        {"t": T.tolist(), "q": Q.tolist(), "i": [[1.0] * 60, [2.0] * 60]},
+    ],
+    ids=["list", "under-a-key", "arrays"],
+)
+def test_one_document_is_read(tmp_path: Path, document: Any) -> None:
+    """Samples in a list, or arrays over all samples, one of them with a row for each joint."""
+    path = tmp_path / "log.txt"  # known by its content
+    path.write_text(json.dumps(document, indent=1))
+    log = read_recording(path)
+    np.testing.assert_array_equal(log.t, T)
+    np.testing.assert_array_equal(log.q, Q)
+    np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
+
+
+def test_documents_of_yaml_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "log.yaml"
+    path.write_text("---\n".join(json.dumps(entry) + "\n" for entry in _objects()))
+    log = read_recording(path)
+    np.testing.assert_array_equal(log.q, Q)
+    path.write_text("- &a [1, 2]\n- *a\n")
+    with pytest.raises(InputError, match="aliases"):
+        read_recording(path)
+
+
+def test_objects_of_joints_are_put_in_the_robots_order(tmp_path: Path) -> None:
+    """As a list of objects with a name each, in another order than the robot's."""
+    path = tmp_path / "log.json"
+    rows = [{"stamp": t, "joints": [{"name": name, "pos": q[j], "current": 1.0 + j}
+                                    for name, j in (("elbow", 1), ("shoulder", 0))]}
+            for t, q in zip(T.tolist(), Q.tolist(), strict=True)]  # fmt: skip
+    path.write_text(json.dumps(rows))
+    robot = SimpleNamespace(joint_names=("shoulder", "elbow"), num_joints=2, name="two",
+                            q_offset=np.zeros(2), velocity_limit=np.full(2, np.inf),
+                            chain=SimpleNamespace(prismatic=np.zeros(2, bool)))  # fmt: skip
+    log = read_recording(path, None, robot, check=False)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(log.q, Q)
+    np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
