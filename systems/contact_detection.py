@@ -1,7 +1,6 @@
 """The contact detector as a block."""
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -13,8 +12,12 @@ from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_cached, sliding_size, torque_error_size
+from wrenchsight.systems.declarations import (
+    declare_cached,
+    sliding_size,
+    terms_at,
+    torque_error_size,
+)
 from wrenchsight.systems.sampled_block import SampledBlock
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
@@ -110,7 +113,7 @@ class ContactDetection(SampledBlock):
 
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
         """Updates `state` with one sample, in place; returns (1, 6) the detection."""
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        terms = terms_at(self._terms, context, self._detector.num_joints)
         torque_error = _plausible(self._torque_error.Eval(context))
         error = TorqueError.of_flat(torque_error, self._detector.num_joints)
         is_fresh = self._tau_ext_valid.Eval(context) == 1.0

@@ -4,12 +4,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     CacheEntry,
     Context,
     DependencyTicket,
+    InputPort,
     LeafSystem,
     NumericParameterIndex,
     OutputPort,
@@ -17,8 +19,10 @@ from pydrake.systems.framework import (
 )
 
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms, terms_type
 from wrenchsight.systems.sampled_block import SampledBlock
 
 
@@ -30,6 +34,46 @@ def torque_error_size(num_joints: int) -> int:
 def sliding_size(num_joints: int) -> int:
     """Entries of a port that carries a `SlidingLaw`, flat."""
     return len(SlidingLaw._fields) * num_joints
+
+
+def checked_effort_limit(effort_limit: ArrayLike, num_joints: int, block: str) -> Array:
+    """A copy (n,) of effort limits, N m, all of them positive; inf for none.
+
+    Args:
+        effort_limit: (n,).
+        num_joints: n, of the friction law, which compiled kernels read unchecked.
+        block: of which the error line speaks.
+
+    Raises:
+        InputError: one is not positive, or there is not one a joint.
+    """
+    limit = np.array(effort_limit, dtype=np.float64)
+    if limit.shape != (num_joints,) or not np.all(limit > 0.0):  # NaN neither
+        problem = f"{limit.tolist()}, expected {num_joints} above 0, N m, one a joint of friction"
+        raise InputError(block, "effort_limit", problem)
+    return limit
+
+
+def terms_at(port: InputPort, context: Context, num_joints: int) -> RigidBodyTerms:
+    """What an abstract port `terms` carries, checked: compiled kernels read it unchecked.
+
+    Args:
+        port: of a block.
+        context: of that block.
+        num_joints: of the arm that the block is of.
+
+    Raises:
+        ValueError: it carries something else, or terms of an arm of another number of joints.
+    """
+    terms = port.Eval(context)
+    if not isinstance(terms, RigidBodyTerms):
+        found = type(terms).__name__
+    elif terms.record.dtype != terms_type(num_joints):
+        found = f"those of {terms.record['q'].shape[-1]} joints"
+    else:
+        return terms
+    block = port.get_system().GetSystemPathname()
+    raise ValueError(f"{block}: terms must be of {num_joints} joints, and are {found}")
 
 
 class TunedParameters:

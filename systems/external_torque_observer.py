@@ -1,7 +1,7 @@
 """An observer of external joint torque as a block, whatever its kind."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -10,12 +10,12 @@ from pydrake.systems.framework import BasicVector, Context, DependencyTicket, In
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.observer import Observer, ObserverSamples
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import (
     TunedParameters,
     declare_cached,
     declare_held_outputs,
     parts_of,
+    terms_at,
     torque_error_size,
 )
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -138,7 +138,7 @@ class ExternalTorqueObserver(SampledBlock):
         error = self._no_error
         if self._torque_error is not None and self._torque_error.HasValue(context):
             error = TorqueError.of_flat(self._torque_error.Eval(context), self._n)
-        terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
+        terms = terms_at(self._terms, context, self._n).record
         return ObserverSamples(
             q=terms["q"],
             v=terms["v"],

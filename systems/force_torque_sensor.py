@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -13,7 +13,6 @@ from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.signals.gaussian_noise import check_seed, gaussian_noise
 from wrenchsight.models.signals.low_pass import LowPass
 from wrenchsight.models.signals.tool_wrench import (
@@ -22,7 +21,8 @@ from wrenchsight.models.signals.tool_wrench import (
     measure_contact_wrench,
     tool_table,
 )
-from wrenchsight.systems.sampled_block import SampledBlock, tick_number
+from wrenchsight.systems.declarations import terms_at
+from wrenchsight.systems.sampled_block import SampledBlock, tick_number, ticking_period
 
 
 @dataclass
@@ -114,7 +114,7 @@ class ForceTorqueSensor(SampledBlock):
 
     Raises:
         InputError: a filter that cannot be made, or a noise that is negative or NaN.
-        ValueError: a seed that is out of range.
+        ValueError: a seed that is out of range, or a time_step that is not positive.
     """
 
     def __init__(
@@ -130,8 +130,9 @@ class ForceTorqueSensor(SampledBlock):
         check_seed(seed)
         self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
         at_rest = _SensorMemory(wrench=np.zeros(6), filter_state=np.zeros(self.filter_size))
-        SampledBlock.__init__(self, period=time_step, initial_memory=at_rest)
-        self._time_step = time_step
+        period = ticking_period(time_step, "force/torque sensor")
+        SampledBlock.__init__(self, period=period, initial_memory=at_rest)
+        self._time_step, self._n = time_step, num_joints
         self._seed = seed
         self._weld = int(tool_weld)  # Drake lists `reaction_forces` by the index of the joint
         # The tool's inertia and weight, which are taken off, and where the weld is.
@@ -198,7 +199,7 @@ class ForceTorqueSensor(SampledBlock):
         output.SetFromVector(self.memory(context).wrench)
 
     def take_sample(self, context: Context, memory: _SensorMemory) -> Sequence[Array]:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        terms = terms_at(self._terms, context, self._n)
         if self._seed is not None:
             tick = tick_number(context.get_time(), self._time_step)
             gaussian_noise(self._seed, tick, self._noise)

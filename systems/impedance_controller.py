@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,15 +17,16 @@ from wrenchsight.models.control.impedance import (
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.systems.declarations import (
     TunedParameters,
+    checked_effort_limit,
     declare_cached,
     declare_held_outputs,
+    terms_at,
 )
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
-from wrenchsight.systems.sampled_block import SampledBlock
+from wrenchsight.systems.sampled_block import SampledBlock, ticking_period
 
 _NO_WRENCH = np.zeros(6)
 
@@ -139,7 +139,9 @@ class ImpedanceController(SampledBlock):
 
     Raises:
         InputError: axes that are neither W nor E, a matrix of a wrong shape, not symmetric or not
-            positive semi-definite, a direction of no length, negative gains.
+            positive semi-definite, a direction of no length, negative gains, an effort limit that
+            is not positive; an output is evaluated with such a matrix or gain in the Context.
+        ValueError: with force control, a time_step that is not positive.
     """
 
     def __init__(
@@ -153,11 +155,11 @@ class ImpedanceController(SampledBlock):
         SampledBlock.__init__(
             self,
             # Without the integral of force control there is nothing to remember: no ticks.
-            period=time_step if self._has_force else 0.0,
+            period=ticking_period(time_step, "impedance") if self._has_force else 0.0,
             initial_memory=np.zeros(1),  # N s, the integral of the force error
         )
         self._time_step = time_step
-        limit = np.array(effort_limit, dtype=np.float64)
+        limit = checked_effort_limit(effort_limit, friction.num_joints, "impedance")
         self._n = len(limit)
         self._default_law = _law_of(config, friction, limit, time_step)
         # Of the stiffness, the damping and pose_error; else they are in axes of W.
@@ -213,8 +215,11 @@ class ImpedanceController(SampledBlock):
 
     def _calc_law(self, context: Context) -> Record:
         law, parameters = self._default_law.copy(), self._parameters.at(context)
+        for key in ("stiffness", "damping"):
+            _check_matrix(parameters[key].reshape(6, 6), key)
         law["stiffness"], law["damping"] = parameters["stiffness"], parameters["damping"]
         if self._has_force:
+            _check_gains(parameters["force_gains"].tolist())
             proportional, integral, integral_limit = parameters["force_gains"]
             law["proportional"], law["integral"] = proportional, integral
             law["integral_limit"] = integral_limit
@@ -233,7 +238,7 @@ class ImpedanceController(SampledBlock):
     def _calc_all(self, context: Context, output: BasicVector) -> None:
         out, n, has_force = output.get_mutable_value(), self._n, self._has_force
         has_reference = self._reference.HasValue(context)
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        terms = terms_at(self._terms, context, self._n)
         # `out` is tau_command (n,), pose_error (6,), valid, integral: the kernel writes the first
         # two, and returns the others.
         out[n + 6 :] = impedance_action(
@@ -302,9 +307,7 @@ def _null_space_damping(config: ImpedanceConfig) -> float:
 
 
 def _force_gains(config: ForceControlConfig) -> ForceGains:
-    gains = [config.proportional, config.integral, config.integral_limit]
-    if not np.all(np.isfinite(gains)) or min(gains) < 0.0:
-        raise InputError("impedance", "force", f"gains {gains}, expected 0 or more")
+    _check_gains([config.proportional, config.integral, config.integral_limit])
     return ForceGains(
         proportional=config.proportional,
         integral=config.integral,
@@ -312,6 +315,12 @@ def _force_gains(config: ForceControlConfig) -> ForceGains:
         direction=_unit(config.direction),
         in_E=_in_E(config.axes, "force.axes"),
     )
+
+
+def _check_gains(gains: list[float]) -> None:
+    """Raises InputError for gains of force control that are negative or not finite."""
+    if not np.all(np.isfinite(gains)) or min(gains) < 0.0:
+        raise InputError("impedance", "force", f"gains {gains}, expected 0 or more")
 
 
 def _in_E(axes: str, key: str) -> bool:
@@ -337,11 +346,16 @@ def _matrix(value: ArrayLike, key: str) -> Array:
     array = np.array(value, dtype=np.float64)
     if array.shape == (6,):
         array = np.diag(array)
+    _check_matrix(array, key)
+    return np.ascontiguousarray(array[np.ix_(FORCE_FIRST, FORCE_FIRST)])
+
+
+def _check_matrix(array: Array, key: str) -> None:
+    """Raises InputError unless it is a stiffness or damping, in either order of its axes."""
     if array.shape != (6, 6) or not np.all(np.isfinite(array)):
-        raise InputError("impedance", key, "expected 6 numbers (the diagonal) or 6 x 6")
+        raise InputError("impedance", key, "expected 6 finite numbers (the diagonal) or 6 x 6")
     scale = max(float(np.abs(array).max()), 1e-12)
     if np.abs(array - array.T).max() > 1e-9 * scale:
         raise InputError("impedance", key, "expected a symmetric matrix")
     if np.linalg.eigvalsh(array)[0] < -1e-9 * scale:
         raise InputError("impedance", key, "expected no negative eigenvalue")
-    return np.ascontiguousarray(array[np.ix_(FORCE_FIRST, FORCE_FIRST)])

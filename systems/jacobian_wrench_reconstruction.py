@@ -1,7 +1,7 @@
 """The wrench at the tool from the external joint torque, as a block."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -24,13 +24,13 @@ from wrenchsight.models.identification.torque_error_model import ConstantTorqueE
 from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 from wrenchsight.models.numerics.states import assign_state
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import (
     TunedParameters,
     declare_cached,
     declare_port_of_each_part,
     joined_ticket,
     sliding_size,
+    terms_at,
     torque_error_size,
 )
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -237,7 +237,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         reading takes for a missing one: a zero wrench with the prior's covariance, not valid.
         """
         tuned: _TunedReading = self._tuned_reading.EvalAbstract(context).get_value()
-        terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
+        terms = terms_at(self._terms, context, self._n).record
         error = self._torque_error_at(context, tuned, J=terms["J"])  # checked by `_samples`
         samples = self._samples(context, terms, error, tuned.has_usable_pole)
         entries = output.get_mutable_value()

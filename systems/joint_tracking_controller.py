@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +18,12 @@ from wrenchsight.models.control.joint_tracking import (
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_cached
-from wrenchsight.systems.sampled_block import SampledBlock
+from wrenchsight.systems.declarations import (
+    checked_effort_limit,
+    declare_cached,
+    terms_at,
+)
+from wrenchsight.systems.sampled_block import SampledBlock, ticking_period
 
 TRACKING_LAWS = ("computed_torque", "feedforward_pd")
 _GAINS = ("kp", "kd", "ki", "integral_limit")  # rows of the parameter `gains`
@@ -82,9 +84,11 @@ class JointTrackingController(SampledBlock):
         config: law and gains.
 
     Raises:
-        InputError: an unknown law, or gains that are negative, not finite or of a wrong number.
-        ValueError: an output is evaluated with a ki in the Context, of a block that was made
-            without.
+        InputError: an unknown law, gains that are negative, not finite or of a wrong number, or an
+            effort limit that is not positive; an output is evaluated with such a gain in the
+            Context.
+        ValueError: with a ki, a time_step that is not positive; an output is evaluated with a ki in
+            the Context, of a block that was made without.
     """
 
     def __init__(
@@ -94,14 +98,14 @@ class JointTrackingController(SampledBlock):
         time_step: float,
         config: JointTrackingConfig,
     ) -> None:
-        self._effort_limit = np.array(effort_limit, dtype=np.float64)
-        self._n = n = self._effort_limit.shape[0]
+        self._n = n = friction.num_joints
+        self._effort_limit = checked_effort_limit(effort_limit, n, "joint tracking")
         default_gains = np.array([_per_joint(config, name, n) for name in _GAINS])  # (4, n)
         integrates = default_gains[_GAINS.index("ki")].any()
         SampledBlock.__init__(
             self,
             # Without an integral there is nothing to remember: no ticks.
-            period=time_step if integrates else 0.0,
+            period=ticking_period(time_step, "joint tracking") if integrates else 0.0,
             initial_memory=np.zeros(n),  # rad s, the integral of the error
         )
         self._law_of_gains = _law_of_gains(config, friction, self._effort_limit, time_step)
@@ -127,12 +131,14 @@ class JointTrackingController(SampledBlock):
 
     def _inputs(self, context: Context) -> tuple[Record, Array, bool]:
         """Record of the terms, reference (3n,), and whether these are finite numbers."""
-        terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
+        terms = terms_at(self._terms, context, self._n).record
         reference = self._reference.Eval(context)
         return terms, reference, are_inputs_usable(terms, reference)
 
     def _calc_law(self, context: Context) -> Record:
         gains = context.get_numeric_parameter(self._gains).value().reshape(len(_GAINS), self._n)
+        for name, values in zip(_GAINS, gains, strict=True):
+            _check_gains(name, values)
         if not self.has_memory and gains[_GAINS.index("ki")].any():
             raise ValueError(
                 "joint tracking: the Context has a ki, and the block, made without, integrates "
@@ -199,6 +205,11 @@ def _per_joint(config: JointTrackingConfig, name: str, n: int) -> Array:
     array = np.array(values, dtype=np.float64)
     if array.shape not in ((1,), (n,)):
         raise InputError("joint tracking", name, f"{len(values)} numbers, expected 1 or {n}")
-    if not np.all(np.isfinite(array) & (array >= 0.0)):
-        raise InputError("joint tracking", name, f"{list(values)}, expected 0 or more")
+    _check_gains(name, array)
     return np.broadcast_to(array, n).copy()
+
+
+def _check_gains(name: str, values: Array) -> None:
+    """Raises InputError for gains that are negative or not finite."""
+    if not np.all(np.isfinite(values) & (values >= 0.0)):
+        raise InputError("joint tracking", name, f"{values.tolist()}, expected 0 or more")

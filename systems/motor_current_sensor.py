@@ -11,7 +11,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import check_seed, gaussian_noise
 from wrenchsight.systems.declarations import TunedParameters, declare_cached
-from wrenchsight.systems.sampled_block import SampledBlock, tick_number
+from wrenchsight.systems.sampled_block import SampledBlock, tick_number, ticking_period
 
 
 class MotorCurrentSensor(SampledBlock):
@@ -45,7 +45,9 @@ class MotorCurrentSensor(SampledBlock):
             starts. None: there is no noise, whatever noise_sd is.
 
     Raises:
-        ValueError: a parameter is negative or NaN, bandwidth is zero, or the seed is out of range.
+        ValueError: a parameter is negative or NaN, or bandwidth is zero, here or where the output
+            is evaluated with one of the Context; time_step is not positive, or the seed is out of
+            range.
     """
 
     def __init__(
@@ -60,7 +62,8 @@ class MotorCurrentSensor(SampledBlock):
         n = num_joints
         check_seed(seed)
         lagged_current = np.full(n, np.nan)  # A; unknown before the first sample
-        SampledBlock.__init__(self, period=time_step, initial_memory=lagged_current)
+        period = ticking_period(time_step, "current sensor")
+        SampledBlock.__init__(self, period=period, initial_memory=lagged_current)
         self._n = n
         self._time_step = time_step
         self._seed = seed
@@ -112,6 +115,7 @@ class MotorCurrentSensor(SampledBlock):
     def _calc_table(self, context: Context) -> Array:
         """(3, n) bandwidth Hz, noise_sd A and resolution A of a context."""
         values = self._parameters.at(context)
+        _check(values)
         return np.stack([values["bandwidth"], values["noise_sd"], values["resolution"]])
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:

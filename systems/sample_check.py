@@ -7,7 +7,7 @@ from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.sample_check import SampleCheck
-from wrenchsight.systems.sampled_block import SampledBlock
+from wrenchsight.systems.sampled_block import SampledBlock, ticking_period
 
 
 class SampleCheckSystem(SampledBlock):
@@ -32,6 +32,9 @@ class SampleCheckSystem(SampledBlock):
         check: the rule; None: every sample is passed on.
         num_joints: n.
         time_step: s.
+
+    Raises:
+        ValueError: time_step is not positive.
     """
 
     def __init__(self, check: SampleCheck | None, num_joints: int, time_step: float) -> None:
@@ -39,7 +42,8 @@ class SampleCheckSystem(SampledBlock):
         self._sizes = [1, n, n]
         self._motion_size = sum(self._sizes)
         initial = np.empty((0, n)) if check is None else check.initial_state()
-        SampledBlock.__init__(self, period=time_step, initial_memory=initial)
+        period = ticking_period(time_step, "sample check")
+        SampledBlock.__init__(self, period=period, initial_memory=initial)
         self._check, self._time_step, self._n = check, time_step, n
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)

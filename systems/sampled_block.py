@@ -42,6 +42,21 @@ def stepping_with_plant() -> Iterator[None]:
         _STEPS_WITH_PLANT.reset(token)
 
 
+def ticking_period(time_step: float, block: str) -> float:
+    """The period of a block that must tick, s: `time_step`, checked.
+
+    Args:
+        time_step: s.
+        block: of which the error line speaks.
+
+    Raises:
+        ValueError: it is not a positive number.
+    """
+    if not 0.0 < time_step < np.inf:  # NaN neither
+        raise ValueError(f"{block}: time_step must be positive, not {time_step:g} s")
+    return time_step
+
+
 def tick_number(t: float, time_step: float) -> int:
     """The number of the tick that begins at t or before, s."""
     # A thousandth of a tick absorbs the rounding of t = k time_step.
@@ -83,10 +98,15 @@ class SampledBlock(LeafSystem):
         has_memory: whether `period` is positive.
         time_and_memory_tickets: of time and of all discrete state; what a cache entry depends on,
             besides its inputs, whose calc asks for the block's memory. Empty with `period` 0.
+
+    Raises:
+        ValueError: the period is negative or no finite number.
     """
 
     def __init__(self, *, period: float, initial_memory: Any) -> None:
         LeafSystem.__init__(self)
+        if period != 0.0:
+            ticking_period(period, type(self).__name__)
         self._period = period
         self.has_memory = period != 0.0
         self._memory_layout = StateLayout(initial_memory)

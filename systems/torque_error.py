@@ -1,7 +1,6 @@
 """The error of the observed torque, as a block: for the wrench and the contact detector."""
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -11,11 +10,11 @@ from wrenchsight.models.estimation.torque_error_stage import TorqueError, Torque
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.torque_error_model import take_transmitted
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import (
     declare_cached,
     declare_held_outputs,
     sliding_size,
+    terms_at,
     torque_error_size,
 )
 from wrenchsight.systems.sampled_block import SampledBlock
@@ -86,7 +85,7 @@ class TorqueErrorSystem(SampledBlock):
     def _calc_all(self, context: Context, output: BasicVector) -> None:
         out = output.get_mutable_value()
         state, none = self.memory(context, out[self._error_size :]), self._no_torque
-        terms = cast(RigidBodyTerms, self._terms.Eval(context)).record
+        terms = terms_at(self._terms, context, self._stage.num_joints).record
         q, v, J = terms["q"], terms["v"], terms["J"]
         stage: TorqueErrorStage = self._tuned_stage.EvalAbstract(context).get_value()
         error = TorqueError.of_flat(out[: self._error_size], stage.num_joints)  # views

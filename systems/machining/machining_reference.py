@@ -1,7 +1,6 @@
 """The reference of a machining pass as a block."""
 
 from collections.abc import Sequence
-from typing import cast
 
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
@@ -14,8 +13,10 @@ from wrenchsight.models.machining.machining_reference import (
     machining_reference,
 )
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_held_outputs
+from wrenchsight.systems.declarations import (
+    declare_held_outputs,
+    terms_at,
+)
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -67,7 +68,7 @@ class MachiningReference(SampledBlock):
         )
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        terms = terms_at(self._terms, context, self._n)
         out = output.get_mutable_value()
         joints_end = POSE_REFERENCE_SIZE + 3 * self._n
         out[joints_end:] = machining_reference(
@@ -80,7 +81,7 @@ class MachiningReference(SampledBlock):
         )
 
     def take_sample(self, context: Context, memory: PassMemory) -> Sequence[Array]:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        terms = terms_at(self._terms, context, self._n)
         wrench = self._wrench.Eval(context)
         advance_reference(self._plan, context.get_time(), terms.record, wrench, memory)
         return (self._all.Eval(context),)

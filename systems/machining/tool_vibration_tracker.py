@@ -1,7 +1,6 @@
 """The tool's vibration, found from the torques, as a block."""
 
 from collections.abc import Sequence
-from typing import cast
 
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context
@@ -19,8 +18,12 @@ from wrenchsight.models.machining.tool_vibration import (
     track_vibration,
 )
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.systems.declarations import declare_held_outputs, parts_of, torque_error_size
+from wrenchsight.systems.declarations import (
+    declare_held_outputs,
+    parts_of,
+    terms_at,
+    torque_error_size,
+)
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
@@ -134,7 +137,7 @@ class ToolVibrationTracker(SampledBlock):
             out[slices["freed_torque"]],
             out[slices["freed_sd"]],
         )
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        terms = terms_at(self._terms, context, self._n)
         normal = self._pose.Eval(context)[2:9:3]  # z axis of R_WD, which is (9,) row by row
         # Writes joint_shares and joint_shares_sd.
         expected_shares(terms.M, constants.inertia_sd, terms.J, normal, self._shares(out))
@@ -149,7 +152,7 @@ class ToolVibrationTracker(SampledBlock):
         outputs = self._all_outputs.Eval(context)
         observed = self._observed_torque(context, outputs)
         work = self._work_tick(context, outputs)
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        terms = terms_at(self._terms, context, self._n)
         # Updates the evidence in `memory`, in place: the next tick's outputs are made of it.
         track_vibration(self._constants, terms.record, observed, work, memory)
         return (outputs,)  # held until then

@@ -331,7 +331,7 @@ def test_stiffness_through_the_context(sts):
     ("changes", "words"),
     [
         ({"axes": "B"}, "expected W or E"),
-        ({"stiffness": np.ones(5)}, "stiffness: expected 6 numbers"),
+        ({"stiffness": np.ones(5)}, "stiffness: expected 6 finite numbers"),
         ({"stiffness": np.triu(np.ones((6, 6)))}, "symmetric"),
         ({"damping": -np.ones(6)}, "damping: expected no negative"),
         ({"null_space_damping": -1.0}, "null_space_damping"),
@@ -343,6 +343,34 @@ def test_stiffness_through_the_context(sts):
 def test_bad_configuration(changes, words):
     with pytest.raises(InputError, match=words):
         ImpedanceController(no_friction(6), np.ones(6), T, ImpedanceConfig(**changes))
+
+
+def test_limits_and_periods_that_are_none_are_refused():
+    """Kernels read the limits and the friction of as many joints unchecked."""
+    config = ImpedanceConfig(force=ForceControlConfig(integral=1.0))
+    for limit in (-np.ones(6), np.full(6, np.nan), np.ones(4)):
+        with pytest.raises(InputError, match=r"effort_limit: .* expected 6 above 0"):
+            ImpedanceController(no_friction(6), limit, T, config)
+    for time_step in (0.0, -T, np.nan, np.inf):
+        with pytest.raises(ValueError, match="time_step must be positive"):
+            ImpedanceController(no_friction(6), np.ones(6), time_step, config)
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1e4])
+def test_a_gain_of_the_context_that_is_none_is_refused(sts, index, bad):
+    """Stiffness, damping and gains of the force: it gave a torque that is no number, as valid."""
+    config = ImpedanceConfig(force=ForceControlConfig(integral=1.0))
+    block = ImpedanceController(no_friction(6), np.full(6, 1e6), T, config)
+    terms = sts.chain.terms(sts.home, np.zeros(6))
+    context = block.CreateDefaultContext()
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    block.GetInputPort("pose_reference").FixValue(context, pose(terms.R_WE, terms.p_WE))
+    block.GetInputPort("wrench").FixValue(context, np.zeros(6))
+    block.GetInputPort("force_setpoint").FixValue(context, [0.0])
+    context.get_mutable_numeric_parameter(index).SetAtIndex(0, bad)
+    with pytest.raises(InputError, match=r"stiffness: exp|damping: exp|force: gains"):
+        block.GetOutputPort("tau_command").Eval(context)
 
 
 def test_force_control_takes_over_from_the_spring_without_a_jump(sts):

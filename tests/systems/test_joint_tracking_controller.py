@@ -9,6 +9,7 @@ from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LogV
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.joint_tracking_controller import (
     JointTrackingConfig,
     JointTrackingController,
@@ -203,6 +204,40 @@ def test_a_reference_ahead_pushes_forward(sts):
 def test_bad_configuration(changes, words):
     with pytest.raises(InputError, match=words):
         JointTrackingController(NO_FRICTION, np.ones(6), T, JointTrackingConfig(**changes))
+
+
+def test_limits_and_periods_that_are_none_are_refused():
+    """Kernels read the limits and the friction of as many joints unchecked."""
+    config = JointTrackingConfig(ki=[1.0])
+    for limit in (-np.ones(6), np.full(6, np.nan), np.ones(4)):
+        with pytest.raises(InputError, match=r"effort_limit: .* expected 6 above 0"):
+            JointTrackingController(NO_FRICTION, limit, T, config)
+    for time_step in (0.0, -T, np.nan, np.inf):
+        with pytest.raises(ValueError, match="time_step must be positive"):
+            JointTrackingController(NO_FRICTION, np.ones(6), time_step, config)
+
+
+@pytest.mark.parametrize("gain", [np.nan, np.inf, -1.0])
+def test_a_gain_of_the_context_that_is_none_is_refused(sts, gain):
+    """It gave a torque that is no number, and counted as valid."""
+    block = JointTrackingController(NO_FRICTION, np.full(6, 1e6), T, JointTrackingConfig())
+    context = block.CreateDefaultContext()
+    terms = sts.chain.terms(sts.home, np.zeros(6))
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    block.GetInputPort("reference").FixValue(context, np.concatenate([sts.home, np.zeros(12)]))
+    context.get_mutable_numeric_parameter(0).SetAtIndex(0, gain)
+    with pytest.raises(InputError, match=r"kp: .*expected 0 or more"):
+        block.GetOutputPort("tau_command").Eval(context)
+
+
+def test_terms_of_another_arm_are_refused(sts):
+    """A kernel would read beyond their end."""
+    block = JointTrackingController(NO_FRICTION, np.full(6, 1e6), T, JointTrackingConfig())
+    of_seven = RigidBodyTerms.zeros(7)
+    with pytest.raises(ValueError, match="must be of 6 joints, and are those of 7 joints"):
+        torque(block, of_seven, np.zeros(18))
+    with pytest.raises(ValueError, match="must be of 6 joints, and are dict"):
+        torque(block, {}, np.zeros(18))
 
 
 @pytest.mark.parametrize("name", ["terms", "reference"])

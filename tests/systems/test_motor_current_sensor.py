@@ -111,3 +111,18 @@ def test_bad_arguments(arguments):
 def test_a_seed_that_no_kernel_takes_is_refused(seed):
     with pytest.raises(ValueError, match="seed of the noise"):
         MotorCurrentSensor(2, TIME_STEP, noise_sd=0.1, seed=seed)
+
+
+@pytest.mark.parametrize("time_step", [0.0, -TIME_STEP, np.nan, np.inf])
+def test_a_period_that_is_none_is_refused(time_step):
+    with pytest.raises(ValueError, match="current sensor: time_step must be positive"):
+        MotorCurrentSensor(2, time_step)
+
+
+def test_a_parameter_of_the_context_that_is_none_is_refused():
+    sensor = MotorCurrentSensor(2, TIME_STEP, bandwidth=30.0)
+    context = sensor.CreateDefaultContext()
+    sensor.get_input_port().FixValue(context, np.ones(2))
+    context.get_mutable_numeric_parameter(0).SetAtIndex(0, np.nan)
+    with pytest.raises(ValueError, match=r"bandwidth .* is out of range"):
+        sensor.get_output_port().Eval(context)
