@@ -79,6 +79,15 @@ class Judgement:
         return self.explained < MAX_EXPLAINED or self.implausible_share > MAX_UNEXPLAINED_SHARE
 
     @property
+    def is_pressed_hard(self) -> bool:
+        """Whether what no plausible force explains is a larger one at E, in hardly a row odd.
+
+        It lasts, too: forces that change from row to row may explain any torques of six joints.
+        """
+        lasts = self.log_odds.get(lasting_force.NAME, 0.0) > math.log(SURE_ODDS)
+        return lasts and self.kind_share["odd"] < MIN_IMPLAUSIBLE
+
+    @property
     def fault(self) -> Explanation | None:
         """What is wrong with the log at odds of SURE_ODDS or more; None: nothing."""
         if self.best is None or self.log_odds[self.best.name] < math.log(SURE_ODDS):
@@ -93,12 +102,21 @@ class Judgement:
         if self.fault is not None:
             return f"{self.problem()}: {self.remedy()}; until then no reading is valid"
         unexplained = self.implausible_share
+        checks = (
+            "check that the log is of this robot and the model of this arm, tool and mounting, "
+            "from logs that moved as far and as fast"
+        )
+        if unexplained > MAX_UNEXPLAINED_SHARE and self.is_pressed_hard:
+            return (
+                f"a force at the tool beyond what the arm is made for explains the {self.word}s of "
+                f"{100.0 * self.kind_share['pressed']:.0f} % of the log; all else that was tried "
+                f"explains them less ({_all_else()}); if nothing pressed so hard, {checks}"
+            )
         if unexplained > MAX_UNEXPLAINED_SHARE:
             return (
                 f"the {self.word}s of {100.0 * unexplained:.0f} % of the log fit neither the model "
                 "nor a force at the tool of a plausible size, and none of these explains them: "
-                f"{_all_else()}; check that the log is of this robot and the model of "
-                "this arm, tool and mounting, from logs that moved as far and as fast"
+                f"{_all_else()}; {checks}"
             )
         if self.kind_share["touched"] > LASTING_SHARE:
             return (

@@ -323,17 +323,23 @@ def test_a_lasting_force_stands_for_itself(ur10e: Robot) -> None:
     log, pushed = motion(ur10e), motion(ur10e, force=force)
     touches = (log.t > 6.0) & (log.t < 18.0)
     current = np.where(touches[:, None], pushed.current, log.current)
-    model = replace(
-        IdentifiedModel.nominal(ur10e),
-        friction=SemiParametricFriction(CoulombViscous(COULOMB, np.zeros(6), np.zeros(6))),
-        residual_covariance=0.5**2 * np.eye(6),
-        provenance=Provenance(logs=[LogSource("identification.csv")]),
-    )
-    judgement = judge_log([replace(log, current=current)], ur10e, model)
+    judgement = judge_log([replace(log, current=current)], ur10e, identified(ur10e))
     assert judgement is not None
     others = {key: odds for key, odds in judgement.log_odds.items() if key != "force that lasts"}
     assert judgement.log_odds["force that lasts"] > math.log(1e6)
     assert max(others.values()) < 0.0, others
+
+
+def test_a_force_beyond_the_payload_that_lasts_is_said_as_a_force(ur10e: Robot) -> None:
+    log, pushed = motion(ur10e), motion(ur10e, force=np.array([0.0, 400.0, 300.0]))
+    current = np.where((log.t > 3.0)[:, None], pushed.current, log.current)
+    judgement = judge_log([replace(log, current=current)], ur10e, identified(ur10e))
+    assert judgement is not None
+    assert judgement.fault is None, judgement.sentence()
+    assert judgement.kind_share["pressed"] > 0.5
+    assert judgement.sentence().startswith("a force at the tool beyond what the arm is made for")
+    of_each_row = replace(judgement, log_odds={})  # no force that lasts
+    assert "none of these explains" in of_each_row.sentence()
 
 
 def test_a_log_that_nothing_explains_is_said_as_that(ur10e: Robot) -> None:
