@@ -42,11 +42,17 @@ class WrenchArrows(LeafSystem):
                 records them
     State:      none
 
+    A force that is no finite number has no arrow, and where E's place is not known the arrows stay
+    as they are: a picture ends no simulation.
+
     Args:
         meshcat: to draw into.
         styles: styles of each arrow, by the name of its port.
         fps: frames a second.
         metres_per_newton: m/N.
+
+    Raises:
+        ValueError: fps is not positive.
     """
 
     def __init__(
@@ -57,6 +63,8 @@ class WrenchArrows(LeafSystem):
         metres_per_newton: float,
     ) -> None:
         LeafSystem.__init__(self)
+        if not 0.0 < fps < np.inf:  # NaN neither
+            raise ValueError(f"wrench arrows: fps must be positive, not {fps:g}")
         self._meshcat = meshcat
         self._scale = metres_per_newton
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
@@ -74,6 +82,8 @@ class WrenchArrows(LeafSystem):
     def _draw(self, context: Context) -> EventStatus:
         p_WE = self._terms.Eval(context).p_WE
         t = context.get_time()
+        if not np.isfinite(p_WE).all():
+            return EventStatus.DidNothing()
         for name, port in self._wrenches.items():
             self._draw_arrow(
                 f"{MESHCAT_PATH}/{name}", p_WE, self._scale * port.Eval(context)[3:], t
@@ -101,8 +111,10 @@ def arrow_pose(p_WE: Array, arrow: Array) -> tuple[RigidTransform, float, float]
         The pose of the arrow's frame, its z along the arrow; the shaft's length, m; the head's
         scale, at most 1: short arrows have small heads.
     """
-    length = float(np.linalg.norm(arrow))
-    if length < MIN_ARROW_LENGTH:
+    # Of a force that is not finite, or too large for its square, it is none below infinity.
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = float(np.linalg.norm(arrow))
+    if not MIN_ARROW_LENGTH <= length < np.inf:
         return RigidTransform(p_WE), 0.0, 1e-6
     head = min(1.0, 0.6 * length / HEAD_LENGTH)
     R_WA = RotationMatrix.MakeFromOneVector(arrow, 2)

@@ -35,6 +35,31 @@ def test_no_force_no_arrow():
     assert head < 1e-3
 
 
+@pytest.mark.parametrize("entry", [np.nan, np.inf, 1e300])
+def test_a_force_that_is_no_number_has_no_arrow(entry):
+    _, shaft, head = arrow_pose(np.ones(3), np.array([entry, 0.0, 1.0]))
+    assert shaft == 0
+    assert head < 1e-3
+
+
+def test_a_place_that_is_not_known_leaves_the_arrows(sts):
+    calls = Calls()
+    block = WrenchArrows(calls, STYLES, fps=30.0, metres_per_newton=0.02)
+    context = block.CreateDefaultContext()
+    terms = sts.chain.terms(np.full(6, np.nan), np.zeros(6))
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    for name in STYLES:
+        block.GetInputPort(name).FixValue(context, np.ones(6))
+    block.ForcedPublish(context)
+    assert not calls.set
+
+
+@pytest.mark.parametrize("fps", [0.0, -30.0, np.nan, np.inf])
+def test_frames_a_second_that_are_none_are_refused(fps):
+    with pytest.raises(ValueError, match="fps must be positive"):
+        WrenchArrows(Calls(), STYLES, fps=fps, metres_per_newton=0.02)
+
+
 class Calls:
     """Stands for Meshcat, whose recording cannot be read back."""
 
