@@ -86,7 +86,7 @@ def estimates(
     models: ReadingModels,
     config: WrenchEstimatorConfig,
     chunks: Iterable[Recording],
-    tracked: TrackedEstimator | None = None,
+    tracked: TrackedEstimator | None,
 ) -> Iterator[LogPart]:
     """Reads a log: causally, smoothed, or at a contact of known axis, as the settings say.
 

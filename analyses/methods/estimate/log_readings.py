@@ -76,7 +76,7 @@ class LogReadings:
         settings: EstimateSettings,
         config: WrenchEstimatorConfig,
         begin: float,
-        is_wrong: bool = False,
+        is_wrong: bool,
     ) -> None:
         self._robot, self._model, self._settings, self._config = robot, model, settings, config
         observer = make_observer(config.observer, robot.num_joints)

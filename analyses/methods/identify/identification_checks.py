@@ -187,7 +187,7 @@ def contradictions(
     solution: LawSolution,
     runs: Sequence[LowPassedLog],
     robot: Robot,
-    of_torque: bool = False,
+    of_torque: bool,
 ) -> list[str]:
     """Warnings for logs that contradict each other, and for drives that do.
 
@@ -236,7 +236,7 @@ def warnings_of(
     fit: Sequence[TorqueFit],
     base: BaseParameters,
     model: IdentifiedModel,
-    of_torque: bool = False,
+    of_torque: bool,
 ) -> list[str]:
     """Warnings for a poor fit, a poorly excited motion and negative friction.
 

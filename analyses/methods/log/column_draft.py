@@ -82,7 +82,7 @@ def draft_of_log(
     reader: RecordingReader,
     words: dict[str, RawWords],
     knows_robot: bool,
-    judgement: Judgement | None = None,
+    judgement: Judgement | None,
 ) -> str:
     """The description of a log that is read, as YAML: a line a signal, the further ones last.
 

@@ -112,11 +112,11 @@ def reductions(base: Mapping[str, Any], improved: Mapping[str, Any]) -> dict[str
     return out
 
 
-def envelope(t: Array, x: Array, columns: int = FIGURE_COLUMNS) -> tuple[Array, Array, Array]:
-    """Times, smallest and largest value of x (T,) in `columns` stretches of equal length."""
-    if len(t) <= columns:
+def envelope(t: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Times, smallest and largest value of x (T,) in FIGURE_COLUMNS stretches of equal length."""
+    if len(t) <= FIGURE_COLUMNS:
         return t, x, x
-    edges = np.linspace(0, len(t), columns + 1).astype(int)[:-1]
+    edges = np.linspace(0, len(t), FIGURE_COLUMNS + 1).astype(int)[:-1]
     return t[edges], np.minimum.reduceat(x, edges), np.maximum.reduceat(x, edges)
 
 

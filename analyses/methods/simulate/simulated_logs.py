@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
@@ -56,7 +55,6 @@ def simulate_excitation(
     num_periods: int = NUM_PERIODS,
     seed: int = 0,
     name: str = "excitation",
-    progress: ProgressCallback = lambda fraction, message: None,
 ) -> SimulatedLog:
     """Simulates the true robot on a trajectory, under a controller of its nominal model.
 
@@ -66,11 +64,8 @@ def simulate_excitation(
         num_periods: number of periods to run.
         seed: seed of the currents' noise.
         name: name of the recording.
-        progress: called with the share done.
     """
-    return simulate_motion(
-        robot, trajectory.joint_trajectory(num_periods), seed, name, progress=progress
-    )
+    return simulate_motion(robot, trajectory.joint_trajectory(num_periods), seed, name)
 
 
 def simulate_motion(
@@ -78,7 +73,6 @@ def simulate_motion(
     trajectory: JointTrajectory,
     seed: int = 0,
     name: str = "motion",
-    progress: ProgressCallback = lambda fraction, message: None,
 ) -> SimulatedLog:
     """Simulates the true robot on any motion of the joints, as `simulate_excitation`.
 
@@ -91,7 +85,7 @@ def simulate_motion(
     return shared(
         "simulate_motion",
         (robot, trajectory, seed, name),
-        lambda: _simulate_motion(robot, trajectory, seed, name, progress),
+        lambda: _simulate_motion(robot, trajectory, seed, name),
     )
 
 
@@ -100,12 +94,10 @@ def _simulate_motion(
     trajectory: JointTrajectory,
     seed: int,
     name: str,
-    progress: ProgressCallback,
 ) -> SimulatedLog:
     nominal = IdentifiedModel.nominal(robot)
     # The same as the cell's tick by tick, much faster (tests/models/truth/test_free_arm.py).
     log = simulate_free_arm(robot, trajectory, drive_servo(robot, nominal), seed=seed, whole=False)
-    progress(1.0, f"simulating {name}")
     exact = Recording(t=log.t, q=log.q, v=log.v, current=log.current, source=name)
     mechanisms = robot.config.simulated_truth.mechanisms
     clock = None if mechanisms is None else mechanisms.clock

@@ -42,7 +42,7 @@ class StreamJudgement:
         in_background: whether a look runs in a process of its own.
     """
 
-    def __init__(self, robot: Robot, model: IdentifiedModel, in_background: bool = False) -> None:
+    def __init__(self, robot: Robot, model: IdentifiedModel, in_background: bool) -> None:
         self._robot, self._model = robot, model
         self._in_background = in_background
         self._pool: ThreadPoolExecutor | None = None

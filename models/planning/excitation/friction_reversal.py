@@ -32,6 +32,7 @@ from wrenchsight.models.robot.robot import Robot
 TIME_STEP = 1e-3  # s, of the trajectory
 MIN_PASS_SAMPLES = 4  # samples of a pass
 MAX_POSTURE_DIFFERENCE = 0.05  # rad, of any joint between the two passes
+PAIR_SPACING = 0.002  # rad, between the positions at which two passes are compared
 SPEED_TOLERANCE = 0.2  # of the speed, by which the two passes may differ in it
 
 
@@ -164,7 +165,6 @@ def separate(
     joint: int,
     rest_speed: float = 1e-3,
     settle: float = 0.0,
-    spacing: float = 0.002,
 ) -> ReversalSamples:
     """Pairs passes of a joint in opposite directions at equal positions and separates friction.
 
@@ -176,13 +176,12 @@ def separate(
             filtered velocity, and below the slowest pass.
         settle: s, left out at both ends of a pass: there a low-pass mixes the friction of both
             directions. About one over its cutoff; 0 for a log that is not filtered.
-        spacing: rad, between the positions at which two passes are compared.
 
     Returns:
         The samples of all pairs; none where no two passes meet.
     """
     passes = _passes(motion.t, motion.v[:, joint], rest_speed, settle)
-    pairs = [_pair(motion, joint, *neighbours, spacing) for neighbours in pairwise(passes)]
+    pairs = [_pair(motion, joint, *neighbours) for neighbours in pairwise(passes)]
     up = _joined(motion, [pair.up for pair in pairs])
     down = _joined(motion, [pair.down for pair in pairs])
     # Of both; they differ by MAX_POSTURE_DIFFERENCE at the most.
@@ -221,7 +220,7 @@ class _Pair(NamedTuple):
     down: FilteredMotion
 
 
-def _pair(motion: FilteredMotion, joint: int, first: slice, second: slice, spacing: float) -> _Pair:
+def _pair(motion: FilteredMotion, joint: int, first: slice, second: slice) -> _Pair:
     """Two successive passes of a joint where they agree in the other joints and in speed.
 
     Args:
@@ -229,7 +228,6 @@ def _pair(motion: FilteredMotion, joint: int, first: slice, second: slice, spaci
         joint: index.
         first, second: rows of the passes, of `_passes`: some samples each, in which the joint moves
             one way, so that its position tells the sample.
-        spacing: rad, of the positions.
 
     Returns:
         Both, interpolated to positions that they share; no samples where they share none, or go the
@@ -244,7 +242,7 @@ def _pair(motion: FilteredMotion, joint: int, first: slice, second: slice, spaci
     high = min(q[up].max(), q[down].max())
     if high <= low:
         return no_pair
-    positions = np.linspace(low, high, max(2, int((high - low) / spacing) + 1))
+    positions = np.linspace(low, high, max(2, int((high - low) / PAIR_SPACING) + 1))
     pair = _Pair(*(_at_positions(_at_rows(motion, rows), joint, positions) for rows in (up, down)))
     speeds = np.stack([pair.up.v[:, joint], pair.down.v[:, joint]], axis=1)
     is_speed_equal = np.abs(speeds.sum(axis=1)) <= SPEED_TOLERANCE * np.abs(speeds).min(axis=1)

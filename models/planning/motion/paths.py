@@ -17,6 +17,8 @@ from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
 from wrenchsight.models.robot.robot import Robot
 
+NUM_SPLINE_POINTS = 201  # of a path, through which the joints' spline goes; it needs six
+
 
 @dataclass(frozen=True)
 class StraightPath:
@@ -277,13 +279,12 @@ def joint_trajectory(
     duration: float,
     q_seed: Array,
     time_step: float = 0.01,
-    num_points: int = 201,
 ) -> JointTrajectory:
     """The motion of the joints that takes E along a path by a time law.
 
-    Joint positions are solved at `num_points` of the path and joined by a quintic spline over the
-    path, not over time: so velocity and acceleration have the corners of the time law, and none of
-    their own.
+    Joint positions are solved at NUM_SPLINE_POINTS of the path and joined by a quintic spline over
+    the path, not over time: so velocity and acceleration have the corners of the time law, and none
+    of their own.
 
     Args:
         robot: chain and joint limits.
@@ -292,12 +293,11 @@ def joint_trajectory(
         duration: duration of the whole motion, s.
         q_seed: (n,) the branch is the one nearest to it at the start of the path.
         time_step: between the times that the trajectory holds, s.
-        num_points: of the path, through which the spline goes; six at least.
 
     Raises:
         InputError: part of the path is out of reach (see `follow_path`).
     """
-    s = np.linspace(0.0, 1.0, num_points)
+    s = np.linspace(0.0, 1.0, NUM_SPLINE_POINTS)
     R_WE, p_WE = path.poses(s)
     spline = make_interp_spline(s, follow_path(robot, R_WE, p_WE, q_seed), k=5)
     t = np.linspace(0.0, duration, max(2, round(duration / time_step) + 1))

@@ -41,6 +41,7 @@ _ON_TASK = 1e-10  # m and rad; a posture this close to the task needs no further
 _ON_TASK_LIMIT = 1e-9  # m and rad; a posture farther from the task is not used
 _TIE_TOLERANCE = 1e-12  # relative; two ways to a posture that differ by rounding cost the same
 _VIOLATION_PENALTY = 100.0  # of a violated bound in the merit of a refinement, per rad
+_MAX_PROGRAMS = 60  # quadratic ones, of a refinement
 _FIRST_RADIUS, _LAST_RADIUS = 0.1, 1e-6  # rad, trust region
 _BOUND_SLACK = 1e-7  # rad; what a refined trajectory may exceed a bound by
 # Trust region of a refinement, by the gain: the fall of the merit over the predicted one.
@@ -52,6 +53,7 @@ _GRADIENT_STEP = 1e-5  # rad, of the differences of the gradient
 _MIN_CURVATURE = 1e-6  # of the measure, per rad^2: a quadratic program needs some
 # A descent of the baseline: lengths of a step, rad, of the joint that moves most.
 _FIRST_STEP, _LAST_STEP = 0.05, 1e-6
+_MAX_DOWNHILL_STEPS = 50  # at a sample
 _STEP_GROWTH, _STEP_SHRINK = 1.5, 0.4  # factors after a step that goes downhill, and one that fails
 _MIN_SLOPE = 1e-9  # of the measure, per rad; a smaller one is none
 
@@ -212,7 +214,6 @@ def at_constant_angle(problem: RedundancyProblem, grid: Candidates, q_near: Arra
 def refine(
     problem: RedundancyProblem,
     q: Array,
-    max_iterations: int = 60,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Trajectory:
     """A local optimum near q (N, n), at most as costly as q.
@@ -225,7 +226,6 @@ def refine(
     Args:
         problem: path, objective and bounds.
         q: keeps to the bounds and to the task.
-        max_iterations: quadratic programs, at most.
         progress: called with the share that is done.
 
     Returns:
@@ -236,8 +236,8 @@ def refine(
     # What must fall from step to step.
     merit = best_cost + _VIOLATION_PENALTY * problem.violation(q)
     model = _Quadratic(problem, q)
-    for iteration in range(max_iterations):
-        progress(iteration / max_iterations)
+    for iteration in range(_MAX_PROGRAMS):
+        progress(iteration / _MAX_PROGRAMS)
         step, predicted_fall = model.step(radius)
         if step is None:  # the solver gave up; a smaller region is easier
             radius *= _SHRINK_FACTOR
@@ -267,7 +267,7 @@ def refine(
     return Trajectory(best, problem.angles(best))
 
 
-def local_descent(problem: RedundancyProblem, q_start: Array, num_inner: int = 50) -> Trajectory:
+def local_descent(problem: RedundancyProblem, q_start: Array) -> Trajectory:
     """The baseline: from q_start (n,), the joints follow the path and go downhill on their way.
 
     At each sample the last posture is moved to the next task by the least joint motion; then the
@@ -278,7 +278,6 @@ def local_descent(problem: RedundancyProblem, q_start: Array, num_inner: int = 5
     Args:
         problem: path, measure and bounds.
         q_start: near the first sample's posture.
-        num_inner: steps downhill at a sample, at most.
 
     Raises:
         InputError: the path cannot be followed within the limits from there; the line names the
@@ -302,7 +301,7 @@ def local_descent(problem: RedundancyProblem, q_start: Array, num_inner: int = 5
                 "the local method cannot go on there without passing a joint limit or "
                 "max_joint_step",
             )
-        q_last = _descend(problem, q_here[0], i, low, high, num_inner)
+        q_last = _descend(problem, q_here[0], i, low, high)
         q[i] = q_last
     return Trajectory(q, problem.angles(q))
 
@@ -443,9 +442,7 @@ class _Quadratic:
         return q_step, predicted + _VIOLATION_PENALTY * max(0.0, violation_drop)
 
 
-def _descend(
-    problem: RedundancyProblem, q: Array, sample: int, low: Array, high: Array, num_inner: int
-) -> Array:
+def _descend(problem: RedundancyProblem, q: Array, sample: int, low: Array, high: Array) -> Array:
     """The end of a descent of the measure along the projected gradient from q (n,).
 
     Args:
@@ -453,11 +450,10 @@ def _descend(
         q: holds the task of the sample (position and direction of the tool).
         sample: index on the path.
         low, high: (n,) bounds of the joints, which q keeps.
-        num_inner: steps, at most.
     """
     value = float(problem.measure.values(q))
     step_length = _FIRST_STEP
-    for _ in range(num_inner):
+    for _ in range(_MAX_DOWNHILL_STEPS):
         _, gradient = problem.measure.values_and_gradients(q)
         basis = null_space(task(problem, q[np.newaxis], sample)[1])[0]
         direction = -basis @ (basis.T @ gradient)
