@@ -26,6 +26,7 @@ from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.root_mean_square import rms
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 REST_ERROR_TIME = 2.5  # s that an error of a model at rest lasts
@@ -236,7 +237,7 @@ def _motion_rows(recording: Recording, robot: Robot) -> _MotionRows:
 
 def _slope(A: Array, y: Array, block: Array) -> tuple[float, float]:
     """The first coefficient by least squares, and its standard error by sums over blocks."""
-    scale = np.sqrt((A**2).mean(axis=0))
+    scale = rms(A)
     A = A / scale
     x, *_ = np.linalg.lstsq(A, y, rcond=_MIN_SINGULAR_RATIO)
     scores = A * (y - A @ x)[:, None]

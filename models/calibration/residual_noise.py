@@ -26,6 +26,7 @@ from scipy.linalg import cholesky, solve_triangular
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.signals.root_mean_square import rms
 
 MAX_ROW_GAP = 1.0  # s without a row, after which a joint rests anew
 BETWEEN_LOGS = 20.0  # s, far beyond any correlation
@@ -155,7 +156,7 @@ class ResidualRows:
     @property
     def dry_level(self) -> Array:
         """(n,) N m: root mean square of the dry friction where the joint moves, else stiction."""
-        still = np.sqrt(np.mean(self.stiction**2, axis=0))
+        still = rms(self.stiction)
         return np.asarray(np.where(self.moving_share > 0.0, self.moving_rms(self.dry), still))
 
     @property

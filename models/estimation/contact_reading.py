@@ -36,6 +36,7 @@ from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.arm import Arm
+from wrenchsight.models.signals.root_mean_square import rms
 from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
 
@@ -69,7 +70,7 @@ class _Samples(NamedTuple):
         return Block(
             tau_ext=tau_ext.mean(axis=0),
             H=H.mean(axis=0),
-            sd=np.sqrt(np.mean(self.batch.torque_sd[rows] ** 2, axis=0)),
+            sd=rms(self.batch.torque_sd[rows]),
             tool_speed=float(self.speed[rows].mean()),
             spread=tau_ext.std(axis=0),
             is_known=bool(self.is_known[rows].all()),

@@ -32,6 +32,7 @@ from wrenchsight.models.friction.slip_elements import within_rounding
 from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.signals.root_mean_square import rms
 
 # rad (m); settled on one run of the simulated arm, pushed along the initial path
 REACH_CHOICES = (1e-5, 3e-5, 1e-4)
@@ -103,7 +104,7 @@ def repetition_error(
         resolution: (n,) rad, of the encoders.
         K_0: 1/s; None: raw.
     """
-    noise = np.sqrt(np.mean(errors**2, axis=0))
+    noise = rms(errors)
     return RepetitionError(noise, _correlation(errors), level, resolution, K_0)
 
 

@@ -51,6 +51,7 @@ from wrenchsight.models.identification.torque_error_model import (
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.signals.root_mean_square import rms
 
 FEWEST_SAMPLES = 200  # of a joint, over all logs
 MEAN_TIMES = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken, for the correlated error
@@ -134,9 +135,9 @@ def fit_torque_error(
     ]
     errors = [reading.tau_ext[rows] for reading, rows in zip(readings, is_used, strict=True)]
     coefficients = _coefficients(features, errors)
-    rms = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
+    size = rms(np.concatenate(errors))
     stated_floor = np.broadcast_to(np.asarray(least, float), (n,))
-    floor = np.maximum(stated_floor, np.maximum(_LEAST_SHARE * rms, _LEAST_CONSTANT))
+    floor = np.maximum(stated_floor, np.maximum(_LEAST_SHARE * size, _LEAST_CONSTANT))
     constant = np.maximum(np.sqrt(coefficients[:, 0]), floor)
     coefficients[:, 0] = constant**2  # of the first feature, 1: with the floor from here on
     scaled: list[Array] = []  # errors over their sds, of each reading

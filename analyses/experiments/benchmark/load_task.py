@@ -24,9 +24,9 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import 
     loaded_scene,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import LOADED_LOGS
-from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms, rms_length
 
 END_MARGIN: Final = 1.0  # s left out at a log's ends
 PIECE_TIME: Final = 5.0  # s, of which each has a score
@@ -103,10 +103,7 @@ def _pieces(error: Array, judged: Flags) -> list[float]:
     """RMS length of the error (N, 3) over successive pieces."""
     rows = np.flatnonzero(judged)
     count = max(1, len(rows) // round(PIECE_TIME / TIME_STEP))
-    return [
-        float(np.sqrt(np.mean(np.sum(error[part] ** 2, axis=1))))
-        for part in np.array_split(rows, count)
-    ]
+    return [rms_length(error[part]) for part in np.array_split(rows, count)]
 
 
 def _inside(reading: MethodReading, error: Array) -> Array:

@@ -15,9 +15,9 @@ from wrenchsight.analyses.experiments.benchmark.scores import spread
 from wrenchsight.analyses.experiments.benchmark.torque_log import torque_log
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import TIME_STEP
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FREE_LOGS
-from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.signals.root_mean_square import rms
 
 LOGS: Final = tuple(name for name in FREE_LOGS if "17-p" not in name or "ptp" in name)
 """Contact-free logs in which the arm moves."""

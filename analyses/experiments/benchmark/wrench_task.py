@@ -25,6 +25,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms_length
 
 READ_BY: Final = {"plain_tools": "damped", "article": "inverse", "ours": "bayesian"}
 """Method of `wrenchsight.models.estimation.wrench`."""
@@ -71,7 +72,7 @@ class WrenchTask:
         rmse, inside = [], []
         for k, (log, force) in enumerate(zip(self._logs, forces, strict=True)):
             error = (force - log.sensor_force)[log.loaded]
-            rmse.append(float(np.sqrt(np.mean(np.sum(error**2, axis=1)))))
+            rmse.append(rms_length(error))
             if covariances is not None:
                 variance = np.diagonal(covariances[k][log.loaded], axis1=1, axis2=2)
                 inside.append(float(np.mean(np.abs(error) <= SIGMA_95 * np.sqrt(variance))))

@@ -42,6 +42,7 @@ from wrenchsight.models.planning.motion.paths import (
 )
 from wrenchsight.models.rigid_body.conditioning import condition_number
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.root_mean_square import rms
 
 # Rotation first; as the article prints it: -3 0 25 N, 0.5 1.5 1 N m. Which of the two bodies it
 # acts on (the article's sign is the opposite of ours) changes no error.
@@ -120,7 +121,7 @@ def read_along(
             wrench = read(tau_ext + torque_error)
         error = np.einsum("tij,tj->ti", gain, torque_error)
         max_error[draw] = np.max(np.abs(error), axis=0)
-        rmse[draw] = np.sqrt(np.mean(error**2, axis=0))
+        rmse[draw] = rms(error)
     return PathReadings(
         jcn=_condition_numbers(robot, path, q_start),
         sample_distance=s * path.path_length,

@@ -26,6 +26,7 @@ from wrenchsight.models.numerics.stretches import stretches
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms
 
 EDGE_SECONDS = 0.25
 EDGE_SHARE = 0.5  # of the largest force, by which it changes in a sample at an edge
@@ -155,11 +156,11 @@ def figures(
         "missed": len(missed),
         "true_contacts": len(true_contacts),
         "refused": float(bool(reading.refusal)),
-        "ours": {"rmse_n": np.sqrt(np.mean(error[judged, :3] ** 2, axis=0))},
+        "ours": {"rmse_n": rms(error[judged, :3])},
     }
     if plain is not None:
         plain_error = plain.read(log.recording) - truth[:, :3]
-        result["plain"] = {"rmse_n": np.sqrt(np.mean(plain_error[judged] ** 2, axis=0))}
+        result["plain"] = {"rmse_n": rms(plain_error[judged])}
     return result
 
 

@@ -16,7 +16,7 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
     with_known_friction,
 )
 from wrenchsight.analyses.methods.identify.identification_figures import torque_figure
-from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit, rms
+from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit
 from wrenchsight.analyses.methods.simulate.simulated_logs import NUM_PERIODS, ROBOT
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -25,6 +25,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
+from wrenchsight.models.signals.root_mean_square import rms
 
 ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 4.1
 

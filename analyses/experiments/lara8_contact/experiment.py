@@ -39,7 +39,6 @@ from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading impo
     read_logs,
     settled_from,
 )
-from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.methods.reference_sensor.comparison import SensorComparison
 from wrenchsight.analyses.output.figures import (
     COLOUR,
@@ -59,6 +58,7 @@ from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms
 
 SWEEP: Final = "joint3_sweep"
 _SWEPT_JOINT: Final = 2  # joint 3, counted from 0

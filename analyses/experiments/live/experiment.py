@@ -61,6 +61,7 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms
 
 START_TIME = 5.0  # s
 END_MARGIN = 1.0  # s at the end, in which the reference's filter has an edge
@@ -190,7 +191,7 @@ def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
             return {"inside_95_pct": [None] * 3, "rmse_n": [None] * 3}
         return {
             "inside_95_pct": 100.0 * np.mean(np.abs(error[rows]) <= SIGMA_95 * sd[rows], axis=0),
-            "rmse_n": np.sqrt(np.mean(error[rows] ** 2, axis=0)),
+            "rmse_n": rms(error[rows]),
         }
 
     return {

@@ -26,7 +26,6 @@ from wrenchsight.analyses.experiments.setups.panda_recordings.pose_logs import (
 from wrenchsight.analyses.methods.external_torque.force_readings import (
     Knowledge,
     MethodReading,
-    rms,
 )
 from wrenchsight.analyses.output.figures import (
     COLOUR,
@@ -42,6 +41,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
 )
 from wrenchsight.models.estimation.wrench_methods import METHODS
+from wrenchsight.models.signals.root_mean_square import rms
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -69,7 +69,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["prior_unloaded_noise"] = _knowledge_metrics(unloaded)
     # The force as the authors of the data read it.
     rmse_of_robot_force = [
-        rms(np.linalg.norm((log.robot_force - log.sensor_force)[log.loaded], axis=1))
+        float(rms(np.linalg.norm((log.robot_force - log.sensor_force)[log.loaded], axis=1)))
         for log in logs
     ]
     metrics["authors"] = {

@@ -59,7 +59,6 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
-from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     Figure,
@@ -82,6 +81,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms
 
 UNLOADED_LOG = VALIDATION_LOGS["14harm50sec"]
 # Whether the force at the point of action has a mean, and the noise a scale of its own.

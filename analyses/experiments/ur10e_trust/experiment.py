@@ -75,6 +75,7 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms
 
 REFRESHED_BY = {  # the log without the load
     "ur-20_02_19_14harm50secLoad": "ur-20_02_19_14harm50sec",
@@ -356,7 +357,7 @@ def _counted(error: Array, sd: Array, invalid: InvalidCodes) -> dict[str, Any]:
     valid = invalid == 0
     return {
         "inside_95_pct": 100.0 * np.mean(np.abs(error) <= SIGMA_95 * sd, axis=0),
-        "rmse_n": np.sqrt(np.mean(error**2, axis=0)),
+        "rmse_n": rms(error),
         "share_valid_pct": 100.0 * float(valid.mean()),
         "invalid": invalid_pct(invalid),
         "largest_valid_n": np.abs(error[valid]).max(axis=0) if valid.any() else np.zeros(3),

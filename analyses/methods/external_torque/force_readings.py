@@ -13,6 +13,7 @@ from scipy.stats import rankdata
 
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.signals.root_mean_square import rms, rms_length
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,12 @@ class LogReading:
     @property
     def rmse(self) -> float:
         """RMS length of the error over the loaded rows, N."""
-        return float(np.sqrt(np.mean(np.sum(self.error[self.loaded] ** 2, axis=1))))
+        return rms_length(self.error[self.loaded])
 
     @property
     def axis_rmse(self) -> list[float]:
         """RMS error over the loaded rows along x, y and z, N."""
-        return [rms(self.error[self.loaded, axis]) for axis in range(3)]
+        return [float(rms(self.error[self.loaded, axis])) for axis in range(3)]
 
     @property
     def axis_sd(self) -> list[float]:
@@ -67,7 +68,7 @@ class MethodReading:
         (log,) = self.logs
         return {
             "rmse_n": log.rmse,
-            "stated_sd_n": rms(log.stated_sd[log.loaded]),
+            "stated_sd_n": float(rms(log.stated_sd[log.loaded])),
             "error_over_stated_sd": float(_error_over_sd(self.logs)[0]),
             "error_in_worst_stated_direction_pct": float(_worst_direction_share(self.logs)[0]),
         }
@@ -135,11 +136,6 @@ def rank_correlation(a: Array, b: Array) -> float:
     ranks = [rankdata(x) - (len(x) + 1) / 2.0 for x in (a, b)]
     size = np.linalg.norm(ranks[0]) * np.linalg.norm(ranks[1])
     return float(ranks[0] @ ranks[1] / size) if size > 0.0 else float("nan")
-
-
-def rms(x: Array) -> float:
-    """Root mean square of all numbers."""
-    return float(np.sqrt(np.mean(x**2)))
 
 
 def _error_over_sd(logs: Sequence[LogReading]) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, LawSolution
 from wrenchsight.analyses.methods.identify.low_passed_logs import LowPassedLog
-from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit, pooled_rmse, rms
+from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit, pooled_rmse
 from wrenchsight.models.identification.base_parameters import (
     HIGH_CONDITION_NUMBER,
     RANK_TOLERANCE,
@@ -23,6 +23,7 @@ from wrenchsight.models.identification.torque_regression import NUM_INERTIAL, To
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.root_mean_square import rms
 
 GAUSS_NEWTON_STEPS = 6
 _MIN_LENGTH = 1e-12  # of a column that is divided by its length: one of zeros stays so

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.signals.root_mean_square import rms
 
 SIMILARITY = (
     "similarity_pct is the correlation of measured and predicted torque, the article's figure: it "
@@ -82,11 +83,6 @@ def joined_fits(fits: Sequence[TorqueFit], name: str) -> TorqueFit:
         measured=np.concatenate([fit.measured for fit in fits]),
         predicted=np.concatenate([fit.predicted for fit in fits]),
     )
-
-
-def rms(x: Array) -> Array:
-    """Root mean square along the first axis."""
-    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
 def pooled_rmse(fits: Sequence[TorqueFit]) -> Array:

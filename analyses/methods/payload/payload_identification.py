@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from wrenchsight.analyses.methods.identify.known_model.model_residual import residuals_of
 from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, logs_of
-from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.methods.payload.payload_config import PayloadConfig, PayloadSettings
 from wrenchsight.analyses.output.figures import (
     COLOUR,
@@ -52,6 +51,7 @@ from wrenchsight.models.robot.coupling import refuse_coupling
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import ToolConfig
 from wrenchsight.models.robot.rotational_inertia import inertia_values
+from wrenchsight.models.signals.root_mean_square import rms
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -31,6 +31,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.root_mean_square import rms_length
 
 MAX_DELAY: Final = 0.3  # s
 TARE_TIME: Final = 0.5  # s, of the tare `start`
@@ -203,7 +204,7 @@ def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
     error = _error(log, mounting, min(log.sensor.shape[1], 3))
     if not with_offset:
         error = error - error.mean(axis=0)
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+    return rms_length(error)
 
 
 def tare_of(t: Array, sensor: Array, config: ReferenceConfig) -> Array:

@@ -36,6 +36,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms
 from wrenchsight.models.truth.arm_tick import arm_drives
 from wrenchsight.systems.wrench_arrows import WrenchArrows
 
@@ -73,7 +74,7 @@ class Demonstration:
         return {
             "valid_share_pct": 100.0 * float(self.valid.mean()),
             "largest_push_n": float(np.linalg.norm(self.force_true, axis=1).max()),
-            "rmse_n": np.sqrt(np.mean(error**2, axis=0)).tolist(),
+            "rmse_n": rms(error).tolist(),
             "inside_95_pct": (100.0 * inside.mean(axis=0)).tolist(),
         }
 

@@ -26,6 +26,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms
 from wrenchsight.systems.impedance_controller import ImpedanceConfig
 
 if TYPE_CHECKING:
@@ -137,8 +138,8 @@ class SimulationResult:
             metrics["valid"] = _errors(self.wrench[self.valid], self.wrench_true[self.valid])
         inside = np.abs(self.wrench - self.wrench_true) <= SIGMA_95 * self.standard_deviation
         metrics["coverage_share"] = float(inside[:, 3:].mean())  # of the force's three axes
-        metrics["tau_ext_rmse_nm"] = _rms(self.tau_ext - self.tau_ext_true)
-        metrics["tracking_rmse_rad"] = _rms(self.q - self.reference[:, :n])
+        metrics["tau_ext_rmse_nm"] = rms(self.tau_ext - self.tau_ext_true).tolist()
+        metrics["tracking_rmse_rad"] = rms(self.q - self.reference[:, :n]).tolist()
         if self.ft_wrench is not None:
             metrics["sensor"] = _errors(self.ft_wrench, self.wrench_true)
         if self.pose_error is not None:
@@ -160,7 +161,7 @@ class SimulationResult:
                 metrics["machining"]["tool_vibration_m_per_s"] = float(vibration)
         elif self.force_setpoint is not None:
             error = self.pressing_force() - self.force_setpoint
-            metrics["force_control_rmse_n"] = _rms(error)
+            metrics["force_control_rmse_n"] = rms(error).tolist()
             metrics["force_control_max_error_n"] = float(np.abs(error).max())
         return metrics
 
@@ -243,8 +244,3 @@ def _peaks(t: Array, x: Array) -> tuple[Array, Array]:
     if low is high:
         return at, x
     return at.repeat(2), np.stack([low, high], axis=1).ravel()
-
-
-def _rms(error: Array) -> Any:
-    """Root of the mean square along the first axis; a list for several columns."""
-    return np.sqrt(np.mean(error**2, axis=0)).tolist()

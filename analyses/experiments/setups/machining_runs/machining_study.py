@@ -47,6 +47,7 @@ from wrenchsight.diagrams.scenario import Scenario, load_scenario
 from wrenchsight.models.estimation.invalid_shares import invalid_pct
 from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.signals.root_mean_square import rms
 
 QUICK_SHARE = 1.0 / 15.0  # of each of FEED_TIMES, in a shortened run
 _AIR_SEED = 1000  # apart from the runs' own
@@ -264,7 +265,7 @@ def sources(models: ArmModels, runs: Mapping[float, MachiningRun]) -> dict[str, 
                 np.mean(models.robot.chain.condition_number(run.signals["q"][run.working][::50]))
             ),
             **{
-                f"{name}_friction_error_nm": np.sqrt(np.mean(error[rows] ** 2, axis=0)).tolist()
+                f"{name}_friction_error_nm": rms(error[rows]).tolist()
                 for name, rows in parts.items()
             },
         }

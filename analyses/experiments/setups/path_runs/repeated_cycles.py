@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from wrenchsight.analyses.experiments.setups.path_runs.repetition_errors import repetition_errors
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
@@ -32,6 +30,7 @@ from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.signals.root_mean_square import rms
 
 ONE_WAY_QUICK = 5.0  # s
 K_0 = 20.0  # 1/s
@@ -119,7 +118,7 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
         run = run_task(moved, robot, path).between(motion.lead_in)  # two whole cycles
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)
-        torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))
+        torque_rms[path] = rms(torque)
         readers = {}
         for variant in VARIANTS:
             if variant.path == path:

@@ -10,7 +10,6 @@ import numpy as np
 
 from wrenchsight.analyses.methods.identify.identification import IdentificationResult, identify
 from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
-from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.methods.simulate.simulated_logs import (
     NUM_PERIODS,
     SimulatedLog,
@@ -22,6 +21,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.root_mean_square import rms
 
 CONFIG = IdentificationConfig(cutoff=7.5, friction="coulomb-viscous")  # as in the article
 

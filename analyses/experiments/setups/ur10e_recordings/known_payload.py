@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.methods.reference_sensor.judged_force import correlation
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -34,6 +33,7 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_68, SIGMA_95
+from wrenchsight.models.signals.root_mean_square import rms, rms_length
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 PAYLOAD_MASS = 2.805  # kg, of the payload
@@ -84,7 +84,7 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
         pairs = zip(force[rows].T, truth[rows].T, strict=True)
         return {
             **dict(zip(names, rms(error).tolist(), strict=True)),
-            "rmse_n": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+            "rmse_n": rms_length(error),
             "max_error_n": float(np.linalg.norm(error, axis=1).max()),
             "mass_kg": float(np.sum(force[rows] * along) / np.sum(along**2)),
             "correlation": [correlation(read, true) for read, true in pairs],

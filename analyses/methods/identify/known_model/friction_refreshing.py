@@ -23,7 +23,6 @@ from wrenchsight.analyses.methods.identify.known_model.model_residual import (
 )
 from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, as_logs, logs_of
 from wrenchsight.analyses.methods.identify.low_passed_logs import read_log
-from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     legend_below,
@@ -48,6 +47,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.coupling import refuse_coupling
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.root_mean_square import rms
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
