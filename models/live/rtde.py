@@ -164,9 +164,11 @@ class Recipe:
         if not payload:
             raise ProtocolError("an empty recipe")
         types = _names(payload[1:])
-        valid_types = {*_CODES, NOT_FOUND, "IN_USE"}
-        if len(types) != len(names) or not valid_types.issuperset(types):
+        if len(types) != len(names):
             raise ProtocolError(f"a recipe of {len(types)} types for {len(names)} fields")
+        for name, kind in zip(names, types, strict=True):
+            if kind not in {*_CODES, NOT_FOUND, "IN_USE"}:
+                raise ProtocolError(f"a recipe with {name} as {kind[:20]!a}, which is no type")
         return cls(payload[0], tuple(names), tuple(types))
 
     @property

@@ -91,6 +91,11 @@ def test_no_bytes_raise_anything_else(parts):
         pass
 
 
+def test_a_type_that_is_none_is_named_with_its_field():
+    with pytest.raises(ProtocolError, match="actual_q as 'FLOAT6', which is no type"):
+        Recipe.read(b"\x01DOUBLE,FLOAT6", ["timestamp", "actual_q"])
+
+
 def test_a_recipe_round_trips_with_numbers_that_are_none():
     recipe = Recipe(1, ("timestamp", "actual_q"), ("DOUBLE", "VECTOR6D"))
     values = [1.0, np.nan, np.inf, 0.1, 0.2, 0.3, 0.4]
