@@ -1,5 +1,6 @@
 """Scenarios of simulations, in one YAML file of named entries."""
 
+import copy
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -7,7 +8,11 @@ from typing import Union
 
 import numpy as np
 from pydrake.multibody.parsing import ModelDirective
-from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.multibody.plant import (
+    ApplyMultibodyPlantConfig,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
 
 from wrenchsight.models.control.wrench_script import WrenchSegment
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
@@ -362,6 +367,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     _check_words(scenario, source)
     _check_feedback(scenario, source)
     _check_time_steps(scenario, source)
+    _check_plant_config(scenario, source)
     _check_wrench_observer(scenario, source)
     _check_workpiece(scenario.workpiece, source)
     if scenario.machining is not None:
@@ -434,6 +440,21 @@ def _check_time_steps(scenario: Scenario, source: str) -> None:
     if plant_step not in (scenario.time_step, MultibodyPlantConfig().time_step):
         problem = f"{plant_step:g} s, but the scenario's time_step is {scenario.time_step:g} s"
         raise InputError(source, "plant_config.time_step", problem, "leave it out")
+
+
+def _check_plant_config(scenario: Scenario, source: str) -> None:
+    """Raises InputError where Drake does not take the plant's settings.
+
+    It raises RuntimeError for a word that it does not know, and for numbers that cannot be
+    SystemExit, with the place in its source first.
+    """
+    config = copy.copy(scenario.plant_config)
+    config.time_step = scenario.time_step
+    try:
+        ApplyMultibodyPlantConfig(config, MultibodyPlant(config.time_step))
+    except (RuntimeError, SystemExit) as error:
+        problem = f"Drake refuses it: {str(error).rpartition(' in ')[2]}"
+        raise InputError(source, "plant_config", problem) from error
 
 
 def _check_wrench_observer(scenario: Scenario, source: str) -> None:

@@ -82,3 +82,9 @@ def test_directives_that_cannot_be_followed_are_one_line(sts, station):
         station(add_model="add_modl")
     with pytest.raises(InputError, match=r"plant_config.time_step.*0.002 s.*leave it out"):
         station(**{"{use_sampled": "{time_step: 0.002, use_sampled"})
+    for setting, problem in {
+        "contact_model: rubber": "Unknown contact_model: 'rubber'",
+        "stiction_tolerance: -1.0": "condition 'v_stiction > 0' failed",  # Drake ends the program
+    }.items():
+        with pytest.raises(InputError, match=f"plant_config: Drake refuses it: .*{problem}"):
+            station(**{"{use_sampled": f"{{{setting}, use_sampled"})
