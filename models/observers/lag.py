@@ -37,8 +37,11 @@ a singular posture is not the force.
 **Faster than stated.** Of a force beyond `force_bandwidth_hz` LP_w takes more than LAG_POWER_SHARE
 leaves. The corner w shows it beside omega: for a sine of the frequency x omega the powers of the
 rates seen through both are as (1 + x^2) / (1 + x^2 / r^2), 1.6 at x = 1. Above MAX_POWER_RATIO, x =
-1.5, the reading lags by an unknown amount. It does not keep pace, and is not valid, if the lag's
-variance is more than MAX_LAG_RATIO of all else that the force's holds.
+1.5, the reading lags by an unknown amount. It does not keep pace, and is not valid, from where the
+lag's variance is more than MAX_LAG_RATIO of all else that the force's holds until it is less than
+CAUGHT_UP_LAG_RATIO of it. With one limit both ways readings are valid between two peaks of a force
+that turns to and fro: of 10 sds of the noise, at 9 Hz, a fifth of them, and a fifth of those err by
+more than 3 sd.
 
 **Springs.** Gears and links are springs that encoders at the motors do not see. A force that
 changes bends them and accelerates the links, and F - A d^2/dt^2 F is read, with A = J^-T M K^-1 J^T
@@ -71,12 +74,14 @@ PACE_TIME = 4.0  # 1 / omega, over which powers are compared: a period of the sl
 LAG_POWER_SHARE = 3.0 * RATE_CORNERS**2 * (1.0 - RATE_CORNERS * math.atan(1.0 / RATE_CORNERS))
 MAX_POWER_RATIO = 2.1  # of the rates seen through both corners
 MAX_LAG_RATIO = 4.0  # variance of the lag of a force faster than stated, over that of all else
+CAUGHT_UP_LAG_RATIO = 1.0  # the same, below which a reading that has lagged keeps pace again
 NATURAL_FREQUENCY_HZ = 8.0  # lowest of an industrial arm with held motors; assumed
 _DOUBTED_PACE = 0.1  # pace of the low-passes where the reading is not valid
 
 # Rows of the state, (LAG_ROWS, 6): the wrench through both low-passes, NaN before the first; L; and
-# in the last row the powers of the force's rate seen through both.
+# in the last row the powers of the force's rate seen through both, and whether the reading lagged.
 _FAST, _SLOW, _POWER, _RATES, LAG_ROWS = 0, 1, 2, 8, 9
+_LAGGED = 2  # column of the last row: 1 where the reading did not keep pace
 
 
 class LagSettings(NamedTuple):
@@ -213,8 +218,9 @@ def lag_tick(
     Args:
         settings: of `lag_settings`.
         state: (LAG_ROWS, 6): the wrench through two low-passes (_FAST at RATE_CORNERS omega, _SLOW
-            at omega; read), L (rows from _POWER on) and the powers of the rates seen through both
-            (_RATES); the latter two are updated. `lag_update` takes the sample.
+            at omega; read), L (rows from _POWER on) and the powers of the rates seen through both,
+            with whether the reading lagged (_RATES); the latter two are updated. `lag_update`
+            takes the sample.
         wrench: (6,) the reading, moment first; where it is not finite, f is 0 and L fades.
         covariance: (6, 6), changed.
         work: (2, 6) N m and N, overwritten with g and h.
@@ -257,7 +263,10 @@ def lag_tick(
     for i in range(3, 6):  # what springs in gears and links add, whatever the force's direction
         covariance[i, i] += settings.spring_share * settings.spring_share * lag_variance
     is_fast = state[_RATES, 0] > MAX_POWER_RATIO * state[_RATES, 1]
-    return not (is_fast and lag_variance > MAX_LAG_RATIO * force_variance)
+    limit = CAUGHT_UP_LAG_RATIO if state[_RATES, _LAGGED] > 0.0 else MAX_LAG_RATIO
+    lags = is_fast and lag_variance > limit * force_variance
+    state[_RATES, _LAGGED] = 1.0 if lags else 0.0
+    return not lags
 
 
 @kernel(**NO_NEW_ARRAYS)

@@ -217,6 +217,21 @@ def test_a_force_that_is_faster_than_stated_is_not_kept_pace_with() -> None:
     assert np.mean(z < 1.96) > 0.9
 
 
+def test_a_reading_that_lags_does_not_keep_pace_between_two_peaks_of_the_force() -> None:
+    """A lag just above MAX_LAG_RATIO falls below it in each period, where the force is largest."""
+    _, read = sine(9.0, size=10.0)
+    settings = lag_settings(20.0, STEP, 3.0, 0.0)
+    covariance = np.tile(np.eye(6), (2000, 1, 1))
+    keeps_pace = lag_log(settings, read, np.ones(2000, bool), covariance)
+    assert keeps_pace[50:].mean() < 0.01  # .23 with one limit for both ways
+    # Once the force is gone, it keeps pace again.
+    read[1000:] *= np.exp(-20.0 * STEP * np.arange(1000))[:, None]
+    covariance = np.tile(np.eye(6), (2000, 1, 1))
+    keeps_pace = lag_log(settings, read, np.ones(2000, bool), covariance)
+    assert not keeps_pace[990:1000].any()
+    assert keeps_pace[1050:].all()
+
+
 def test_no_bandwidth_no_band() -> None:
     wrench = np.random.default_rng(3).normal(size=(50, 6))
     np.testing.assert_array_equal(band(wrench, bandwidth=0.0), 0.0)
