@@ -27,6 +27,7 @@ from wrenchsight.analyses.methods.watch.start_checks import StartChecks
 from wrenchsight.analyses.methods.watch.watch_config import WatchSettings, load_watched
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.live.event_gate import EventGate
 from wrenchsight.models.live.live_estimator import LiveEstimator
 from wrenchsight.models.live.reading import Reading, row_size
 from wrenchsight.models.live.samples import EVENT_SIZE, EventKind, Sample, StreamEvent
@@ -55,7 +56,8 @@ def read_stream(
     """Reads a source until it ends, or `go_on` returns False.
 
     The source gives samples and events. A sample becomes no reading, one or several (of samples
-    that it fills a gap to); where nothing comes, the estimator says so by readings, too.
+    that it fills a gap to); where nothing comes, the estimator says so by readings, too. Of events
+    that each message may bear, one a second is passed on (`EventGate`).
 
     Args:
         live: that reads it.
@@ -63,6 +65,7 @@ def read_stream(
         checks: of the first seconds; None: the stream is not checked.
         q_offset: (n,) rad (m), added to the positions; None: they are at the robot's zeros already.
     """
+    gate = EventGate()
     while go_on():
         items = source.read(_MAX_WAIT)
         for item in items:
@@ -75,10 +78,12 @@ def read_stream(
                 if checks is not None and (event := checks.take(sample, live)) is not None:
                     emit(event)
             else:
-                emit(item)
+                if gate.passes(item):
+                    emit(item)
                 results = live.interrupt(item.received) if item.kind in _INTERRUPTIONS else []
             for result in results:  # readings and events
-                emit(result)
+                if isinstance(result, Reading) or gate.passes(result):
+                    emit(result)
                 if checks is not None and isinstance(result, Reading):
                     checks.add(result)
             if isinstance(item, StreamEvent) and item.kind is EventKind.ENDED:

@@ -7,10 +7,13 @@ from pydrake.lcm import DrakeLcm
 
 from wrenchsight.analyses.methods.watch.lcm_links import LcmPublisher, LcmSource
 from wrenchsight.analyses.methods.watch.publishers import open_publisher
+from wrenchsight.analyses.methods.watch.reader_process import read_stream
 from wrenchsight.analyses.methods.watch.sources import open_source
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
 from wrenchsight.models.live.reading import Reading
-from wrenchsight.models.live.samples import EventKind, Sample
+from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 
 
 def iiwa(utime, rng):
@@ -87,6 +90,19 @@ def test_messages_that_are_no_status_are_left_out():
     kinds = [item.kind for item in items if not isinstance(item, Sample)]
     assert kinds.count(EventKind.RECIPE) == 5
     assert sum(isinstance(item, Sample) for item in items) == 1
+
+
+def test_a_stream_of_another_robot_s_messages_is_one_event_a_second(panda):
+    """At 1 kHz there would be a thousand lines a second."""
+    lcm, rng = DrakeLcm("memq://"), np.random.default_rng(3)
+    source = LcmSource(lcm, "S", "panda")
+    assert source.read(0.0) == []
+    for _ in range(50):
+        lcm.Publish("S", iiwa(1, rng).encode())
+    events, turns = [], iter(range(100))
+    live = LiveEstimator(panda, IdentifiedModel.nominal(panda), LiveConfig())
+    read_stream(source, live, events.append, go_on=lambda: next(turns, None) is not None)
+    assert [event.kind for event in events if isinstance(event, StreamEvent)] == [EventKind.RECIPE]
 
 
 def test_valid_readings_are_sent_as_drakes_force_torque():
