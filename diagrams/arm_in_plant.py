@@ -186,8 +186,12 @@ class ArmInPlant(Arm):
         )
 
     def _effort_limit(self, drive: DriveConfig, joint: JointLimits) -> float:
-        if drive.effort_limit is not None and np.isfinite(drive.effort_limit):
-            return drive.effort_limit
+        if drive.effort_limit is not None:
+            if not drive.effort_limit > 0.0:  # NaN neither
+                problem = f"effort_limit {drive.effort_limit:g}, expected N m above 0"
+                raise InputError(self.source, f"drive of {drive.joint}", problem)
+            if np.isfinite(drive.effort_limit):
+                return drive.effort_limit
         assert joint.effort is not None  # `_limits` sees to that
         return joint.effort
 

@@ -226,17 +226,14 @@ def _torque_per_ampere(drive: DriveConfig, source: Path) -> float:
 
 
 def _reflected_inertia(drive: DriveConfig, source: Path) -> float:
-    if drive.rotor_inertia_side == "joint":
-        return drive.rotor_inertia
-    if drive.gear_ratio is None:
-        if drive.rotor_inertia == 0.0:
-            return 0.0
-        problem = "rotor_inertia is on the motor side, and gear_ratio is missing"
-        raise InputError(
-            source, f"drive of {drive.joint}", problem, "add it, or set rotor_inertia_side: joint"
-        )
-    reflected = drive.rotor_inertia * drive.gear_ratio**2
-    if reflected > MAX_REFLECTED_INERTIA:
+    reflected = drive.rotor_inertia
+    if drive.rotor_inertia_side == "motor" and reflected != 0.0:
+        if drive.gear_ratio is None:
+            problem = "rotor_inertia is on the motor side, and gear_ratio is missing"
+            remedy = "add it, or set rotor_inertia_side: joint"
+            raise InputError(source, f"drive of {drive.joint}", problem, remedy)
+        reflected *= drive.gear_ratio**2
+    if not 0.0 <= reflected <= MAX_REFLECTED_INERTIA:  # NaN neither
         problem = f"a rotor inertia of {reflected:.3g} kg m^2 on the joint side"
         raise InputError(source, f"drive of {drive.joint}", problem, "rotor_inertia is in kg m^2")
     return reflected

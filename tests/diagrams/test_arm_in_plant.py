@@ -36,6 +36,7 @@ from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import DriveConfig
 from wrenchsight.systems.declarations import torque_error_size
 
 X_WB = RigidTransform(RollPitchYaw(0.4, -0.3, 1.2), [0.2, -0.5, 0.8])
@@ -492,6 +493,17 @@ def test_what_is_no_part_of_the_plant_is_refused():
     for payload in (-1.0, np.nan):
         with pytest.raises(InputError, match=f"payload: {payload:g}, expected kg above 0"):
             ArmInPlant(plant, instance, lift, payload=payload)
+    for number, problem in {
+        "effort_limit": "drive of turn_1: effort_limit -1, expected N m above 0",
+        "rotor_inertia": "drive of turn_1: a rotor inertia of -1 kg",
+    }.items():
+        drives = [
+            DriveConfig(joint=name, torque_per_ampere=1.0, rotor_inertia_side="joint")
+            for name in ("turn_1", "turn_2", "slide")
+        ]
+        setattr(drives[0], number, -1.0)
+        with pytest.raises(InputError, match=problem):
+            ArmInPlant(plant, instance, lift, drives, context=context)
     with pytest.raises(InputError, match=r"AutoDiffXd.*expected a MultibodyPlant of plain numbers"):
         ArmInPlant(plant.ToAutoDiffXd())
 
