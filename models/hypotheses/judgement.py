@@ -9,6 +9,7 @@ larger one; odd, an error of each joint by itself. Pressed and odd rows are impl
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from wrenchsight.models.files.input_error import InputError
@@ -20,6 +21,7 @@ from wrenchsight.models.hypotheses.log_rows import log_rows
 from wrenchsight.models.hypotheses.registry import HYPOTHESES
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.log_words import with_words_in_use
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
@@ -94,13 +96,16 @@ class Judgement:
             return None
         return self.best
 
-    def sentence(self) -> str:
+    def sentence(self, log_format: str | Path | None = None) -> str:
         """Says what is wrong, at which odds and what to do; empty where nothing is.
 
         A contact that lasts for the whole log, and torques that nothing explains, are said as that.
+
+        Args:
+            log_format: as `remedy`.
         """
         if self.fault is not None:
-            return f"{self.problem()}: {self.remedy()}; until then no reading is valid"
+            return f"{self.problem()}: {self.remedy(log_format)}; until then no reading is valid"
         unexplained = self.implausible_share
         checks = (
             "check that the log is of this robot and the model of this arm, tool and mounting, "
@@ -136,14 +141,20 @@ class Judgement:
             f"%; odds {odds_text(self.log_odds[fault.name])})"
         )
 
-    def remedy(self) -> str:
-        """What to do; empty where nothing is wrong."""
+    def remedy(self, log_format: str | Path | None = None) -> str:
+        """What to do; empty where nothing is wrong.
+
+        Args:
+            log_format: option with which the log was read; its words stay in what is to be tried.
+        """
         fault = self.fault
         if fault is None:
             return ""
+        remedy = with_words_in_use(fault.remedy, log_format)
         if self.rival is None:
-            return fault.remedy
-        return f"{fault.remedy}; or, if it is {self.rival.cause}: {self.rival.remedy}"
+            return remedy
+        rival_remedy = with_words_in_use(self.rival.remedy, log_format)
+        return f"{remedy}; or, if it is {self.rival.cause}: {rival_remedy}"
 
     def metrics(self) -> dict[str, Any]:
         """What metrics.json holds."""
@@ -181,7 +192,10 @@ def judge_log(
 
 
 def refuse_faulty(
-    recordings: Sequence[Recording], robot: Robot, model: IdentifiedModel | None = None
+    recordings: Sequence[Recording],
+    robot: Robot,
+    model: IdentifiedModel | None = None,
+    log_format: str | Path | None = None,
 ) -> list[str]:
     """Refuses logs that something is wrong with.
 
@@ -192,6 +206,7 @@ def refuse_faulty(
     Args:
         recordings: logs, of which at most MOST_LOGS, the longest ones, are looked at.
         robot, model: as `judge_log`.
+        log_format: as `Judgement.remedy`.
 
     Returns:
         A sentence for each log that another robot's masses would explain as well as a fault.
@@ -207,12 +222,12 @@ def refuse_faulty(
         if judgement is None or judgement.fault is None:
             continue
         if model is not None or judgement.is_far_off:
-            remedy = f"{judgement.remedy()}; --no-check reads the log as it is"
+            remedy = f"{judgement.remedy(log_format)}; --no-check reads the log as it is"
             raise InputError(recording.source, "", judgement.problem(), remedy)
         warnings.append(
-            f"{recording.source}: {judgement.problem()}; if that is so, {judgement.remedy()}, and "
-            "identify again; if not, the masses of the robot's files are wrong, and the fit finds "
-            "them"
+            f"{recording.source}: {judgement.problem()}; if that is so, "
+            f"{judgement.remedy(log_format)}, and identify again; if not, the masses of the "
+            "robot's files are wrong, and the fit finds them"
         )
     return warnings
 

@@ -33,6 +33,7 @@ _CORRECTIONS = tuple(
     for signals in (JOINT_SIGNALS, DRIVE_SIGNALS)
     for what in (ORDER_WORD, TURNED_WORD, DELAY_WORD)
 )
+_OPTION = r"--log-format ([\w=.,-]*\w)"  # in a remedy, which goes on with , or ; or ends
 _VALUES = (PREFIX, RATE, *_CORRECTIONS)
 _EFFORT_UNITS = {IN_AMPERES: "A", IN_NEWTON_METRES: "N m"}
 _ANGLE_UNITS = {IN_DEGREES: "deg", IN_RADIANS: "rad"}
@@ -93,6 +94,64 @@ def correction_word(signals: str, what: str, value: Sequence[int] | float) -> st
     """
     text = f"{value:.3f}" if isinstance(value, float) else "-".join(str(k) for k in value)
     return f"{signals}-{what}={text}"
+
+
+def with_words_in_use(remedy: str, log_format: str | Path | None) -> str:
+    """A remedy whose words of `--log-format` also hold those that the log was read with.
+
+    What is wrong with a log was found in what these words had made of it. So words of the same
+    signals become one: first those in use, then the remedy's.
+
+    Args:
+        remedy: what to do; "try --log-format WORDS" or "add --log-format WORDS" in it.
+        log_format: that the log was read with; a description takes no words: then a remedy "..., or
+            try --log-format WORDS" is what goes into that description alone.
+    """
+    if log_format is None:
+        return remedy
+    in_use = log_words(log_format)
+    if in_use is None:
+        return re.sub(rf", or try {_OPTION}", f" ({log_format})", remedy)
+
+    def merged(option: re.Match[str]) -> str:
+        """The option with the words in use, and then its own."""
+        added = log_words(option[1])
+        if added is None:  # the name of a description
+            return option[0]
+        words = [*str(log_format).split(","), *option[1].split(",")]
+        kept = dict.fromkeys(word.strip() for word in words if not word.startswith(_CORRECTIONS))
+        first = dict(in_use.corrections)
+        for signals, second in added.corrections:
+            kept |= dict.fromkeys(_correction_words(signals, _after(first[signals], second)))
+        return f"--log-format {','.join(kept)}" if kept else "it without --log-format"
+
+    return re.sub(_OPTION, merged, remedy)
+
+
+def _after(first: SignalCorrection, second: SignalCorrection) -> SignalCorrection:
+    """The correction that does what the first one does, and then the second.
+
+    A correction turns joints in its new order. So a joint has the sign that the second gives it,
+    times the one that the first gave to the signal which the second puts there.
+    """
+    order = second.order
+    if first.order:
+        order = tuple(first.order[k - 1] for k in second.order) or first.order
+    now_at = {place: joint for joint, place in enumerate(second.order, start=1)}
+    turned = {now_at.get(joint, joint) for joint in first.turned} ^ set(second.turned)
+    return SignalCorrection(order, tuple(sorted(turned)), first.delay + second.delay)
+
+
+def _correction_words(signals: str, correction: SignalCorrection) -> list[str]:
+    """The words of an order, turned joints and a delay; none for what is as it was."""
+    words = []
+    if correction.order and list(correction.order) != sorted(correction.order):
+        words.append(correction_word(signals, ORDER_WORD, correction.order))
+    if correction.turned:
+        words.append(correction_word(signals, TURNED_WORD, correction.turned))
+    if correction.delay:
+        words.append(correction_word(signals, DELAY_WORD, correction.delay))
+    return words
 
 
 def _correction(signals: str, values: dict[str, str], words: list[str]) -> SignalCorrection:

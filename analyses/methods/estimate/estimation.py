@@ -254,7 +254,7 @@ def _warnings(
     judgement = outcome.judgement
     warnings = [*model_warnings(robot, model, settings), *outcome.warnings(settings)]
     if judgement is not None and judgement.sentence():
-        warnings.insert(0, judgement.sentence())
+        warnings.insert(0, judgement.sentence(settings.log_format))
     is_too_short = judgement is None and _tries_hypotheses(settings.estimate, robot)
     if is_too_short and not outcome.second_pass.readings.summary.valid_share:
         warnings.append(

@@ -538,7 +538,7 @@ def identify_logs(
         doubts: list[str] = []
         if settings.check:
             progress(0.0, "looking for what is wrong with the logs")
-            doubts = refuse_faulty(recordings, robot)
+            doubts = refuse_faulty(recordings, robot, log_format=settings.log_format)
         result = identify(recordings, robot, validation, config, progress)
         result.write(folder, settings)
     notices = [line for recording in (*recordings, *validation) for line in recording.notices]

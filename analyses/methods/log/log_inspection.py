@@ -170,7 +170,7 @@ def _inspected(path: Path, settings: LogSettings, robot: Robot | None) -> Inspec
     problem = _contradiction(path, settings, robot)
     judgement = None if problem or robot is None else _judgement(reader, robot)
     if judgement is not None and judgement.fault is not None:
-        problem = f"{judgement.problem()}: {judgement.remedy()}"
+        problem = f"{judgement.problem()}: {judgement.remedy(settings.log_format)}"
     elif judgement is not None and judgement.sentence():
         notices.append(judgement.sentence())
     return InspectedLog(

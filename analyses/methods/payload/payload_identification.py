@@ -265,7 +265,7 @@ def payload_log(
         def read(path: Path) -> Recording:
             recording = read_recording(path, form, robot, settings.check, joint_signals=True)
             if settings.check:
-                refuse_faulty([recording], robot, model)
+                refuse_faulty([recording], robot, model, form)
             return recording
 
         loaded_logs = logs_of(settings.logs, "payload", "LOG", read)

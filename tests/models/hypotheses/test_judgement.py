@@ -367,6 +367,15 @@ def fault(kind_share, has_form=True):
     )
 
 
+def test_what_is_to_be_tried_holds_the_words_in_use() -> None:
+    remedy = "turn it, or try --log-format drives-turned=2"
+    turned_drives = replace(fault((1.0, 0.0, 0.0, 0.0, 0.0)), remedy=remedy)
+    judgement = Judgement("current", 0.5, {}, {turned_drives.name: 50.0}, turned_drives, rival=None)
+    sentence = judgement.sentence("drives-order=2-1-3-4-5-6")
+    assert "try --log-format drives-order=2-1-3-4-5-6,drives-turned=2;" in sentence
+    assert "try --log-format drives-turned=2;" in judgement.sentence()
+
+
 @pytest.mark.parametrize(
     ("base", "left", "stands"),
     [

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.log_words import with_words_in_use
 from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
 STEP, SIZE = 0.01, 400
@@ -112,3 +114,47 @@ def test_a_wrong_word_is_one_line(ur10e: Robot, tmp_path: Path, word: str, words
     written(tmp_path / "log.csv")
     with pytest.raises(InputError, match=words):
         read_recording(tmp_path / "log.csv", word, ur10e, check=False)
+
+
+@pytest.mark.parametrize(
+    ("in_use", "tried"),
+    [
+        ("drives-order=3-1-2-4-6-5,drives-delay=0.1", "drives-turned=1-5,drives-delay=-0.3"),
+        ("drives-turned=1-5", "drives-order=3-1-2-4-6-5"),
+        ("drives-order=3-1-2-4-6-5,drives-turned=2-3", "drives-order=2-1-3-6-5-4,drives-turned=3"),
+        ("joints-turned=4", "drives-turned=4"),
+        ("drives-turned=4", "drives-turned=4"),  # the second takes the first one back
+    ],
+)
+def test_words_to_try_hold_those_in_use(
+    ur10e: Robot, tmp_path: Path, in_use: str, tried: str
+) -> None:
+    """They do what the words in use do, and then what the remedy says."""
+    written(tmp_path / "log.csv")
+    first = read_recording(tmp_path / "log.csv", in_use, ur10e, check=False)
+    write_recording(first, tmp_path / "first.csv")
+    second = read_recording(tmp_path / "first.csv", tried, ur10e, check=False)
+    remedy = with_words_in_use(f"turn it, or try --log-format {tried}, which mends it", in_use)
+    assert remedy.startswith("turn it, or try ")
+    assert remedy.endswith(", which mends it")
+    option = remedy.removeprefix("turn it, or try ").removesuffix(", which mends it")
+    words = None if option == "it without --log-format" else option.removeprefix("--log-format ")
+    both = read_recording(tmp_path / "log.csv", words, ur10e, check=False)
+    inner = slice(60, -60)  # a delay has no samples at the ends
+    shift = round((second.t[0] - both.t[0]) / STEP)
+    for signal in ("q", "v", "current"):
+        expected = getattr(second, signal)[inner]
+        found = np.roll(getattr(both, signal), -shift, axis=0)[inner]
+        np.testing.assert_allclose(found[: len(expected)], expected, atol=1e-6)
+
+
+def test_a_description_in_use_takes_no_words() -> None:
+    remedy = "set current: {turned: [2]} in a description, or try --log-format drives-turned=2"
+    assert with_words_in_use(remedy, None) == remedy
+    expected = "set current: {turned: [2]} in a description (mine.yaml)"
+    assert with_words_in_use(remedy, "mine.yaml") == expected
+
+
+def test_other_words_in_use_stay() -> None:
+    remedy = with_words_in_use("try --log-format drives-delay=0.200", "rate_hz=100")
+    assert remedy == "try --log-format rate_hz=100,drives-delay=0.200"
