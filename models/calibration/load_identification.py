@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_parameters import (
-    INERTIA_PLACES,
-    load_inertia_matrix,
     moved_parameters,
     realisable_inertia,
 )
@@ -42,7 +40,7 @@ MIN_MASS_ERRORS = 3.0  # standard errors of its mass, above which a load is pres
 COM_DETERMINED_SD = 0.02  # m; beyond it the motion has not determined the centre of mass
 MAX_COM_COORDINATE = 1.0  # m from the flange, of the point about which the second solution is made
 _LEAST_MASS = 1e-9  # kg, for a division
-_DIAGONAL_PLACES = INERTIA_PLACES[:3]  # of Ixx, Iyy, Izz
+_DIAGONAL_PLACES = rotational_inertia.INERTIA_PLACES[:3]  # of Ixx, Iyy, Izz
 
 
 @dataclass(frozen=True)
@@ -347,15 +345,15 @@ def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) ->
     mass = float(values[0])
     divisor = mass if abs(mass) > _LEAST_MASS else _LEAST_MASS
     offset = values[1:4] / divisor  # of the centre of mass from `com`
-    inertia = load_inertia_matrix(values)
-    inertia = inertia - mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    inertia = rotational_inertia.inertia_about_origin(values)
+    inertia = inertia - rotational_inertia.point_inertia(mass, offset)
     # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz), the order of the covariance, by the ten
     # parameters; the offset is small: what it adds to the inertia's is left out.
     slope = np.zeros((NUM_INERTIAL, NUM_INERTIAL))
     slope[0, 0] = 1.0
     slope[1:4, 0] = -offset / divisor
     slope[1:4, 1:4] = np.eye(3) / divisor
-    slope[np.arange(4, 10), INERTIA_PLACES] = 1.0
+    slope[np.arange(4, 10), rotational_inertia.INERTIA_PLACES] = 1.0
     covariance = slope @ solution.covariance[:NUM_INERTIAL, :NUM_INERTIAL] @ slope.T
     gain_covariance = slope @ solution.gain_covariance[:NUM_INERTIAL, :NUM_INERTIAL] @ slope.T
     num_joints = len(solution.scale)
@@ -366,7 +364,7 @@ def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) ->
         inertia=inertia,
         covariance=covariance,
         gain_covariance=gain_covariance,
-        inertia_prior_sd=prior_sd[INERTIA_PLACES],
+        inertia_prior_sd=prior_sd[rotational_inertia.INERTIA_PLACES],
         parameters=frame @ values,
         friction_change=changes.reshape(num_joints, 3),
         scale=solution.scale,

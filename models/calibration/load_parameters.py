@@ -14,7 +14,6 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import ToolConfig, pose_of
 
 LEAST_RADIUS = 1e-3  # m, of gyration
-INERTIA_PLACES = [4, 6, 9, 5, 7, 8]  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the ten parameters
 
 
 def parameters_of(pseudo: Array) -> Array:
@@ -56,11 +55,6 @@ def tool_parameters(tool: ToolConfig) -> Array:
     """Returns the ten parameters of a tool in the flange's frame."""
     inertia = rotational_inertia.inertia_matrix(tool.inertia)
     return body_parameters(tool.mass, np.array(tool.com, float), inertia)
-
-
-def load_inertia_matrix(parameters: Array) -> Array:
-    """Returns the inertia (3, 3) about the frame's origin."""
-    return rotational_inertia.inertia_matrix(parameters[INERTIA_PLACES])
 
 
 def realisable_inertia(inertia: Array, mass: float) -> Array:

@@ -2,12 +2,11 @@
 
 import xml.etree.ElementTree as ET
 
-import numpy as np
-
 from wrenchsight.models.identification.physical_consistency import unphysical_links
 from wrenchsight.models.identification.simulator_friction import SimulatorFriction
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.rotational_inertia import BodyInertia
 
 
 def identified_urdf(
@@ -87,16 +86,12 @@ def _end(joint: ET.Element, tag: str) -> str:
 
 
 def _inertial(parameters: Array) -> ET.Element:
-    m = float(parameters[0])
-    c = parameters[1:4] / m
-    xx, xy, yy, xz, yz, zz = parameters[4:]
-    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    about_centre = about_origin - m * (c @ c * np.eye(3) - np.outer(c, c))
+    body = BodyInertia.of(parameters)
     out = ET.Element("inertial")
-    ET.SubElement(out, "origin", xyz=" ".join(repr(float(x)) for x in c), rpy="0 0 0")
-    ET.SubElement(out, "mass", value=repr(m))
+    ET.SubElement(out, "origin", xyz=" ".join(repr(float(x)) for x in body.com), rpy="0 0 0")
+    ET.SubElement(out, "mass", value=repr(body.mass))
     entries = {
-        f"i{'xyz'[i]}{'xyz'[j]}": repr(float(about_centre[i, j]))
+        f"i{'xyz'[i]}{'xyz'[j]}": repr(float(body.inertia[i, j]))
         for i in range(3)
         for j in range(i, 3)
     }

@@ -26,6 +26,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.limited_child import limit_process
 from wrenchsight.models.robot.mjcf_efforts import effort_limits
+from wrenchsight.models.robot.rotational_inertia import inertia_values, point_inertia
 from wrenchsight.models.robot.rounded_angles import rounded_rpy
 from wrenchsight.models.robot.urdf_document import parse_document
 from wrenchsight.models.robot.urdf_elements import add_inertial, fixed_joint, set_pose, text_of
@@ -398,9 +399,8 @@ def _add_inertial(link: ET.Element, body: Any, X_LB: RigidTransform) -> None:
     if mass <= _NEGLIGIBLE_MASS:
         return
     about_origin = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-    about_com = about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com))
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = about_com
-    add_inertial(link, mass, X_LB @ RigidTransform(com), (xx, yy, zz, xy, xz, yz))
+    about_com = about_origin - point_inertia(mass, com)
+    add_inertial(link, mass, X_LB @ RigidTransform(com), inertia_values(about_com))
 
 
 def _add_sdf_shape(link: ET.Element, shape: ET.Element, name: str, X_LB: RigidTransform) -> None:

@@ -19,6 +19,7 @@ from pydrake.math import RotationMatrix
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.rotational_inertia import BodyInertia, inertia_values
 
 TIME_STEP = 0.001  # s
 INTEGRATOR = "implicitfast"  # damping implicitly: a wrist's is large beside its inertia
@@ -120,12 +121,6 @@ def _pose(R: Array, p: Array) -> dict[str, str]:
 
 def _inertial(parameters: Array) -> ET.Element:
     """A link's inertia about its centre of mass, from that about its joint frame."""
-    m = float(parameters[0])
-    c = parameters[1:4] / m
-    xx, xy, yy, xz, yz, zz = parameters[4:]
-    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    about_centre = about_origin - m * (c @ c * np.eye(3) - np.outer(c, c))
-    x, y, z = range(3)
-    places = ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z))
-    entries = _numbers([about_centre[place] for place in places])
-    return ET.Element("inertial", pos=_numbers(c), mass=repr(m), fullinertia=entries)
+    body = BodyInertia.of(parameters)
+    entries = _numbers(inertia_values(body.inertia))
+    return ET.Element("inertial", pos=_numbers(body.com), mass=repr(body.mass), fullinertia=entries)

@@ -1,11 +1,16 @@
-"""Rotational inertia as URDF states it, and whether it can be a body's."""
+"""Rotational inertia as URDF states it, of a body's parameters, and whether it can be a body's.
+
+The ten parameters of a body are m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about a frame's origin.
+"""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 
+INERTIA_PLACES = [4, 6, 9, 5, 7, 8]  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the ten parameters
 _MIN_MOMENT_SHARE = 1e-4  # of the sum of moments: least second moment of mass when corrected
 _WATER_DENSITY = 1000.0  # kg/m^3
 _NO_SIZE = 1e-6  # of a ball's moment, below which a stated one is a placeholder
@@ -22,6 +27,37 @@ def inertia_values(inertia: Array) -> list[float]:
     """ixx, iyy, izz, ixy, ixz, iyz of a matrix (3, 3)."""
     places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     return [float(inertia[key]) for key in places]
+
+
+def inertia_about_origin(parameters: Array) -> Array:
+    """(3, 3) kg m^2, of ten parameters."""
+    return inertia_matrix(parameters[INERTIA_PLACES])
+
+
+def point_inertia(mass: float, p: Array) -> Array:
+    """(3, 3) kg m^2 about the origin, of a mass at p (3,) m: what a body's inertia gains there."""
+    return np.asarray(mass * (p @ p * np.eye(3) - np.outer(p, p)))
+
+
+class BodyInertia(NamedTuple):
+    """A body's inertia as files state it.
+
+    Attributes:
+        mass: kg.
+        com: (3,) m.
+        inertia: (3, 3) kg m^2 about the centre of mass.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+
+    @classmethod
+    def of(cls, parameters: Array) -> "BodyInertia":
+        """Of ten parameters, with a mass above zero."""
+        mass = float(parameters[0])
+        com = parameters[1:4] / mass
+        return cls(mass, com, inertia_about_origin(parameters) - point_inertia(mass, com))
 
 
 def unphysical(inertia: Array) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.rotational_inertia import BodyInertia
 
 _MIN_JOINTS = 3  # of what is judged; two joints may cross in one point
 _USUAL_REACH = 0.8  # m
@@ -103,14 +104,10 @@ def _inertia_doubts(robot: Robot, reach: float) -> list[str]:
 
 def _gyration(parameters: Array) -> float:
     """The largest radius of gyration about the centre of mass, m, of m, m c (3), I (6); or 0."""
-    mass = float(parameters[0])
-    if mass < _LIGHTEST_LINK:
+    if parameters[0] < _LIGHTEST_LINK:
         return 0.0
-    centre = parameters[1:4] / mass
-    xx, xy, yy, xz, yz, zz = parameters[4:]
-    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    about_centre = about_origin - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    return math.sqrt(max(float(np.linalg.eigvalsh(about_centre)[-1]), 0.0) / mass)
+    body = BodyInertia.of(parameters)
+    return math.sqrt(max(float(np.linalg.eigvalsh(body.inertia)[-1]), 0.0) / body.mass)
 
 
 def reach_of(robot: Robot, postures: Array) -> float:

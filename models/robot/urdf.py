@@ -24,6 +24,7 @@ from wrenchsight.models.robot.rotational_inertia import (
     inertia_matrix,
     inertia_values,
     nearest_physical,
+    point_inertia,
     possible_inertia,
     unphysical,
 )
@@ -604,8 +605,7 @@ class _Reader:
         common_com = sum((mass * com for mass, com, _ in bodies), np.zeros(3)) / total
         composite = np.zeros((3, 3))
         for mass, com, about_com in bodies:
-            d = com - common_com
-            composite += about_com + mass * (d @ d * np.eye(3) - np.outer(d, d))
+            composite += about_com + point_inertia(mass, com - common_com)
         self._check_physical(link, f'moving link "{body}" (with what is fixed to it)', composite)
 
     def _check_tool(self, tool: ToolConfig) -> None:

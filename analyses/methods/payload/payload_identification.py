@@ -34,7 +34,6 @@ from wrenchsight.models.calibration.load_identification import (
 from wrenchsight.models.calibration.load_parameters import (
     body_parameters,
     flange_map,
-    load_inertia_matrix,
     realisable_inertia,
     tool_parameters,
 )
@@ -50,7 +49,11 @@ from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.coupling import refuse_coupling
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import ToolConfig
-from wrenchsight.models.robot.rotational_inertia import inertia_values
+from wrenchsight.models.robot.rotational_inertia import (
+    inertia_about_origin,
+    inertia_values,
+    point_inertia,
+)
 from wrenchsight.models.signals.root_mean_square import rms
 
 if TYPE_CHECKING:
@@ -303,7 +306,7 @@ def _tool(body: Array, robot: Robot, name: str) -> ToolConfig:
         body = body + tool_parameters(stated_tool)
     mass = max(float(body[0]), 1e-9)
     com = body[1:4] / mass
-    about = load_inertia_matrix(body) - mass * (com @ com * np.eye(3) - np.outer(com, com))
+    about = inertia_about_origin(body) - point_inertia(mass, com)
     tensor = realisable_inertia(about, mass)
     if stated_tool is None:
         tool = ToolConfig(name=name)

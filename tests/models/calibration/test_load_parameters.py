@@ -8,12 +8,12 @@ from wrenchsight.models.calibration.load_parameters import (
     body_parameters,
     flange_map,
     load_columns,
-    load_inertia_matrix,
     moved_parameters,
     parameters_of,
     realisable_inertia,
 )
 from wrenchsight.models.identification.physical_consistency import pseudo_inertia
+from wrenchsight.models.robot.rotational_inertia import inertia_about_origin
 
 MASS, COM = 2.8, np.array([0.03, -0.12, 0.18])
 INERTIA = np.array([[0.021, 0.002, -0.003], [0.002, 0.03, 0.001], [-0.003, 0.001, 0.018]])
@@ -66,7 +66,7 @@ def test_a_loads_torque_is_what_pinocchio_adds(request, name):
 def test_flange_map_keeps_the_mass(ur10e):
     moved = flange_map(ur10e) @ body_parameters(MASS, COM, INERTIA)
     assert moved[0] == pytest.approx(MASS)
-    principal = np.linalg.eigvalsh(load_inertia_matrix(moved))
+    principal = np.linalg.eigvalsh(inertia_about_origin(moved))
     assert (principal > np.linalg.eigvalsh(INERTIA)).all()  # farther from that origin
 
 
