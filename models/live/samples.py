@@ -41,6 +41,7 @@ class EventKind(StrEnum):
     ZERO = "zero"  # a payload is taken off, or was
     SINK = "sink"  # a recorder or publisher has something to say
     ENDED = "ended"  # the stream is over
+    FAILED = "failed"  # source or settings are refused: nothing is read, or no more
 
 
 @dataclass(frozen=True)

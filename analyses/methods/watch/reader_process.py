@@ -172,7 +172,7 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
         q_offset = robot.q_offset if robot.q_offset.any() and not is_log else None
         read_stream(source, live, emit, checks, starter_is_alive, q_offset)
     except InputError as error:
-        emit(StreamEvent(EventKind.ENDED, str(error), time.monotonic()))
+        emit(StreamEvent(EventKind.FAILED, str(error), time.monotonic()))
         return 2
     finally:
         if checks is not None:

@@ -126,14 +126,6 @@ class LiveSession:
                 if not os.read(self._wake, 1 << 16):  # the other end is gone
                     time.sleep(0.01)
 
-    def is_refusal(self, event: StreamEvent) -> bool:
-        """Whether an event is what `check` raises."""
-        if event.kind is not EventKind.ENDED:
-            return False
-        with suppress(subprocess.TimeoutExpired):  # it was the process's last word
-            self._process.wait(_END_TIME)
-        return self._process.poll() == _REFUSED_CODE
-
     def check(self) -> None:
         """Raises an error if the reading process failed.
 
@@ -144,7 +136,7 @@ class LiveSession:
         code = self._process.poll()
         self.new_events()
         if code == _REFUSED_CODE:
-            reasons = [event.text for event in self.events if event.kind is EventKind.ENDED]
+            reasons = [event.text for event in self.events if event.kind is EventKind.FAILED]
             raise InputError("watch", "", reasons[-1] if reasons else "the source cannot be read")
         if code:
             raise RuntimeError(f"the process that reads the robot failed (exit code {code})")

@@ -193,7 +193,7 @@ class _Screen:
         self.summary.dropped = dropped_by_sinks + self._reader.dropped
         if self._is_plain and self._shows:
             for event in events:
-                if not self._session.is_refusal(event):
+                if event.kind is not EventKind.FAILED:  # which `LiveSession.check` raises
                     say_event(self._console, event)
         return not is_over
 

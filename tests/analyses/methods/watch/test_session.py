@@ -81,6 +81,7 @@ def test_a_missing_robot_or_source_is_one_line(ur10e, model_file, tmp_path):
         pytest.raises(InputError, match=r"none\.csv"),
     ):
         list(session)
+    assert [event.kind for event in session.events] == [EventKind.FAILED]
 
 
 def test_a_killed_starter_takes_the_reading_process_along(ur10e, model_file):
