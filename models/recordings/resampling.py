@@ -159,7 +159,7 @@ class _Grid:
             part.source,
             f"{place_of(part, k)} to {place_of(part, k + 1)}, column t",
             problem,
-            "split the log there, or allow a longer gap",
+            "split the log there, or let `estimate` bridge it (--max-gap)",
         )
 
     def _interpolated(self, part: Recording, steps: Array) -> Recording:

@@ -131,6 +131,7 @@ def test_a_long_gap_is_refused_in_one_line() -> None:
         resampled(_linear(t))
     line = str(caught.value)
     assert line.startswith("log.csv: line 121 to line 122, column t: a gap of 0.131 s")
+    assert line.endswith("split the log there, or let `estimate` bridge it (--max-gap)")
     assert "expected at most 0.1 s" in line
     result = resampled(_linear(t), max_gap=0.2)
     assert result.dropout.sum() == 130
