@@ -81,7 +81,7 @@ _DOUBTED_PACE = 0.1  # pace of the low-passes where the reading is not valid
 # Rows of the state, (LAG_ROWS, 6): the wrench through both low-passes, NaN before the first; L; and
 # in the last row the powers of the force's rate seen through both, and whether the reading lagged.
 _FAST, _SLOW, _POWER, _RATES, LAG_ROWS = 0, 1, 2, 8, 9
-_LAGGED = 2  # column of the last row: 1 where the reading did not keep pace
+_LAGGED_COLUMN = 2  # column of the last row: 1 where the reading did not keep pace
 
 
 class LagSettings(NamedTuple):
@@ -263,9 +263,9 @@ def lag_tick(
     for i in range(3, 6):  # what springs in gears and links add, whatever the force's direction
         covariance[i, i] += settings.spring_share * settings.spring_share * lag_variance
     is_fast = state[_RATES, 0] > MAX_POWER_RATIO * state[_RATES, 1]
-    limit = CAUGHT_UP_LAG_RATIO if state[_RATES, _LAGGED] > 0.0 else MAX_LAG_RATIO
+    limit = CAUGHT_UP_LAG_RATIO if state[_RATES, _LAGGED_COLUMN] > 0.0 else MAX_LAG_RATIO
     lags = is_fast and lag_variance > limit * force_variance
-    state[_RATES, _LAGGED] = 1.0 if lags else 0.0
+    state[_RATES, _LAGGED_COLUMN] = 1.0 if lags else 0.0
     return not lags
 
 
