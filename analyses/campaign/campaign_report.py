@@ -15,6 +15,7 @@ from wrenchsight.analyses.campaign.influences import influences_text
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.study.experiment import with_unit
 from wrenchsight.analyses.study.report import decimals_of_three_digits, number, page_templates
 
 REPORT_NAME: Final = "campaign.html"
@@ -135,7 +136,7 @@ def violin_figure(spread: Sequence[Distribution]) -> Figure:
             axes.plot(ratio, np.full(len(ratio), place), ".", color=colour, ms=5, alpha=0.6)
         axes.plot(median, place, "o", color=colour, mfc="white", ms=5)
     axes.axvline(1.0, color=COLOUR["article"], lw=1.5, zorder=0.5)
-    labels = [f"{row.label} [{row.unit}]" if row.unit else row.label for row in reversed(shown)]
+    labels = [with_unit(row.label, row.unit) for row in reversed(shown)]
     axes.set_yticks(range(len(shown)), labels=labels, fontsize=8)
     axes.set_ylim(-0.7, len(shown) - 0.3)
     axes.grid(visible=False, axis="y")

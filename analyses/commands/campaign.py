@@ -55,6 +55,7 @@ def command(options: CampaignOptions, out: Out = Path("out/campaign")) -> None:
 def _print(result: "CampaignResult") -> None:
     """Prints the table of distributions, the worlds that failed, and where the report is."""
     from wrenchsight.analyses.campaign.campaign_report import REPORT_NAME, table_row
+    from wrenchsight.analyses.study.experiment import with_unit
 
     table = new_table("", "article", "median", "5-95 % of worlds", "ours ahead")
     experiment = ""
@@ -63,11 +64,7 @@ def _print(result: "CampaignResult") -> None:
             experiment = distribution.experiment
             table.add_row(plain_text(experiment, style="bold"))
         texts = table_row(distribution)
-        label = (
-            f"{distribution.label} [{distribution.unit}]"
-            if distribution.unit
-            else distribution.label
-        )
+        label = with_unit(distribution.label, distribution.unit)
         cells = [texts[key] for key in ("article", "median", "range", "ahead")]
         table.add_row(plain_text(label), *cells)
     reused = f", {result.reused} of them from earlier runs" if result.reused else ""

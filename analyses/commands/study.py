@@ -96,6 +96,7 @@ def _print(result: "StudyResult") -> None:
     from rich.padding import Padding
 
     from wrenchsight.analyses.data_sets.advice import missing_recordings
+    from wrenchsight.analyses.study.experiment import with_unit
     from wrenchsight.analyses.study.report import comparisons
 
     table = new_table("", "article", "here")
@@ -104,7 +105,7 @@ def _print(result: "StudyResult") -> None:
             earlier = " (kept)" if outcome.state == "earlier" else ""
             table.add_row(plain_text(f"{outcome.name}{earlier}", style="bold"))
         for row in comparisons(outcome.metrics, outcome.stored.get("comparison", [])):
-            label = f"{row.label} [{row.unit}]" if row.unit else row.label
+            label = with_unit(row.label, row.unit)
             # Padded, not begun with spaces: a label's second line stands under its first.
             indented = Padding(plain_text(label), (0, 0, 0, 2))
             table.add_row(indented, " ".join(row.stated), " ".join(row.measured))

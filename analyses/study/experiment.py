@@ -86,6 +86,11 @@ class ComparisonRow:
             object.__setattr__(self, "unit", _unit_of(self.key))
 
 
+def with_unit(label: str, unit: str) -> str:
+    """A label with its unit, where it has one."""
+    return f"{label} [{unit}]" if unit else label
+
+
 def _unit_of(key: str) -> str:
     """The unit at the end of the last part of a key that has one; empty where none has."""
     endings = (part.rpartition("_")[2] for part in reversed(key.split(".")))

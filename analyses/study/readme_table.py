@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from wrenchsight.analyses.output.outputs import OutputFolder, json_text
+from wrenchsight.analyses.study.experiment import with_unit
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.report import (
@@ -176,7 +177,13 @@ def results_table(
             else:
                 figures, remarks = [" ".join(row_text.measured)], [row_text.remark]
             title = experiment["title"] if index == 0 else ""
-            cells = (title, _label(row_text), _stated(row_text), *figures, _joined(remarks, "; "))
+            cells = (
+                title,
+                with_unit(row_text.label, row_text.unit),
+                _stated(row_text),
+                *figures,
+                _joined(remarks, "; "),
+            )
             lines.append("| " + " | ".join(_cell(cell) for cell in cells) + " |")
     note = (
         f"\nWith a range: median of {world_count} and, in brackets, 5 to 95 % of them, by "
@@ -222,10 +229,6 @@ def _of_worlds(
     one_run = ["–"] * len(row_text.measured) if whole else row_text.measured
     median, ours_ahead = _over_worlds(spread, row["key"], row["here"], one_run, fewest)
     return _WorldsText(median, ours_ahead, _moved_by(spread, row["key"]))
-
-
-def _label(row: Comparison) -> str:
-    return f"{row.label} [{row.unit}]" if row.unit else row.label
 
 
 def _stated(row: Comparison) -> str:
