@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened, read_limited
+from wrenchsight.models.recordings.layouts.joint_names import is_joint_list
 from wrenchsight.models.recordings.parquet_table import ConvertedTable
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 
@@ -70,7 +71,9 @@ class JsonTable(ConvertedTable):
                 self.row_word = "line"
                 super().__init__(path, _lines(path))
             else:
-                super().__init__(path, [_table_of(_document(path), path)])
+                document = _document(path)
+                super().__init__(path, [_table_of(document, path)])
+                self.joint_list = _joint_list(document)
         except (pa.ArrowException, ValueError, OSError) as error:
             if isinstance(error, InputError):
                 raise
@@ -116,6 +119,7 @@ class YamlTable(ConvertedTable):
             documents = [part for part in yaml.load_all(content, loader) if part is not None]
             whole = documents[0] if len(documents) == 1 else documents
             super().__init__(path, [_table_of(whole, path)])
+            self.joint_list = _joint_list(whole)
         except (yaml.YAMLError, RecursionError, pa.ArrowException) as error:
             problem = f"cannot be read as YAML ({' '.join(str(error).split())[:200]})"
             raise InputError(path, "", problem, "write it as JSON or CSV") from error
@@ -171,6 +175,18 @@ def _table_of(document: Any, path: Path) -> pa.Table:
     if isinstance(document, list) and document and all(isinstance(x, dict) for x in document):
         return pa.Table.from_pylist(document)
     raise InputError(path, "", "holds neither samples nor arrays", _EXPECTED)
+
+
+def _joint_list(document: Any) -> tuple[str, ...]:
+    """The names of the joints that an object lists once for all samples; none where it does not."""
+    if not isinstance(document, dict):
+        return ()
+    for name, value in document.items():
+        is_list = isinstance(value, list) and all(isinstance(word, str) for word in value)
+        if is_list and value and is_joint_list(name):
+            return tuple(value)
+    inner = [value for value in document.values() if isinstance(value, dict)]
+    return next((found for value in inner if (found := _joint_list(value))), ())
 
 
 def _arrays(document: Mapping[str, Any]) -> pa.Table | None:

@@ -22,6 +22,7 @@ from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.date_stamps import stamp_form, stamp_seconds
+from wrenchsight.models.recordings.layouts.joint_names import is_joint_list
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.table_checks import no_words, refuse_missing, rows_within
 
@@ -41,6 +42,7 @@ _SUFFIX = ".npy"
 NPY_MAGIC = b"\x93NUMPY"
 _TEXT_KINDS = "US"  # of an array's type
 _LONGEST_STAMP = 256  # bytes
+_LARGEST_LIST = 1 << 14  # bytes of an array of joints' names
 _NUMBER_KINDS = "iufbmM"  # of an array's type; the last two are durations and dates, in s
 
 
@@ -90,6 +92,7 @@ class NpzTable:
     """
 
     row_word = "row"
+    joint_list: tuple[str, ...] = ()  # names of the joints, where an array of words has them
 
     def __init__(self, path: Path) -> None:
         """Reads the shapes of the arrays: those with the most rows are the table's columns."""
@@ -180,6 +183,9 @@ class NpzTable:
                         shape, dtype = _header(file)
                         num_bytes = member.file_size - file.tell()
                         is_stamp = len(shape) == 1 and _begins_with_stamp(file, dtype)
+                        if not is_stamp and is_joint_list(name) and num_bytes <= _LARGEST_LIST:
+                            file.seek(0)
+                            self.joint_list = _words(file, dtype)
                     if dtype.kind not in _NUMBER_KINDS and not is_stamp:
                         self.notices.append(
                             f"the array {name} is left out: it holds no numbers ({dtype})"
@@ -264,6 +270,14 @@ def in_seconds(array: NDArray[Any]) -> NDArray[Any]:
     return np.where(np.isnat(array), np.nan, seconds)
 
 
+def _words(file: IO[bytes], dtype: np.dtype[Any]) -> tuple[str, ...]:
+    """The entries of an array of words; none of another array."""
+    if dtype.kind not in _TEXT_KINDS:
+        return ()
+    array = np.lib.format.read_array(file, allow_pickle=False)
+    return tuple(str(word) for word in np.atleast_1d(array).ravel().astype(str).tolist())
+
+
 def _begins_with_stamp(file: IO[bytes], dtype: np.dtype[Any]) -> bool:
     """Whether the first entry of an array is a date with time; `file` is behind the header."""
     if dtype.kind not in _TEXT_KINDS or dtype.itemsize > _LONGEST_STAMP:
@@ -287,8 +301,13 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def _turned(shapes: Mapping[str, tuple[int, ...]]) -> frozenset[str]:
-    """The matrices that hold a sample in each column, as long as the file's vectors are."""
-    lengths = {math.prod(shape) for shape in shapes.values() if len(shape) == 1}
+    """The matrices that hold a sample in each column, as long as the file's vectors are.
+
+    A vector may be a matrix of one row or column, as MATLAB has none else.
+    """
+    lengths = {
+        math.prod(x) for x in shapes.values() if len(x) == 1 or (len(x) == 2 and min(x) == 1)
+    } - {1}
     if len(lengths) != 1:
         return frozenset()
     (count,) = lengths
@@ -302,5 +321,7 @@ def _column_names(name: str, shape: tuple[int, ...]) -> list[str]:
     if len(shape) == 1:
         return [name]
     letter = _JOINT_ARRAYS.get(name) if len(shape) == 2 else None
+    if letter is None and shape[1:] == (1,):
+        return [name]
     prefix = letter or f"{name}."
     return [f"{prefix}{k + 1}" for k in range(math.prod(shape[1:]))]

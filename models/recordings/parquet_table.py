@@ -84,6 +84,7 @@ class ParquetTable:
     """
 
     row_word = "row"
+    joint_list: tuple[str, ...] = ()  # names of the joints, where the file lists them once
 
     def __init__(self, path: Path, part: range | None = None, source: Path | None = None) -> None:
         """Reads the file's schema and the lengths of its lists.

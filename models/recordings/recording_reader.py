@@ -25,7 +25,11 @@ from wrenchsight.models.recordings.differentiation import (
 )
 from wrenchsight.models.recordings.layouts.column_words import column_words_layout
 from wrenchsight.models.recordings.layouts.external_torque import external_torque_layout
-from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, known_layout
+from wrenchsight.models.recordings.layouts.header_layouts import (
+    KnownLayout,
+    joint_order,
+    known_layout,
+)
 from wrenchsight.models.recordings.layouts.plain_header import header_format
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.lerobot.data_set import DataSet, root_of
@@ -67,7 +71,9 @@ from wrenchsight.models.recordings.recording_format import (
     RecordingFormat,
     Signal,
     SignalColumns,
+    SignalCorrection,
     by_number,
+    column_items,
     corrected,
     further_signals,
     in_degrees,
@@ -81,6 +87,7 @@ from wrenchsight.models.recordings.rosbag.table import RosbagTable, is_bag
 from wrenchsight.models.recordings.sample_stamps import StampFilter
 from wrenchsight.models.recordings.signal_corrections import corrected_chunks
 from wrenchsight.models.recordings.text_head import is_number
+from wrenchsight.models.recordings.text_table import TextTable
 from wrenchsight.models.recordings.wrapped_angles import Unwrapper
 from wrenchsight.models.robot.robot import Robot
 
@@ -250,13 +257,37 @@ class RecordingReader:
         header = LogHeader(self.path, names, num_columns)
         layout = resolve_layout(log.form, log.form_source, header)
         corrections = dict(self._words.corrections)
+        listed = self._listed_order(log)
+        signals = [
+            corrected(signal, listed, str(self.path), "joints")
+            if signal.name in _CORRECTED
+            else signal
+            for signal in layout.signals
+        ]
         signals = [
             corrected(signal, corrections[_CORRECTED[signal.name]], "--log-format", signal.name)
             if corrections and signal.name in _CORRECTED
             else signal
-            for signal in layout.signals
+            for signal in signals
         ]
         return replace(layout, signals=(*signals, *self._further_signals(log.table)))
+
+    def _listed_order(self, log: _OpenedLog) -> SignalCorrection:
+        """The robot's joints among those that a file lists once, beside columns without names.
+
+        Raises:
+            InputError: the file lists other joints than the robot's.
+        """
+        joints: tuple[str, ...] = getattr(log.table, "joint_list", ())
+        position = log.form.position
+        if self._is_described or position is None or not joints or self._robot is None:
+            return SignalCorrection()
+        if len(joints) != len(column_items(str(position.columns), "", "")):
+            return SignalCorrection()
+        order = joint_order(joints, self.path, self._robot.joint_names, self._words)
+        log.table.notices.append("joints are put in the robot's order by the names in the file")
+        log.table.notices += order.notices
+        return SignalCorrection(order=tuple(k + 1 for k in order.indices))
 
     def _align_rows(self) -> None:
         """Puts signals that have rows or clocks of their own on the rows of the positions."""
@@ -644,6 +675,8 @@ class RecordingReader:
             return self._in_requested_angle(_recognised(layout, self.path, table))
         if table.names is None:
             problem = f"holds {table.num_columns} numbers and no names"
+            if not isinstance(table, TextTable):
+                raise InputError(path, "", problem, _DESCRIBE.removeprefix("or "))
             remedy = "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE
             raise InputError(path, "line 1", problem, remedy)
         notices: tuple[str, ...] = ()

@@ -216,6 +216,7 @@ class TextTable:
         self._header = head.header.encode()
         self.first_cells = head.first_cells
         self._stamps = _stamp_forms(self.first_cells)
+        self._padding = re.compile(rb" *" + re.escape(self.separator.encode()) + rb" *")
         self._end = self._end_of_rows()
         if self.names and all(is_number(name, self.decimal_mark) for name in self.names):
             problem = "holds numbers where the names of the columns are expected"
@@ -466,6 +467,8 @@ class TextTable:
                 # As over a line of blanks, which is as good as an empty one, or a remark. (As many
                 # lines stay.)
                 plain = self._without_remarks(_BLANK_LINE.sub(b"", block), line)
+                if b'"' not in plain:  # nor is a blank beside a date a part of it
+                    plain = self._padding.sub(self.separator.encode(), plain)
                 if plain == block:
                     raise
                 block = plain

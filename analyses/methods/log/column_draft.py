@@ -171,8 +171,10 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
                 values |= {"encoding": words.encoding, "bits": str(words.bits), "gain": '["?"]'}
                 question = _COUNT_QUESTIONS[key] + "; joints from base to tool"
             lines.append(_Entry(key, values, question).line())
-        elif key == "position":
-            lines.append(_Entry(key, {"columns": '"?"'}, "one column for each joint").line())
+        elif key == "position" or (key == "current" and "motor_torque" not in series):
+            question = "one column for each joint, base to tool"
+            question += "; or motor_torque in its place" if key == "current" else ""
+            lines.append(_Entry(key, {"columns": '"?"'}, question).line())
     return "".join(lines)
 
 

@@ -24,6 +24,7 @@ from wrenchsight.models.recordings.layouts.header_layouts import (
 )
 from wrenchsight.models.recordings.layouts.joint_names import (
     DESCRIBE,
+    is_joint_list,
     is_nameless,
     matched_joints,
 )
@@ -50,7 +51,6 @@ from wrenchsight.models.recordings.recording_format import (
 _LISTED_NAMES = 6  # of the columns that are left out, in a notice
 _QUANTITIES = ("position", "velocity", "current", "motor_torque")
 _ENTRY = re.compile(r"(.+)\.(\d{1,4})")  # of an array: its name and number
-_JOINT_LISTS = ("name", "names", "joint_name", "joint_names")
 _STAMP = "field.header.stamp"
 _NUMBERED_NAME = re.compile(r"(?P<word>.*?)[._]?\[?(?P<number>\d{1,4})\]?")  # name[0]
 _NAME_OF_ENTRY = re.compile(
@@ -163,7 +163,7 @@ def _further_arrays(names: Sequence[str], used: set[int]) -> dict[str, SignalCol
     return {
         re.sub(r"\W", "_", name).strip("_"): by_number([entries[k] for k in sorted(entries)])
         for name, entries in arrays.items()
-        if _last_word(name) not in _JOINT_LISTS and _counts(entries)
+        if not is_joint_list(name) and _counts(entries)
     }
 
 
@@ -176,12 +176,12 @@ def _order_in_rows(
     words: LogWords,
 ) -> JointOrder:
     """The robot's joints among those that the rows name; as they stand where the rows name none."""
-    listed = [column for column, name in enumerate(names) if _last_word(name) in _JOINT_LISTS]
+    listed = [column for column, name in enumerate(names) if is_joint_list(name)]
     entries: dict[int, int] = {}
     for column, name in enumerate(names):
         for pattern in (_NUMBERED_NAME, _NAME_OF_ENTRY):
             match = pattern.fullmatch(name)
-            if match and _last_word(match["word"]) in _JOINT_LISTS:
+            if match and is_joint_list(match["word"]):
                 entries[int(match["number"])] = column
     in_log_order = JointOrder(list(range(num_joints)), [])
     if not entries and len(listed) != 1:
@@ -196,10 +196,6 @@ def _order_in_rows(
     if joint_names is not None:
         order.notices.append("joints are put in the robot's order by the names in the rows")
     return order
-
-
-def _last_word(name: str) -> str:
-    return re.split(r"[/.]", name)[-1].lower()
 
 
 def _counts(entries: Mapping[int, int]) -> bool:

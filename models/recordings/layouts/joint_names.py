@@ -33,6 +33,8 @@ _PENDANT_WORDS = {  # of a pendant in other languages
     "elbow": ("ellbogen", "ellenbogen", "coude", "gomito", "codo"),
     "wrist": ("handgelenk", "poignet", "polso", "muneca"),
 }
+JOINT_LISTS = ("name", "names", "joint_name", "joint_names")
+"""What arrays, columns and topics call the names of their joints."""
 _LETTERED_AXES = ("slurbt", "sleurbt")  # base to tool
 _JOINT_WORD = re.compile(
     r"(?<![a-z])(joint|jnt|axis|motor|actuator|drive|servo|[jaq])[^a-z0-9]*$", re.I
@@ -101,6 +103,11 @@ def matched_joints(
             remedy = f"choose one with --log-format {PREFIX}{prefixes[0]}, {DESCRIBE}"
             raise InputError(path, source or "joints", problem, remedy)
     return None
+
+
+def is_joint_list(name: str) -> bool:
+    """Whether a column, an array or a key by its last word lists the names of joints."""
+    return re.split(r"[/.]", name)[-1].lower() in JOINT_LISTS
 
 
 def is_nameless(log_joints: Sequence[str]) -> bool:

@@ -100,8 +100,9 @@ def _clock(column: int, name: str) -> _Clock | None:
     word = stem.lower()
     if word in _PLAIN_WORDS:
         return _Clock(0, column, unit or _UNITS_BY_WORD.get(word, ""))
-    if _UNIT_ALONE.fullmatch(name.strip()):
-        return _Clock(2, column, unit_of(name))
+    for part in (name.strip(), stem):  # ms; ns [ns]
+        if _UNIT_ALONE.fullmatch(part):
+            return _Clock(2, column, unit_of(part))
     for rank, part in ((1, stem), (2, re.split(r"[/.:]", stem)[-1])):  # robot_time; log.stamp
         split = re.sub(r"([a-z])([A-Z])", r"\1 \2", part).lower()
         words = set(re.findall(r"[^\W\d_]+\d?", split))

@@ -104,3 +104,23 @@ def test_objects_of_joints_are_put_in_the_robots_order(tmp_path: Path) -> None:
     log = read_recording(path, None, robot, check=False)  # type: ignore[arg-type]
     np.testing.assert_array_equal(log.q, Q)
     np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
+
+
+@pytest.mark.parametrize("kind", ["json", "npz"])
+def test_joints_that_a_file_lists_once_are_put_in_the_robots_order(
+    tmp_path: Path, kind: str
+) -> None:
+    arrays = {"t": T, "q": Q[:, ::-1], "i": np.tile([2.0, 1.0], (60, 1))}
+    names = ["elbow", "shoulder"]
+    path = tmp_path / f"log.{kind}"
+    if kind == "npz":
+        np.savez(path, joint_names=np.array(names), **arrays)  # type: ignore[arg-type]
+    else:
+        lists = {name: array.tolist() for name, array in arrays.items()}
+        path.write_text(json.dumps({"joint_names": names, "data": lists}))
+    robot = SimpleNamespace(joint_names=("shoulder", "elbow"), num_joints=2, name="two",
+                            q_offset=np.zeros(2), velocity_limit=np.full(2, np.inf),
+                            chain=SimpleNamespace(prismatic=np.zeros(2, bool)))  # fmt: skip
+    log = read_recording(path, None, robot, check=False)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(log.q, Q)
+    np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
