@@ -19,7 +19,7 @@ import pandas as pd
 import pyarrow as pa
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.layouts.signal_words import column_name
+from wrenchsight.models.recordings.layouts.signal_words import column_name, names_quantity_alone
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.log_container import LogTable
 from wrenchsight.models.recordings.parquet_table import ConvertedTable, ParquetTable
@@ -95,7 +95,7 @@ def _long_columns(names: Sequence[str]) -> _LongColumns | None:
     values = [
         k
         for k, name in enumerate(names)
-        if column_name(name).quantity and not column_name(name).words and k not in times
+        if names_quantity_alone(column_name(name)) and k not in times
     ]
     return _LongColumns([joint], times, values) if joint is not None and values else None
 
@@ -126,11 +126,15 @@ def _frame(table: TextTable | ParquetTable, num_rows: int | None = None) -> pd.D
         frame = table.frame(num_rows)
     else:
         text = table.text(_LARGEST_TABLE, num_rows)
-        frame = pd.read_csv(
-            io.BytesIO(text), sep=table.separator, header=None, names=range(table.num_columns),
-            decimal=table.decimal_mark, skipinitialspace=True, index_col=False,
-            on_bad_lines="skip", low_memory=False, comment="#",
-        )  # fmt: skip
+        try:
+            frame = pd.read_csv(
+                io.BytesIO(text), sep=table.separator, header=None, names=range(table.num_columns),
+                decimal=table.decimal_mark, skipinitialspace=True, index_col=False,
+                on_bad_lines="skip", low_memory=False, comment="#", encoding_errors="replace",
+            )  # fmt: skip
+        except ValueError as error:  # also pandas' own, such as of quotes that do not end
+            problem = f"cannot be read as a table ({' '.join(str(error).split())[:200]})"
+            raise InputError(table.path, "", problem, "correct or remove the line") from error
     frame.columns = pd.RangeIndex(len(frame.columns))
     return frame
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wrenchsight.models.robot.limited_child import limit_process
 
 MEMORY_LIMIT: Final = 3 << 30  # bytes of addresses, of which the libraries take a third
+_MOST_ELEMENTS: Final = 256  # of an array of structures
 _MOST_DEPTH: Final = 4  # of structures within structures
 
 
@@ -32,10 +33,23 @@ def _numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, NDArray[A
     if array.dtype.names and array.size == 1 and depth < _MOST_DEPTH:
         for field in array.dtype.names:
             yield from _numbers(f"{name}.{field}", array.reshape(-1)[0][field], depth + 1)
+    elif array.dtype.names and array.size <= _MOST_ELEMENTS and depth < _MOST_DEPTH:
+        for k, element in enumerate(array.reshape(-1)):  # such as the signals of a Simulink scope
+            label = str(np.asarray(element["label"]).ravel()[0]) if _has_label(element) else ""
+            for field in array.dtype.names:
+                yield from _numbers(f"{name}.{label or k + 1}.{field}", element[field], depth + 1)
     elif array.dtype.kind in "iufb" and array.ndim == 2 and array.size:
         yield name, array
     elif array.dtype.kind == "U" and array.ndim == 1 and array.size > 1:  # such as dates
         yield name, array[:, None]
+
+
+def _has_label(element: Any) -> bool:
+    """Whether an element of a structure has a text that labels it."""
+    if "label" not in (element.dtype.names or ()):
+        return False
+    label = np.asarray(element["label"])
+    return label.dtype.kind == "U" and label.size == 1
 
 
 if __name__ == "__main__":

@@ -146,6 +146,8 @@ class ParquetTable:
                 rows = batch.slice(max(0, 1 - begin)).slice(0, self.num_rows + 1 - max(begin, 1))
                 begin += batch.num_rows
                 for words, row in self._words(rows, names):
+                    if words == ["None"]:  # a row of another topic
+                        continue
                     first = first or words
                     if words != first:
                         place = f"row {begin - batch.num_rows + row}"
@@ -271,6 +273,12 @@ class ParquetTable:
 
     def _numbers(self, column: pa.Array, name: str, width: int, row: int) -> Array:
         """(N, width) numbers of a column of the file."""
+        if _is_list(column.type) and column.null_count:  # rows of another topic
+            numbers = np.full((len(column), width), np.nan)
+            is_there = column.is_valid().to_numpy(zero_copy_only=False)
+            if is_there.any():
+                numbers[is_there] = self._numbers(column.drop_null(), name, width, row)
+            return numbers
         size = len(column)
         while _is_list(column.type):
             counts = pc.fill_null(pc.list_value_length(column), -1).to_numpy(zero_copy_only=False)
@@ -316,9 +324,9 @@ class ParquetTable:
         ]
         widths = dict.fromkeys(self._types, 1)
         if lists:
-            top_row = next(file.iter_batches(1, columns=lists))
+            top_rows = next(file.iter_batches(_BATCH_ROWS, columns=lists))
             for name in lists:
-                column = top_row.column(name)
+                column = top_rows.column(name).drop_null().slice(0, 1)
                 while _is_list(column.type):
                     column = column.flatten()
                 widths[name] = len(column)

@@ -5,7 +5,8 @@
 - Quoted cells behind a blank: `"time", "q1"`; numbers with their unit in the cell: `13.7 deg`.
 - Lines that end with two carriage returns, as Python's csv writes them on Windows, or with one
   alone.
-- Messages as `ros2 topic echo` prints them (`echo_text`).
+- Messages as `ros2 topic echo` prints them (`echo_text`), and lines that name each number
+  (`key_values`).
 - Exports of TwinCAT Scope (Beckhoff TE13xx): a block of lines with label and value of each channel
   (Name;Position;Name;Current, then SymbolName, Data-Type, ..), and rows with a time in ms and a
   value of each channel.
@@ -25,6 +26,7 @@ from typing import BinaryIO, Final
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.recordings.echo_text import is_echo, table_of_echo
+from wrenchsight.models.recordings.key_values import are_key_values, table_of_pairs
 from wrenchsight.models.recordings.text_head import table_head
 
 _UTF_16: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
@@ -87,6 +89,11 @@ class PlainCopy:
             if is_echo(head):
                 self.notices.append("read as messages that `ros2 topic echo` has printed")
                 parts, change = table_of_echo(_whole_lines(parts)), str
+            elif _names_each_number(head):
+                self.notices.append(
+                    "read as lines that name each number; the first gives the names"
+                )
+                parts, change = table_of_pairs(_whole_lines(parts)), str
             for part in parts if change is None else map(change, _whole_lines(parts)):
                 target.write(part.encode())
 
@@ -102,8 +109,13 @@ def is_plain(path: Path) -> bool:
             return False
         head = file.read(_HEAD_BYTES).decode("utf-8", "replace")
     head = head.removeprefix("\ufeff")
-    is_changed = _change_of_lines(head) is not None or is_echo(head)
+    is_changed = _change_of_lines(head) is not None or is_echo(head) or _names_each_number(head)
     return _plain_scope_head(head) is None and not is_changed
+
+
+def _names_each_number(head: str) -> bool:
+    """Whether the lines of a text are pairs of names and numbers; the last line may be cut off."""
+    return are_key_values(head.splitlines()[:_MOST_HEAD_LINES][:-1])
 
 
 def _encoding(file: BinaryIO) -> str:

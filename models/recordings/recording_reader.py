@@ -2,6 +2,7 @@
 
 import difflib
 import re
+import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
@@ -92,6 +93,8 @@ from wrenchsight.models.recordings.wrapped_angles import Unwrapper
 from wrenchsight.models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
+_SENTINELS = [10.0**digits - 1.0 for digits in range(3, 10)]  # 999, 9999, ..: no number
+_SENTINEL_RATIO = 100.0  # times the largest other number of a column
 _BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 read as seconds have a message of their own
 _EFFORT_EPISODES = 8  # of a data set, from which the unit of its effort is decided
 _SETTLED_CHUNKS = 8  # of a log, in which a joint moves or none does
@@ -242,6 +245,7 @@ class RecordingReader:
             )
         self._check_num_joints()
         self._settle_time_unit()
+        self._leave_out_empty_signals()
         self._settle_velocities()
         if log.torque_is_effort:
             self._settle_effort_unit()
@@ -313,6 +317,23 @@ class RecordingReader:
                 self._replace_signals({"t": scaled})
                 step = float(np.median(np.diff(chunk.t)))
                 self._notices.append(f"time is read in {unit}: its median step is {step:g}")
+
+    def _leave_out_empty_signals(self) -> None:
+        """Takes velocities, currents and torques out of which no number is there."""
+        for name, word in (("v", "velocities"), ("current", "currents"), ("tau_J", "torques")):
+            signal = self.layout.signal(name)
+            if signal is None or signal.may_be_empty:
+                continue
+            columns = sorted(signal.columns)
+            with suppress(InputError):
+                blocks = list(islice(self._blocks(columns, columns), _EFFORT_CHUNKS))
+                if blocks and not any(np.isfinite(values).any() for values, _ in blocks):
+                    self._leave_out(name)
+                    if name != "v":
+                        self._torque_substitute = f"its {word} hold no number, or NaN only"
+                    self._notices.append(
+                        f"the {word} are left out: they hold no number, or NaN only"
+                    )
 
     def _settle_velocities(self) -> None:
         """Differentiates the positions where the log holds no velocities, or idle ones."""
@@ -418,6 +439,8 @@ class RecordingReader:
                 if self._torque_substitute:
                     problem += f"; {self._torque_substitute}"
                 remedy = "name their columns in the description"
+                if "hold no number" in self._torque_substitute:
+                    remedy = "have the driver fill them, or record the motor currents"
                 if isinstance(self.table, RosbagTable):
                     problem += f" in messages that are read ({', '.join(KINDS)})"
                     problem += self.table.others()
@@ -509,10 +532,16 @@ class RecordingReader:
         self._stamps = StampFilter()
         is_wrapped = position is not None and position.wrap != ""
         self._angles = Unwrapper(self._robot, is_wrapped)
-        # The table refuses a row without its time. What else is missing is dealt with here: a
-        # sample that lacks a mandatory number is left out, of others the number stays NaN.
-        may_be_empty = {*used_columns} - {*time_columns}
-        for values, rows in self._blocks(used_columns, may_be_empty):
+        # A row without any number, as of another topic, is none. A sample that lacks a mandatory
+        # number is left out, of others the number stays NaN.
+        for values, rows in self._blocks(used_columns, {*used_columns}):
+            self._take_sentinels_out(values)
+            is_blank = np.isnan(values).all(axis=1)
+            if is_blank.any():
+                values, rows = values[~is_blank], rows[~is_blank]
+            if not len(values):
+                continue
+            self._refuse_missing_time(values, rows, used_columns, time_columns)
             is_missing = np.isnan(values) & is_mandatory
             if is_missing.any():
                 values, rows = self._without_missing(values, rows, is_missing, used_columns)
@@ -526,6 +555,37 @@ class RecordingReader:
         last_samples = self._stamps.rest()  # one sample at most: it has no angle to unwrap
         if last_samples is not None:
             yield last_samples
+
+    def _take_sentinels_out(self, values: Array) -> None:
+        """Sets numbers to NaN that stand for a missing one: -99999, far beyond all others."""
+        size = np.abs(values)
+        is_sentinel = np.isin(size, _SENTINELS)
+        if is_sentinel.any():
+            others = np.where(is_sentinel, np.nan, size)
+            with warnings.catch_warnings():  # a column of sentinels alone
+                warnings.simplefilter("ignore", RuntimeWarning)
+                largest = np.nan_to_num(np.nanmax(others, axis=0))
+            values[is_sentinel & (size > _SENTINEL_RATIO * largest)] = np.nan
+
+    def _refuse_missing_time(
+        self,
+        values: Array,
+        rows: NDArray[np.int64],
+        used: Sequence[int],
+        time_columns: Sequence[int],
+    ) -> None:
+        """Refuses a row that has numbers, but lacks its time; arguments as `_recording`."""
+        for column in time_columns:
+            lacks = np.isnan(values[:, list(used).index(column)])
+            if lacks.any():
+                name = self.layout.column_names[column]
+                row = f"{self.table.row_word} {rows[int(np.argmax(lacks))]}"
+                place = (
+                    f"column {column + 1} ({name})" if row.startswith("line") else f"column {name}"
+                )
+                problem = "is empty, expected a number"
+                remedy = "correct or remove the line; a short gap is bridged"
+                raise InputError(self.path, f"{row}, {place}", problem, remedy)
 
     def _without_missing(
         self, values: Array, rows: NDArray[np.int64], is_missing: NDArray[np.bool_], used: list[int]
@@ -615,7 +675,9 @@ class RecordingReader:
         robot, size = self._robot, self.num_joints
         if robot is not None and size and size != robot.num_joints:
             problem = f"holds {size} joints, but {robot.name} has {robot.num_joints}"
-            remedy = "give the robot that the log comes from, " + _DESCRIBE
+            remedy = "give the robot that the log comes from; a gripper's column is left out by a "
+            remedy += f'description, such as position: {{columns: "q{{1..{robot.num_joints}}}"}} '
+            remedy += "(--log-format)"
             raise InputError(self.path, "columns", problem, remedy)
 
     def _further_signals(self, table: LogTable) -> tuple[Signal, ...]:

@@ -30,6 +30,7 @@ COARSE_CLOCK = 0.1  # share of repeated times above which the clock is too coars
 _PLAUSIBLE_STEP = (1e-5, 0.25)  # s, least and most of a log of motor currents
 _REQUESTED_STEP = (1e-5, 1.0)  # s, least and most that may be requested
 LONGEST_BRIDGE = 60.0  # s, longest gap that may be bridged on request
+_LARGE_TIME = 1e6  # s, such as since 1970: its milliseconds need more digits
 _MOST_POINTS = 1 << 20  # grid points of one chunk; with more the step is far too small
 
 
@@ -222,10 +223,10 @@ def time_error(recording: Recording, sample: int) -> InputError:
     """The error for a sample whose time is not later than that of the sample before it."""
     previous, current = recording.t[sample - 1], recording.t[sample]
     problem = f"time repeats {previous:.9g} s, expected to increase"
+    digits = 9 if abs(previous) < _LARGE_TIME else 13
     if current != previous:
-        problem = (
-            f"time runs backwards from {previous:.9g} s to {current:.9g} s, expected to increase"
-        )
+        problem = f"time runs backwards from {previous:.{digits}g} s to {current:.{digits}g} s"
+        problem += ", expected to increase"
     remedy = "remove the repeated rows, or split the log there"
     is_long = recording.num_samples > 2 / COARSE_CLOCK
     if is_long and np.mean(np.diff(recording.t) == 0) > COARSE_CLOCK:

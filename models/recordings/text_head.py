@@ -20,7 +20,7 @@ MOST_HEAD_LINES: Final = 200
 """Lines of a text among which the first rows of its table are; a logger writes fewer above it."""
 # What stands for a missing number, also in pandas and in databases.
 NAN_CELLS: Final = ("nan", "NaN", "NAN", "-nan", "-nan(ind)", "null", "NULL", "None", "N/A", "n/a",
-                    "NA", "#N/A", "<NA>", "-")  # fmt: skip
+                    "NA", "#N/A", "<NA>", "-", ".nan", ".NaN", ".NAN")  # fmt: skip
 _SEPARATORS: Final = (";", "\t", "|", ",", " ")  # the earlier one where two fit alike
 # Unambiguous, so that it does not backtrack: a cell may have a hundred thousand digits.
 _NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")

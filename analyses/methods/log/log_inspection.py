@@ -31,6 +31,7 @@ from wrenchsight.models.recordings.packed_file import UnpackedFile, is_packed
 from wrenchsight.models.recordings.parquet_table import ConvertedTable, ParquetTable
 from wrenchsight.models.recordings.plausibility.raw_words import RawWords
 from wrenchsight.models.recordings.rated_table import RatedTable
+from wrenchsight.models.recordings.recording_format import TAU_EXT
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import resample_chunks
 from wrenchsight.models.recordings.rosbag.table import RosbagTable
@@ -165,6 +166,11 @@ def _inspected(path: Path, settings: LogSettings, robot: Robot | None) -> Inspec
         notices.append(
             f"{signal} looks like words of {encoding.bits} bits without a sign: encoding: "
             f"{encoding.encoding} in the draft"
+        )
+    signals = {signal.name for signal in reader.layout.signals}
+    if "q" in signals and signals.isdisjoint(("current", "tau_J", TAU_EXT)):
+        notices.append(
+            "it holds positions, but no motor currents or torques, from which a wrench is read"
         )
     # Hypotheses only of a log that the reader's checks let pass: one problem is named.
     problem = _contradiction(path, settings, robot)

@@ -31,6 +31,7 @@ from wrenchsight.models.recordings.layouts.joint_names import (
 from wrenchsight.models.recordings.layouts.signal_words import (
     ColumnName,
     column_name,
+    is_commanded,
     is_measured,
     name_tokens,
     without_joint_words,
@@ -92,7 +93,8 @@ def column_words_layout(
     time = _time(names, row_words)
     if time is None:
         return None
-    series = signal_columns(names, path, joint_names, words)
+    listed = _joints_in_rows(names, row_words)
+    series = signal_columns(names, path, joint_names, words, len(listed))
     drives = {"current", "motor_torque"}
     names_drives = not drives.isdisjoint(column_name(name).quantity for name in names)
     # Positions and velocities alone are read, too: who needs currents says so.
@@ -105,7 +107,7 @@ def column_words_layout(
     series = {key: signal for key, signal in series.items() if len(signal.columns) == num_joints}
     if needed.isdisjoint(series):
         return None
-    order = _order_in_rows(names, num_joints, path, row_words, joint_names, words)
+    order = _order_in_rows(listed, num_joints, path, joint_names, words)
     form = RecordingFormat(time=time)
     used_columns = set(column_numbers(time))
     assignments = [f"{', '.join(names[column] for column in column_numbers(time))} as time"]
@@ -167,15 +169,8 @@ def _further_arrays(names: Sequence[str], used: set[int]) -> dict[str, SignalCol
     }
 
 
-def _order_in_rows(
-    names: Sequence[str],
-    num_joints: int,
-    path: Path,
-    row_words: RowWords,
-    joint_names: Sequence[str] | None,
-    words: LogWords,
-) -> JointOrder:
-    """The robot's joints among those that the rows name; as they stand where the rows name none."""
+def _joints_in_rows(names: Sequence[str], row_words: RowWords) -> list[str]:
+    """The joints that the rows name, in their order; none where they name none."""
     listed = [column for column, name in enumerate(names) if is_joint_list(name)]
     entries: dict[int, int] = {}
     for column, name in enumerate(names):
@@ -183,13 +178,29 @@ def _order_in_rows(
             match = pattern.fullmatch(name)
             if match and is_joint_list(match["word"]):
                 entries[int(match["number"])] = column
-    in_log_order = JointOrder(list(range(num_joints)), [])
     if not entries and len(listed) != 1:
-        return in_log_order
+        return []
     joints = list(row_words([entries[k] for k in sorted(entries)] or listed))
+    return joints if entries or len(joints) > 1 else []  # else a name of the row
+
+
+def _order_in_rows(
+    joints: Sequence[str],
+    num_joints: int,
+    path: Path,
+    joint_names: Sequence[str] | None,
+    words: LogWords,
+) -> JointOrder:
+    """The robot's joints among those that the rows name; as they stand where the rows name none.
+
+    Args:
+        joints: that the rows name.
+        num_joints: columns of each quantity.
+        path, joint_names, words: as `column_words_layout`.
+    """
+    if not joints:
+        return JointOrder(list(range(num_joints)), [])
     if len(joints) != num_joints:
-        if len(joints) < num_joints and not entries:
-            return in_log_order  # a name of the row, not of its joints
         problem = f"names {len(joints)} joints in a row, but holds {num_joints} positions"
         raise InputError(path, "joints", problem, "write one name for each position")
     order = joint_order(joints, path, joint_names, words)
@@ -222,6 +233,7 @@ def signal_columns(
     path: Path,
     joint_names: Sequence[str] | None,
     words: LogWords,
+    num_listed: int = 0,
 ) -> dict[str, JointColumns]:
     """The columns of all joints by quantity: position, velocity, current, motor_torque.
 
@@ -229,10 +241,12 @@ def signal_columns(
 
     Args:
         names, path, joint_names, words: as `column_words_layout`.
+        num_listed: joints that the rows name, a gripper's among them; 0: they name none.
 
     Raises:
         InputError: as `matched_joints`.
     """
+    num_joints = num_listed or (0 if joint_names is None else len(joint_names))
     by_quantity: dict[str, list[_Column]] = {}
     bare: list[_Column] = []  # names of a joint without a word for a quantity
     clocks = clock_numbers(names)  # t_pos is none of the positions
@@ -249,7 +263,7 @@ def signal_columns(
     joint_columns: dict[str, JointColumns] = {}
     for quantity in _QUANTITIES:
         columns = by_quantity.get(quantity, [])
-        match = _numbered(columns, joint_names, quantity) or _named(
+        match = _numbered(columns, num_joints, quantity) or _named(
             columns, joint_names, path, words
         )
         if match is None:
@@ -263,20 +277,20 @@ def signal_columns(
 
 
 def _numbered(
-    columns: Sequence[_Column], joint_names: Sequence[str] | None, quantity: str
+    columns: Sequence[_Column], num_joints: int, quantity: str
 ) -> tuple[list[int], str] | None:
     """The only series of columns that count through the joints, from 0 or 1 on.
 
     Of several one that is called measured is the only one, and of positions and velocities then
-    one that is not the motors'. Without a robot the longest series count.
+    one that is not the motors'. Where the number of joints is not known (0) the longest count.
     """
     series = _series(columns)
     complete = {
         stem: entries
         for stem, entries in series.items()
-        if _counts(entries) and (joint_names is None or len(entries) == len(joint_names))
+        if _counts(entries) and num_joints in (0, len(entries))
     }
-    if joint_names is None:
+    if not num_joints:
         longest = max((len(entries) for entries in complete.values()), default=0)
         complete = {stem: x for stem, x in complete.items() if len(x) == longest > 1}
     of_place = {column.place: column.name for column in columns}
@@ -285,10 +299,22 @@ def _numbered(
     if quantity in ("position", "velocity"):
         of_joints = {stem: x for stem, x in complete.items() if "motor" not in stem}
         complete = of_joints or complete
+    complete = _unqualified(complete) or complete
     if len(complete) != 1:
         return None
     (entries,) = complete.values()
     return [entries[k] for k in sorted(entries)], ""
+
+
+def _unqualified(
+    complete: Mapping[tuple[str, ...], dict[int, int]],
+) -> dict[tuple[str, ...], dict[int, int]]:
+    """Of q_1.. and q_raw_1.. the first: the series all of whose words the others have, too."""
+    return {
+        stem: entries
+        for stem, entries in complete.items()
+        if all({*stem} < {*other} for other in complete if other != stem)
+    }
 
 
 def _series(columns: Sequence[_Column]) -> dict[tuple[str, ...], dict[int, int]]:
@@ -361,11 +387,17 @@ def _refuse_doubt(
         key = "position" if column.is_bare else column.quantity
         if key and (column.words or not column.is_bare):
             columns_of.setdefault(key, []).append(_Column(place, column))
+    commanded = [name for name in names if is_commanded(name)]
+    if commanded and "position" not in columns_of:
+        problem = f"names commanded values only ({_listed(commanded)}), no measured position"
+        remedy = "record the measured positions, and currents or torques (actual_q, actual_current)"
+        raise InputError(path, "header", problem, remedy)
     doubtful = [key for key in ("position", "current", "motor_torque")
                 if key in columns_of and key not in found]  # fmt: skip
     drives = {"current", "motor_torque"}
     if "position" in columns_of and drives.isdisjoint(columns_of):
-        match = _numbered(columns_of["position"], joint_names, "position")
+        num_joints = 0 if joint_names is None else len(joint_names)
+        match = _numbered(columns_of["position"], num_joints, "position")
         if match is None and "position" in doubtful:
             raise _doubt_of("position", columns_of["position"], names, joint_names, path)
         places = found["position"].columns if match is None else match[0]
@@ -399,7 +431,12 @@ def _doubt_of(
         problem += f"{len(joint_names)} joints"
         remedy = f"give the robot that the log comes from, {DESCRIBE}"
         return InputError(path, "header", problem, remedy)
-    problem = f"names {words}s that are not one for each joint of the robot, by number or name: "
+    plural = words.replace("velocity", "velocitie") + "s"
+    if joint_names is not None and len(columns) < len(joint_names):
+        problem = f"names {len(columns)} {plural} ({listed}), but the robot has {len(joint_names)} "
+        problem += f"joints: {', '.join(joint_names)}"
+        return InputError(path, "header", problem, f"record all of its joints, {DESCRIBE}")
+    problem = f"names {plural} that are not one for each joint of the robot, by number or name: "
     problem += listed
     remedy = f"leave one for each joint and call it {words} 1.. from base to tool, {DESCRIBE}"
     return InputError(path, "header", problem, remedy)

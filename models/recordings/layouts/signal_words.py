@@ -37,6 +37,25 @@ _ASIDE = {  # words of what is no measured signal of a joint
     "temperatur", "spannung", "drehzahl", "rpm", "schleppfehler", "consigne", "consigna",
     "objetivo", "目标", "指令", "设定", "期望", "温度", "电压", "误差", "目標",
 }  # fmt: skip
+_COMMANDED = {
+    "target",
+    "desired",
+    "des",
+    "cmd",
+    "command",
+    "commanded",
+    "goal",
+    "ref",
+    "reference",
+    "setpoint",
+    "soll",
+    "sollwert",
+    "consigne",
+    "consigna",
+    "objetivo",
+    "目标",
+    "指令",
+}
 _AXIS_WORDS = {
     "joint", "joints", "jnt", "j", "jt", "axis", "axes", "ax", "a", "rax", "achse", "gelenk", "axe",
     "articulation", "asse", "giunto", "eje", "articulacion", "junta", "eixo", "关节", "轴", "軸",
@@ -44,7 +63,7 @@ _AXIS_WORDS = {
 }  # fmt: skip
 _VALUE_WORDS = {"actual", "act", "measured", "meas", "msr", "real", "ist", "feedback", "fb", "fbk",
                 "wert", "istwert", "value", "mesure", "misurato", "medido", "实际",
-                "反馈", "当前"}  # fmt: skip
+                "反馈", "当前", "pres", "present"}  # fmt: skip
 _MEASURED = (_AXIS_WORDS - {"j", "jt", "a"}) | _VALUE_WORDS | {"motor", "raw"}
 _PROGRAM_WORDS = {
     # of KUKA's sensor interface: axes' actual and set positions, motor currents
@@ -53,6 +72,9 @@ _PROGRAM_WORDS = {
     "MACur": "motor cur",
     # of ODrive: its current controller's measured current
     "current_control.Iq_measured": "Iq",
+    # objects of CiA 402: torque and current in per mille of the rated ones
+    "6077": " torque permille ",
+    "6078": " current permille ",
     # of LeRobot's data sets
     "observation.state": "position",
 }
@@ -127,6 +149,17 @@ def column_name(name: str) -> ColumnName:
 def is_signal_word(token: str) -> bool:
     """Whether a word, or a number, may be of the name of a joint's signal."""
     return token.isdigit() or token in _AXIS_WORDS or any(token in x for x in QUANTITIES.values())
+
+
+def is_commanded(name: str) -> bool:
+    """Whether a column is a quantity that a controller commands: target_q_0."""
+    tokens = set(name_tokens(name[:_MAX_NAME]))
+    return bool(tokens & _COMMANDED) and any(tokens & words for words in QUANTITIES.values())
+
+
+def names_quantity_alone(column: ColumnName) -> bool:
+    """Whether a name is a quantity and no joint: position, actual_speed, motor current."""
+    return bool(column.quantity) and set(column.words) <= _MEASURED
 
 
 def is_measured(column: ColumnName) -> bool:

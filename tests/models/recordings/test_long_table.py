@@ -54,8 +54,10 @@ def _by_both() -> pd.DataFrame:
 @pytest.mark.parametrize(
     "table",
     [lambda: _by_joint(list(_JOINTS)), lambda: _by_joint([1, 2, 3], "Axis ID"),
-     lambda: _by_joint(["A1", "A2", "A3"], "name"), _by_signal, _by_both],
-    ids=["names", "numbers", "axes", "signals", "joints-and-signals"],
+     lambda: _by_joint(["A1", "A2", "A3"], "name"),
+     lambda: _by_joint([1, 2, 3], "ID").rename(columns={"current": "present motor current"}),
+     _by_signal, _by_both],
+    ids=["names", "numbers", "axes", "measured", "signals", "joints-and-signals"],
 )  # fmt: skip
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_rows_of_one_stamp_are_a_sample(

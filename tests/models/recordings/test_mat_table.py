@@ -38,6 +38,20 @@ def test_variables_are_read_by_their_names(tmp_path: Path, kind: str, compressed
     np.testing.assert_array_equal(recording.current, _I)
 
 
+def test_labelled_signals_of_a_scope_are_read(tmp_path: Path) -> None:
+    """As Simulink saves a "structure with time"."""
+    signals = np.zeros((1, 3), dtype=[("values", object), ("label", object)])
+    for k, (label, values) in enumerate((("q", _Q), ("qd", _V), ("I", _I))):
+        signals[0, k] = (values, label)
+    path = tmp_path / "scope.mat"
+    savemat(path, {"ScopeData": {"time": _T[:, None], "signals": signals}})
+    recording = read_recording(path)
+    np.testing.assert_array_equal(recording.t, _T)
+    np.testing.assert_array_equal(recording.q, _Q)
+    np.testing.assert_array_equal(recording.v, _V)
+    np.testing.assert_array_equal(recording.current, _I)
+
+
 def test_damaged_and_large_files_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

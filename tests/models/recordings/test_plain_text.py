@@ -160,3 +160,36 @@ def test_an_export_of_twincat_scope_is_read(tmp_path: Path) -> None:
         'current: {columns: "GVL.fActCurrent_J{1..2}"}\n'
     )
     _same(read_recording(path, description))
+
+
+def _message(t: float, names: list[str], **lists: list[float]) -> str:
+    stamp = f"header:\n  stamp:\n    sec: 50\n    nanosec: {round(t * 1e9)}\n"
+    texts = {"name": names} | lists
+    return stamp + "".join(f"{key}: {x}\n" for key, x in texts.items()) + "---\n"
+
+
+def test_printed_messages_of_another_publisher_are_left_out(tmp_path: Path) -> None:
+    """Without velocity and effort, and with the joints in another order."""
+    path = tmp_path / "log.txt"
+    text = ""
+    for t, row in zip(T, TABLE, strict=True):
+        q, v, effort = row.reshape(3, 2).tolist()
+        text += _message(t, ["joint_1", "joint_2"], position=q, velocity=v, effort=effort)
+        text += _message(t + 0.004, ["joint_2", "joint_1"], position=[0.0, 0.0], velocity=[])
+    path.write_text(text)
+    log = read_recording(path, "effort-in-newton-metres")
+    np.testing.assert_allclose(log.t, 50.0 + T, rtol=0, atol=1e-9)
+    assert log.tau_J is not None
+    np.testing.assert_array_equal(np.c_[log.q, log.v, log.tau_J], TABLE)
+    assert any("lack a number: 40" in notice for notice in log.notices)
+
+
+def test_printed_names_may_be_those_of_interfaces(tmp_path: Path) -> None:
+    names = [f"joint_{j}/{word}" for j in (1, 2) for word in ("position", "velocity", "effort")]
+    numbers = TABLE.reshape(-1, 3, 2).transpose(0, 2, 1).reshape(-1, 6)  # joint by joint
+    path = tmp_path / "log.txt"
+    path.write_text("".join(_message(t, names, position=row.tolist())
+                            for t, row in zip(T, numbers, strict=True)))  # fmt: skip
+    log = read_recording(path, "effort-in-newton-metres")
+    assert log.tau_J is not None
+    np.testing.assert_array_equal(np.c_[log.q, log.v, log.tau_J], TABLE)

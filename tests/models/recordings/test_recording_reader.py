@@ -852,6 +852,37 @@ def test_a_sample_with_an_empty_cell_or_nan_is_left_out(tmp_path: Path, cell: st
     _refused(_csv(tmp_path, _HEADER, *lines), "line 12, column 1 (t)")
 
 
+def test_a_number_that_stands_for_none_is_missing(tmp_path: Path) -> None:
+    table = _table()
+    table[5, 6] = table[7, 1] = -99999.0
+    lines = [",".join(f"{x:.6f}" for x in row) for row in table]
+    log = read_recording(_csv(tmp_path, _HEADER, *lines))
+    assert log.num_samples == len(table) - 2
+    assert any("lack a number: 2 (first: line 7, i2)" in notice for notice in log.notices)
+
+
+def test_a_row_of_another_topic_is_none(tmp_path: Path) -> None:
+    """Without any number of the joints, and without their stamp; others need it."""
+    lines = [f"{line},\n,,,,,,,7.0" for line in _lines(_table())]
+    _same(read_recording(_csv(tmp_path, f"{_HEADER},load", *lines)), _table())
+    lines[3] = lines[3].replace("\n,,", "\n,1.5,")
+    path = _csv(tmp_path, f"{_HEADER},load", *lines)
+    _refused(path, "line 9, column 1 (t)", "is empty, expected a number")
+
+
+def test_velocities_and_torques_without_any_number_are_left_out(
+    tmp_path: Path, ur10e: Robot
+) -> None:
+    rows = np.c_[0.01 * np.arange(50), np.tile(np.linspace(0, 0.1, 50)[:, None], 6)]
+    header = "t," + ",".join(f"{x}{j}" for x in ("q", "v", "tau") for j in range(1, 7))
+    lines = [",".join([*map(repr, row.tolist()), *[".nan"] * 12]) for row in rows]
+    path = _csv(tmp_path, header, *lines)
+    log = read_recording(path, None, ur10e, check=False)
+    assert any("the velocities are left out" in notice for notice in log.notices)
+    with pytest.raises(InputError, match=r"its torques hold no number.*have the driver fill them"):
+        read_recording(path, None, ur10e, joint_signals=True)
+
+
 def test_a_column_without_any_number_is_named(tmp_path: Path) -> None:
     rows = [row.rsplit(",", 1)[0] + "," for row in _lines(_table())]
     _refused(_csv(tmp_path, _HEADER, *rows), "40 lack one, first line 2, i2")

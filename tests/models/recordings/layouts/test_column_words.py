@@ -133,6 +133,20 @@ def test_another_number_of_joints_is_told(tmp_path: Path, names: str, words: str
         read_recording(path, None, _ROBOT)
 
 
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["target_q_{j}", "target_qd_{j}"], "names commanded values only"),
+        (["shoulder.pos", "elbow.pos", "current_{j}"], "names 2 positions.*the robot has 3 joints"),
+    ],
+)
+def test_what_a_log_lacks_is_told(tmp_path: Path, names: list[str], words: str) -> None:
+    header = ["time"] + [x for name in names for x in (_joints(name) if "{" in name else [name])]
+    path = _csv(tmp_path, header, [_T] + [_Q[:, 0]] * (len(header) - 1))
+    with pytest.raises(InputError, match=words):
+        read_recording(path, None, _ROBOT)
+
+
 def test_a_measured_series_counts_beside_another_one(tmp_path: Path) -> None:
     header = ["time", *_joints("q_{j}"), *_joints("q_actual_{j}"), *_joints("motor_speed_{j}")]
     header += [*_joints("joint_speed_{j}"), *_joints("i_actual_{j}"), "speed_scaling"]
