@@ -25,7 +25,7 @@ _STAMP: Final = re.compile(r"\s(\d{10,19})\s*$")  # of InfluxDB's lines
 _MIN_PAIRS: Final = 3  # of a line
 _MIN_LINES: Final = 5
 _MOST_PAIRS: Final = 1000  # of a line
-_SHARE: Final = 0.8  # of the lines that must name the same
+_MIN_SHARE: Final = 0.8  # of the lines that must name the same
 
 
 def are_key_values(lines: Sequence[str]) -> bool:
@@ -36,7 +36,9 @@ def are_key_values(lines: Sequence[str]) -> bool:
     names = Counter(tuple(name for name, _ in _pairs(line)) for line in shown)
     most, count = names.most_common(1)[0]
     num_numbers = sum(bool(re.fullmatch(_NUMBER, value)) for _, value in _pairs(shown[-1]))
-    return len(most) >= _MIN_PAIRS and num_numbers >= _MIN_PAIRS and count >= _SHARE * len(shown)
+    return (
+        len(most) >= _MIN_PAIRS and num_numbers >= _MIN_PAIRS and count >= _MIN_SHARE * len(shown)
+    )
 
 
 def table_of_pairs(parts: Iterable[str]) -> Iterator[str]:

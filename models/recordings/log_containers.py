@@ -33,8 +33,12 @@ _PARQUET, _NPZ, _MAT = ParquetContainer(), NpzContainer(), MatContainer()
 _JSON, _YAML = JsonContainer(), YamlContainer()
 _ARROW, _SQLITE = ArrowContainer(), SqliteContainer()
 
-CONTAINERS: list[LogContainer] = [TEXT, _PARQUET, _NPZ, BAG, _MAT, _JSON, _ARROW, _SQLITE]
-"""A further kind is one line here, or one `CONTAINERS.append` in a user's program."""
+_BUILT_IN: Final = (TEXT, _PARQUET, _NPZ, BAG, _MAT, _JSON, _ARROW, _SQLITE)
+CONTAINERS: list[LogContainer] = [*_BUILT_IN]
+"""A further kind is one line here, or one `CONTAINERS.append` in a user's program.
+
+A file with the ending of a user's kind is of that kind, whatever its first bytes are.
+"""
 
 _HEAD_BYTES: Final = 1 << 12
 _KINDS_BY_MAGIC: Final[tuple[tuple[bytes, LogContainer], ...]] = (
@@ -61,7 +65,8 @@ def container_of(path: Path) -> LogContainer | None:
         return DATA_SETS
     suffix = path.suffix.lower()
     by_suffix = next((kind for kind in CONTAINERS if suffix in kind.suffixes), None)
-    if not path.is_file() or by_suffix is BAG:
+    is_users = by_suffix is not None and by_suffix not in _BUILT_IN
+    if is_users or by_suffix is BAG or not path.is_file():
         return by_suffix
     with opened(path, "a log") as file:
         head = file.read(_HEAD_BYTES)
