@@ -122,7 +122,8 @@ def _common_form(case: Case, guess: float) -> list[_Form]:
         slope = view.expected[case.at][:, :, None]  # N m for each unit of the logarithm
         fit = case.fit(view.with_columns(slope, np.array([COMMON_PRIOR_SD])))
         change, sd = float(fit.theta[0]), float(fit.sd[0])  # what `with_columns` adds comes first
-        log_gain += change
+        # A step that leaves the range ends at its limit: in another unit no gain is near 1.
+        log_gain = min(max(log_gain + change, -MAX_COMMON_LOG_GAIN), MAX_COMMON_LOG_GAIN)
         if abs(change) < _MAX_CHANGE_SDS * sd:
             break
     smallest = max(MIN_COMMON_LOG_GAIN, MIN_COMMON_STANDARD_ERRORS * sd)

@@ -259,6 +259,16 @@ def test_a_common_gain_is_named_beside_a_model_of_the_same_drives(
         assert stated == pytest.approx(1.0 / gain, rel=0.02)
 
 
+@pytest.mark.parametrize("gain", [1e3, 1e-3, 30.0])
+def test_another_unit_is_named_beside_a_model_of_the_same_drives(ur10e: Robot, gain: float) -> None:
+    """The fit of a gain near 1, which there is none of, ends within its range."""
+    log = motion(ur10e)
+    fault = judge_log([replace(log, current=gain * log.current)], ur10e, identified(ur10e)).fault
+    assert fault is not None
+    assert fault.name == "unit or gain of the drives"
+    assert np.array(fault.values["gain"]) == pytest.approx(gain, rel=0.2)
+
+
 def test_a_load_is_no_gain(ur10e: Robot) -> None:
     """It loads all joints, as a gain of the torques that hold the arm does."""
     log = motion(ur10e, force=np.array([0.0, 0.0, -9.81 * 0.5 * ur10e.payload]))
