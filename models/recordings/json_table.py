@@ -4,7 +4,8 @@
 
 One object a line, or one document of YAML (`---`) a sample; a list of objects, by itself or under a
 key; or one object of arrays over all samples. Objects within become columns state.mode, lists of
-objects joints.1.position; lists as `parquet_table` has them.
+objects joints.1.position; lists as `parquet_table` has them. Also what pandas writes in any of its
+orientations, and series of Prometheus and VictoriaMetrics: an object a series, with its stamps.
 """
 
 import json
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.json as pa_json
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened, read_limited
 from wrenchsight.models.recordings.layouts.joint_names import is_joint_list
+from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.parquet_table import ConvertedTable
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 
@@ -28,6 +31,7 @@ _BLOCK_BYTES: Final = 1 << 22
 _LARGEST_DOCUMENT: Final = 1 << 27  # bytes of a file that is read whole; one object a line is not
 _LARGEST_YAML: Final = 1 << 24  # bytes; PyYAML reads a megabyte a second
 _MIN_SAMPLES: Final = 10  # of arrays; shorter ones are those of one sample
+_FIRST_EPOCH_MS: Final = 1e11  # whole numbers from this on are milliseconds since 1970: from 1973
 _ONE_FORM: Final = "write one object a line, all with the same entries"
 _EXPECTED: Final = (
     "write one object a sample (a line each, or a list), or arrays over all samples by name"
@@ -67,7 +71,9 @@ class JsonTable(ConvertedTable):
             raise InputError(path, "", "is no JSON", "name the file by what it is, such as .csv")
         has_lines = begin.startswith(b"{") and _is_object(begin.split(b"\n")[0])
         try:
-            if has_lines and begin.count(b"\n") > 1:
+            if has_lines and _is_series(json.loads(begin.split(b"\n")[0])):
+                super().__init__(path, [_series_table(_objects(path), path)])
+            elif has_lines and begin.count(b"\n") > 1:
                 self.row_word = "line"
                 super().__init__(path, _lines(path))
             else:
@@ -162,11 +168,16 @@ def _table_of(document: Any, path: Path) -> pa.Table:
     """The samples of a document: a list of objects, or arrays by name, perhaps under a key.
 
     Raises:
-        InputError: it holds neither.
+        InputError: it holds neither, or a plan.
         pa.ArrowException: entries change their type.
     """
+    if _is_plan(document):
+        problem = "is a planned trajectory (points with time_from_start): nothing in it is measured"
+        raise InputError(path, "", problem, "record /joint_states while the robot drives it")
+    if isinstance(document, list) and document and all(_is_series(x) for x in document):
+        return _series_table(document, path)
     if isinstance(document, dict):
-        arrays = _arrays(document)
+        arrays = _of_pandas(document) or _arrays(document)
         if arrays:
             return arrays
         inner = [value for value in document.values() if isinstance(value, list | dict) and value]
@@ -175,6 +186,122 @@ def _table_of(document: Any, path: Path) -> pa.Table:
     if isinstance(document, list) and document and all(isinstance(x, dict) for x in document):
         return pa.Table.from_pylist(document)
     raise InputError(path, "", "holds neither samples nor arrays", _EXPECTED)
+
+
+def _is_plan(document: Any) -> bool:
+    """Whether a document is a trajectory_msgs/JointTrajectory, or holds one; or a list of them."""
+    if isinstance(document, list):
+        return bool(document) and all(isinstance(x, dict) and _is_plan(x) for x in document)
+    if not isinstance(document, dict):
+        return False
+    points = document.get("points")
+    if isinstance(points, list) and points:
+        return all(isinstance(point, dict) and "time_from_start" in point for point in points)
+    return any(_is_plan(value) for value in document.values() if isinstance(value, dict))
+
+
+def _is_series(document: Any) -> bool:
+    """Whether an object is a series of Prometheus or VictoriaMetrics."""
+    return (
+        isinstance(document, dict)
+        and isinstance(document.get("metric"), dict)
+        and isinstance(document.get("values"), list)
+    )
+
+
+def _objects(path: Path) -> list[Any]:
+    """The objects of a file of one a line, all at once.
+
+    Raises:
+        ValueError: it is no JSON.
+    """
+    remedy = "export fewer series or a shorter time"
+    content = read_limited(path, _LARGEST_DOCUMENT, "JSON with a series a line", remedy)
+    return [json.loads(line) for line in content.splitlines() if line.strip()]
+
+
+def _series_table(objects: list[Any], path: Path) -> pa.Table:
+    """The series as columns, a row for each stamp: named by their metric and what tells them apart.
+
+    VictoriaMetrics has stamps in ms beside the values, Prometheus pairs of stamps in s and texts.
+
+    Raises:
+        InputError: an object is no series, or two have one name.
+    """
+    if not all(_is_series(entry) for entry in objects):
+        raise InputError(path, "", "has lines that are no series beside series", _ONE_FORM)
+    keys = {key for entry in objects for key in entry["metric"] if key != "__name__"}
+    telling = sorted(
+        key for key in keys if len({str(entry["metric"].get(key)) for entry in objects}) > 1
+    )
+    columns: dict[str, pd.Series[Any]] = {}
+    for entry in objects:
+        labels = entry["metric"]
+        words = [*(labels.get(key, "") for key in telling), labels.get("__name__", "")]
+        name = " ".join(str(word) for word in words if word)
+        if name in columns:
+            problem = f"has two series {name}"
+            raise InputError(path, "", problem, "export one series for each joint and quantity")
+        stamps, values = entry.get("timestamps"), entry["values"]
+        if stamps is None:
+            stamps, values = zip(*values, strict=True) if values else ((), ())
+            stamps = [float(stamp) for stamp in stamps]
+        else:
+            stamps = [1e-3 * stamp for stamp in stamps]
+        columns[name] = pd.Series(pd.to_numeric(pd.Series(values), errors="coerce").array, stamps)
+    try:
+        frame = pd.concat(columns, axis=1).sort_index()
+    except ValueError as error:  # pandas' own
+        problem = "has a series with two values of one stamp"
+        raise InputError(path, "", problem, "export each sample once") from error
+    frame.insert(0, "t", frame.index)
+    return pa.Table.from_pandas(frame, preserve_index=False)
+
+
+def _of_pandas(document: Mapping[str, Any]) -> pa.Table | None:
+    """A table that pandas has written with its index; None where it is none of these.
+
+    orient="split" has the columns' names, the index and the rows; orient="columns" an object for
+    each column, with the index for keys; orient="index" one for each row. The index is a column of
+    time unless it counts the rows.
+    """
+    names, rows = document.get("columns"), document.get("data")
+    if isinstance(names, list) and isinstance(rows, list) and rows and isinstance(rows[0], list):
+        if any(not isinstance(row, list) or len(row) != len(names) for row in rows):
+            return None
+        columns = dict(zip(map(str, names), map(list, zip(*rows, strict=True)), strict=True))
+        return _indexed(columns, document.get("index"))
+    objects = list(document.values())
+    if not objects or not all(isinstance(x, dict) and x.keys() == objects[0].keys()
+                              for x in objects):  # fmt: skip
+        return None
+    if len(objects[0]) >= _MIN_SAMPLES and all(map(_is_index, objects[0])):
+        columns = {name: list(column.values()) for name, column in document.items()}
+        return _indexed(columns, list(objects[0]))
+    if len(objects) >= _MIN_SAMPLES and all(map(_is_index, document)):
+        return _indexed({name: [x[name] for x in objects] for name in objects[0]}, list(document))
+    return None
+
+
+def _is_index(key: str) -> bool:
+    """Whether a key is a number or a stamp that begins with one, as those of a pandas index."""
+    return key[:1].isdigit() or (key[:1] == "-" and key[1:2].isdigit())
+
+
+def _indexed(columns: Mapping[str, Any], index: Any) -> pa.Table | None:
+    """Columns with their index in front; without it where it counts, or there is a time already."""
+    count = len(next(iter(columns.values()), []))
+    if count < _MIN_SAMPLES:
+        return None
+    if not isinstance(index, list) or len(index) != count or time_columns(list(columns)):
+        return pa.table(dict(columns))
+    numbers = pd.to_numeric(pd.Series(index), errors="coerce").to_numpy(dtype=float)
+    if np.isnan(numbers).any():
+        return pa.table({"time": [str(stamp) for stamp in index], **columns})
+    if np.array_equal(numbers, numbers[0] + np.arange(count)):
+        return pa.table(dict(columns))
+    is_epoch_ms = (numbers >= _FIRST_EPOCH_MS).all() and (numbers == np.round(numbers)).all()
+    return pa.table({"time": 1e-3 * numbers if is_epoch_ms else numbers, **columns})
 
 
 def _joint_list(document: Any) -> tuple[str, ...]:

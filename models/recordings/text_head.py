@@ -226,6 +226,10 @@ def _find_names(head: TableHead, lines: Sequence[str], rows: Sequence[Sequence[s
         if not levels and not is_header:  # the only line of names may be one of another length
             is_header = len(cells) > max(1.0, _SHORT_HEADER * count) and not _is_row(cells)
             is_header &= not _COMMENT.match(lines[k]) and not broken
+        if levels and _COMMENT.match(lines[k]) and not _COMMENT.match(lines[top]):
+            # Above names without a mark, marked lines are remarks (InfluxDB's #datatype), unless
+            # the lower ones are units.
+            is_header &= _are_units(split_cells(lines[top], head.separator))
         if not is_header or levels == _MOST_LEVELS:
             break
         top, levels = k, levels + 1

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
@@ -124,3 +125,73 @@ def test_joints_that_a_file_lists_once_are_put_in_the_robots_order(
     log = read_recording(path, None, robot, check=False)  # type: ignore[arg-type]
     np.testing.assert_array_equal(log.q, Q)
     np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
+
+
+_STAMPS = pd.date_range("2024-01-01", periods=60, freq="10ms")
+
+
+@pytest.mark.filterwarnings("ignore:.*epoch")  # also what older versions of pandas write
+@pytest.mark.parametrize("orient", ["split", "columns", "index", "records", "table"])
+@pytest.mark.parametrize("index", [None, _STAMPS, T], ids=["counts", "dates", "seconds"])
+def test_what_pandas_writes_is_read(tmp_path: Path, orient: Any, index: Any) -> None:
+    if orient == "records" and index is not None:
+        return  # has no index
+    frame = pd.DataFrame(Q, columns=["q1", "q2"])
+    frame[["v1", "v2", "i1", "i2"]] = np.c_[Q, Q]
+    if index is None:
+        frame.insert(0, "t", T)
+    else:
+        frame.index = pd.Index(index, name="time")
+    path = tmp_path / "log.json"
+    date_format = "iso" if orient == "table" else "epoch"
+    frame.to_json(path, orient=orient, double_precision=15, date_format=date_format)
+    log = read_recording(path)
+    np.testing.assert_allclose(log.t - log.t[0], T, atol=1e-6)  # stamps since 1970 have 2.4e-7 s
+    np.testing.assert_allclose(log.q, Q, atol=1e-14)
+    np.testing.assert_allclose(log.current, Q, atol=1e-14)
+
+
+def _series(is_prometheus: bool) -> list[dict]:
+    """A series for each joint and quantity."""
+    result = []
+    for name in ("joint_position_rad", "joint_current_amperes"):
+        for j, x in enumerate(Q.T):
+            entry: dict[str, Any] = {
+                "metric": {"__name__": name, "job": "arm", "joint": f"{j + 1}"}
+            }
+            if is_prometheus:
+                entry["values"] = [
+                    [1700000000 + float(t), str(y)] for t, y in zip(T, x, strict=True)
+                ]
+            else:
+                entry["values"] = x.tolist()
+                entry["timestamps"] = [1700000000000 + round(1e3 * t) for t in T]
+            result.append(entry)
+    return result
+
+
+@pytest.mark.parametrize("is_prometheus", [False, True])
+def test_series_become_columns(tmp_path: Path, is_prometheus: bool) -> None:
+    path = tmp_path / "export.json"
+    series = _series(is_prometheus)
+    if is_prometheus:
+        path.write_text(json.dumps({"status": "success", "data": {"result": series}}))
+    else:
+        path.write_text("\n".join(json.dumps(entry) for entry in series))
+    table = json_table.JsonTable(path)
+    assert table.names == (
+        "t", "1 joint_position_rad", "2 joint_position_rad",
+        "1 joint_current_amperes", "2 joint_current_amperes",
+    )  # fmt: skip
+    rows = np.concatenate([x for x, _ in table.blocks([0, 1, 2])])
+    np.testing.assert_allclose(rows[:, 1:3], Q, atol=1e-12)
+
+
+@pytest.mark.parametrize("suffix", [".json", ".yaml"])
+def test_a_plan_is_refused_as_one(tmp_path: Path, suffix: str) -> None:
+    points = [{"positions": q.tolist(), "time_from_start": {"secs": 0, "nsecs": 10}} for q in Q]
+    path = tmp_path / f"plan{suffix}"
+    path.write_text(json.dumps([{"joint_names": ["a", "b"], "points": points}]))
+    opened = json_table.YamlTable if suffix == ".yaml" else json_table.JsonTable
+    with pytest.raises(InputError, match=r"planned trajectory .* nothing in it is measured"):
+        opened(path)

@@ -64,3 +64,16 @@ def test_a_stated_header_is_taken() -> None:
     head = table_head(lines[2:], ",", ".", header=False)
     assert head.names is None
     assert (head.num_columns, head.num_lines) == (4, 0)
+
+
+def test_marked_lines_above_names_without_a_mark_are_remarks() -> None:
+    head = table_head([
+        "#group,false,true,true", "#datatype,long,dateTime:RFC3339,double", ",table,_time,_value",
+        ",0,2024-06-03T07:33:20.12Z,-4.5", ",0,2024-06-03T07:33:20.13Z,-4.6",
+    ])  # fmt: skip
+    assert head.names == ("", "table", "_time", "_value")
+
+
+def test_marked_names_above_units_without_a_mark_stay_the_names() -> None:
+    head = table_head(["# t,q1,q2", "s,rad,rad", "0.0,0.1,0.2", "0.1,0.1,0.2"])
+    assert head.names == ("t [s]", "q1 [rad]", "q2 [rad]")
