@@ -213,10 +213,12 @@ def _of_rated_torque(case: Case, gains: Array) -> _Finding | None:
             f"{case.word}s in another unit, such as per cent or per mille of each drive's rated "
             f"torque ({_off_by(case, gains)} of it a N m)"
         ),
+        # No list of fitted gains: friction hides them at the joints that gravity hardly loads.
         remedy=(
-            f"describe the columns as motor_torque: {{unit: {RATED_UNITS[parts]}, gain: "
-            f"{numbers_text(rated)}}} (rated torques on the joint side, N m, from the drives' "
-            "data sheets); `wrenchsight identify LOGS --scale` finds them"
+            f"take each joint's rated torque in N m on the joint side (data sheet, or object 6076h "
+            "of CANopen drives times the gear ratio) and describe the columns as motor_torque: "
+            f"{{unit: {RATED_UNITS[parts]}, gain: [RATED TORQUES]}}; where they are not known, "
+            "`wrenchsight identify LOGS --scale` finds them"
         ),
         values={"parts_of_rated": parts, "rated_torque_nm": rated.tolist()},
     )

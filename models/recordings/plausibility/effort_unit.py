@@ -34,6 +34,7 @@ NO_GRAVITY = "effort holds no gravity torque"
 _LEAST_SAMPLES = 20  # slow ones
 _LOADED_SHARE = 0.1  # of the effort limit, from which gravity shows beside friction
 _WITHOUT_GRAVITY = 0.25  # part of the gravity torque, below which an effort does not hold it
+_LEAST_FRICTION = 1e-3  # of the gravity torque of all loaded joints: drives' torques have more
 _LARGEST_FRICTION = 0.4  # of the gravity torque of all loaded joints
 NAMES = {"N m": IN_NEWTON_METRES, "A": IN_AMPERES}
 """Words of --log-format that state the unit, by unit."""
@@ -55,6 +56,7 @@ class EffortUnit:
     ratio: Array
     is_telling: Flags
     without_gravity: str = ""  # how small the effort is beside gravity's torque, if it holds none
+    is_empty: bool = False  # whether such an effort is too small for friction, too
 
     def sentence(self, robot: Robot, remedies: Mapping[str, str] = REMEDIES) -> str:
         """Says in which unit the effort is read, why, and how to state the other one.
@@ -63,6 +65,11 @@ class EffortUnit:
             robot: that the log was decided with.
             remedies: what to add for effort in N m and in A, by unit.
         """
+        if self.is_empty:
+            return (
+                f"{NO_GRAVITY} and no friction ({self.without_gravity}): the driver does not fill "
+                "it, or with another quantity; record the motor currents or joint torques"
+            )
         if self.without_gravity:
             return (
                 f"{NO_GRAVITY} ({self.without_gravity}): it is torque from which "
@@ -118,7 +125,8 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
         return unknown
     without_gravity = _without_gravity(sums, robot)
     if without_gravity:
-        return replace(unknown, without_gravity=without_gravity)
+        is_empty = _size_beside_gravity(sums, sums.gravity() > LEAST_GRAVITY) < _LEAST_FRICTION
+        return replace(unknown, without_gravity=without_gravity, is_empty=is_empty)
     ratio = np.abs(sums.ratio())  # of effort to G, by least squares; its cosine: how it follows G
     is_loaded = sums.gravity() > LEAST_GRAVITY
     is_telling = is_loaded & telling_joints(robot) & (np.abs(sums.cosine()) > MIN_COSINE)
@@ -151,8 +159,15 @@ def _without_gravity(sums: GravitySums, robot: Robot) -> str:
     )
     holds_gravity = may_be_current | (ratio > _WITHOUT_GRAVITY)
     # Friction is there still: at a wrist it is as large as gravity, over all joints it is not.
-    size = np.linalg.norm(effort[loaded]) / max(float(np.linalg.norm(gravity[loaded])), 1e-9)
+    size = _size_beside_gravity(sums, loaded)
     if not loaded.any() or (loaded & holds_gravity).any() or size > _LARGEST_FRICTION:
         return ""
     j = int(np.argmax(np.where(loaded, gravity, 0.0)))
     return f"{effort[j]:.2g} N m where gravity is {gravity[j]:.2g} N m, {robot.joint_names[j]}"
+
+
+def _size_beside_gravity(sums: GravitySums, joints: Flags) -> float:
+    """The effort over the gravity torque, root mean squares of these joints together."""
+    effort = np.sqrt(sums.yy / np.maximum(sums.count, 1.0))[joints]
+    gravity = sums.gravity()[joints]
+    return float(np.linalg.norm(effort)) / max(float(np.linalg.norm(gravity)), 1e-9)

@@ -138,6 +138,16 @@ DAMAGES: dict[str, tuple[str, Callable[[Recording, Robot], Recording]]] = {
 }
 
 
+def test_an_effort_below_any_friction_is_not_torque_without_gravity(ur10e: Robot) -> None:
+    log = motion(ur10e)
+    # rad: by how much joints miss their reference, whatever loads them
+    error = 0.01 * np.sin(1.3 * log.t[:, None] + np.arange(6.0))
+    judgement = judged(replace(log, tau_J=error), ur10e)
+    assert judgement.fault is not None, judgement.log_odds
+    assert "a quantity that is no torque of the drives" in judgement.sentence()
+    assert "effort-without-gravity" not in judgement.sentence()
+
+
 @pytest.mark.parametrize("kind", list(DAMAGES))
 def test_a_fault_is_named_and_its_remedy_mends_the_log(
     ur10e: Robot, tmp_path: Path, kind: str

@@ -3,7 +3,6 @@
 They lie in `../shared/cases` beside the repository; without them the tests are skipped.
 """
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -85,11 +84,9 @@ def test_what_cannot_be_known_is_asked_for(ur10e: Robot, case: str, file: str, w
         read_recording(_case(case) / file, None, ur10e)
 
 
-def test_per_mille_of_rated_torque_are_told_with_the_rated_torques(ur10e: Robot) -> None:
+def test_per_mille_of_rated_torque_are_told_without_gains_to_copy(ur10e: Robot) -> None:
     recording = read_recording(_case("21") / "free.csv", None, ur10e)
-    with pytest.raises(InputError, match=r"motor_torque: \{unit: per mille, gain: \[") as caught:
+    # A gain that is fitted to one log is up to half off where friction prevails.
+    remedy = r"rated torque in N m .*data sheet.*unit: per mille, gain: \[RATED TORQUES\]"
+    with pytest.raises(InputError, match=remedy):
         refuse_faulty([recording], ur10e)
-    numbers = re.findall(r"gain: \[([^\]]*)\]", str(caught.value))[0]
-    rated = [float(number) for number in numbers.split(",")]
-    # True: 330, 330, 150, 56, 56, 56 N m; a log of 10 s without a model shows them to a sixth.
-    np.testing.assert_allclose(rated, [330, 330, 150, 56, 56, 56], rtol=0.17)

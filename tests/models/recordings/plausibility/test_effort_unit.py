@@ -43,3 +43,12 @@ def test_effort_between_both_units_is_not_decided(ur10e: Robot) -> None:
     effort = log.tau_J / np.sqrt(ur10e.torque_per_ampere)  # type: ignore[operator]
     ambiguous_log = Recording(log.t, log.q, log.v, log.current, "log", tau_J=effort)
     assert effort_unit([ambiguous_log], ur10e).unit == ""
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-4])  # of the gravity torque
+def test_an_effort_that_is_not_filled_is_no_external_torque(ur10e: Robot, size: float) -> None:
+    log = _log(ur10e, "N m")
+    log = Recording(log.t, log.q, log.v, log.current, "log", tau_J=size * log.tau_J)  # type: ignore[operator]
+    sentence = effort_unit([log], ur10e).sentence(ur10e)
+    assert "does not fill it" in sentence
+    assert "external" not in sentence
