@@ -28,6 +28,7 @@ MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow log
 STEP_SAMPLES = 1 << 16  # at the beginning of a log, whose median step is the log's
 COARSE_CLOCK = 0.1  # share of repeated times above which the clock is too coarse
 _PLAUSIBLE_STEP = (1e-5, 0.25)  # s, least and most of a log of motor currents
+_FASTEST_JOINT = 300.0  # a second, in rad, m or degrees: no arm's joint moves faster
 _REQUESTED_STEP = (1e-5, 1.0)  # s, least and most that may be requested
 LONGEST_BRIDGE = 60.0  # s, longest gap that may be bridged on request
 _LARGE_TIME = 1e6  # s, such as since 1970: its milliseconds need more digits
@@ -112,7 +113,14 @@ def plausible_step(chunk: Recording) -> float:
     remedy = "check the unit of time"
     if plausible_units:
         unit = plausible_units[0]
+        moves = np.abs(np.diff(chunk.q[:STEP_SAMPLES], axis=0))
+        speed = np.median(moves.max(axis=1)) / (step * dict(units)[unit])
         remedy = f"it looks like {unit}: set time: {{unit: {unit}}} in a description (--log-format)"
+        if speed > _FASTEST_JOINT:
+            remedy = (
+                f"record 50 samples a second or more; were the time in {unit}, "
+                f"a joint would move by {speed:.3g} (rad or degrees) a second"
+            )
     problem = f"the median step is {step:.6g} s, expected {shortest} to {longest} s"
     raise InputError(chunk.source, "column t", problem, remedy)
 

@@ -652,6 +652,14 @@ def test_time_whose_unit_the_velocities_contradict_is_refused(tmp_path: Path) ->
     _refused(path, "the median step is 1 s")
 
 
+def test_too_few_samples_a_second_are_not_taken_for_milliseconds(tmp_path: Path) -> None:
+    """At 2 Hz a joint at 1 rad/s would move at 1000 rad/s, were the time in ms."""
+    t = 0.5 * np.arange(40.0)
+    table = np.c_[t, 5 * np.sin(0.4 * t), 0 * t, 2 * np.cos(0.4 * t), 0 * t, t, t]
+    path = _csv(tmp_path, _HEADER, *_lines(table))
+    _refused(path, "the median step is 0.5 s", "record 50 samples a second or more")
+
+
 @pytest.mark.parametrize("names", ["q{}", "q_{}", "q[{}]", "state.q[{}]"])
 def test_joints_may_be_numbered_from_0(tmp_path: Path, names: str) -> None:
     table = _table()
