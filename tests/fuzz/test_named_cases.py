@@ -460,7 +460,7 @@ def test_filter_groups_of_nobody(run, robot):
 # ---- tracebacks: logs ----
 
 
-@pytest.mark.parametrize("where", ["between two lines", "in a line", "after a cell", "everywhere"])
+@pytest.mark.parametrize("where", ["between two lines", "in a line", "after a cell"])
 def test_a_lone_carriage_return(estimate, file, clean, where):
     lines = clean.log.read_text().split("\n")
     text = {
@@ -469,9 +469,13 @@ def test_a_lone_carriage_return(estimate, file, clean, where):
             [*lines[:100], lines[100][:7] + "\r" + lines[100][7:], *lines[101:]]
         ),
         "after a cell": "\n".join([*lines[:9], lines[9].replace(",", "\r,", 1), *lines[10:]]),
-        "everywhere": "\r".join(lines),
     }[where]
     assert "carriage return" in estimate(log=file("log.csv", text))
+
+
+def test_lines_that_end_with_a_carriage_return_each(estimate, file, clean):
+    text = clean.log.read_text().replace("\n", "\r")
+    estimate(log=file("log.csv", text), expect=0)
 
 
 @pytest.mark.parametrize(
