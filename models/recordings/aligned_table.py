@@ -37,9 +37,6 @@ def aligned(table: LogTable, layout: ColumnLayout, path: Path) -> LogTable:
     Args:
         table: with `layout`, whose time it has.
         path: of the log, for error lines.
-
-    Raises:
-        InputError: signals have clocks of their own that share no time.
     """
     time, position = layout.signal("t"), layout.signal("q")
     if time is None or position is None:
@@ -53,6 +50,8 @@ def aligned(table: LogTable, layout: ColumnLayout, path: Path) -> LogTable:
     values, _ = next(table.blocks(used, None, used), (np.empty((0, len(used))), None))
     place = {column: k for k, column in enumerate(used)}
     t = _seconds(values, time, place)
+    if np.isfinite(t).sum() < _MIN_SAMPLES:  # too few to tell; whoever reads the table says so
+        return table
     if others and not _agree(values[:, [place[c] for c in others]] * time.scale[0], t):
         notice = "signals have clocks of their own: they are interpolated at that of the positions"
     elif _is_sparse(values[:, [place[c] for c in columns]]):
@@ -168,6 +167,8 @@ def _agree(clocks: Array, t: Array) -> bool:
     step = float(np.nanmedian(np.diff(t))) if len(t) > 1 else 0.0
     difference = clocks - t[:, None]
     is_there = np.isfinite(difference)
+    if not is_there.any():
+        return False
     if not is_there.all() and (is_there.any(axis=1) != is_there.all(axis=1)).any():
         return False
     spread = np.nanmax(difference, axis=0) - np.nanmin(difference, axis=0)

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_reader import read_recording
 
 _T = 0.01 * np.arange(80)
@@ -64,3 +65,24 @@ def test_clocks_of_one_moment_are_one(tmp_path: Path) -> None:
     log = read_recording(path)
     np.testing.assert_allclose(log.current, _currents(_T), atol=1e-9)
     assert not any("clocks of their own" in text for text in log.notices)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("times", [[], [("0.01", "0.013")], [("nan", "nan")] * 20])
+def test_clocks_without_samples_are_one_line(tmp_path: Path, times: list[tuple[str, str]]) -> None:
+    with pytest.raises(InputError, match="expected"):
+        read_recording(_two_clocks(tmp_path, times))
+
+
+@pytest.mark.filterwarnings("error")
+def test_signals_whose_clock_has_no_number_are_left_out(tmp_path: Path) -> None:
+    log = read_recording(_two_clocks(tmp_path, [(f"{t:.2f}", "nan") for t in _T]))
+    assert any("currents are left out: they hold no number" in text for text in log.notices)
+
+
+def _two_clocks(folder: Path, times: list[tuple[str, str]]) -> Path:
+    """A log of positions and currents, each behind its own clock."""
+    path = folder / "log.csv"
+    rows = [f"{first},1.0,2.0,{second},3.0,4.0" for first, second in times]
+    path.write_text("\n".join(["Time,q1,q2,Time,i1,i2", *rows]))
+    return path
