@@ -88,6 +88,7 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
         ROW_TIME,
         refit_logs,
     )
+    from wrenchsight.models.robot.robot import Robot
 
     if settings.refresh is None or settings.load or settings.validate or settings.scale:
         problem = "needs --refresh MODEL, and takes none of --load, --validate and --scale"
@@ -98,13 +99,14 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
     with showing_progress("identify") as progress:
         refit = refit_logs(settings, out, progress)
     metrics = refit.metrics()
+    torque, viscosity = _friction_units(Robot.load(settings.robot))
     table = new_table(
         "\njoint",
         f"rows of\n{1e3 * ROW_TIME:g} ms",
-        "Coulomb before\n[N m]",
-        "after\n[N m]",
-        "viscous before\n[N m s/rad]",
-        "after\n[N m s/rad]",
+        f"Coulomb before\n[{torque}]",
+        f"after\n[{torque}]",
+        f"viscous before\n[{viscosity}]",
+        f"after\n[{viscosity}]",
     )
     coulomb, viscous = metrics["coulomb"], metrics["viscous"]
     for j, name in enumerate(refit.model.joint_names):
@@ -199,10 +201,10 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
     )
     for j, name in enumerate(result.model.joint_names):
         changes = (  # of Coulomb, viscous and offset
-            f"{change:+.2f} ± {sd:.2f}"
+            f"{change:+z.2f} ± {sd:.2f}"
             for change, sd in zip(refresh.change[j], refresh.standard_deviation[j], strict=True)
         )
-        errors = " ".join(f"{value:+.1f}" for value in refresh.standard_errors[j])
+        errors = " ".join(f"{value:+z.1f}" for value in refresh.standard_errors[j])
         table.add_row(name, *changes, errors, f"{rmse_before[j]:.2f}", f"{rmse_after[j]:.2f}")
     show(
         table,

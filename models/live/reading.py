@@ -26,6 +26,20 @@ _FIELDS = (
     "statistic",
     "condition_number",
 )
+FLAGS = (
+    "valid",
+    "invalid",
+    "contact",
+    "misfit",
+    "link",
+    "rest",
+    "out_of_range",
+    "fault",
+    "dropout",
+    "running",
+)
+"""Attributes of a reading that others are sent as whole numbers: 1 or 0, but for the number of the
+`link` and the sums of bits in `invalid` and `fault`."""
 _FIELD_PLACES = {name: k for k, name in enumerate(_FIELDS)}
 _WRENCH_COLUMN = len(_FIELDS)
 _COVARIANCE_COLUMN = _WRENCH_COLUMN + 6

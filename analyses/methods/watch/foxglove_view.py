@@ -27,24 +27,13 @@ from wrenchsight.analyses.methods.watch.arm_scene import (
     LinkShape,
 )
 from wrenchsight.models.estimation.wrench_bag import FRAME
-from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.live.reading import FLAGS, Reading
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 from wrenchsight.models.robot.robot import Robot
 
 ARM = "/arm"
 HOST, FOXGLOVE_PORT = "127.0.0.1", 8765
-FLAGS = (
-    "valid",
-    "invalid",
-    "contact",
-    "misfit",
-    "link",
-    "rest",
-    "out_of_range",
-    "dropout",
-    "running",
-)
 NUMBERS = ("statistic", "condition_number", "latency")
 LARGEST_MESH = 1 << 24  # bytes of a link's file that is sent
 _WRENCH_NAMES = list(WRENCH_AXES) + [f"sd_{axis}" for axis in WRENCH_AXES]

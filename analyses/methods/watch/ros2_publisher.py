@@ -25,24 +25,13 @@ from wrenchsight.models.estimation.wrench_bag import (
     WrenchMessages,
 )
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.live.reading import FLAGS, Reading
 from wrenchsight.models.live.source import SourceAddress
 from wrenchsight.models.recordings.rosbag.messages import WRENCH, header, typestore
 from wrenchsight.models.robot.robot import Robot
 
 STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 STATUS_TIME = 0.1  # s between two statuses of one kind
-_FLAGS = (
-    "valid",
-    "invalid",
-    "contact",
-    "misfit",
-    "rest",
-    "out_of_range",
-    "dropout",
-    "running",
-    "link",
-)
 _NAME = re.compile(r"[\w/.-]{1,200}", re.ASCII)
 
 
@@ -114,14 +103,14 @@ class Ros2Publisher:
         """As `publishers.Publisher`."""
 
     def _send_status(self, reading: Reading, stamp: int) -> bool:
-        state = tuple(float(getattr(reading, flag)) for flag in _FLAGS)
+        state = tuple(float(getattr(reading, flag)) for flag in FLAGS)
         now = time.monotonic()
         if state == self._published_state and now - self._published_at < STATUS_TIME:
             return True
         self._published_state, self._published_at = state, now
         types = typestore().types
         pair, level = types["diagnostic_msgs/msg/KeyValue"], 0 if reading.valid else 1
-        values = [pair(name, f"{value:g}") for name, value in zip(_FLAGS, state, strict=True)]
+        values = [pair(name, f"{value:g}") for name, value in zip(FLAGS, state, strict=True)]
         word = "valid" if reading.valid else f"not valid: {reading.reason}"
         status = types["diagnostic_msgs/msg/DiagnosticStatus"]
         message_status = status(level, "wrenchsight", word, self._robot.name, values)

@@ -49,7 +49,7 @@ class WatchSettings:
     model: str | None = None
     """model.yaml that identify wrote; else the robot's own files, and no reading is valid"""
     duration_s: float = 0.0
-    """s, after which it ends; 0: when the stream does"""
+    """s after the first reading, when it ends; 0: when the stream does"""
     record: str | None = None
     """a new folder for what is read"""
     record_format: str = "mcap"

@@ -145,6 +145,7 @@ def test_a_client_gets_plots_and_a_scene(ur10e, view):
     values = json.loads(messages[wrench][1][1])
     assert (values["fz"], values["sd_fz"], values["valid"]) == (101.0, 4.0, 1)
     assert values["sd_mx"] is None
+    assert values["fault"] == 0
     assert set(values) == set(json.loads(channels["/wrench"]["schema"])["properties"])
 
     states = protobuf(messages[channels["/joints"]["id"]][0][1])

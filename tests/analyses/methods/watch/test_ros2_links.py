@@ -262,6 +262,7 @@ def test_valid_readings_go_out_as_a_sensors_broadcaster_sends_them(ur10e, url):
     until(lambda: statuses.extend(status.take(10)) or len(statuses) > 1)
     words = [typestore().deserialize_cdr(one.data, STATUS).status[0] for one in statuses[:2]]
     assert [word.message for word in words] == ["not valid: settling", "valid"]
+    assert "fault" in {value.key for value in words[0].values}
     turned = []
     until(lambda: turned.extend(in_tool.take(10)) or turned)
     R_WE, _ = ur10e.chain.pose(np.add(ur10e.home, 0.2)[None])
