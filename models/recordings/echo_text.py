@@ -1,15 +1,19 @@
-"""JointStates as `ros2 topic echo` and `rostopic echo` print them, as a table.
+"""States of joints as `ros2 topic echo` and `rostopic echo` print them, as a table.
 
-    header:
-      stamp: {sec, nanosec on lines of their own}
-    name:
-    - elbow_joint
-    position:
-    - 1.57
-    ---
+    header:                                header:
+      stamp: {sec, nanosec on own lines}     stamp: ..
+    name:                                  joint_names:
+    - elbow_joint                          - elbow_joint
+    position:                              interface_values:
+    - 1.57                                 - interface_names:
+    ---                                      - position
+                                             values:
+                                             - 1.57
+                                           ---
 
 Each message becomes a row of seconds, nanoseconds and the entries of its lists, on the line of the
-`---` that ends it. Lists may also be written in one line, as `position: [1.57, -0.2]`.
+`---` that ends it. Lists may also be written in one line, as `position: [1.57, -0.2]`. A
+DynamicJointState (on the right) is read as a JointState whose names are JOINT/INTERFACE.
 """
 
 import re
@@ -17,10 +21,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 _LISTS: Final = ("name", "position", "velocity", "effort")
+_JOINTS: Final = "joint_names"  # of a DynamicJointState, and for each of them these two
+_INTERFACES: Final = "interface_names"
+_VALUES: Final = "values"
 _SECONDS: Final = re.compile(r"\s+secs?: *(\d+)")
 _NANOSECONDS: Final = re.compile(r"\s+(?:nanosec|nsecs): *(\d+)")
-_KEY: Final = re.compile(r"([a-z_]+):(.*)")
-_INTERFACE: Final = re.compile(r".+/(position|velocity|effort|current)")
+_KEY: Final = re.compile(rf"(?:([a-z_]+)|[- ] +({_INTERFACES}|{_VALUES})):(.*)")
 _MOST_ENTRIES: Final = 4096  # of a list
 
 
@@ -28,7 +34,7 @@ def is_echo(head: str) -> bool:
     """Whether a text begins as printed messages with a header, the joints' names and positions."""
     return (
         re.match(r"(?:---\s*)?header:", head) is not None
-        and re.search(r"(?m)^position: *(\[|$)", head) is not None
+        and re.search(rf"(?m)^(position|[- ] +{_INTERFACES}): *(\[|\r?$)", head) is not None
         and re.search(r"(?m)^---", head) is not None
     )
 
@@ -42,49 +48,83 @@ def table_of_echo(parts: Iterable[str]) -> Iterator[str]:
     Args:
         parts: of the text, each of which ends with a line.
     """
-    message: dict[str, list[str]] = {}
-    key = ""
+    message = _Message()
     first: dict[str, list[str]] | None = None
     for part in parts:
         lines: list[str] = []
         for line in part.splitlines():
             row = ""
             if line.startswith("---"):
-                if first is None and _is_complete(message):  # in place of the line before this one
-                    first = message
+                lists = message.lists()
+                if first is None and _is_complete(lists):  # in place of the line before this one
+                    first = lists
                     lines[-1:] = [_names(first)]
-                row = _row(message, first)
-                message, key = {}, ""
+                row = _row(lists, first)
+                message = _Message()
             else:
-                key = _add(message, key, line)
+                message.add(line)
             lines.append(row)
         yield "\n".join(lines) + "\n"
 
 
-def _add(message: dict[str, list[str]], key: str, line: str) -> str:
-    """Adds what a line holds to a message; returns the key of the list that the next one may be of.
+class _Message:
+    """A message, line by line."""
 
-    Args:
-        message: entries by key so far.
-        key: of the list that the line may belong to; '' for none.
-        line: of the text.
-    """
-    for name, pattern in (("sec", _SECONDS), ("nanosec", _NANOSECONDS)):
-        match = pattern.fullmatch(line.rstrip())
+    def __init__(self) -> None:
+        self._lists: dict[str, list[str]] = {}
+        self._interfaces: list[list[str]] = []  # of each joint of a DynamicJointState
+        self._list: list[str] | None = None  # of which the next line may be an entry
+
+    def add(self, line: str) -> None:
+        """Adds what a line holds."""
+        for name, pattern in (("sec", _SECONDS), ("nanosec", _NANOSECONDS)):
+            match = pattern.fullmatch(line.rstrip())
+            if match:
+                self._lists[name] = [match[1]]
+                self._list = None
+                return
+        match = _KEY.match(line)
         if match:
-            message[name] = [match[1]]
-            return ""
-    match = _KEY.match(line)
-    if match:
-        if match[1] in _LISTS:
-            cells = match[2].strip(" []\r")
-            message[match[1]] = [cell.strip(" '\"") for cell in cells.split(",")] if cells else []
-            return match[1]
-        return ""
-    entry = line.strip().removeprefix("-").strip(" '\"")
-    if key and line.lstrip().startswith("-") and len(message[key]) < _MOST_ENTRIES:
-        message[key].append(entry)
-    return key
+            self._list = self._begun(match[1] or match[2], match[3])
+            return
+        entry = line.strip().removeprefix("-").strip(" '\"")
+        is_entry = self._list is not None and line.lstrip().startswith("-")
+        if is_entry and len(self._list or ()) < _MOST_ENTRIES:
+            assert self._list is not None
+            self._list.append(entry)
+
+    def _begun(self, key: str, text: str) -> list[str] | None:
+        """The list that begins with a line; None: it begins another entry.
+
+        Args:
+            key: before the colon.
+            text: behind it, which may hold the whole list.
+        """
+        text = text.strip(" []\r")
+        entries = [cell.strip(" '\"") for cell in text.split(",")] if text else []
+        if key == _INTERFACES and len(self._interfaces) < _MOST_ENTRIES:
+            self._interfaces.append(entries)
+        elif key == _VALUES:  # of one joint after the other
+            values = self._lists.setdefault(_VALUES, [])
+            values += entries[: _MOST_ENTRIES - len(values)]
+            return values
+        elif key in (*_LISTS, _JOINTS):
+            self._lists[key] = entries
+        else:
+            return None
+        return entries
+
+    def lists(self) -> dict[str, list[str]]:
+        """Stamp, names and numbers by the keys of a JointState."""
+        if self._interfaces:
+            joints = self._lists.get(_JOINTS, [])
+            self._lists["name"] = [
+                f"{joint}/{interface}"
+                for joint, interfaces in zip(joints, self._interfaces, strict=False)
+                for interface in interfaces
+            ]
+            self._lists["position"] = self._lists.get(_VALUES, [])
+        return self._lists
 
 
 def _is_complete(message: dict[str, list[str]]) -> bool:
@@ -125,7 +165,9 @@ def _row(message: dict[str, list[str]], first: dict[str, list[str]] | None) -> s
 
 def _are_interfaces(joints: Sequence[str]) -> bool:
     """Whether the names of a message are those of single quantities: JOINT/position."""
-    return bool(joints) and all(_INTERFACE.fullmatch(joint) for joint in joints)
+    return all("/" in joint for joint in joints) and any(
+        joint.endswith("/position") for joint in joints
+    )
 
 
 def _names(message: dict[str, list[str]]) -> str:

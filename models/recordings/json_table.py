@@ -9,8 +9,10 @@ orientations, and series of Prometheus and VictoriaMetrics: an object a series, 
 """
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,6 +34,12 @@ _LARGEST_DOCUMENT: Final = 1 << 27  # bytes of a file that is read whole; one ob
 _LARGEST_YAML: Final = 1 << 24  # bytes; PyYAML reads a megabyte a second
 _MIN_SAMPLES: Final = 10  # of arrays; shorter ones are those of one sample
 _FIRST_EPOCH_MS: Final = 1e11  # whole numbers from this on are milliseconds since 1970: from 1973
+_FLOAT_TAG: Final = "tag:yaml.org,2002:float"
+_PLAIN_FLOAT: Final = re.compile(r"[-+]?\d+[eE][-+]?\d+")
+_TOP_KEY: Final = re.compile(rb"([A-Za-z_]\w*):(?:\s|$)")
+_KEYS_OF_MESSAGES: Final = frozenset(("header",))  # of ROS, which a description has, too
+_YAML_LINE: Final = re.compile(r"---|\s*(?:- +)*(?:[A-Za-z_]\w*:(?:\s.*)?|-\s.*|-)")
+_YAML_STRUCTURE: Final = re.compile(r"(?m)^---\s*$|^ +(?:- +)?[A-Za-z_]\w*:(?:\s|$)")
 _ONE_FORM: Final = "write one object a line, all with the same entries"
 _EXPECTED: Final = (
     "write one object a sample (a line each, or a list), or arrays over all samples by name"
@@ -120,8 +128,10 @@ class YamlTable(ConvertedTable):
         content = read_limited(path, _LARGEST_YAML, "a log in YAML", "write it as JSON or CSV")
         if b"&" in content and b"*" in content:  # aliases can stand for more than any memory
             raise InputError(path, "", "has aliases, which are not read", "write it as JSON or CSV")
-        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         try:
+            # YAML 1.1, which PyYAML reads, takes a number such as 2e-05 for a word.
+            loader: Any = type("_Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
+            loader.add_implicit_resolver(_FLOAT_TAG, _PLAIN_FLOAT, list("-+0123456789"))
             documents = [part for part in yaml.load_all(content, loader) if part is not None]
             whole = documents[0] if len(documents) == 1 else documents
             super().__init__(path, [_table_of(whole, path)])
@@ -132,14 +142,31 @@ class YamlTable(ConvertedTable):
 
 
 def is_yaml_log(path: Path) -> bool:
-    """Whether a file of YAML is a log: several documents, or a list; False where it is none."""
+    """Whether a file of YAML is a log; False where it is none, or cannot be read.
+
+    It is one if it holds several documents, or a list, or no key of a description: then its keys
+    are those of arrays, or of a message.
+    """
     try:
         with path.open("rb") as file:
             head = file.read(_BLOCK_BYTES)
     except OSError:
         return False
     lines = [line.rstrip() for line in head.splitlines() if line.strip()]
-    return b"---" in lines[1:] or any(line.startswith(b"- ") for line in lines[:1])
+    keys = {match[1].decode() for line in lines if (match := _TOP_KEY.match(line))}
+    described = {field.name for field in fields(RecordingFormat)} - _KEYS_OF_MESSAGES
+    is_list = any(line.startswith(b"- ") for line in lines[:1])
+    return b"---" in lines[1:] or is_list or (bool(keys) and keys.isdisjoint(described))
+
+
+def is_yaml(head: str) -> bool:
+    """Whether a text, whatever its file is called, begins as YAML: documents, or keys in keys."""
+    lines = [line for line in head.splitlines()[:-1] if line.strip()]  # the last one may be cut off
+    return (
+        len(lines) > 1
+        and all(_YAML_LINE.fullmatch(line.rstrip()) for line in lines)
+        and _YAML_STRUCTURE.search(head) is not None
+    )
 
 
 def _is_object(line: bytes) -> bool:

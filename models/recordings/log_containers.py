@@ -12,7 +12,12 @@ from wrenchsight.models.recordings.arrow_table import (
     ArrowContainer,
 )
 from wrenchsight.models.recordings.echo_text import is_echo
-from wrenchsight.models.recordings.json_table import JsonContainer, YamlContainer, is_yaml_log
+from wrenchsight.models.recordings.json_table import (
+    JsonContainer,
+    YamlContainer,
+    is_yaml,
+    is_yaml_log,
+)
 from wrenchsight.models.recordings.lerobot.data_set import root_of
 from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS
 from wrenchsight.models.recordings.log_container import LogContainer
@@ -82,6 +87,8 @@ def container_of(path: Path) -> LogContainer | None:
         return TEXT if is_echo(text) else _YAML
     if suffix in _TEXT_SUFFIXES and _JSON_BEGIN.match(text):
         return _JSON
+    if suffix in _TEXT_SUFFIXES and is_yaml(text):
+        return _YAML
     return by_suffix
 
 

@@ -92,6 +92,29 @@ def test_documents_of_yaml_are_read(tmp_path: Path) -> None:
         read_recording(path)
 
 
+def test_yaml_is_known_by_its_content(tmp_path: Path) -> None:
+    """Messages of any kind as topic echo prints them into a text file: keys within keys."""
+    path = tmp_path / "echo.txt"
+    text = ""
+    for k, q in enumerate(Q.tolist()):
+        text += f"stamp:\n  sec: 7\n  nanosec: {10_000_000 * k}\nmeasured_joints:\n  q: {q}\n"
+        text += "  current:\n  - 1e-05\n  - 2\n---\n"  # 1e-05 is a word in YAML 1.1
+    path.write_text(text)
+    log = read_recording(path)
+    np.testing.assert_array_equal(log.q, Q)
+    np.testing.assert_array_equal(log.current, np.tile([1e-5, 2.0], (60, 1)))
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".txt"])
+def test_a_plan_is_no_log(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"plan{suffix}"
+    point = "- positions: [0.0, -1.5]\n  effort: []\n  time_from_start:\n    secs: {}\n"
+    points = "".join(point.format(k) for k in range(20))
+    path.write_text(f"header:\n  seq: 0\njoint_names:\n- a\n- b\npoints:\n{points}")
+    with pytest.raises(InputError, match="is a planned trajectory"):
+        read_recording(path)
+
+
 def test_objects_of_joints_are_put_in_the_robots_order(tmp_path: Path) -> None:
     """As a list of objects with a name each, in another order than the robot's."""
     path = tmp_path / "log.json"

@@ -193,3 +193,28 @@ def test_printed_names_may_be_those_of_interfaces(tmp_path: Path) -> None:
     log = read_recording(path, "effort-in-newton-metres")
     assert log.tau_J is not None
     np.testing.assert_array_equal(np.c_[log.q, log.v, log.tau_J], TABLE)
+
+
+@pytest.mark.parametrize("in_one_line", [True, False])
+def test_printed_interfaces_of_each_joint_are_read(tmp_path: Path, in_one_line: bool) -> None:
+    """As topic echo prints DynamicJointStates, with an interface that is no signal of a joint."""
+
+    def array(indent: str, key: str, entries: list[str]) -> str:
+        if in_one_line:
+            return f"{indent}{key}: [{', '.join(entries)}]\n"
+        return f"{indent}{key}:\n" + "".join(f"{' ' * len(indent)}- {x}\n" for x in entries)
+
+    text = ""
+    for t, row in zip(T, TABLE, strict=True):
+        text += f"header:\n  stamp:\n    sec: 50\n    nanosec: {round(t * 1e9)}\n  frame_id: ''\n"
+        text += array("", "joint_names", ["joint_1", "joint_2"]) + "interface_values:\n"
+        for q, v, effort in row.reshape(3, 2).T:
+            text += array("- ", "interface_names", ["effort", "position", "heat", "velocity"])
+            text += array("  ", "values", [f"{x:.6f}" for x in (effort, q, 35.0, v)])
+        text += "---\n"
+    path = tmp_path / "log.txt"
+    path.write_text(text)
+    log = read_recording(path, "effort-in-newton-metres")
+    np.testing.assert_allclose(log.t, 50.0 + T, rtol=0, atol=1e-9)
+    assert log.tau_J is not None
+    np.testing.assert_array_equal(np.c_[log.q, log.v, log.tau_J], TABLE)
