@@ -55,9 +55,13 @@ from wrenchsight.models.recordings.long_table import as_samples
 from wrenchsight.models.recordings.packed_file import UnpackedFile, is_packed
 from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
 from wrenchsight.models.recordings.plausibility.idle_signals import (
+    MIN_TRAVEL,
     TIME_UNITS,
+    constant,
     idle_velocities,
     time_unit,
+    travel,
+    unfilled,
 )
 from wrenchsight.models.recordings.plausibility.raw_words import raw_words
 from wrenchsight.models.recordings.rated_table import RatedTable
@@ -106,6 +110,7 @@ _CORRECTED = {
     "current": DRIVE_SIGNALS,
     "tau_J": DRIVE_SIGNALS,
 }
+_FILL = "have the driver fill them, or record the motor currents"
 _DESCRIBE = "or describe the columns with --log-format (`wrenchsight log` drafts that)"
 
 
@@ -232,6 +237,7 @@ class RecordingReader:
         log = self._open(None if words is not None else description)
         self._notices = list(log.notices)  # to which the steps below add
         self._torque_substitute = log.torque_substitute
+        self._torque_remedy = "name their columns in the description"
         self._unpacked = log.unpacked  # kept: with it the file that `table` reads would go
         self.format = log.form
         self.table = log.table
@@ -245,7 +251,7 @@ class RecordingReader:
             )
         self._check_num_joints()
         self._settle_time_unit()
-        self._leave_out_empty_signals()
+        self._leave_out_unfilled_signals()
         self._settle_velocities()
         if log.torque_is_effort:
             self._settle_effort_unit()
@@ -318,22 +324,28 @@ class RecordingReader:
                 step = float(np.median(np.diff(chunk.t)))
                 self._notices.append(f"time is read in {unit}: its median step is {step:g}")
 
-    def _leave_out_empty_signals(self) -> None:
-        """Takes velocities, currents and torques out of which no number is there."""
+    def _leave_out_unfilled_signals(self) -> None:
+        """Takes velocities, currents and torques out that the driver does not fill."""
         for name, word in (("v", "velocities"), ("current", "currents"), ("tau_J", "torques")):
             signal = self.layout.signal(name)
             if signal is None or signal.may_be_empty:
                 continue
             columns = sorted(signal.columns)
             with suppress(InputError):
-                blocks = list(islice(self._blocks(columns, columns), _EFFORT_CHUNKS))
-                if blocks and not any(np.isfinite(values).any() for values, _ in blocks):
+                blocks = [x for x, _ in islice(self._blocks(columns, columns), _EFFORT_CHUNKS)]
+                fault = unfilled(np.concatenate(blocks)) if blocks else ""
+                if not fault and name != "v" and blocks and self._moves():
+                    fault = constant(np.concatenate(blocks))
+                if fault:
                     self._leave_out(name)
                     if name != "v":
-                        self._torque_substitute = f"its {word} hold no number, or NaN only"
-                    self._notices.append(
-                        f"the {word} are left out: they hold no number, or NaN only"
-                    )
+                        self._torque_substitute = f"its {word} {fault}"
+                        self._torque_remedy = _FILL
+                    self._notices.append(f"the {word} are left out: they {fault}")
+
+    def _moves(self) -> bool:
+        """Whether a joint moves at the begin of the log."""
+        return any(travel(chunk).max(initial=0.0) > MIN_TRAVEL for chunk in self._first_chunks())
 
     def _settle_velocities(self) -> None:
         """Differentiates the positions where the log holds no velocities, or idle ones."""
@@ -438,9 +450,7 @@ class RecordingReader:
                 problem = f"holds no {description}"
                 if self._torque_substitute:
                     problem += f"; {self._torque_substitute}"
-                remedy = "name their columns in the description"
-                if "hold no number" in self._torque_substitute:
-                    remedy = "have the driver fill them, or record the motor currents"
+                remedy = self._torque_remedy
                 if isinstance(self.table, RosbagTable):
                     problem += f" in messages that are read ({', '.join(KINDS)})"
                     problem += self.table.others()
@@ -608,8 +618,11 @@ class RecordingReader:
                     self._refuse_raw_words()
                 samples, joints = np.nonzero(is_absurd)
                 k, j = int(samples[0]), int(joints[0])
-                column = self.layout.column_of(name if self.layout.signal(name) else "tau_J", j)
-                problem = f"{signal[k, j]:.3g} is beyond any robot"
+                number = signal[k, j]
+                if name == "current" and self.layout.signal(name) is None:  # made of the torque
+                    name, number = "tau_J", number if chunk.tau_J is None else chunk.tau_J[k, j]
+                column = self.layout.column_of(name, j)
+                problem = f"{number:.3g} is beyond any robot"
                 remedy = "correct or remove the row; a short gap is bridged"
                 raise InputError(self.path, f"{place_of(chunk, k)}, {column}", problem, remedy)
         is_absurd = np.abs(chunk.t) > _BEYOND_ANY_CLOCK
@@ -739,6 +752,12 @@ class RecordingReader:
             problem = f"holds {table.num_columns} numbers and no names"
             if not isinstance(table, TextTable):
                 raise InputError(path, "", problem, _DESCRIBE.removeprefix("or "))
+            size = 1 if self._robot is None else self._robot.num_joints
+            if table.num_columns < max(2 * size, 3):
+                joints = f"{size} joints" if size > 1 else "a joint"
+                problem += f": too few for the positions and currents of {joints}"
+                remedy = "this is another record: give the log of the joints"
+                raise InputError(path, "line 1", problem, remedy)
             remedy = "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE
             raise InputError(path, "line 1", problem, remedy)
         notices: tuple[str, ...] = ()

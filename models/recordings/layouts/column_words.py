@@ -52,6 +52,7 @@ from wrenchsight.models.recordings.recording_format import (
 _LISTED_NAMES = 6  # of the columns that are left out, in a notice
 _QUANTITIES = ("position", "velocity", "current", "motor_torque")
 _ENTRY = re.compile(r"(.+)\.(\d{1,4})")  # of an array: its name and number
+_DUTY_WORDS = frozenset(("load", "loads", "pwm", "duty"))  # of a servo
 _STAMP = "field.header.stamp"
 _NUMBERED_NAME = re.compile(r"(?P<word>.*?)[._]?\[?(?P<number>\d{1,4})\]?")  # name[0]
 _NAME_OF_ENTRY = re.compile(
@@ -396,23 +397,41 @@ def _refuse_doubt(
                 if key in columns_of and key not in found]  # fmt: skip
     drives = {"current", "motor_torque"}
     if "position" in columns_of and drives.isdisjoint(columns_of):
-        num_joints = 0 if joint_names is None else len(joint_names)
-        match = _numbered(columns_of["position"], num_joints, "position")
-        if match is None and "position" in doubtful:
-            raise _doubt_of("position", columns_of["position"], names, joint_names, path)
-        places = found["position"].columns if match is None else match[0]
-        first, last = names[places[0]], names[places[-1]]
-        problem = f"holds joint positions ({first} .. {last}), but no motor current or joint torque"
-        remedy = "record the motors' currents or torques beside them (of an ABB arm through EGM: "
-        remedy += "test signals of the motors' torque), from which the wrench is estimated"
-        raise InputError(path, "header", problem, remedy)
+        raise _no_drives(columns_of["position"], found, names, joint_names, path)
     if "position" not in columns_of and not drives.isdisjoint(columns_of):
         key = next(key for key in ("current", "motor_torque") if key in columns_of)
         listed = _listed([names[column.place] for column in columns_of[key]])
         problem = f"names no joint positions beside the {key.replace('_', ' ')}s ({listed})"
         raise InputError(path, "header", problem, f"call them position 1.., {DESCRIBE}")
     if doubtful:
-        raise _doubt_of(doubtful[0], columns_of[doubtful[0]], names, joint_names, path)
+        key = doubtful[0]
+        raise _doubt_of(key, columns_of[key], names, joint_names, path, "position" in found)
+
+
+def _no_drives(
+    columns: Sequence[_Column],
+    found: Mapping[str, JointColumns],
+    names: Sequence[str],
+    joint_names: Sequence[str] | None,
+    path: Path,
+) -> InputError:
+    """The error of a table of positions without currents; arguments as `_refuse_doubt`."""
+    num_joints = 0 if joint_names is None else len(joint_names)
+    match = _numbered(columns, num_joints, "position")
+    if match is not None:
+        places = match[0]
+    elif "position" in found:
+        places = found["position"].columns
+    else:
+        places = [column.place for column in columns]
+    first, last = names[places[0]], names[places[-1]]
+    problem = f"holds joint positions ({first} .. {last}), but no motor current or joint torque"
+    duties = [name for name in names if not _DUTY_WORDS.isdisjoint(name_tokens(name))]
+    if len(duties) > 1:
+        problem += f"; {_listed(duties[:2])} .. is a servo's duty cycle, which is neither"
+    remedy = "record the motors' currents or torques beside them (of an ABB arm through EGM: "
+    remedy += "test signals of the motors' torque), from which the wrench is estimated"
+    return InputError(path, "header", problem, remedy)
 
 
 def _doubt_of(
@@ -421,21 +440,45 @@ def _doubt_of(
     names: Sequence[str],
     joint_names: Sequence[str] | None,
     path: Path,
+    has_positions: bool,
 ) -> InputError:
-    """The error of a quantity that is not there once a joint; arguments as `_refuse_doubt`."""
+    """The error of a quantity that is not there once a joint.
+
+    Args:
+        quantity: key of a description.
+        columns: of that quantity.
+        names, joint_names, path: as `_refuse_doubt`.
+        has_positions: whether the position of each joint is there: then the robot is the log's.
+    """
     words = quantity.replace("_", " ")
-    listed = _listed([names[column.place] for column in columns])
-    lengths = {len(x) for x in _series(columns).values() if _counts(x) and len(x) > 1}
-    if joint_names is not None and len(lengths) == 1 and len(joint_names) not in lengths:
-        problem = f"numbers {lengths.pop()} {words}s ({listed}), but the robot has "
-        problem += f"{len(joint_names)} joints"
-        remedy = f"give the robot that the log comes from, {DESCRIBE}"
-        return InputError(path, "header", problem, remedy)
     plural = words.replace("velocity", "velocitie") + "s"
-    if joint_names is not None and len(columns) < len(joint_names):
-        problem = f"names {len(columns)} {plural} ({listed}), but the robot has {len(joint_names)} "
+    listed = _listed([names[column.place] for column in columns])
+    counting = [x for x in _series(columns).values() if _counts(x) and len(x) > 1]
+    lengths = {len(x) for x in counting}
+    num_joints = 0 if joint_names is None else len(joint_names)
+    if joint_names is not None and len(lengths) == 1 and num_joints not in lengths:
+        count = lengths.pop()
+        problem = f"numbers {count} {plural} ({listed}), but the robot has {num_joints} joints"
+        remedy = f"give the robot that the log comes from, {DESCRIBE}"
+        if has_positions and count < num_joints:
+            remedy = f"record those of all joints, {DESCRIBE}"
+        elif count == num_joints + 1:
+            remedy = f"if one is a gripper's, leave it out; else {remedy}"
+        return InputError(path, "header", problem, remedy)
+    if joint_names is not None and len(columns) < num_joints:
+        problem = f"names {len(columns)} {plural} ({listed}), but the robot has {num_joints} "
         problem += f"joints: {', '.join(joint_names)}"
         return InputError(path, "header", problem, f"record all of its joints, {DESCRIBE}")
+    complete = [x for x in counting if num_joints in (0, len(x))]
+    if len(complete) > 1:
+        firsts = _listed([f"{names[min(x.values())]} .." for x in complete])
+        problem = f"names {len(complete)} series of {plural} ({firsts}), but not which counts"
+        return InputError(path, "header", problem, f"leave one of them, {DESCRIBE}")
+    if joint_names is not None and len(columns) == num_joints:
+        problem = f"names {num_joints} {plural}, but neither by the robot's joints "
+        problem += f"({', '.join(joint_names)}) nor by numbers: {listed}"
+        remedy = f"call them {words} 1.. from base to tool, {DESCRIBE}"
+        return InputError(path, "header", problem, remedy)
     problem = f"names {plural} that are not one for each joint of the robot, by number or name: "
     problem += listed
     remedy = f"leave one for each joint and call it {words} 1.. from base to tool, {DESCRIBE}"

@@ -97,7 +97,8 @@ def matched_joints(
             )
             return JointMatch(joints, f"joints are matched {how}: {pairs}, ...", prefix)
         if candidates:
-            prefixes = [prefix for _, prefix in candidates]
+            # A joint's own signal rather than its motor's, before the gear.
+            prefixes = sorted((prefix for _, prefix in candidates), key=lambda x: "motor" in x)
             problem = f"the robot's joints fit those of the log in {len(candidates)} ways: "
             problem += ", ".join(f'"{prefix}"' for prefix in prefixes)
             remedy = f"choose one with --log-format {PREFIX}{prefixes[0]}, {DESCRIBE}"

@@ -103,6 +103,7 @@ _UNITS_OF_WORD = {  # where a unit is stated that a quantity cannot have, but on
     ("current", "N m"): ("motor_torque", "N m"),
     ("current", "mN m"): ("motor_torque", "mN m"),
 }
+_WRAPPED = re.compile(r"([A-Za-z_]+[ _]?\d{0,4}) ?\(([^()]*[^\W\d][^()]*)\)")  # PROBE1(A1_ActPos)
 _MAX_NAME = 200  # characters
 
 
@@ -128,6 +129,11 @@ def column_name(name: str) -> ColumnName:
     """Takes the name of a column apart."""
     if len(name) > _MAX_NAME:
         return ColumnName("", "", ())
+    wrapped = _WRAPPED.fullmatch(name.strip())
+    if wrapped and not unit_of(wrapped[2]) and not column_name(wrapped[1]).quantity:
+        inner = column_name(wrapped[2])
+        if inner.quantity and not names_quantity_alone(inner):
+            return inner
     unit, rest = _unit(name.strip())
     unit = unit or next((u for word, u in _PROGRAM_UNITS.items() if rest.endswith(word)), "")
     tokens = name_tokens(rest)

@@ -35,15 +35,9 @@ _UNIT_ALONE = re.compile(
 )
 _UNIT_BEHIND = re.compile(r"(.*?)[\s_]*[\[(（]?([^\W\d_]+)[\])）]?", re.DOTALL)
 _UNIT_IN_BRACKETS = re.compile(r"\s*[\[(]n?s[\])]$")
-_SECOND_WORDS = (  # of whole seconds and nanoseconds
-    ("sec", "nanosec"),
-    ("secs", "nsecs"),
-    ("seconds", "nanoseconds"),
-    ("s", "ns"),
-    ("sec", "nsec"),
-    ("sec", "ns"),
-    ("secs", "nanosecs"),
-)
+# Of whole seconds and nanoseconds, also in one name with more: robot_time_seconds, .._nanos.
+_SECOND_WORDS = ("sec", "secs", "seconds", "s")
+_NANOSECOND_WORDS = ("nanosec", "nanosecs", "nanoseconds", "nsec", "nsecs", "nanos", "ns")
 
 
 class _Clock(NamedTuple):
@@ -58,7 +52,7 @@ def time_columns(names: Sequence[str]) -> SignalColumns | None:
     """The column or columns of a log's time; None where no name is one.
 
     A column `t` is the time whatever else there is. Else two columns of seconds and nanoseconds
-    are (sec and nanosec, secs and nsecs, s and ns, seconds and nanoseconds, with any prefix:
+    are (sec and nanosec, secs and nsecs, s and ns, seconds and nanos, with any prefix:
     header/stamp/sec, t_s), or else a column that is called time, timestamp or the like; or else
     one whose words are those of a clock (robot_time, Zeit, elapsed time (ms), log.stamp), or
     a unit of time alone (ms). Of several the first such kind, and its first column, counts:
@@ -136,9 +130,9 @@ def _unit(name: str) -> tuple[str, str]:
 def _seconds_and_nanoseconds(names: Sequence[str]) -> SignalColumns | None:
     """The first two columns of one prefix that are called so; None where there are none."""
     plain = [_UNIT_IN_BRACKETS.sub("", name) for name in names]
-    for seconds, nanoseconds in _SECOND_WORDS:
-        for i, name in enumerate(plain):
-            match = re.fullmatch(rf"(.*[._/]|){seconds}", name)
-            if match and match[1] + nanoseconds in plain:
-                return by_number([i, plain.index(match[1] + nanoseconds)])
+    for i, name in enumerate(plain):
+        match = re.fullmatch(rf"(.*[._/]|)({'|'.join(_SECOND_WORDS)})", name)
+        for word in _NANOSECOND_WORDS if match else ():
+            if match and match[1] + word in plain:
+                return by_number([i, plain.index(match[1] + word)])
     return None

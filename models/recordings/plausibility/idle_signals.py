@@ -5,14 +5,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 
 TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _LEAST_STEP, _LARGEST_STEP = 1e-4, 0.25  # s, of a log of motor currents
 _SMALLEST_COUNT = 1.0  # in which a clock of ms, us or ns steps
 _MAX_PATH_RATIO = 3.0  # factor by which the path may differ from the integral of the speed
-_MIN_TRAVEL = 5e-3  # rad or m, beyond what an encoder rounds
+MIN_TRAVEL = 5e-3  # rad or m, beyond what an encoder rounds
 _SMALLEST_SPEED = 1e-9  # rad/s or m/s
+_MEASURED_SIZES = (1e-200, 1e15)  # of a number that is not zero, in any unit
+_UNWRITTEN_SHARE = 0.5  # of a column's numbers that are none of these
+_MIN_SAMPLES = 100  # in which a torque of a moving arm does not stay the same
 
 
 def idle_velocities(part: Recording) -> NDArray[np.intp] | None:
@@ -32,19 +36,47 @@ def idle_velocities(part: Recording) -> NDArray[np.intp] | None:
     if complete.num_samples < 2:
         return None
     q, v, t = complete.q, complete.v, complete.t - complete.t[0]
-    travel = np.ptp(q, axis=0)
-    if not (travel > _MIN_TRAVEL).any():
+    distance = travel(complete)
+    if not (distance > MIN_TRAVEL).any():
         return None
     path = np.abs(np.trapezoid(v, t, axis=0))  # how far the velocity says that a joint moved
-    is_exchanged = (travel == 0.0) & (path > _MIN_TRAVEL)
+    is_exchanged = (distance == 0.0) & (path > MIN_TRAVEL)
     # A velocity that is constant and right, as of a joint that turns evenly, leaves nothing over.
     unexplained = np.ptp(q - v[0] * t[:, None], axis=0)
     is_idle = (np.ptp(v, axis=0) < _SMALLEST_SPEED) & (
-        np.minimum(travel, unexplained) > _MIN_TRAVEL
+        np.minimum(distance, unexplained) > MIN_TRAVEL
     )
     if is_exchanged.any():
         return np.empty(0, np.intp)
     return np.flatnonzero(is_idle)
+
+
+def travel(part: Recording) -> Array:
+    """(n,) rad or m: how far each joint goes."""
+    complete = part.q[np.isfinite(part.q).all(axis=1)]
+    return np.asarray(np.ptp(complete, axis=0)) if len(complete) else np.zeros(part.num_joints)
+
+
+def unfilled(values: Array) -> str:
+    """Says why numbers (N, k) of a log, NaN where one is missing, are no measurement; '' if so."""
+    if not np.isfinite(values).any():
+        return "hold no number, or NaN only"
+    size = np.abs(values)
+    least, largest = _MEASURED_SIZES
+    is_unwritten = (size > largest) | ((size > 0.0) & (size < least))
+    if is_unwritten.mean(axis=0).max(initial=0.0) < _UNWRITTEN_SHARE:
+        return ""
+    number = values[is_unwritten][0]
+    return f"hold numbers such as {number:.3g}: memory that the driver never wrote"
+
+
+def constant(values: Array) -> str:
+    """Says that drives' numbers (N, k) of a moving arm are no measurement: they never change."""
+    complete = values[np.isfinite(values).all(axis=1)]
+    if len(complete) < _MIN_SAMPLES or not complete[0].any() or np.ptp(complete, axis=0).any():
+        return ""
+    listed = ", ".join(f"{number:.3g}" for number in complete[0])
+    return f"stay the same while the joints move ({listed})"
 
 
 def time_unit(part: Recording, has_velocities: bool) -> str:
@@ -72,5 +104,5 @@ def _agrees(part: Recording, steps: NDArray[Any]) -> bool:
     length = float(np.nansum(speed * steps[:, None]))
     path = float(np.nansum(np.abs(np.diff(part.q, axis=0))))
     return (
-        max(path, length) < _MIN_TRAVEL or path / _MAX_PATH_RATIO < length < _MAX_PATH_RATIO * path
+        max(path, length) < MIN_TRAVEL or path / _MAX_PATH_RATIO < length < _MAX_PATH_RATIO * path
     )

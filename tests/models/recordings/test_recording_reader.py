@@ -459,6 +459,9 @@ def test_numbers_without_names_are_refused(tmp_path: Path) -> None:
     path = _good(tmp_path)
     description = _description(tmp_path, "header: false\n")
     _refused(path, "line 1, column 1", 'holds "t"', "header: true", description=description)
+    two = tmp_path / "two.csv"
+    two.write_text("12.0,5402.112\n" * 20)
+    _refused(two, "holds 2 numbers and no names: too few for", "this is another record")
 
 
 def test_another_number_of_joints_is_refused(tmp_path: Path) -> None:

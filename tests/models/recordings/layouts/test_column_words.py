@@ -96,12 +96,18 @@ def test_joints_are_put_in_the_robots_order_by_their_names(tmp_path: Path) -> No
     ("names", "words"),
     [
         # Two series of currents, and only the owner knows which one counts.
-        (["pos_{j}", "u_current_{j}", "w_current_{j}"], "currents that are not one for each joint"),
+        (["pos_{j}", "u_current_{j}", "w_current_{j}"],
+         r"names 2 series of currents \(u_current_1 .., w_current_1 ..\), but not which counts"),
+        (["{x}_pos", "current_{j}"], "names 3 positions, but neither by the robot's joints"),
+        (["motor_{j}_pos", "joint_{j}_pos", "motor_{j}_cur", "joint_{j}_cur"],
+         "in 2 ways: \"joint_\", \"motor_\"; choose one with --log-format joint-prefix=joint_"),
         (["left_{n}_pos", "right_{n}_pos", "left_{n}_current"], "joint-prefix=left_"),
     ],
-)
+)  # fmt: skip
 def test_what_leaves_doubt_is_refused(tmp_path: Path, names: list[str], words: str) -> None:
-    header = ["t"] + [name for text in names for name in _joints(text)]
+    header = ["t"]
+    for text in names:
+        header += [text.format(x=x) for x in "xyz"] if "{x}" in text else _joints(text)
     columns = [_T] + [_Q[:, 0]] * (len(header) - 1)
     path = _csv(tmp_path, header, columns)
     with pytest.raises(InputError, match=words):
@@ -129,7 +135,8 @@ def test_positions_alone_are_told(tmp_path: Path, names: str) -> None:
 def test_another_number_of_joints_is_told(tmp_path: Path, names: str, words: str) -> None:
     header = ["time", *(names.format(j=j + 1) for j in range(4)), *_joints("current_{j}")]
     path = _csv(tmp_path, header, [_T, *_Q.T, _Q[:, 0], *_I.T])
-    with pytest.raises(InputError, match=f"{words}.*but the robot has 3 joints"):
+    remedy = "but the robot has 3 joints; if one is a gripper's, leave it out; else give the robot"
+    with pytest.raises(InputError, match=f"{words}.*{remedy}"):
         read_recording(path, None, _ROBOT)
 
 
@@ -138,13 +145,28 @@ def test_another_number_of_joints_is_told(tmp_path: Path, names: str, words: str
     [
         (["target_q_{j}", "target_qd_{j}"], "names commanded values only"),
         (["shoulder.pos", "elbow.pos", "current_{j}"], "names 2 positions.*the robot has 3 joints"),
+        (["pos_{j}", "current_1", "current_2"],
+         r"numbers 2 currents \(current_1, current_2\), but the robot has 3 joints; record those"),
+        (["shoulder.pos", "x.pos", "load_{j}"],
+         r"\(shoulder.pos .. x.pos\), but no motor current or joint torque; load_1, load_2 .. is"),
     ],
-)
+)  # fmt: skip
 def test_what_a_log_lacks_is_told(tmp_path: Path, names: list[str], words: str) -> None:
     header = ["time"] + [x for name in names for x in (_joints(name) if "{" in name else [name])]
     path = _csv(tmp_path, header, [_T] + [_Q[:, 0]] * (len(header) - 1))
     with pytest.raises(InputError, match=words):
         read_recording(path, None, _ROBOT)
+
+
+def test_a_name_in_brackets_behind_a_channel_counts(tmp_path: Path) -> None:
+    """As recorders write their probes with what they record, and databases their functions."""
+    names = [
+        name for text in ("A{j}_ActPos", "A{j}_ActVel", "A{j}_ActCur") for name in _joints(text)
+    ]
+    header = ["time", *(f"RECPROBE{k}({name})" for k, name in enumerate(names, start=1))]
+    columns = [_T, *_Q.T, *_V.T, *_I.T]
+    log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
+    np.testing.assert_array_equal(np.c_[log.q, log.v, log.current], np.c_[_Q, _V, _I])
 
 
 def test_a_measured_series_counts_beside_another_one(tmp_path: Path) -> None:

@@ -1,0 +1,55 @@
+"""What a driver does not fill is no measurement; what it measures stays."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.plausibility.idle_signals import constant, unfilled
+from wrenchsight.models.recordings.recording_reader import RecordingReader, read_recording
+
+ROWS = 200
+T = 0.01 * np.arange(ROWS)
+Q = np.c_[np.sin(T), np.cos(T)]
+
+
+def _log(tmp_path: Path, current: np.ndarray) -> Path:
+    path = tmp_path / "log.csv"
+    names = "t,q1,q2,v1,v2,i1,i2"
+    np.savetxt(path, np.c_[T, Q, np.cos(T), -np.sin(T), current], delimiter=",", header=names,
+               comments="", fmt="%.17g")  # fmt: skip
+    return path
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ([2.89e-321, 1.04e224], "hold numbers such as 2.89e-321: memory that the driver never"),
+        ([0.0, 1.04e224], "hold numbers such as 1.04e\\+224: memory that the driver never"),
+        ([87.0, 12.0], "stay the same while the joints move \\(87, 12\\)"),
+    ],
+)
+def test_currents_that_the_driver_does_not_fill_are_left_out(
+    tmp_path: Path, row: list[float], words: str
+) -> None:
+    path = _log(tmp_path, np.tile(row, (ROWS, 1)))
+    reader = RecordingReader(path)
+    with pytest.raises(InputError, match=f"its currents {words}.*; have the driver fill them"):
+        reader.require_joint_signals()
+    assert reader.layout.signal("current") is None
+
+
+def test_a_few_numbers_beyond_any_robot_are_told_with_their_row(tmp_path: Path) -> None:
+    current = 1.0 + Q
+    current[50, 1] = 1.04e224
+    with pytest.raises(InputError, match=r"line 52, i2: 1.04e\+224 is beyond any robot"):
+        read_recording(_log(tmp_path, current))
+
+
+def test_small_large_and_constant_numbers_are_measurements() -> None:
+    values = np.c_[1e-30 * Q[:, 0], 1e9 * Q[:, 1]]
+    assert unfilled(values) == ""
+    assert constant(values) == ""
+    assert constant(np.tile([0.0, 0.0], (ROWS, 1))) == ""  # what gravity is there for says more
+    assert constant(np.tile([1.0, 2.0], (20, 1))) == ""  # too short
