@@ -3,6 +3,7 @@
     t=0.01 q1=0.1 q2=-1.2 i1=4                      prints, logfmt
     [ID:001] PresPos:2048 PresVel:12                prints of servos
     MotorState_(q=0.1, dq=0), MotorState_(q=..      representations of Python's objects
+    {'t': 0.01, 'q1': 0.1}                          and of its dictionaries
     effort,joint=elbow value=0.1,i=4 1700000000     InfluxDB's lines: tags, numbers, a stamp
     <Rob><AIPos A1="0.1" A2="5"/><IPOC>12</IPOC>    packets of KUKA's sensor interface
 
@@ -18,7 +19,7 @@ _NUMBER: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _PART: Final = re.compile(
     rf"<(?P<element>\w+)>\s*(?P<content>{_NUMBER})\s*</"
     r"|<(?P<begin>\w+)"
-    rf"|(?P<key>[^\W\d][\w.]*)\s*[=:]\s*[\"']?(?P<number>{_NUMBER})(?![\w.:])i?"
+    rf"|(?P<key>[^\W\d][\w.]*)[\"']?\s*[=:]\s*[\"']?(?P<number>{_NUMBER})(?![\w.:])i?"
     r"|(?P<tag>[^\W\d]\w*)=[\"']?(?P<word>[^\W\d][\w\-]*)"
 )
 _STAMP: Final = re.compile(r"\s(\d{10,19})\s*$")  # of InfluxDB's lines

@@ -56,7 +56,7 @@ _KINDS_BY_MAGIC: Final[tuple[tuple[bytes, LogContainer], ...]] = (
 )
 _TEXT_SUFFIXES: Final = (*TEXT.suffixes, *_JSON.suffixes)
 _YAML_SUFFIXES: Final = (".yaml", ".yml")
-_JSON_BEGIN: Final = re.compile(r"\s*(\{|\[\s*[\[{])")
+_JSON_BEGIN: Final = re.compile(r"\s*(\{\s*[\"}]|\[\s*[\[{])")  # {' is Python's
 
 
 def container_of(path: Path) -> LogContainer | None:

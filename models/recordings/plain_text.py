@@ -5,8 +5,8 @@
 - Quoted cells behind a blank: `"time", "q1"`; numbers with their unit in the cell: `13.7 deg`.
 - Lines that end with two carriage returns, as Python's csv writes them on Windows, or with one
   alone.
-- Messages as `ros2 topic echo` prints them (`echo_text`), and lines that name each number
-  (`key_values`).
+- What is no table, line by line: `_FORMS`. Messages as `ros2 topic echo` prints them
+  (`echo_text`), lines that name each number (`key_values`), lines of lists (`list_lines`).
 - Exports of TwinCAT Scope (Beckhoff TE13xx): a block of lines with label and value of each channel
   (Name;Position;Name;Current, then SymbolName, Data-Type, ..), and rows with a time in ms and a
   value of each channel.
@@ -21,12 +21,13 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import BinaryIO, Final, NamedTuple
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.recordings.echo_text import is_echo, table_of_echo
 from wrenchsight.models.recordings.key_values import are_key_values, table_of_pairs
+from wrenchsight.models.recordings.list_lines import are_list_lines, table_of_list_lines
 from wrenchsight.models.recordings.text_head import table_head
 
 _UTF_16: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
@@ -84,16 +85,12 @@ class PlainCopy:
                 self.notices.append(
                     "read as an export of TwinCAT Scope: a time in ms and a value of each channel"
                 )
-            change = None if scope_head is not None else _change_of_lines(head)
             parts: Iterable[str] = chain([scope_head or head], text)
-            if is_echo(head):
-                self.notices.append("read as messages that `ros2 topic echo` has printed")
-                parts, change = table_of_echo(_whole_lines(parts)), str
-            elif _names_each_number(head):
-                self.notices.append(
-                    "read as lines that name each number; the first gives the names"
-                )
-                parts, change = table_of_pairs(_whole_lines(parts)), str
+            form = _form_of(head) if scope_head is None else None
+            if form is not None:
+                self.notices.append(form.notice)
+                parts = form.table_of(_whole_lines(parts))
+            change = _change_of_lines(head) if form is None and scope_head is None else None
             for part in parts if change is None else map(change, _whole_lines(parts)):
                 target.write(part.encode())
 
@@ -109,13 +106,47 @@ def is_plain(path: Path) -> bool:
             return False
         head = file.read(_HEAD_BYTES).decode("utf-8", "replace")
     head = head.removeprefix("\ufeff")
-    is_changed = _change_of_lines(head) is not None or is_echo(head) or _names_each_number(head)
+    is_changed = _change_of_lines(head) is not None or _form_of(head) is not None
     return _plain_scope_head(head) is None and not is_changed
 
 
-def _names_each_number(head: str) -> bool:
-    """Whether the lines of a text are pairs of names and numbers; the last line may be cut off."""
-    return are_key_values(head.splitlines()[:_MOST_HEAD_LINES][:-1])
+class _TextForm(NamedTuple):
+    """A form of text that is no table, line by line.
+
+    Attributes:
+        is_form: whether a text begins so; the last line may be cut off.
+        table_of: parts of the text, each of whole lines, as those of a table.
+        notice: what it is read as.
+    """
+
+    is_form: Callable[[str], bool]
+    table_of: Callable[[Iterable[str]], Iterator[str]]
+    notice: str
+
+
+def _first_lines(head: str) -> list[str]:
+    """The first lines of a text, without the last one, which may be cut off."""
+    return head.splitlines()[:_MOST_HEAD_LINES][:-1]
+
+
+_FORMS: Final = (  # the first that fits counts; a further form is one entry
+    _TextForm(is_echo, table_of_echo, "read as messages that `ros2 topic echo` has printed"),
+    _TextForm(
+        lambda head: are_key_values(_first_lines(head)),
+        table_of_pairs,
+        "read as lines that name each number; the first gives the names",
+    ),
+    _TextForm(
+        lambda head: are_list_lines(_first_lines(head)),
+        table_of_list_lines,
+        "read as lines of lists without a header; the first is no row",
+    ),
+)
+
+
+def _form_of(head: str) -> _TextForm | None:
+    """The form of a text that is no table; None: it is one."""
+    return next((form for form in _FORMS if form.is_form(head)), None)
 
 
 def _encoding(file: BinaryIO) -> str:

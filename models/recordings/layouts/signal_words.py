@@ -64,6 +64,7 @@ _AXIS_WORDS = {
 _VALUE_WORDS = {"actual", "act", "measured", "meas", "msr", "real", "ist", "feedback", "fb", "fbk",
                 "wert", "istwert", "value", "mesure", "misurato", "medido", "实际",
                 "反馈", "当前", "pres", "present"}  # fmt: skip
+_STATE_WORDS = {"state"}  # beside torques that of the positions, where no name is one of these
 _MEASURED = (_AXIS_WORDS - {"j", "jt", "a"}) | _VALUE_WORDS | {"motor", "raw"}
 _PROGRAM_WORDS = {
     # of KUKA's sensor interface: axes' actual and set positions, motor currents
@@ -189,10 +190,10 @@ def without_joint_words(joint: str) -> str:
 
 
 def _is_bare(tokens: list[str]) -> bool:
-    """Whether a name is an axis with its number (J1, A1_Istwert), or an actual value (Base_Ist)."""
+    """Whether a name is an axis with its number (J1, A1_Istwert), or an actual value or state."""
     words = {token for token in tokens if not token.isdigit()}
     is_numbered_axis = len(words) < len(tokens) and words <= _AXIS_WORDS | _VALUE_WORDS
-    return bool(words) and (is_numbered_axis or bool(words & _VALUE_WORDS))
+    return bool(words) and (is_numbered_axis or bool(words & (_VALUE_WORDS | _STATE_WORDS)))
 
 
 def _compound_parts(token: str) -> list[str]:

@@ -32,8 +32,13 @@ def _objects(k: int) -> str:
     return f"stamp: {_T[k]:.3f} [{states}]"
 
 
+def _dictionary(k: int) -> str:
+    numbers = {"t": float(_T[k])} | {f"q{j + 1}": float(_Q[k, j]) for j in range(2)}
+    return str(numbers | {f"i{j + 1}": float(_I[k, j]) for j in range(2)})
+
+
 @pytest.mark.parametrize("block", [1 << 20, 100])
-@pytest.mark.parametrize("line", [_logfmt, _packet, _objects])
+@pytest.mark.parametrize("line", [_logfmt, _packet, _objects, _dictionary])
 def test_each_form_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: Callable[[int], str], block: int
 ) -> None:
