@@ -31,6 +31,8 @@ _PLAUSIBLE_STEP = (1e-5, 0.25)  # s, least and most of a log of motor currents
 _FASTEST_JOINT = 300.0  # a second, in rad, m or degrees: no arm's joint moves faster
 _REQUESTED_STEP = (1e-5, 1.0)  # s, least and most that may be requested
 LONGEST_BRIDGE = 60.0  # s, longest gap that may be bridged on request
+_MIN_ROUNDED = 3  # stamps that repeat where a clock is rounded
+_MIN_CHANGES = 3  # of a coarse clock, whose rate is known to one sample in their time
 _LARGE_TIME = 1e6  # s, such as since 1970: its milliseconds need more digits
 _MOST_POINTS = 1 << 20  # grid points of one chunk; with more the step is far too small
 
@@ -235,13 +237,36 @@ def time_error(recording: Recording, sample: int) -> InputError:
     if current != previous:
         problem = f"time runs backwards from {previous:.{digits}g} s to {current:.{digits}g} s"
         problem += ", expected to increase"
-    remedy = "remove the repeated rows, or split the log there"
-    is_long = recording.num_samples > 2 / COARSE_CLOCK
-    if is_long and np.mean(np.diff(recording.t) == 0) > COARSE_CLOCK:
-        span = recording.t[-1] - recording.t[0]
-        remedy = "t has too few digits: log it with more"
-        if span > 0:
-            rate = (recording.num_samples - 1) / span
-            remedy += f"; if the samples are evenly spaced, add --log-format rate_hz={rate:.3g}"
+    remedy = "remove the repeated rows"
+    if current < previous:
+        remedy = "split the log there: a clock was set, or one recording follows another"
+    if is_rounded(recording.t):
+        remedy = "t has too few digits: log it with more; if the samples are evenly spaced, add "
+        remedy += f"--log-format rate_hz={_rate_of_ticks(recording.t)}"
     place = f"{place_of(recording, sample)}, column t"
     return InputError(recording.source, place, problem, remedy)
+
+
+def is_rounded(t: Array) -> bool:
+    """Whether a clock (T,) shows too few digits: many stamps repeat, or each repeat is made up for.
+
+    Where rows are written twice they are as many more than steps of the clock.
+    """
+    steps = np.diff(t)
+    num_equal = int((steps == 0.0).sum())
+    if len(t) <= 2 / COARSE_CLOCK or not num_equal:
+        return False
+    if num_equal > COARSE_CLOCK * len(steps):
+        return True
+    step = float(np.median(steps[steps > 0.0]))
+    num_too_many = len(steps) - (t[-1] - t[0]) / step
+    return num_equal >= _MIN_ROUNDED and abs(num_too_many) < 0.5 * num_equal
+
+
+def _rate_of_ticks(t: Array) -> str:
+    """Samples a second of a coarse clock, from its first change to its last one, for a remedy."""
+    changes = 1 + np.flatnonzero(np.diff(t) > 0.0)
+    if len(changes) < _MIN_CHANGES:
+        return "100, with the rate that it was recorded at"
+    rate = (changes[-1] - changes[0]) / (t[changes[-1]] - t[changes[0]])
+    return f"{rate:.3g} (estimated: better the rate that was set)"

@@ -9,7 +9,12 @@ import numpy as np
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
-from wrenchsight.models.recordings.resampling import COARSE_CLOCK, LONGEST_BRIDGE, time_error
+from wrenchsight.models.recordings.resampling import (
+    COARSE_CLOCK,
+    LONGEST_BRIDGE,
+    is_rounded,
+    time_error,
+)
 
 _HISTORY_SAMPLES = 512  # samples before a repeat among which its first copy is looked for
 
@@ -130,7 +135,8 @@ def _signals(part: Recording) -> Array:
 def _stamp_error(part: Recording, signals: Array, k: int) -> InputError:
     i = k - 1
     num_equal = int((np.diff(part.t) == 0.0).sum())
-    if part.t[i] != part.t[k] or num_equal > max(2, COARSE_CLOCK * part.num_samples):
+    is_coarse = num_equal > max(2, COARSE_CLOCK * part.num_samples)
+    if part.t[i] != part.t[k] or is_coarse or is_rounded(part.t):
         return time_error(part, k)
     difference = float(np.nanmax(np.abs(signals[k] - signals[i]), initial=0.0))
     problem = (

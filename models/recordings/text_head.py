@@ -3,7 +3,8 @@
 Nothing is known beforehand. Each separator is tried: the one is right by which the most lines fall
 into the same number of cells, most of them numbers. The line of words above these rows names the
 columns. In between may stand further lines of names, of units or of types, and blank ones;
-above them anything.
+above them anything. Several lines may also begin with a label each, one of which says that it has
+the names.
 """
 
 import csv
@@ -35,6 +36,17 @@ _UNIT_CELL: Final = re.compile(r"\W*[^\W\d]{0,5}([ */·^_][^\W_]{1,5}){0,2}\W*")
 _LIST: Final = re.compile(r"(?:\w{1,20}\()?[\[({]\s*[-+\d.\[('\"]")
 _UNIT_LENGTH: Final = 20  # characters
 _MOST_LEVELS: Final = 5  # lines of names, units and types above the rows
+# First cells of a line that is one of several on the columns: their names, or their units.
+_NAME_LABELS: Final = frozenset((
+    "name", "names", "signal", "signals", "signal name", "signalname", "channel", "channels",
+    "channel name", "symbol", "symbolname", "variable", "variables", "bezeichnung", "kanal",
+))  # fmt: skip
+_UNIT_LABELS: Final = frozenset((
+    "unit", "units", "einheit", "einheiten", "dimension", "y_unit_label", "unité", "unità",
+))  # fmt: skip
+_TIME_NAME: Final = "Time"  # of the column whose cells above the rows are such labels
+_NO_NAME: Final = " "  # where a line has the number of a column
+_LEAST_LABELLED: Final = 2
 _LEAST_WIDE: Final = 6  # cells of a row, which a line of words above meets by no chance
 _SHORT_HEADER: Final = 0.3  # of the cells of a row: a line of fewer words names no columns
 
@@ -187,11 +199,27 @@ def _first_row(rows: Sequence[Sequence[str]], header: bool | None) -> tuple[int,
         first = next(shown, 0)
         return first, len(rows[first]) if first < len(rows) else 0
     count, _ = _usual_count(rows)
+    begins_with_number = _begin_with_numbers([x for x in rows if len(x) == count and _is_row(x)])
     for k, cells in enumerate(rows):
-        if len(cells) == count and _is_row(cells):
+        if begins_with_number and cells and cell_kind(cells[0]).is_word:  # Offset;0;0;0
+            continue
+        if len(cells) == count and _is_row(cells) and not _counts_columns(cells):
             return k, count
     first = next((k for k, cells in enumerate(rows) if any(cells)), 0)  # a header without rows
     return first, len(rows[first]) if rows else 0
+
+
+def _begin_with_numbers(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether most rows begin with a number, so that a line with a word there is none of them."""
+    return 2 * sum(cell_kind(cells[0]).is_number for cells in rows) > len(rows)
+
+
+def _counts_columns(cells: Sequence[str]) -> bool:
+    """Whether the cells are words, and then 1, 2, 3, ..: numbers of columns without a name."""
+    numbers = [cell for cell in cells if cell_kind(cell).is_number]
+    num_words = sum(cell_kind(cell).is_word for cell in cells)
+    counted = [str(k + 1) for k in range(len(numbers))]
+    return num_words > 0 and len(numbers) > 1 and numbers == counted
 
 
 def _words_of(line: str, separator: str, count: int) -> list[str]:
@@ -207,6 +235,8 @@ def _words_of(line: str, separator: str, count: int) -> list[str]:
 
 def _find_names(head: TableHead, lines: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Finds the lines of names above the first row; above these the text is no table."""
+    if _take_labelled_names(head, lines, rows):
+        return
     count, first = head.num_columns, head.num_lines
     top, levels = first, 0
     broken = 0  # lines between the names and the first row: rows that lack a cell
@@ -222,7 +252,7 @@ def _find_names(head: TableHead, lines: Sequence[str], rows: Sequence[Sequence[s
             broken += 1
             continue
         fits = len(cells) == count or (abs(len(cells) - count) == 1 and count >= _LEAST_WIDE)
-        is_header = fits and not _is_row(cells)
+        is_header = fits and (not _is_row(cells) or _counts_columns(cells))
         if not levels and not is_header:  # the only line of names may be one of another length
             is_header = len(cells) > max(1.0, _SHORT_HEADER * count) and not _is_row(cells)
             is_header &= not _COMMENT.match(lines[k]) and not broken
@@ -243,6 +273,34 @@ def _find_names(head: TableHead, lines: Sequence[str], rows: Sequence[Sequence[s
         head.notices.insert(0, f"the first {head.skip_lines} lines are no table: left out")
 
 
+def _take_labelled_names(
+    head: TableHead, lines: Sequence[str], rows: Sequence[Sequence[str]]
+) -> bool:
+    """Reads names and units from lines above the rows that begin with a label each, and a value
+    of each column; whether there are such lines, one of them of names.
+    """
+    count, first = head.num_columns, head.num_lines
+    labelled: dict[str, int] = {}  # lines by their labels
+    if not _begin_with_numbers([x for x in rows[first:] if len(x) == count]):
+        return False
+    for k in range(first - 1, -1, -1):
+        if not lines[k].strip() and not labelled:
+            continue
+        if len(rows[k]) != count or not cell_kind(rows[k][0]).is_word:
+            break
+        labelled.setdefault(rows[k][0].lower(), k)
+    top = next((k for label, k in labelled.items() if label in _NAME_LABELS), None)
+    if top is None or len(labelled) < _LEAST_LABELLED or _repeats(rows[top]):
+        return False
+    head.names = (_TIME_NAME, *rows[top][1:])
+    head.skip_lines, head.header = top, lines[top].strip()
+    units = next((k for label, k in labelled.items() if label in _UNIT_LABELS), None)
+    if units is not None:
+        head.names = (_TIME_NAME, *_with_units(rows[top][1:], rows[units][1:]))
+    head.notices.append(f"names are read from line {top + 1}, one of {len(labelled)} with labels")
+    return True
+
+
 def _take_names(
     head: TableHead, lines: Sequence[str], rows: Sequence[Sequence[str]], top: int
 ) -> None:
@@ -253,6 +311,8 @@ def _take_names(
     end = top
     for k in range(top, min(len(lines), top + _MOST_LEVELS)):
         cells = _words_of(lines[k], head.separator, count)
+        if k == top and _counts_columns(cells):
+            cells = [_NO_NAME if cell_kind(cell).is_number else cell for cell in cells]
         if k > top and not any(cells):
             break
         if k > top and (_is_row(cells) or len(cells) != len(levels[0])):
@@ -313,7 +373,9 @@ def _joined_levels(levels: Sequence[Sequence[str]]) -> tuple[str, ...]:
     for level in filled[:-1]:
         for k in range(2, len(level)):
             level[k] = level[k] or level[k - 1]
-    names = [" ".join(name for name in column if name) for column in zip(*filled, strict=True)]
+    names = [
+        " ".join(name for name in column if name.strip()) for column in zip(*filled, strict=True)
+    ]
     if not any(levels[-1][1:]):
         names[0] = levels[-1][0]
     return tuple(names)

@@ -247,8 +247,8 @@ class TextTable:
     def _end_of_rows(self) -> int:
         """Where the lines of text below the last row begin, in bytes; the file's end without any.
 
-        Such a line has fewer cells than the table and no number in the first one: EOF, or words on
-        the recording.
+        Such a line has fewer cells than the table and no number in the first one, or in none: EOF,
+        words on the recording, a date with what ended it.
         """
         with opened(self._source, "a log") as file:
             size = file.seek(0, 2)
@@ -274,8 +274,12 @@ class TextTable:
         return end
 
     def _is_remark(self, cells: Sequence[str]) -> bool:
-        """Whether the cells of a line are fewer than those of a row, and words."""
-        return len(cells) < self.num_columns and bool(_REMARK.match(" ".join(cells)))
+        """Whether the cells of a line are fewer than those of a row, and words, or no numbers."""
+        if len(cells) >= self.num_columns:
+            return False
+        has_words = any(_REMARK.match(cell) for cell in cells)
+        has_numbers = any(is_number(cell, self.decimal_mark) for cell in cells)
+        return bool(_REMARK.match(" ".join(cells))) or (has_words and not has_numbers)
 
     def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
         """As the protocol."""

@@ -8,7 +8,16 @@ from numpy.typing import NDArray
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 
-TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "100 ns": 1e-7, "ns": 1e-9}
+# Numbers that dates from 2001 to 2099 have: since 1970; in steps of 100 ns since 1601 (Windows), or
+# since the year 1 (.NET).
+_DATES = (
+    ("ms", 9.8e11, 4.1e12),
+    ("us", 9.8e14, 4.1e15),
+    ("ns", 9.8e17, 4.1e18),
+    ("100 ns", 1.26e17, 1.58e17),
+    ("100 ns", 6.31e17, 6.63e17),
+)
 _LEAST_STEP, _LARGEST_STEP = 1e-4, 0.25  # s, of a log of motor currents
 _SMALLEST_COUNT = 1.0  # in which a clock of ms, us or ns steps
 _MAX_PATH_RATIO = 3.0  # factor by which the path may differ from the integral of the speed
@@ -93,6 +102,8 @@ def time_unit(part: Recording, has_velocities: bool) -> str:
     if step < _SMALLEST_COUNT:
         return ""
     units = [u for u, factor in TIME_UNITS.items() if _LEAST_STEP <= step * factor <= _LARGEST_STEP]
+    of_date = [unit for unit, first, last in _DATES if first <= part.t[0] <= last]
+    units = [unit for unit in units if unit in of_date] or [u for u in units if u != "100 ns"]
     if has_velocities and part.num_joints:
         units = [unit for unit in units if _agrees(part, steps * TIME_UNITS[unit])]
     return units[0] if len(units) == 1 else ""

@@ -530,6 +530,10 @@ def test_words_below_the_table_are_left_out(tmp_path: Path) -> None:
     assert log.notices == (
         'the last 2 lines are no rows: left out (beginning "Recording stopped by user")',
     )
+    end = ["2024-05-17,10:57:15,STOP TRG"]
+    log = read_recording(_csv(tmp_path, _HEADER, *_lines(_table()), *end))
+    _same(log, _table())
+    assert "the last line is no row" in log.notices[0]
     lines = _lines(_table())
     between = ["Recording paused", "# and resumed"]
     log = read_recording(_csv(tmp_path, _HEADER, *lines[:30], *between, *lines[30:]))
@@ -627,11 +631,35 @@ def test_a_clock_of_too_few_digits_is_refused(tmp_path: Path) -> None:
     table = _table()
     table[:, 0] = np.round(0.001 * np.arange(_NUM_ROWS), 2)  # 1 kHz, two decimals
     path = _csv(tmp_path, _HEADER, *_lines(table))
-    _refused(path, "line 3, column t", "time repeats 0 s", "too few digits", "rate_hz=975")
+    _refused(path, "line 3, column t", "time repeats 0 s", "too few digits",
+             "rate_hz=967 (estimated")  # fmt: skip
     # Followed, the rate takes the place of the log's own time.
     log = read_recording(path, "rate_hz=1000")
     np.testing.assert_allclose(log.t, 0.001 * np.arange(_NUM_ROWS), rtol=0, atol=1e-12)
     np.testing.assert_array_equal(log.q, table[:, 1:3])
+
+
+def test_a_clock_that_is_rounded_to_its_step_has_too_few_digits(tmp_path: Path) -> None:
+    """A tenth of its stamps or less repeat; those of rows that are written twice are no such."""
+    table = _table()
+    table[:, 0] = 0.01 * np.arange(_NUM_ROWS)
+    for k in (7, 15, 22, 31):
+        table[k, 0] = table[k - 1, 0]
+    _refused(_csv(tmp_path, _HEADER, *_lines(table)), "too few digits", "rate_hz=100 (estimated")
+    twice = np.insert(table, [8, 16, 24], table[[8, 16, 24]], axis=0)
+    twice[:, 0] = 0.01 * np.insert(np.arange(_NUM_ROWS), [8, 16, 24], [8, 16, 24])
+    twice[[8, 17, 26], 1] += 0.01
+    _refused(_csv(tmp_path, _HEADER, *_lines(twice)), "two sources write into this log")
+
+
+@pytest.mark.parametrize("begin", [1.335e17, 6.38e17])  # of 2024, since 1601 and since the year 1
+def test_time_in_steps_of_100_ns_is_recognised_by_its_date(tmp_path: Path, begin: float) -> None:
+    table = _table()
+    table[:, 0] = begin + 1e5 * np.arange(_NUM_ROWS)
+    log = read_recording(_csv(tmp_path, _HEADER, *_lines(table)))
+    steps = np.diff(log.t)
+    np.testing.assert_allclose(steps, 0.01, rtol=0, atol=2e-5)  # 64 steps are a bit of the number
+    assert any("time is read in 100 ns" in notice for notice in log.notices)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])

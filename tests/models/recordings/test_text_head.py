@@ -77,3 +77,23 @@ def test_marked_lines_above_names_without_a_mark_are_remarks() -> None:
 def test_marked_names_above_units_without_a_mark_stay_the_names() -> None:
     head = table_head(["# t,q1,q2", "s,rad,rad", "0.0,0.1,0.2", "0.1,0.1,0.2"])
     assert head.names == ("t [s]", "q1 [rad]", "q2 [rad]")
+
+
+def test_lines_with_labels_give_names_and_units() -> None:
+    """As TwinCAT's Scope exports one time for all channels, and other recorders."""
+    lines = ["Name;Project", "Begin;1335;Monday", "", "Name;Axis 1.ActPos;Axis 2.ActPos",
+             "Comment;;", "Unit;deg;deg", "Type;REAL64;REAL64", "Offset;0;0", "Cyclic;True;1", "",
+             "13350;13,71;-96,80", "13360;13,86;-96,79", "13370;13,90;-96,70"]  # fmt: skip
+    head = table_head(lines)
+    assert head.names == ("Time", "Axis 1.ActPos [deg]", "Axis 2.ActPos [deg]")
+    assert (head.skip_lines, head.num_lines, head.decimal_mark) == (3, 10, ",")
+    assert "names are read from line 4, one of 6 with labels" in head.notices
+    # A column of words is none of labels.
+    assert table_head(["state,q1,q2", "run,1,2", "run,3,4"]).names == ("state", "q1", "q2")
+
+
+def test_numbers_of_columns_are_no_names() -> None:
+    lines = ["Cell 3,,", "Date,Time,1,2,3", ",,POS_J1,POS_J2,CUR_J1", ",,deg,deg,mA",
+             "2024-05-17,10:57:01,0.1,0.2,3", "2024-05-17,10:57:01,0.1,0.2,4"]  # fmt: skip
+    names = ("Date", "Time", "POS_J1 [deg]", "POS_J2 [deg]", "CUR_J1 [mA]")
+    assert table_head(lines).names == names
