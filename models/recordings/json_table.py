@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened, read_limited
+from wrenchsight.models.recordings.json_lines import ObjectLines, has_text_before_objects
 from wrenchsight.models.recordings.layouts.joint_names import is_joint_list
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.parquet_table import ConvertedTable
@@ -73,8 +74,16 @@ class JsonTable(ConvertedTable):
     """
 
     def __init__(self, path: Path) -> None:
+        self._object_lines: ObjectLines | None = (
+            None  # kept: with it the file that is read would go
+        )
         with opened(path, "a log") as file:
             begin = file.read(_BLOCK_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n")
+        if has_text_before_objects(begin.decode("utf-8", "replace")):
+            self._object_lines = ObjectLines(path)
+            super().__init__(path, _lines(self._object_lines.path))
+            self.notices.append(self._object_lines.notice)
+            return
         if not begin.startswith((b"{", b"[")):
             raise InputError(path, "", "is no JSON", "name the file by what it is, such as .csv")
         has_lines = begin.startswith(b"{") and _is_object(begin.split(b"\n")[0])

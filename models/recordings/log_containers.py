@@ -12,6 +12,7 @@ from wrenchsight.models.recordings.arrow_table import (
     ArrowContainer,
 )
 from wrenchsight.models.recordings.echo_text import is_echo
+from wrenchsight.models.recordings.json_lines import has_text_before_objects
 from wrenchsight.models.recordings.json_table import (
     JsonContainer,
     YamlContainer,
@@ -45,7 +46,7 @@ CONTAINERS: list[LogContainer] = [*_BUILT_IN]
 A file with the ending of a user's kind is of that kind, whatever its first bytes are.
 """
 
-_HEAD_BYTES: Final = 1 << 12
+_HEAD_BYTES: Final = 1 << 16
 _KINDS_BY_MAGIC: Final[tuple[tuple[bytes, LogContainer], ...]] = (
     (b"PAR1", _PARQUET),
     (ARROW_MAGIC, _ARROW),
@@ -86,6 +87,8 @@ def container_of(path: Path) -> LogContainer | None:
     if suffix in _YAML_SUFFIXES:
         return TEXT if is_echo(text) else _YAML
     if suffix in _TEXT_SUFFIXES and _JSON_BEGIN.match(text):
+        return _JSON
+    if suffix in _TEXT_SUFFIXES and has_text_before_objects(text):
         return _JSON
     if suffix in _TEXT_SUFFIXES and is_yaml(text):
         return _YAML

@@ -1,6 +1,7 @@
 """Text tables that are written in another way than a line of names and rows, as plain ones.
 
-- Text in UTF-16, as spreadsheets save "Unicode text", and in Windows' code page 1252 (Latin-1).
+- Text in UTF-16, as spreadsheets save "Unicode text", in Windows' code page 1252 (Latin-1), and in
+  Chinese and Japanese code pages.
 - Cells in aligned columns, with runs of blanks between them.
 - Quoted cells behind a blank: `"time", "q1"`; numbers with their unit in the cell: `13.7 deg`.
 - Lines that end with two carriage returns, as Python's csv writes them on Windows, or with one
@@ -27,11 +28,13 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.recordings.echo_text import is_echo, table_of_echo
 from wrenchsight.models.recordings.key_values import are_key_values, table_of_pairs
+from wrenchsight.models.recordings.layouts.signal_words import EASTERN_WORDS
 from wrenchsight.models.recordings.list_lines import are_list_lines, table_of_list_lines
 from wrenchsight.models.recordings.text_head import table_head
 
 _UTF_16: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 _WESTERN: Final = "cp1252"  # in which five bytes stand for nothing: most binary files are none
+_EASTERN: Final = {"gb18030": "GB 18030 (GBK)", "shift_jis": "Shift JIS"}  # and their names
 _BLOCK_BYTES: Final = 1 << 20
 _LONGEST_LINE: Final = 1 << 17  # characters: a line without an end is left to who reads the table
 _HEAD_BYTES: Final = 1 << 18  # of a file, in which the block of a Scope's export ends
@@ -74,6 +77,8 @@ class PlainCopy:
             encoding = _encoding(source)
             if encoding == _WESTERN:
                 self.notices.append("text in Windows' code page 1252 is read")
+            elif encoding in _EASTERN:
+                self.notices.append(f"text in {_EASTERN[encoding]} is read")
             elif encoding:
                 self.notices.append("text in UTF-16 is read")
             text = _decoded(path, source, encoding)
@@ -164,6 +169,11 @@ def _encoding(file: BinaryIO) -> str:
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)
     except UnicodeDecodeError:
+        for eastern in _EASTERN:  # in which most bytes are some sign or other: words decide
+            with suppress(UnicodeDecodeError):
+                text = codecs.getincrementaldecoder(eastern)().decode(head)
+                if any(word in text for word in EASTERN_WORDS):
+                    return eastern
         with suppress(UnicodeDecodeError):
             head.decode(_WESTERN)
             return "" if b"\0" in head else _WESTERN

@@ -27,6 +27,13 @@ QUANTITIES = {  # in this order: "current as torque" is a torque, "joint speed" 
                  "q", "qpos", "jpos", "winkel", "lage", "posizione", "angolo", "posicion",
                  "posicao", "angulo", "位置", "角度", "角"},
 }  # fmt: skip
+EASTERN_WORDS = tuple(
+    word
+    for words in QUANTITIES.values()
+    for word in words
+    if len(word) > 1 and ord(word[0]) > 0x3000
+)
+"""Words for quantities in Chinese and Japanese, by which such a code page is recognised."""
 _ASIDE = {  # words of what is no measured signal of a joint
     "target", "desired", "des", "d", "cmd", "command", "commanded", "goal", "ref", "reference",
     "set", "setpoint", "soll", "ext", "external", "error", "err", "temp", "temperature", "voltage",

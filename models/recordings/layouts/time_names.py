@@ -29,6 +29,7 @@ _BESIDE = frozenset((
 ))  # fmt: skip
 _CLOCKS_OF_SIGNALS = ("t", "time", "timestamp", "stamp", "zeit")
 _DATE_RANK = 9  # behind that of any clock
+_DOUBTFUL_WORDS = ("ts", "tstamp")  # a stamp, or the sample time: of that rank, too
 _DATE_WORDS = frozenset(("date", "datum", "fecha", "data", "日期"))
 _UNIT_ALONE = re.compile(
     r"(milli|micro|nano)?sec(onds|s)?|msec|usec|nsec|ms|us|ns|µs", re.IGNORECASE
@@ -68,7 +69,7 @@ def time_columns(names: Sequence[str]) -> SignalColumns | None:
 
 
 def clock_numbers(names: Sequence[str]) -> list[int]:
-    """Numbers, from 0, of all columns that are a time by their names, without dates alone."""
+    """Numbers, from 0, of all columns that are a time by their names, without doubtful ones."""
     return [clock.column for clock in _clocks(names) if clock.rank < _DATE_RANK]
 
 
@@ -109,6 +110,8 @@ def _clock(column: int, name: str) -> _Clock | None:
         # Of a signal: t_pos, time_q1, J1_time.
         if clock in _CLOCKS_OF_SIGNALS and signal and all(map(is_signal_word, signal)):
             return _Clock(6, column, unit)
+    if word in _DOUBTFUL_WORDS:
+        return _Clock(_DATE_RANK, column, unit)
     if word in _DATE_WORDS:  # a date, with the time behind it where it is the only clock
         return _Clock(_DATE_RANK, column, "")
     return None

@@ -33,6 +33,23 @@ def test_text_of_a_western_code_page_is_read(tmp_path: Path) -> None:
     assert "text in Windows' code page 1252 is read" in log.notices
 
 
+@pytest.mark.parametrize(
+    ("encoding", "current", "notice"),
+    [("gbk", "电流", "text in GB 18030 (GBK) is read"), ("shift_jis", "電流", "in Shift JIS")],
+)
+def test_text_of_an_eastern_code_page_is_read(
+    tmp_path: Path, encoding: str, current: str, notice: str
+) -> None:
+    words = {"位置": "rad", "速度": "rad/s", current: "A"}
+    names = ["time", *(f"軸{j}{word}({unit})" for word, unit in words.items() for j in (1, 2))]
+    lines = [",".join(f"{x:.6f}" for x in row) for row in np.c_[T, TABLE]]
+    path = tmp_path / "log.csv"
+    path.write_bytes("\r\n".join([",".join(names), *lines]).encode(encoding))
+    log = read_recording(path)
+    _same(log)
+    assert any(notice in text for text in log.notices)
+
+
 @pytest.mark.parametrize("block", [1 << 20, 100])
 @pytest.mark.parametrize("kind", ["aligned", "quoted"])
 def test_blanks_between_cells_are_no_cells(
