@@ -19,6 +19,7 @@ import numpy as np
 
 from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig, ExciteSettings
 from wrenchsight.analyses.output.figures import SERIES, legend_below, new_figure
+from wrenchsight.analyses.output.joint_units import joint_unit
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
@@ -235,9 +236,9 @@ def excite(
     try:
         starts = _random_starts(first_program, config, progress)
     except NoTrajectoryError as error:
-        if error.limit != "clearance":
-            raise
-        raise _no_room(robot, clearance, bounds) from error
+        if error.limit == "clearance":
+            raise _no_room(robot, clearance, bounds) from error
+        raise _too_weak(robot, config, bounds) from error
     # The program's measure has a smooth sign of the velocity; figures are of the sign itself.
     exact = replace(information, friction_velocity=0.0)
     condition_of_starts = np.array([exact.condition_number(*_period(start)) for start in starts])
@@ -628,21 +629,27 @@ def _check(config: ExcitationConfig) -> None:
 
 def _check_holding(robot: Robot, config: ExcitationConfig, bounds: MotionBounds) -> None:
     """Refuses effort limits that hold the arm up in next to no posture."""
-    q = _postures(bounds, _HELD_POSTURES)
-    gravity = np.abs(robot.chain.gravity_torque(q))
-    is_held = gravity <= bounds.torque
-    if is_held.all(axis=1).mean() >= _MIN_HELD:
-        return
-    joint = int(np.argmin(is_held.mean(axis=0)))
-    unit = "N" if robot.chain.prismatic[joint] else "N m"
-    raise InputError(
+    gravity = np.abs(robot.chain.gravity_torque(_postures(bounds, _HELD_POSTURES)))
+    if (gravity <= bounds.torque).all(axis=1).mean() < _MIN_HELD:
+        raise _too_weak(robot, config, bounds)
+
+
+def _too_weak(robot: Robot, config: ExcitationConfig, bounds: MotionBounds) -> InputError:
+    """The error of an arm that its effort limits hardly hold up, with the joint that lacks most."""
+    gravity = np.abs(robot.chain.gravity_torque(_postures(bounds, _HELD_POSTURES)))
+    joint = int(np.argmin((gravity <= bounds.torque).mean(axis=0)))
+    unit = joint_unit("N m", bool(robot.chain.prismatic[joint]))
+    torque_share = config.limits.torque_share
+    remedy = f"state effort_limit of its drive in {robot.source.name} (data sheet)"
+    if torque_share < 1.0:
+        remedy += ", or give a larger --torque-share (1: all of it)"
+    return InputError(
         "excite",
         "torque",
         f"the effort limits cannot hold {robot.name} up: gravity takes up to "
         f"{gravity[:, joint].max():.3g} {unit} at {robot.joint_names[joint]}, which has "
-        f"{robot.effort_limit[joint]:g} {unit} (torque_share {config.limits.torque_share:g} of it "
-        "may be used)",
-        f"state effort_limit of its drive in {robot.source.name} (data sheet)",
+        f"{robot.effort_limit[joint]:g} {unit} (torque_share {torque_share:g} of it may be used)",
+        remedy,
     )
 
 

@@ -29,6 +29,7 @@ from wrenchsight.models.planning.excitation.excitation_program import (
     ExcitationProgram,
     ExcitationSolution,
     MotionBounds,
+    NoTrajectoryError,
 )
 from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.robot.robot import Robot
@@ -269,4 +270,14 @@ def test_an_arm_without_inertias_has_a_motion_too(serial_robot):
 def test_the_shapes_that_leave_no_room_are_named(sts, monkeypatch):
     monkeypatch.setattr(Clearance, "smooth_slack", lambda self, q: (-1.0, np.zeros(6)))
     with pytest.raises(InputError, match=r"too near each other in random postures are .* in \d+ %"):
+        excite(sts, QUICK)
+
+
+def test_a_motion_that_torque_alone_forbids_names_the_joint_and_its_torque(sts, monkeypatch):
+    def refuses(*_):
+        raise NoTrajectoryError("torque", 61)
+
+    monkeypatch.setattr(ExcitationProgram, "random_feasible", refuses)
+    message = r"gravity takes up to .* N m at joint_\d, which has .* a larger --torque-share"
+    with pytest.raises(InputError, match=message):
         excite(sts, QUICK)
