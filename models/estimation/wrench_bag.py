@@ -17,6 +17,7 @@ from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.rosbag.messages import (
+    STAMP_END,
     WRENCH,
     Layout,
     Stamps,
@@ -32,7 +33,6 @@ TOPIC = "/wrench"
 COVARIANCE_TOPIC = "/wrench/covariance"
 COVARIANCE = "std_msgs/msg/Float64MultiArray"
 TF = "tf2_msgs/msg/TFMessage"
-STAMP_END = 2**31  # s, from which on no stamp of ROS 2 holds a time: its seconds are an int32
 
 
 class TopicMessages(NamedTuple):

@@ -19,7 +19,7 @@ import numpy as np
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.layouts.time_names import clock_numbers
-from wrenchsight.models.recordings.log_container import LogTable, RowNumbers
+from wrenchsight.models.recordings.log_container import LogTable, RowNumbers, TableOfTable
 from wrenchsight.models.recordings.recording_format import ColumnLayout, Signal
 
 _BLOCK_ROWS: Final = 1 << 16
@@ -62,7 +62,7 @@ def aligned(table: LogTable, layout: ColumnLayout, path: Path) -> LogTable:
     return AlignedTable(table, time, position.columns[0], clock_of, path, notice)
 
 
-class AlignedTable:
+class AlignedTable(TableOfTable):
     """A table on the rows of its positions; implements `LogTable`.
 
     Args:
@@ -83,17 +83,8 @@ class AlignedTable:
         path: Path,
         notice: str,
     ) -> None:
-        self.table = table
+        super().__init__(table, notice)
         self._time, self._position, self._clock_of, self._path = time, position, clock_of, path
-        self.row_word, self.names = table.row_word, table.names
-        self.num_columns = table.num_columns
-        self.notices = table.notices
-        self.notices.append(notice)
-        self.progress = 0.0
-
-    def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
-        """As the protocol."""
-        return self.table.row_words(columns, in_all_rows)
 
     def blocks(
         self,

@@ -7,7 +7,7 @@
     effort,joint=elbow value=0.1,i=4 1700000000     InfluxDB's lines: tags, numbers, a stamp
     <Rob><AIPos A1="0.1" A2="5"/><IPOC>12</IPOC>    packets of KUKA's sensor interface
 
-What a line names more than once is numbered. The first line gives the names; it is no row.
+What a line names more than once is numbered. The first line gives the names.
 """
 
 import re
@@ -43,20 +43,20 @@ def are_key_values(lines: Sequence[str]) -> bool:
 
 
 def table_of_pairs(parts: Iterable[str]) -> Iterator[str]:
-    """The lines of a text as those of a table, the first one its names.
+    """The lines of a text as those of a table, below a line of names.
 
     Args:
         parts: of the text, each of which ends with a line.
     """
     names: list[str] = []
     for part in parts:
+        if not names:  # the first part holds such lines
+            rows = (_pairs(line) for line in part.splitlines())
+            names = [name for name, _ in next((x for x in rows if len(x) >= _MIN_PAIRS), [])]
+            yield ",".join(names) + "\n"
         lines: list[str] = []
         for line in part.splitlines():
             pairs = _pairs(line)
-            if not names and len(pairs) >= _MIN_PAIRS:
-                names = [name for name, _ in pairs]
-                lines.append(",".join(names))
-                continue
             values = dict(pairs)
             is_row = any(name in values for name in names)
             lines.append(",".join(values.get(name, "") for name in names) if is_row else "")

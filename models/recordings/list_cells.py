@@ -38,6 +38,9 @@ class UnfoldedFile:
         InputError: a list has another length than the first row's.
     """
 
+    num_added_lines = 0
+    """As a `PlainCopy` has them."""
+
     def __init__(self, path: Path, separator: str, names: Sequence[str], num_lines: int) -> None:
         """Writes the table; its lines keep their numbers, so that errors name those of the log.
 

@@ -8,7 +8,7 @@
 A column is called by the words before its list, with the number of its entry behind; a list without
 words `list_1` and so on. Of the numbers outside of lists, one that grows evenly is the time, one
 that counts is a count. Lines of several kinds give rows of their own where they have a time, else
-one row together. The first line gives the names; it is no row.
+one row together.
 """
 
 import re
@@ -72,7 +72,7 @@ def are_list_lines(lines: Sequence[str]) -> bool:
 
 
 def table_of_list_lines(parts: Iterable[str]) -> Iterator[str]:
-    """The lines of a text as those of a table, the first one its names.
+    """The lines of a text as those of a table, below a line of names.
 
     Args:
         parts: of the text, each of which ends with a line; the first shows the kinds of lines.
@@ -82,7 +82,6 @@ def table_of_list_lines(parts: Iterable[str]) -> Iterator[str]:
     columns: list[str] = []
     cells: dict[str, str] = {}
     rest: list[str] = []  # lines of a bracket that is still open
-    is_named = False
     for part in parts:
         given = part.splitlines()
         if not kinds:
@@ -90,6 +89,7 @@ def table_of_list_lines(parts: Iterable[str]) -> Iterator[str]:
             kinds = _kinds(head)
             names = _names(kinds, head)
             columns = list(dict.fromkeys(name for kind in kinds for name in names[kind]))
+            yield ",".join(f'"{name}"' for name in columns) + "\n"
         lines: list[str] = []
         for line in given:
             rest.append(line)
@@ -102,10 +102,6 @@ def table_of_list_lines(parts: Iterable[str]) -> Iterator[str]:
             kind = _kind(items)
             if kind not in names:
                 lines.append("")
-                continue
-            if not is_named:
-                lines.append(",".join(f'"{name}"' for name in columns))
-                is_named = True
                 continue
             numbers = [number for item in items for number in item.numbers]
             cells |= dict(zip(names[kind], numbers, strict=True))

@@ -68,6 +68,31 @@ class LogTable(Protocol):
         """
 
 
+class TableOfTable:
+    """A `LogTable` made of another one, but for `blocks`, which a kind of such tables has.
+
+    Args:
+        table: the other one.
+        notice: what is made of it.
+
+    Attributes:
+        table: this.
+    """
+
+    def __init__(self, table: LogTable, notice: str) -> None:
+        self.table = table
+        self.row_word = table.row_word
+        self.names = table.names
+        self.num_columns = table.num_columns
+        self.notices = table.notices
+        self.notices.append(notice)
+        self.progress = 0.0
+
+    def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
+        """As the protocol."""
+        return self.table.row_words(columns, in_all_rows)
+
+
 class LogContainer(Protocol):
     """A kind of log file."""
 

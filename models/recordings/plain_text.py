@@ -64,6 +64,7 @@ class PlainCopy:
     Attributes:
         path: of the plain one.
         notices: what was written anew, one sentence each.
+        num_added_lines: lines before the first that the log does not have: 1 of names, or 0.
 
     Raises:
         InputError: the file cannot be read, or its bytes are no text.
@@ -73,6 +74,7 @@ class PlainCopy:
         self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
         self.path = Path(self._folder.name) / path.name
         self.notices: list[str] = []
+        self.num_added_lines = 0
         with opened(path, "a log") as source, self.path.open("wb") as target:
             encoding = _encoding(source)
             if encoding == _WESTERN:
@@ -94,6 +96,7 @@ class PlainCopy:
             form = _form_of(head) if scope_head is None else None
             if form is not None:
                 self.notices.append(form.notice)
+                self.num_added_lines = int(form.adds_names)
                 parts = form.table_of(_whole_lines(parts))
             change = _change_of_lines(head) if form is None and scope_head is None else None
             for part in parts if change is None else map(change, _whole_lines(parts)):
@@ -122,11 +125,14 @@ class _TextForm(NamedTuple):
         is_form: whether a text begins so; the last line may be cut off.
         table_of: parts of the text, each of whole lines, as those of a table.
         notice: what it is read as.
+        adds_names: whether a line of names precedes the table's lines, which are as many as the
+            text's; else it is one of them.
     """
 
     is_form: Callable[[str], bool]
     table_of: Callable[[Iterable[str]], Iterator[str]]
     notice: str
+    adds_names: bool = True
 
 
 def _first_lines(head: str) -> list[str]:
@@ -135,16 +141,21 @@ def _first_lines(head: str) -> list[str]:
 
 
 _FORMS: Final = (  # the first that fits counts; a further form is one entry
-    _TextForm(is_echo, table_of_echo, "read as messages that `ros2 topic echo` has printed"),
+    _TextForm(
+        is_echo,
+        table_of_echo,
+        "read as messages that `ros2 topic echo` has printed",
+        adds_names=False,
+    ),
     _TextForm(
         lambda head: are_key_values(_first_lines(head)),
         table_of_pairs,
-        "read as lines that name each number; the first gives the names",
+        "read as lines that name each number",
     ),
     _TextForm(
         lambda head: are_list_lines(_first_lines(head)),
         table_of_list_lines,
-        "read as lines of lists without a header; the first is no row",
+        "read as lines of lists without a header",
     ),
 )
 

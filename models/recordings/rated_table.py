@@ -6,13 +6,13 @@ import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.layouts.time_names import time_columns
-from wrenchsight.models.recordings.log_container import LogTable, RowNumbers
+from wrenchsight.models.recordings.log_container import LogTable, RowNumbers, TableOfTable
 from wrenchsight.models.recordings.recording_format import column_numbers
 
 TIME_NAME = "t"
 
 
-class RatedTable:
+class RatedTable(TableOfTable):
     """Adds the time in s, from the first row that is read on; implements `LogTable`.
 
     A time of the log's own is not used: its column loses its name to this one.
@@ -26,18 +26,10 @@ class RatedTable:
     """
 
     def __init__(self, table: LogTable, rate_hz: float) -> None:
-        self.table = table
+        super().__init__(table, f"the time is counted in rows, {rate_hz:g} a second")
         self.rate_hz = rate_hz
-        self.row_word = table.row_word
         self.names = None if table.names is None else (*_without_time(table.names), TIME_NAME)
         self.num_columns = table.num_columns + 1
-        self.progress = 0.0
-        self.notices = table.notices
-        self.notices.append(f"the time is counted in rows, {rate_hz:g} a second")
-
-    def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
-        """As the protocol."""
-        return self.table.row_words(columns, in_all_rows)
 
     def blocks(
         self,
@@ -48,13 +40,12 @@ class RatedTable:
         """As the protocol."""
         time = self.table.num_columns
         signals = [column for column in columns if column != time]
-        first_row: int | None = None
+        num_rows = 0  # that were read: lines that are none do not count
         for values, numbers in self.table.blocks(signals, rows, may_be_empty):
-            if first_row is None and len(numbers):
-                first_row = int(numbers[0])
             if time in columns:
-                t = (numbers - (first_row or 0)) / self.rate_hz
+                t = (num_rows + np.arange(len(numbers))) / self.rate_hz
                 values = np.insert(values, columns.index(time), t, axis=1)
+            num_rows += len(numbers)
             self.progress = self.table.progress
             yield values, numbers
 

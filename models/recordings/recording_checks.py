@@ -112,7 +112,9 @@ class RecordingChecks:
         value = chunk.q[k, j]
         revolute = not self._is_prismatic(j)
         remedy = "check the column, its unit and its offset, and that the log is of this robot"
-        is_counted = bool((chunk.q == np.rint(chunk.q)).all()) and np.ptp(chunk.q) > _COUNT_SPREAD
+        # One joint shows it: those whose rows are apart from its are interpolated.
+        is_whole = (chunk.q == np.rint(chunk.q)).all(axis=0)
+        is_counted = bool((is_whole & (np.ptp(chunk.q, axis=0) > _COUNT_SPREAD)).any())
         if revolute and is_counted:
             remedy = (
                 "the positions are whole numbers, such as counts of an encoder: set position: "

@@ -212,7 +212,9 @@ class TextTable:
         self.separator, self.decimal_mark = head.separator, head.decimal_mark
         self.names, self.num_columns = head.names, head.num_columns
         self.skip_lines = skip_lines + begins[head.skip_lines]
-        self.num_head_lines = skip_lines + begins[head.num_lines]
+        # A copy may have a line of names more than the log, whose lines are counted.
+        self._num_added = 0 if copy is None else copy.num_added_lines
+        self.num_head_lines = skip_lines + begins[head.num_lines] - self._num_added
         self._header = head.header.encode()
         self.first_cells = head.first_cells
         self._stamps = _stamp_forms(self.first_cells)
@@ -371,7 +373,7 @@ class TextTable:
         line = self.num_head_lines + 1
         with opened(self._source, "a log") as file:
             file.seek(self._begin)
-            for _ in range(self.num_head_lines):
+            for _ in range(self.num_head_lines + self._num_added):
                 file.readline()
             incomplete_line = b""
             size = max(1, self._source.stat().st_size)

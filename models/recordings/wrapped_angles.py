@@ -11,6 +11,7 @@ from wrenchsight.models.robot.robot import Robot
 _FULL_TURN = 2.0 * np.pi
 _TURN_TOLERANCE = 0.5 * np.pi  # rad, by which a jump may differ from a turn where no limit is known
 _JUMP_MARGIN = 0.1  # rad beyond what twice the velocity limit allows
+_LARGEST_ANGLE = 1e3  # rad, 160 turns: beyond are counts of an encoder, which no turn wraps
 _MAX_SPEED = 20.0  # rad/s, where the robot states a higher limit or none
 
 
@@ -40,7 +41,8 @@ class Unwrapper:
         """The next chunk with continuous angles: whole turns are added from each wrap on.
 
         A sample without a position (NaN) ends a stretch: what jumps over it is no wrap. A chunk
-        that holds one keeps the turns found so far, and is not looked at.
+        that holds one, or counts in place of angles, keeps the turns found so far, and is not
+        looked at.
         """
         n = chunk.num_joints
         if not n or not chunk.num_samples:
@@ -48,7 +50,10 @@ class Unwrapper:
         if self._offset is None or self.turns is None:
             self._offset, self.turns = np.zeros(n), np.zeros(n, np.int64)
         # `_last` and jumps are of the raw angles; `_offset` is what a sample gains, rad.
-        if not np.isfinite(chunk.q).all():  # samples that lack a position end a stretch
+        is_counted = not self._is_stated and np.abs(chunk.q).max() > _LARGEST_ANGLE
+        if (
+            is_counted or not np.isfinite(chunk.q).all()
+        ):  # samples that lack a position end a stretch
             self._last = None
             return replace(chunk, q=chunk.q + self._offset) if self._offset.any() else chunk
         t, q = chunk.t, chunk.q

@@ -15,7 +15,6 @@ import yaml
 
 from wrenchsight.models.estimation.wrench_bag import (
     COVARIANCE_TOPIC,
-    STAMP_END,
     TOPIC,
     WrenchBagWriter,
 )
@@ -24,7 +23,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.rosbag.messages import WRENCH
+from wrenchsight.models.recordings.rosbag.messages import STAMP_END, WRENCH
 from wrenchsight.models.robot.robot import Robot
 
 SEGMENT_TIME = 10.0  # s, of the readings in one file

@@ -20,14 +20,13 @@ from wrenchsight.analyses.methods.watch.ros2_dds import OPTIONS, TopicWriter, jo
 from wrenchsight.models.estimation.wrench_bag import (
     COVARIANCE,
     FRAME,
-    STAMP_END,
     TF,
     WrenchMessages,
 )
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.reading import FLAGS, Reading
 from wrenchsight.models.live.source import SourceAddress
-from wrenchsight.models.recordings.rosbag.messages import WRENCH, header, typestore
+from wrenchsight.models.recordings.rosbag.messages import STAMP_END, WRENCH, header, typestore
 from wrenchsight.models.robot.robot import Robot
 
 STATUS = "diagnostic_msgs/msg/DiagnosticArray"

@@ -221,7 +221,8 @@ class JointColumns(NamedTuple):
     Attributes:
         columns: counted from 0.
         unit: as descriptions have it; empty where the names state none.
-        how: a sentence on how the joints were matched; empty where they are numbered.
+        how: a sentence on how the joints were matched, or which of several series was taken; empty
+            where they are numbered in one.
     """
 
     columns: list[int]
@@ -264,7 +265,7 @@ def signal_columns(
     joint_columns: dict[str, JointColumns] = {}
     for quantity in _QUANTITIES:
         columns = by_quantity.get(quantity, [])
-        match = _numbered(columns, num_joints, quantity) or _named(
+        match = _numbered(columns, num_joints, quantity, names) or _named(
             columns, joint_names, path, words
         )
         if match is None:
@@ -278,12 +279,13 @@ def signal_columns(
 
 
 def _numbered(
-    columns: Sequence[_Column], num_joints: int, quantity: str
+    columns: Sequence[_Column], num_joints: int, quantity: str, names: Sequence[str]
 ) -> tuple[list[int], str] | None:
     """The only series of columns that count through the joints, from 0 or 1 on.
 
     Of several one that is called measured is the only one, and of positions and velocities then
-    one that is not the motors'. Where the number of joints is not known (0) the longest count.
+    one that is not the motors'; a sentence says which one, and which others are not read. Where the
+    number of joints is not known (0) the longest count.
     """
     series = _series(columns)
     complete = {
@@ -294,6 +296,7 @@ def _numbered(
     if not num_joints:
         longest = max((len(entries) for entries in complete.values()), default=0)
         complete = {stem: x for stem, x in complete.items() if len(x) == longest > 1}
+    series_of_joints = complete
     of_place = {column.place: column.name for column in columns}
     measured = {stem: x for stem, x in complete.items() if is_measured(of_place[min(x.values())])}
     complete = measured or complete
@@ -304,7 +307,9 @@ def _numbered(
     if len(complete) != 1:
         return None
     (entries,) = complete.values()
-    return [entries[k] for k in sorted(entries)], ""
+    others = [f"{names[min(x.values())]} .." for x in series_of_joints.values() if x != entries]
+    how = f"{names[min(entries.values())]} .. is read, not {_listed(others)}" if others else ""
+    return [entries[k] for k in sorted(entries)], how
 
 
 def _unqualified(
@@ -417,7 +422,7 @@ def _no_drives(
 ) -> InputError:
     """The error of a table of positions without currents; arguments as `_refuse_doubt`."""
     num_joints = 0 if joint_names is None else len(joint_names)
-    match = _numbered(columns, num_joints, "position")
+    match = _numbered(columns, num_joints, "position", names)
     if match is not None:
         places = match[0]
     elif "position" in found:

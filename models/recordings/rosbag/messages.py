@@ -25,6 +25,8 @@ KINDS: Final = (JOINT_STATE, DYNAMIC_JOINT_STATE, WRENCH)
 """The types of messages that are read."""
 QUANTITIES: Final = ("position", "velocity", "effort")
 WRENCH_PARTS: Final = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
+STAMP_END: Final = 2**31
+"""s, from which on no stamp of ROS 2 holds a time: its seconds are an int32."""
 MOST_NUMBERS: Final = 4096  # of a message
 _ONES_WORD: Final = 0x01010101  # a whole number none of whose bytes is zero
 _ONES_DOUBLE: Final = float(np.frombuffer(b"\x01" * 8)[0])  # such a double

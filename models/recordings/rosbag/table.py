@@ -31,6 +31,7 @@ from wrenchsight.models.recordings.rosbag.messages import (
     JOINT_STATE,
     KINDS,
     QUANTITIES,
+    STAMP_END,
     Layout,
     Messages,
     header,
@@ -46,7 +47,6 @@ _BLOCK_MESSAGES = 1 << 14
 _PROBED_MESSAGES = 64  # messages that show whether a driver fills a quantity, or leaves it NaN
 _LONGEST_BRIDGE = 0.1  # s, longest step of a topic that is interpolated, or
 _BRIDGED_STEPS = 3.0  # median steps, whichever is longer
-_LARGEST_STAMP = 2**32 * 10**9  # ns
 _METADATA = "metadata.yaml"
 _JOINT_TOPIC, _CURRENT_TOPIC = "/joint_states", "/motor_current"
 _QUANTITY_OF_LETTER = {"q": "position", "v": "velocity", "tau": "effort", "i": "effort"}
@@ -104,8 +104,8 @@ class RosbagContainer:
                 quantities = topics.setdefault(column.topic, {})
                 quantities.setdefault(column.quantity, {})[column.joint] = values
         stamps = nanoseconds(np.asarray(columns["t"], float))
-        if len(stamps) and not 0 <= stamps.min() <= stamps.max() < _LARGEST_STAMP:
-            problem = "has times that no ROS stamp can hold, expected 0 to 2^32 s"
+        if len(stamps) and not 0 <= stamps.min() <= stamps.max() < STAMP_END * 10**9:
+            problem = "has times that no ROS stamp can hold, expected 0 to 2^31 s"
             raise InputError(path, "", problem, "shift the times")
         with BagWriter(path) as writer:
             for topic, quantities in topics.items():

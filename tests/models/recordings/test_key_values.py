@@ -46,11 +46,11 @@ def test_each_form_is_read(
     path = tmp_path / "log.txt"
     path.write_text("\n".join(line(k) for k in range(40)) + "\n")
     log = read_recording(path)
-    np.testing.assert_allclose(log.t, _T[1:], rtol=0, atol=1e-9)  # the first line gives the names
-    np.testing.assert_array_equal(log.q, _Q[1:])
-    np.testing.assert_array_equal(log.current, _I[1:])
+    np.testing.assert_allclose(log.t, _T, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(log.q, _Q)
+    np.testing.assert_array_equal(log.current, _I)
     assert log.row is not None
-    assert log.row[0] == 2
+    assert log.row[0] == 1
 
 
 def test_lines_of_influxdb_are_rows_of_a_joint(tmp_path: Path) -> None:
@@ -63,8 +63,8 @@ def test_lines_of_influxdb_are_rows_of_a_joint(tmp_path: Path) -> None:
     path = tmp_path / "export.lp"
     path.write_text("\n".join(lines) + "\n")
     log = read_recording(path)
-    np.testing.assert_array_equal(log.q, _Q[1:])  # the first sample lacks a joint
-    np.testing.assert_array_equal(log.current, _I[1:])
+    np.testing.assert_array_equal(log.q, _Q)
+    np.testing.assert_array_equal(log.current, _I)
 
 
 @pytest.mark.parametrize(

@@ -146,6 +146,14 @@ def test_positions_of_motors_in_a_stated_unit_are_told_from_degrees() -> None:
     assert "degrees" not in line
 
 
+def test_counts_of_one_joint_tell_that_of_all() -> None:
+    """Those of joints that are sampled at other moments are interpolated between whole numbers."""
+    log = _log()
+    q = 4096.0 * log.q
+    q[:, 0] = np.rint(q[:, 0])
+    _refused(replace(log, q=q), "the positions are whole numbers, such as counts of an encoder")
+
+
 def test_a_position_beyond_its_limit_is_refused() -> None:
     log = _log()
     q = log.q + np.array([2.6, 0.0])

@@ -757,6 +757,10 @@ def test_wrapped_angles_are_continued(tmp_path: Path) -> None:
     recording = read_recording(_csv(tmp_path, _HEADER, *_lines(wrapped)))
     np.testing.assert_allclose(recording.q[:, 0], q, rtol=0, atol=1e-5)
     assert any("joint 1 1 times" in notice for notice in recording.notices)
+    counts = table.copy()
+    counts[:, 1] = np.rint(9000.0 + 1e3 * q) + 6.0 * (np.arange(len(q)) % 2)
+    recording = read_recording(_csv(tmp_path, _HEADER, *_lines(counts)))
+    assert not any("jump by a turn" in notice for notice in recording.notices)
 
 
 @pytest.mark.parametrize("block", [1 << 20, 150])

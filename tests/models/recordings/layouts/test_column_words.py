@@ -177,6 +177,8 @@ def test_a_measured_series_counts_beside_another_one(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.q, _Q)
     np.testing.assert_array_equal(log.v, _V)
     assert any("columns left out: q_1, q_2, q_3" in notice for notice in log.notices)
+    assert "q_actual_1 .. is read, not q_1 .." in log.notices
+    assert "joint_speed_1 .. is read, not motor_speed_1 .." in log.notices
 
 
 @pytest.mark.parametrize("unit", ["A", "mA"])

@@ -416,3 +416,20 @@ def test_a_compressed_file_and_a_stated_chunk_size_are_bounded(tmp_path: Path) -
     file.write_bytes(data.replace(true_sizes, false_sizes))
     with pytest.raises(InputError, match="bytes that unpack to"):
         read_recording(file)
+
+
+@pytest.mark.parametrize(("begin", "is_written"), [(2.0**31 - 10.0, True), (2.0**31 - 1.0, False)])
+def test_times_that_no_stamp_holds_are_refused(
+    tmp_path: Path, begin: float, is_written: bool
+) -> None:
+    """The seconds of a stamp are an int32."""
+    t = begin + 0.1 * np.arange(20)
+    zeros = np.zeros((20, 2))
+    log = Recording(t=t, q=zeros, v=zeros, current=zeros, source="log")
+    path = tmp_path / "log.mcap"
+    if is_written:
+        write_recording(log, path)
+        np.testing.assert_allclose(read_recording(path).t, t, rtol=0, atol=1e-6)
+        return
+    with pytest.raises(InputError, match="no ROS stamp can hold, expected 0 to 2\\^31 s"):
+        write_recording(log, path)
