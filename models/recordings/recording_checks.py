@@ -22,7 +22,7 @@ from wrenchsight.models.robot.robot import Robot
 
 _RAD_PER_DEGREE = np.pi / 180
 _LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little
-_CERTAINLY_DEGREES = 4 * np.pi  # rad; no joint turns twice about itself
+CERTAINLY_DEGREES = 4 * np.pi  # rad; no joint turns twice about itself
 _SPEED_MARGIN = 2.0  # times the velocity limit
 _MAX_SPEED = 20.0  # rad/s or m/s, where the robot states no limit
 _JUMP_MARGIN = 0.1  # rad or m beyond what twice the velocity limit allows
@@ -127,7 +127,7 @@ class RecordingChecks:
                 "are positions of the motors, set position: {gain: [1 / gear ratio, ...]} and "
                 "velocity: {gain: [...]} beside the unit in a description (--log-format)"
             )
-        elif revolute and np.max(np.abs(chunk.q)) > _CERTAINLY_DEGREES:
+        elif revolute and np.max(np.abs(chunk.q)) > CERTAINLY_DEGREES:
             remedy = (
                 f"if positions and velocities are in degrees, add --log-format {IN_DEGREES}; if "
                 "only positions are, set position: {unit: deg} in a description"

@@ -237,7 +237,7 @@ class RecordingReader:
         log = self._open(None if words is not None else description)
         self._notices = list(log.notices)  # to which the steps below add
         self._torque_substitute = log.torque_substitute
-        self._torque_remedy = "name their columns in the description"
+        self._torque_remedy = "record them, or name their columns in the description"
         self._unpacked = log.unpacked  # kept: with it the file that `table` reads would go
         self.format = log.form
         self.table = log.table

@@ -49,8 +49,10 @@ _HDF5_REMEDY = (
     "isinstance(x, h5py.Dataset) else None); numpy.savez('{stem}.npz', **d)\""
 )
 _SHEET_REMEDY = (
-    'save it as CSV in the spreadsheet program, or: pip install openpyxl, then python -c "import '
-    "pandas; pandas.read_excel('{name}').to_csv('{stem}.csv', index=False)\""
+    "save the sheet of the log as CSV in the spreadsheet program, or each sheet by: pip install "
+    "openpyxl, then python -c \"import pandas; [sheet.to_csv(f'{stem}_{k}.csv', index=False, "
+    "header=False) for k, sheet in enumerate(pandas.read_excel('{name}', sheet_name=None, "
+    'header=None).values())]"'
 )
 _PICKLE_REMEDY = (
     'if you trust it and it holds a DataFrame: python -c "import pandas; '

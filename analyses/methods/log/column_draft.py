@@ -25,6 +25,7 @@ from wrenchsight.models.recordings.log_container import LogTable
 from wrenchsight.models.recordings.log_words import LogWords
 from wrenchsight.models.recordings.plausibility.raw_words import RawWords, raw_words
 from wrenchsight.models.recordings.rated_table import RatedTable
+from wrenchsight.models.recordings.recording_checks import CERTAINLY_DEGREES
 from wrenchsight.models.recordings.recording_format import (
     ENVIRONMENT,
     ROBOT,
@@ -53,6 +54,10 @@ _COUNT_QUESTIONS = {  # of words, which are counts of a unit that no name states
     "velocity": "gain: rad/s of one count",
     "current": "gain: A of one count",
     "motor_torque": "gain: N m of one count at the joint, such as its rated torque / 1000",
+}
+_ANGLE_QUESTIONS = {  # of numbers beyond what a joint turns
+    "position": "? unit: deg; or gain: rad of one count (and offset)",
+    "velocity": "? unit: deg/s; or gain: rad/s of one count",
 }
 _ENCODING_ROWS = 50_000  # in which encodings of words are looked for
 _SAME_SCALE = 1e-9  # relative, of two scales that differ by rounding
@@ -83,6 +88,7 @@ def draft_of_log(
     words: dict[str, RawWords],
     knows_robot: bool,
     judgement: Judgement | None,
+    largest_angle: float = 0.0,
 ) -> str:
     """The description of a log that is read, as YAML: a line a signal, the further ones last.
 
@@ -94,6 +100,8 @@ def draft_of_log(
         words: encodings that its signals seem to have, by name.
         knows_robot: whether it was held against a robot, so that units are no question.
         judgement: what the hypotheses say of the log; None: they were not tried.
+        largest_angle: of the positions as they are read, rad: beyond what a joint turns, their unit
+            is a question, and that of the velocities, where no name states it.
     """
     table = reader.table
     lines = [_FIRST_LINE]
@@ -114,6 +122,9 @@ def draft_of_log(
             question = "? gain: rated torque of each drive at its joint, N m, by its data sheet"
             values = {"columns": entry.values["columns"], **rated}
             entry = _Entry("motor_torque", values, question)
+        elif key in _ANGLE_QUESTIONS and largest_angle > CERTAINLY_DEGREES:
+            if entry.values.get("unit") == next(iter(UNITS[key])):  # else a name states it
+                entry = replace(entry, question=entry.question or _ANGLE_QUESTIONS[key])
         elif key in ("current", "motor_torque") and not knows_robot:
             entry = replace(entry, question=entry.question or _UNIT_QUESTIONS[key])
         if key:

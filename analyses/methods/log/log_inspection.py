@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wrenchsight.analyses.methods.log.column_draft import (
     draft_of_columns,
     draft_of_log,
@@ -167,6 +169,8 @@ def _inspected(path: Path, settings: LogSettings, robot: Robot | None) -> Inspec
             f"{signal} looks like words of {encoding.bits} bits without a sign: encoding: "
             f"{encoding.encoding} in the draft"
         )
+    turning = slice(None) if robot is None else ~np.asarray(robot.chain.prismatic, bool)
+    largest_angle = float(np.abs([summary.q_min[turning], summary.q_max[turning]]).max(initial=0.0))
     signals = {signal.name for signal in reader.layout.signals}
     if "q" in signals and signals.isdisjoint(("current", "tau_J", TAU_EXT)):
         notices.append(
@@ -183,12 +187,12 @@ def _inspected(path: Path, settings: LogSettings, robot: Robot | None) -> Inspec
         path=path,
         container=_container_word(reader.table),
         columns=names,
-        unread=tuple(name for k, name in enumerate(names) if k not in read_columns),
+        unread=tuple(name for k, name in enumerate(names) if name and k not in read_columns),
         summary=summary,
         joint_names=joints,
         problem=problem,
         notices=(*notices, *reader.notices),
-        draft=draft_of_log(reader, words, robot is not None, judgement),
+        draft=draft_of_log(reader, words, robot is not None, judgement, largest_angle),
         draft_name=_DRAFT_NAME,
         name=_own_name(path),
     )

@@ -13,16 +13,16 @@ from wrenchsight.models.recordings.layouts.unit_words import unit_of
 from wrenchsight.models.recordings.recording_format import PER_CENT, PER_MILLE, UNITS
 
 QUANTITIES = {  # in this order: "current as torque" is a torque, "joint speed" a velocity
-    "velocity": {"vel", "velo", "velocity", "velocities", "velocityactual", "speed", "speeds", "qd",
-                 "dq", "qdot", "qvel", "dot", "dtheta", "thetadot", "jvel", "omega", "v", "geschw",
-                 "geschwindigkeit", "vitesse", "velocita", "velocidad", "velocidade", "速度",
-                 "转速"},
+    "velocity": {"vel", "vels", "velo", "velocity", "velocities", "velocityactual", "speed",
+                 "speeds", "qd", "dq", "qdot", "qvel", "dot", "dtheta", "thetadot", "jvel", "omega",
+                 "v", "geschw", "geschwindigkeit", "vitesse", "velocita", "velocidad",
+                 "velocidade", "速度", "转速"},
     "motor_torque": {"tau", "trq", "torq", "torque", "torques", "moment", "moments", "effort",
                      "efforts", "eff", "taumsr", "jtrq", "drehmoment", "couple", "coppia",
                      "momento", "par", "torsor", "力矩", "扭矩", "转矩", "トルク"},
     "current": {"cur", "curr", "crnt", "current", "currents", "amp", "amps", "ampere", "i", "iq",
-                "jcur", "strom", "stroeme", "strome", "courant", "corrente", "corriente", "电流",
-                "電流"},
+                "jcur", "curs", "strom", "stroeme", "strome", "courant", "corrente", "corriente",
+                "电流", "電流"},
     "position": {"pos", "position", "positions", "posn", "angle", "angles", "ang", "theta", "th",
                  "q", "qpos", "jpos", "winkel", "lage", "posizione", "angolo", "posicion",
                  "posicao", "angulo", "位置", "角度", "角"},
@@ -35,16 +35,19 @@ EASTERN_WORDS = tuple(
 )
 """Words for quantities in Chinese and Japanese, by which such a code page is recognised."""
 _ASIDE = {  # words of what is no measured signal of a joint
-    "target", "desired", "des", "d", "cmd", "command", "commanded", "goal", "ref", "reference",
-    "set", "setpoint", "soll", "ext", "external", "error", "err", "temp", "temperature", "voltage",
-    "limit", "max", "min", "acc", "acceleration", "tcp", "ee", "wrench", "mode", "status",
-    "gripper", "finger", "digital", "output", "input", "gravity", "coriolis", "friction", "control",
-    "scaling", "override", "following", "lag", "deviation", "residual", "accel", "acceleracion",
-    "ddot", "ddq", "qdd", "ddtheta", "jerk", "cartesian", "pose", "flange", "sollwert",
-    "temperatur", "spannung", "drehzahl", "rpm", "schleppfehler", "consigne", "consigna",
-    "objetivo", "目标", "指令", "设定", "期望", "温度", "电压", "误差", "目標",
+    "action", "actions", "target", "desired", "des", "d", "cmd", "command", "commanded", "goal",
+    "ref", "reference", "set", "setpoint", "soll", "ext", "external", "error", "err", "temp",
+    "temperature", "voltage", "limit", "max", "min", "acc", "acceleration", "tcp", "ee", "wrench",
+    "mode", "status", "gripper", "finger", "digital", "output", "input", "gravity", "coriolis",
+    "friction", "control", "scaling", "override", "following", "lag", "deviation", "residual",
+    "accel", "acceleracion", "ddot", "ddq", "qdd", "ddtheta", "jerk", "cartesian", "pose",
+    "flange", "sollwert", "temperatur", "spannung", "drehzahl", "rpm", "schleppfehler",
+    "consigne", "consigna", "objetivo", "目标", "指令", "设定", "期望", "温度", "电压", "误差",
+    "目標",
 }  # fmt: skip
 _COMMANDED = {
+    "action",
+    "actions",
     "target",
     "desired",
     "des",

@@ -337,7 +337,7 @@ def test_files_that_are_no_log_are_refused(tmp_path: Path) -> None:
     _refused(tmp_path / "none" / "a.csv", "no such file")
     _refused(_csv(tmp_path, "t,q", name="log.abc"), 'has the ending ".abc"', "name the file .csv")
     for name, content, words in (
-        ("log.xlsx", b"PK\x03\x04" + bytes(40), "pandas.read_excel('log.xlsx').to_csv('log.csv'"),
+        ("log.xlsx", b"PK\x03\x04" + bytes(40), "pandas.read_excel('log.xlsx', sheet_name=None"),
         ("log.hdf5", b"\x89HDF\r\n" + bytes(40), "numpy.savez('log.npz', **d)"),
         ("log.pkl", b"\x80\x04" + bytes(40), "pandas.read_pickle('log.pkl')"),
     ):

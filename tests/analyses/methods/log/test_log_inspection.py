@@ -37,6 +37,19 @@ def _csv(path: Path, header: str, columns: np.ndarray, separator: str = ",") -> 
     return path
 
 
+def test_angles_beyond_any_joint_have_a_question_in_the_draft(tmp_path: Path) -> None:
+    """A draft that states rad of degrees would be followed; columns without a name are no names."""
+    header = "t,q1,q2,q3,v1,v2,v3,i1,i2,i3,,"
+    columns = np.c_[_T, 57.3 * _Q, 57.3 * _V, _I, 0 * _T, 0 * _T]
+    (log,) = _inspected(tmp_path, _csv(tmp_path / "log.csv", header, columns))
+    assert "unit: rad}  # ? unit: deg; or gain: rad of one count" in log.draft
+    assert "unit: rad/s}  # ? unit: deg/s" in log.draft
+    assert log.unread == ()
+    stated = header.replace("q1,q2,q3", "q1 [deg],q2 [deg],q3 [deg]")
+    (log,) = _inspected(tmp_path, _csv(tmp_path / "stated.csv", stated, columns))
+    assert "unit: deg}\n" in log.draft
+
+
 @pytest.mark.parametrize("kind", ["csv", "parquet", "npz", "mat", "mcap", "semicolons", "torque",
                                   "milliseconds", "external", "unfilled"])  # fmt: skip
 def test_a_draft_reads_the_log_as_it_was_read(tmp_path: Path, kind: str) -> None:

@@ -64,6 +64,7 @@ def _joints(text: str, number: int = 1) -> list[str]:
         ("t", "jointpos{j}", "jointvel{j}", "motorcurrent{j}", (1.0, 1.0, 1.0)),
         ("log.stamp", "state.positions_deg.{j}", "state.velocities_deg_s.{j}", "state.currents.{j}",
          (180 / np.pi, 180 / np.pi, 1.0)),
+        ("stamp", "joint_angles_{j}", "joint_vels_{j}", "joint_amps_{j}", (1.0, 1.0, 1.0)),
         ("stamp", "actual_position_{j}", "actual_velocity_{j}", "actual_current_{j}",
          (1.0, 1.0, 1.0)),
     ],
@@ -71,7 +72,12 @@ def _joints(text: str, number: int = 1) -> list[str]:
 def test_words_and_units_are_recognised(
     tmp_path: Path, time: str, q: str, v: str, i: str, scale: tuple[float, float, float]
 ) -> None:
-    extra = ["robot mode", *_joints("target_" + q), *_joints("temperature_{j}")]
+    extra = [
+        "robot mode",
+        *_joints("target_" + q),
+        *_joints("action_" + q),
+        *_joints("temperature_{j}"),
+    ]
     header = [time, *_joints(q), *_joints(v), *_joints(i), *extra]
     signals = np.hstack([_Q * scale[0], _V * scale[1], _I * scale[2]])
     t = 1e3 * _T if time in ("IPOC", "cycle_ms", "时间(ms)") else _T  # KUKA's clock is in ms
