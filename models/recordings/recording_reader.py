@@ -59,6 +59,7 @@ from wrenchsight.models.recordings.plausibility.idle_signals import (
     TIME_UNITS,
     constant,
     idle_velocities,
+    num_held_rows,
     time_unit,
     travel,
     unfilled,
@@ -252,6 +253,7 @@ class RecordingReader:
         self._check_num_joints()
         self._settle_time_unit()
         self._leave_out_unfilled_signals()
+        self._note_held_rows()
         self._settle_velocities()
         if log.torque_is_effort:
             self._settle_effort_unit()
@@ -342,6 +344,17 @@ class RecordingReader:
                         self._torque_substitute = f"its {word} {fault}"
                         self._torque_remedy = _FILL
                     self._notices.append(f"the {word} are left out: they {fault}")
+
+    def _note_held_rows(self) -> None:
+        """Adds a notice where the logger repeats each sample for some rows."""
+        for chunk in islice(self._first_chunks(), 1):
+            count = num_held_rows(chunk)
+            if count > 1:
+                rate = 1.0 / (count * max(float(np.median(np.diff(chunk.t))), 1e-9))
+                self._notices.append(
+                    f"all signals stay the same for {count} rows each: their source gives "
+                    f"{rate:.3g} samples a second; keep one row of {count}, or record at that rate"
+                )
 
     def _moves(self) -> bool:
         """Whether a joint moves at the begin of the log."""
@@ -688,9 +701,13 @@ class RecordingReader:
         robot, size = self._robot, self.num_joints
         if robot is not None and size and size != robot.num_joints:
             problem = f"holds {size} joints, but {robot.name} has {robot.num_joints}"
-            remedy = "give the robot that the log comes from; a gripper's column is left out by a "
-            remedy += f'description, such as position: {{columns: "q{{1..{robot.num_joints}}}"}} '
-            remedy += "(--log-format)"
+            remedy = "give the robot that the log comes from"
+            if size > robot.num_joints:
+                of_arm = f'position: {{columns: "q{{1..{robot.num_joints}}}"}}'
+                remedy = (
+                    "if one is a gripper's, leave it out by a description (--log-format), such "
+                )
+                remedy += f"as {of_arm}; else {remedy}"
             raise InputError(self.path, "columns", problem, remedy)
 
     def _further_signals(self, table: LogTable) -> tuple[Signal, ...]:

@@ -74,9 +74,8 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
             f"has the column{'s' if len(surplus) > 1 else ''} {_listed(surplus)}, expected {n} "
             "joints"
         )
-        remedy = (
-            "give the robot that the log comes from, or, if they are a gripper's, leave them out"
-        )
+        remedy = "if they are a gripper's, leave them out; else give the robot that the log "
+        remedy += "comes from"
         raise InputError(path, "header", problem, remedy)
     form = RecordingFormat(time=time or SignalColumns("t"))
     for letter in signals:

@@ -43,7 +43,7 @@ _ASIDE = {  # words of what is no measured signal of a joint
     "accel", "acceleracion", "ddot", "ddq", "qdd", "ddtheta", "jerk", "cartesian", "pose",
     "flange", "sollwert", "temperatur", "spannung", "drehzahl", "rpm", "schleppfehler",
     "consigne", "consigna", "objetivo", "目标", "指令", "设定", "期望", "温度", "电压", "误差",
-    "目標",
+    "目標", "fault", "faults", "warning", "alarm",
 }  # fmt: skip
 _COMMANDED = {
     "action",

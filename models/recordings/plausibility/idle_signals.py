@@ -25,6 +25,7 @@ MIN_TRAVEL = 5e-3  # rad or m, beyond what an encoder rounds
 _SMALLEST_SPEED = 1e-9  # rad/s or m/s
 _MEASURED_SIZES = (1e-200, 1e15)  # of a number that is not zero, in any unit
 _UNWRITTEN_SHARE = 0.5  # of a column's numbers that are none of these
+_HELD_SHARE = 0.9  # of the changes that come after one number of rows
 _MIN_SAMPLES = 100  # in which a torque of a moving arm does not stay the same
 
 
@@ -86,6 +87,22 @@ def constant(values: Array) -> str:
         return ""
     listed = ", ".join(f"{number:.3g}" for number in complete[0])
     return f"stay the same while the joints move ({listed})"
+
+
+def num_held_rows(part: Recording) -> int:
+    """How many rows a logger repeats each sample for, as where it reads faster than its source.
+
+    Returns:
+        1 where rows change each by themselves, or too few do so to tell.
+    """
+    numbers = np.hstack([part.q, part.v, part.current])
+    is_new = (numbers[1:] != numbers[:-1]).any(axis=1)
+    rows = np.flatnonzero(is_new)
+    if len(rows) < _MIN_SAMPLES // 2 or travel(part).max(initial=0.0) < MIN_TRAVEL:
+        return 1
+    counts = np.diff(rows)
+    count = int(np.median(counts))
+    return count if np.mean(counts == count) > _HELD_SHARE else 1
 
 
 def time_unit(part: Recording, has_velocities: bool) -> str:

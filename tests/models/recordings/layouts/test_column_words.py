@@ -164,6 +164,14 @@ def test_what_a_log_lacks_is_told(tmp_path: Path, names: list[str], words: str) 
         read_recording(path, None, _ROBOT)
 
 
+def test_letters_of_faults_are_no_amperes(tmp_path: Path) -> None:
+    header = ["time", *_joints("joint{j}.position"), *_joints("joint{j}.current")]
+    header += _joints("joint{j}.fault_bank_a")
+    columns = [_T, *_Q.T, *_I.T, *(0.0 * _I).T]
+    log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
+    np.testing.assert_array_equal(log.current, _I)
+
+
 def test_a_name_in_brackets_behind_a_channel_counts(tmp_path: Path) -> None:
     """As recorders write their probes with what they record, and databases their functions."""
     names = [

@@ -53,3 +53,29 @@ def test_small_large_and_constant_numbers_are_measurements() -> None:
     assert constant(values) == ""
     assert constant(np.tile([0.0, 0.0], (ROWS, 1))) == ""  # what gravity is there for says more
     assert constant(np.tile([1.0, 2.0], (20, 1))) == ""  # too short
+
+
+@pytest.mark.parametrize(("rows_each", "is_noted"), [(1, False), (2, True), (10, True)])
+def test_samples_that_a_logger_repeats_are_noted(
+    tmp_path: Path, rows_each: int, is_noted: bool
+) -> None:
+    """As one that reads at 100 Hz what its source renews at 10 Hz."""
+    t = 0.01 * np.arange(1000)
+    held = t[np.arange(1000) // rows_each * rows_each]
+    signals = np.c_[np.sin(held), np.cos(held), np.cos(held), -np.sin(held), 1 + held, 2 + held]
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.c_[t, signals], delimiter=",", header="t,q1,q2,v1,v2,i1,i2", comments="")
+    notices = [x for x in RecordingReader(path).notices if "stay the same" in x]
+    words = f"for {rows_each} rows each: their source gives {100 / rows_each:.3g} samples a second"
+    assert bool(notices) == is_noted
+    assert not is_noted or words in notices[0]
+
+
+def test_rows_that_repeat_at_rest_are_no_held_samples(tmp_path: Path) -> None:
+    """An encoder's step, and a joint that stands for a while."""
+    t = 0.01 * np.arange(1000)
+    q = np.round(np.where(t < 5.0, np.sin(t), np.sin(5.0)), 2)
+    path = tmp_path / "log.csv"
+    signals = np.c_[q, q, 0 * q, 0 * q, 10 * q, 10 * q]
+    np.savetxt(path, np.c_[t, signals], delimiter=",", header="t,q1,q2,v1,v2,i1,i2", comments="")
+    assert not any("stay the same for" in notice for notice in RecordingReader(path).notices)
