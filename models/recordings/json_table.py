@@ -38,8 +38,11 @@ _FIRST_EPOCH_MS: Final = 1e11  # whole numbers from this on are milliseconds sin
 _FLOAT_TAG: Final = "tag:yaml.org,2002:float"
 _PLAIN_FLOAT: Final = re.compile(r"[-+]?\d+[eE][-+]?\d+")
 _TOP_KEY: Final = re.compile(rb"([A-Za-z_]\w*):(?:\s|$)")
+_ARRAY: Final = re.compile(rb"(?m)^[A-Za-z_]\w*:(?: *\[|[ \r]*\n *-)\s*\[*\s*[-+.\d]")
 _KEYS_OF_MESSAGES: Final = frozenset(("header",))  # of ROS, which a description has, too
-_YAML_LINE: Final = re.compile(r"---|\s*(?:- +)*(?:[A-Za-z_]\w*:(?:\s.*)?|-\s.*|-)")
+_YAML_LINE: Final = re.compile(
+    r"---|\{[A-Za-z_]\w*: .*\}|\s*(?:- +)*(?:[A-Za-z_]\w*:(?:\s.*)?|-\s.*|-)"
+)
 _YAML_STRUCTURE: Final = re.compile(r"(?m)^---\s*$|^ +(?:- +)?[A-Za-z_]\w*:(?:\s|$)")
 _ONE_FORM: Final = "write one object a line, all with the same entries"
 _EXPECTED: Final = (
@@ -153,8 +156,8 @@ class YamlTable(ConvertedTable):
 def is_yaml_log(path: Path) -> bool:
     """Whether a file of YAML is a log; False where it is none, or cannot be read.
 
-    It is one if it holds several documents, or a list, or no key of a description: then its keys
-    are those of arrays, or of a message.
+    It is one if it holds several documents, a list, an array under a key, or no key of a
+    description: then its keys are those of arrays, or of a message.
     """
     try:
         with path.open("rb") as file:
@@ -165,7 +168,8 @@ def is_yaml_log(path: Path) -> bool:
     keys = {match[1].decode() for line in lines if (match := _TOP_KEY.match(line))}
     described = {field.name for field in fields(RecordingFormat)} - _KEYS_OF_MESSAGES
     is_list = any(line.startswith(b"- ") for line in lines[:1])
-    return b"---" in lines[1:] or is_list or (bool(keys) and keys.isdisjoint(described))
+    is_foreign = bool(keys) and keys.isdisjoint(described)
+    return b"---" in lines[1:] or is_list or is_foreign or _ARRAY.search(head) is not None
 
 
 def is_yaml(head: str) -> bool:

@@ -7,7 +7,7 @@
 
 A column is called by the words before its list, with the number of its entry behind; a list without
 words `list_1` and so on. Of the numbers outside of lists, one that grows evenly is the time, one
-that counts is a count. Lines of several kinds give rows of their own where they have a time, else
+that counts is a count. Lines of several kinds give rows of their own where each has a time, else
 one row together.
 """
 
@@ -105,7 +105,7 @@ def table_of_list_lines(parts: Iterable[str]) -> Iterator[str]:
                 continue
             numbers = [number for item in items for number in item.numbers]
             cells |= dict(zip(names[kind], numbers, strict=True))
-            is_row = _TIME in columns or kind == kinds[-1]
+            is_row = all(_TIME in x for x in names.values()) or kind == kinds[-1]
             lines.append(",".join(cells.get(name, "") for name in columns) if is_row else "")
             cells = {} if is_row else cells
         yield "\n".join(lines) + "\n"
@@ -157,14 +157,22 @@ def _has_list(items: Sequence[_Item]) -> bool:
     return any(item.is_list for item in items)
 
 
+def _has_words(items: Sequence[_Item]) -> bool:
+    return bool(items) and all(item.words for item in items)
+
+
+def _is_of_lists(kind: _Kind) -> bool:
+    return any(is_list for _, is_list, _ in kind)
+
+
 def _kind(items: Sequence[_Item]) -> _Kind:
     return tuple((item.words, item.is_list, len(item.numbers)) for item in items)
 
 
 def _kinds(lines: Sequence[Sequence[_Item]]) -> list[_Kind]:
-    """The kinds of lines with a list that come again, in their order."""
-    counts = Counter(_kind(line) for line in lines if _has_list(line))
-    most = max(counts.values(), default=0)
+    """The kinds of lines that come again, in their order: with a list, or a number with words."""
+    counts = Counter(_kind(line) for line in lines if _has_list(line) or _has_words(line))
+    most = max((count for kind, count in counts.items() if _is_of_lists(kind)), default=0)
     return [kind for kind, count in counts.items() if 2 * count >= most > 1]
 
 

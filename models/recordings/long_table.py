@@ -9,6 +9,7 @@ one stamp become one sample, in the order of the log.
 """
 
 import io
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -29,7 +30,8 @@ from wrenchsight.models.recordings.text_table import TextTable
 _JOINT_WORDS: Final = frozenset((
     "joint", "joint_name", "joint_names", "joint_id", "joint_index", "joint_no", "axis",
     "axis_id", "axis_no", "axis_name", "ax", "achse", "gelenk", "motor", "motor_id",
-    "motor_name", "drive", "drive_id", "servo", "servo_id", "actuator", "actuator_id", "name",
+    "motor_name", "drive", "drive_id", "servo", "servo_id", "node", "can_id", "arbitration_id",
+    "actuator", "actuator_id", "name",
     "id", "eje", "articulacion", "axe", "device", "node_id", "关节", "轴",
 ))  # fmt: skip
 _SIGNAL_WORDS: Final = frozenset((
@@ -40,6 +42,8 @@ _SIGNAL_WORDS: Final = frozenset((
 _VALUE_WORDS: Final = frozenset((
     "value", "values", "val", "wert", "valeur", "valor", "data", "reading", "值",
 ))  # fmt: skip
+_ADDRESS: Final = re.compile(r"(0x[0-9a-fA-F]{1,8}|[1-9]\d{0,8})")
+_MIN_ADDRESSES: Final = 2  # joints; fewer, and numbers from 0 or 1 on, are numbers of joints
 _LARGEST_TABLE: Final = 1 << 28  # bytes: it is turned in memory
 _MOST_JOINTS: Final = 256  # different names in a column of joints or signals
 _FIRST_ROWS: Final = 2000  # in which the names show whether they are those of joints
@@ -151,7 +155,7 @@ def _turned(
     """
     labels = [_label([str(_whole(cell)) for cell in row], columns)
               for row in frame[columns.keys].itertuples(index=False)]  # fmt: skip
-    codes, joints = pd.factorize(np.array(labels, dtype=object))
+    codes, joints = pd.factorize(np.array(_without_addresses(labels), dtype=object))
     if columns.times:
         stamps = pd.MultiIndex.from_frame(frame[columns.times])
         samples, _ = pd.factorize(stamps)
@@ -175,6 +179,20 @@ def _turned(
             is_signal = len(columns.values) == 1 and _plain(names[column]) in _VALUE_WORDS
             turned[joint if is_signal else f"{joint} {names[column]}"] = by_joint[:, j]
     return pa.Table.from_pandas(pd.DataFrame(turned), preserve_index=False)
+
+
+def _without_addresses(labels: Sequence[str]) -> Sequence[str]:
+    """The labels; those of joints by addresses of a bus that follow each other by their numbers."""
+    numbers = {
+        label: int(match[1], 0)
+        for label in set(labels)
+        if (match := _ADDRESS.fullmatch(label.removeprefix("joint ")))
+    }
+    first = min(numbers.values(), default=0)
+    follow = sorted(numbers.values()) == list(range(first, first + len(numbers)))
+    if len(numbers) < len(set(labels)) or len(numbers) < _MIN_ADDRESSES or first < _MIN_ADDRESSES:
+        return labels
+    return [f"joint {numbers[label] - first + 1}" for label in labels] if follow else labels
 
 
 def _whole(cell: Any) -> Any:

@@ -47,6 +47,8 @@ _UNIT_LABELS: Final = frozenset((
 _TIME_NAME: Final = "Time"  # of the column whose cells above the rows are such labels
 _NO_NAME: Final = " "  # where a line has the number of a column
 _LEAST_LABELLED: Final = 2
+_LEFT_OUT_NAMES: Final = ("", "comment", "comments", "remark")  # of a last column without cells
+_LEAST_NAMED: Final = 2  # cells of a line of names above others
 _LEAST_WIDE: Final = 6  # cells of a row, which a line of words above meets by no chance
 _SHORT_HEADER: Final = 0.3  # of the cells of a row: a line of fewer words names no columns
 
@@ -253,6 +255,8 @@ def _find_names(head: TableHead, lines: Sequence[str], rows: Sequence[Sequence[s
             continue
         fits = len(cells) == count or (abs(len(cells) - count) == 1 and count >= _LEAST_WIDE)
         is_header = fits and (not _is_row(cells) or _counts_columns(cells))
+        if levels and sum(map(bool, cells)) < _LEAST_NAMED:  # a title, or the end of a preamble
+            is_header = False
         if not levels and not is_header:  # the only line of names may be one of another length
             is_header = len(cells) > max(1.0, _SHORT_HEADER * count) and not _is_row(cells)
             is_header &= not _COMMENT.match(lines[k]) and not broken
@@ -394,7 +398,7 @@ def _fit_names(head: TableHead, rows: Sequence[Sequence[str]]) -> None:
             head.names = (*head.names, "")
         elif [cells[0] for cells in same[:3]] in (["0", "1", "2"], ["1", "2", "3"]):
             head.names = ("", *head.names)
-    elif count == len(head.names) - 1 and not head.names[-1]:
+    elif count == len(head.names) - 1 and head.names[-1].lower() in _LEFT_OUT_NAMES:
         head.names = head.names[:-1]
     head.num_columns = len(head.names)
 

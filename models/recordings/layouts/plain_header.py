@@ -16,6 +16,7 @@ from wrenchsight.models.recordings.recording_format import (
 )
 
 _DESCRIBE = "or describe the columns with --log-format (`wrenchsight log` drafts that)"
+_WRENCH = re.compile(r"[fmt][_ ]?[xyz]|(force|torque|moment|wrench)([_ ]?[xyz\d])?", re.IGNORECASE)
 _ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a stamp
 _JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
 
@@ -62,8 +63,10 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
     is_complete = not missing and bool(numbers["v"])
     if header.others and not is_complete:
         if not any(numbers.values()):
-            raise _no_known_column(header.others, path)
+            raise _no_known_column(signal_names, path)
         raise _unknown_column(header.others[0], path)
+    if missing and signal_names and not any(numbers.values()):
+        raise _no_known_column(signal_names, path)
     if missing:
         problem = f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}"
         remedy = f"expected t,q1..q{n},v1..v{n},i1..i{n}; correct the header, {_DESCRIBE}"
@@ -148,6 +151,11 @@ def _unknown_column(name: str, path: Path) -> InputError:
 
 def _no_known_column(names: Sequence[str], path: Path) -> InputError:
     """The error of a table none of whose names is that of a signal."""
+    if all(_WRENCH.fullmatch(re.split(r"[/.]", name)[-1]) for name in names):
+        problem = f"holds forces ({_listed(names)}), but no joint positions"
+        raise InputError(
+            path, "header", problem, "this is another record: give the log of the joints"
+        )
     problem = f"names no joint positions in a way that is known: {_listed(names)}"
     return InputError(path, "header", problem, f"call them q1.., v1.., i1.., {_DESCRIBE}")
 

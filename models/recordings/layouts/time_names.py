@@ -29,7 +29,7 @@ _BESIDE = frozenset((
 ))  # fmt: skip
 _CLOCKS_OF_SIGNALS = ("t", "time", "timestamp", "stamp", "zeit")
 _DATE_RANK = 9  # behind that of any clock
-_DOUBTFUL_WORDS = ("ts", "tstamp")  # a stamp, or the sample time: of that rank, too
+_DOUBTFUL_WORDS = ("ts", "tstamp", "x_value")  # also the sample time, another abscissa
 _DATE_WORDS = frozenset(("date", "datum", "fecha", "data", "日期"))
 _UNIT_ALONE = re.compile(
     r"(milli|micro|nano)?sec(onds|s)?|msec|usec|nsec|ms|us|ns|µs", re.IGNORECASE

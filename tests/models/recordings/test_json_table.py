@@ -105,6 +105,20 @@ def test_yaml_is_known_by_its_content(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.current, np.tile([1e-5, 2.0], (60, 1)))
 
 
+def test_yaml_may_be_arrays_or_objects_of_one_line(tmp_path: Path) -> None:
+    rows = zip(Q.tolist(), range(60), strict=True)
+    flow = tmp_path / "flow.txt"
+    flow.write_text("".join(f"{{stamp: {{sec: 7, nanosec: {10_000_000 * k}}}, q: {q}, "
+                            "current: [1.0, 2.0]}\n---\n" for q, k in rows))  # fmt: skip
+    arrays = tmp_path / "arrays.yaml"  # one of which has the name of a key of a description
+    lines = "".join(f"- {q}\n" for q in Q.tolist())
+    arrays.write_text(f"t: {T.tolist()}\nq:\n{lines}current:\n" + "- [1.0, 2.0]\n" * 60)
+    for path in (flow, arrays):
+        log = read_recording(path)
+        np.testing.assert_array_equal(log.q, Q)
+        np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
+
+
 @pytest.mark.parametrize("suffix", [".yaml", ".txt"])
 def test_a_plan_is_no_log(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"plan{suffix}"

@@ -27,6 +27,7 @@ _FORMS = {  # of a sample at t with positions q and currents i; what read_record
     "tuples": lambda t, q, i: f"#pos: ({t:.2f}, array([{q}]))\n#cur: ({t:.2f}, array([{i}]))",
     "log": lambda t, q, i: f"[INFO] [{1.7e9 + t:.2f}]: pos ({q}) current ({i})",
     "dictionary": lambda t, q, i: f"{{'stamp': {t:.2f}, 'q': [{q}], 'current': [{i}]}}",
+    "apart": lambda t, q, i: f"time: {t:.2f}\nq: [{q}]\ncurrent: [{i}]",
     "alternating": lambda t, q, i: f"q: [{q}]\nmotor current: [{i}]",
 }
 

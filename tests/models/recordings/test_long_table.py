@@ -55,9 +55,12 @@ def _by_both() -> pd.DataFrame:
     "table",
     [lambda: _by_joint(list(_JOINTS)), lambda: _by_joint([1, 2, 3], "Axis ID"),
      lambda: _by_joint(["A1", "A2", "A3"], "name"),
+     lambda: _by_joint(["0x141", "0x142", "0x143"], "can_id"),  # type: ignore[list-item]
+     lambda: _by_joint([11, 12, 13], "node"),
      lambda: _by_joint([1, 2, 3], "ID").rename(columns={"current": "present motor current"}),
      _by_signal, _by_both],
-    ids=["names", "numbers", "axes", "measured", "signals", "joints-and-signals"],
+    ids=["names", "numbers", "axes", "addresses", "nodes", "measured", "signals",
+         "joints-and-signals"],
 )  # fmt: skip
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_rows_of_one_stamp_are_a_sample(

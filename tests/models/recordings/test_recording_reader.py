@@ -459,6 +459,9 @@ def test_numbers_without_names_are_refused(tmp_path: Path) -> None:
     path = _good(tmp_path)
     description = _description(tmp_path, "header: false\n")
     _refused(path, "line 1, column 1", 'holds "t"', "header: true", description=description)
+    forces = tmp_path / "forces.csv"
+    forces.write_text("time,Fx,Fy,Fz\n" + "".join(f"{0.01 * k},1,2,3\n" for k in range(20)))
+    _refused(forces, "holds forces (Fx, Fy, Fz), but no joint positions", "is another record")
     two = tmp_path / "two.csv"
     two.write_text("12.0,5402.112\n" * 20)
     _refused(two, "holds 2 numbers and no names: too few for", "this is another record")

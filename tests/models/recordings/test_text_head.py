@@ -92,6 +92,16 @@ def test_lines_with_labels_give_names_and_units() -> None:
     assert table_head(["state,q1,q2", "run,1,2", "run,3,4"]).names == ("state", "q1", "q2")
 
 
+def test_the_end_of_a_preamble_is_no_line_of_names() -> None:
+    """As LabVIEW writes a measurement: one name, of comments, has no cells below it."""
+    lines = ["LabVIEW Measurement", "Channels\t6\t", *(f"{x}\t1\t1\t1\t1\t1\t1" for x in "XYZ"),
+             "***End_of_Header***" + 6 * "\t", "X_Value\ta\tb\tc\td\te\tf\tComment",
+             *(f"0.0{k}\t1\t2\t3\t4\t5\t6" for k in range(6))]  # fmt: skip
+    head = table_head(lines)
+    assert head.names == ("X_Value", *"abcdef")
+    assert (head.skip_lines, head.num_columns) == (6, 7)
+
+
 def test_numbers_of_columns_are_no_names() -> None:
     lines = ["Cell 3,,", "Date,Time,1,2,3", ",,POS_J1,POS_J2,CUR_J1", ",,deg,deg,mA",
              "2024-05-17,10:57:01,0.1,0.2,3", "2024-05-17,10:57:01,0.1,0.2,4"]  # fmt: skip
