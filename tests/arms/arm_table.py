@@ -11,7 +11,8 @@ import json
 import re
 import shutil
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,7 @@ class Arm:
         source: wheel (example-robot-data), drake or bundled.
         file: below the source's folder; of a bundled arm its name.
         base, flange: where the draft needs them.
+        asked_for: limits of the motion that a message of `excite` asks for, by name.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Arm:
     file: str
     base: str | None = None
     flange: str | None = None
+    asked_for: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def path(self) -> Path:
@@ -100,7 +103,7 @@ ARMS = (
         None, "j2s6s200_end_effector"),
     Arm("b1 with a z1", "wheel", "b1_description/urdf/b1-z1.urdf"),
     Arm("baxter, left arm", "wheel", "baxter_description/urdf/baxter.urdf",
-        None, "left_hand_link"),
+        None, "left_hand_link", {"torque_share": 1.0}),
     Arm("pr2, right arm", "wheel", "pr2_description/urdf/pr2.urdf",
         "torso_lift_link", "r_gripper_palm_link"),
     Arm("romeo, left arm", "wheel", "romeo_description/urdf/romeo.urdf", "torso", "l_wrist"),
@@ -112,11 +115,12 @@ ARMS = (
     Arm("simple humanoid, left arm", "wheel",
         "simple_humanoid_description/urdf/simple_humanoid.urdf", "torso", "l_wrist"),
     Arm("hextilt, flying arm 5", "wheel", "hextilt_description/urdf/hextilt_flying_arm_5.urdf"),
-    Arm("borinot, flying arm 2", "wheel", "borinot_description/urdf/borinot_flying_arm_2.urdf"),
+    Arm("borinot, flying arm 2", "wheel", "borinot_description/urdf/borinot_flying_arm_2.urdf",
+        asked_for={"no_floor": True}),
     Arm("finger edu", "wheel", "finger_edu_description/robots/finger_edu.urdf",
         None, "finger_tip_link"),
     Arm("two joints", "wheel", "asr_twodof_description/urdf/TwoDofs.urdf"),
-    Arm("acrobot", "drake", "acrobot/Acrobot.urdf"),
+    Arm("acrobot", "drake", "acrobot/Acrobot.urdf", asked_for={"no_floor": True}),
 )  # fmt: skip
 
 
@@ -129,6 +133,8 @@ def run_arm(arm: Arm, folder: Path, excitation: ExcitationConfig = EXCITATION) -
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     row: dict[str, Any] = {"arm": arm.name, "source": arm.source, "stage": "robot"}
+    limits = replace(excitation.limits, **arm.asked_for)
+    excitation = replace(excitation, limits=limits)
     try:
         robot, name = _robot(arm, folder)
         row |= {"joints": robot.num_joints, "locked": len(robot.config.locked_joints)}
@@ -230,6 +236,7 @@ def page(rows: list[dict[str, Any]]) -> str:
         "simulated log of 10 s and two stops, `identify`, and `estimate` on a second motion.",
         "The log has assumed friction, noise and resolution. Nothing touches the arm in the second "
         f"motion. {len(through)} of {len(rows)} go through; wrong: {', '.join(wrong) or 'none'}.",
+        *_what_was_asked_for(through),
         "The default settings of `excite` give a better conditioned motion.",
         "",
         "- **condition**: condition number of the base parameters' regressor in `identify`",
@@ -271,6 +278,19 @@ def page(rows: list[dict[str, Any]]) -> str:
             why = row["refused"].replace("|", "/").replace("<", "&lt;")
             lines.append(f"| {row['arm']} | {row['source']} | `{row['stage']}` | {why} |")
     return "\n".join(lines) + "\n"
+
+
+def _what_was_asked_for(through: list[dict[str, Any]]) -> list[str]:
+    """One line on the arms that went through with what a message of `excite` asked for, if any."""
+    names = {row["arm"] for row in through}
+    texts = [
+        f"{arm.name} ({', '.join(f'{name}: {value}' for name, value in arm.asked_for.items())})"
+        for arm in ARMS
+        if arm.asked_for and arm.name in names
+    ]
+    if not texts:
+        return []
+    return [f"Some of these have what a message of `excite` asks for: {', '.join(texts)}."]
 
 
 def _why_none_is_valid(row: dict[str, Any]) -> str:

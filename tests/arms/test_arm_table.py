@@ -46,6 +46,8 @@ def test_an_arm_without_a_valid_reading_has_its_reason() -> None:
     }  # fmt: skip
     assert "\n- a: the force's sd is 16 N\n" in page([row])
     assert "says why" not in page([row | {"valid_pct": 50.0, "band_pct": 95.0}])
+    assert "asks for" not in page([row])
+    assert "asks for: acrobot (no_floor: True)." in page([row | {"arm": "acrobot"}])
 
 
 def test_an_unreported_collision_is_wrong() -> None:

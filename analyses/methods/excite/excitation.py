@@ -237,7 +237,7 @@ def excite(
         starts = _random_starts(first_program, config, progress)
     except NoTrajectoryError as error:
         if error.limit == "clearance":
-            raise _no_room(robot, clearance, bounds) from error
+            raise _no_room(robot, clearance, bounds, floor) from error
         raise _too_weak(robot, config, bounds) from error
     # The program's measure has a smooth sign of the velocity; figures are of the sign itself.
     exact = replace(information, friction_velocity=0.0)
@@ -653,7 +653,9 @@ def _too_weak(robot: Robot, config: ExcitationConfig, bounds: MotionBounds) -> I
     )
 
 
-def _no_room(robot: Robot, clearance: Clearance, bounds: MotionBounds) -> InputError:
+def _no_room(
+    robot: Robot, clearance: Clearance, bounds: MotionBounds, floor: float | None
+) -> InputError:
     """The error of an arm without room, with the shapes that are in the way most often."""
     postures = _postures(bounds, _ROOM_POSTURES)
     counts: Counter[tuple[str, str]] = Counter()
@@ -665,7 +667,12 @@ def _no_room(robot: Robot, clearance: Clearance, bounds: MotionBounds) -> InputE
         for (first, second), count in counts.most_common(_MAX_NAMED_SHAPES)
     )
     problem = f"no trajectory found: too near each other in random postures are {listed}"
-    remedy = f"lower clearance (now {clearance.margin:g} m) or the floor"
+    remedy = f"lower clearance (now {clearance.margin:g} m)"
+    if floor is not None:
+        remedy += (
+            f" or the floor (now {floor:g} m: floor in {robot.source.name}, or --floor; --no-floor "
+            "where none is near)"
+        )
     if robot.config.locked_joints:
         remedy += (
             "; or move what is not the arm's (another arm, a head) out of the way: its joints' "

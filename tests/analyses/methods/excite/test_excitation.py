@@ -269,8 +269,12 @@ def test_an_arm_without_inertias_has_a_motion_too(serial_robot):
 
 def test_the_shapes_that_leave_no_room_are_named(sts, monkeypatch):
     monkeypatch.setattr(Clearance, "smooth_slack", lambda self, q: (-1.0, np.zeros(6)))
-    with pytest.raises(InputError, match=r"too near each other in random postures are .* in \d+ %"):
+    with pytest.raises(
+        InputError, match=r"too near each other in random postures are .* in \d+ %"
+    ) as error:
         excite(sts, QUICK)
+    assert f"the floor (now {sts.floor:g} m: floor in robot.yaml" in str(error.value)
+    assert "--no-floor where none is near" in str(error.value)
 
 
 def test_a_motion_that_torque_alone_forbids_names_the_joint_and_its_torque(sts, monkeypatch):
