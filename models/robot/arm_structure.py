@@ -21,7 +21,11 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.mimic_joints import leader_of
 from wrenchsight.models.robot.rounded_angles import exact_angle
+from wrenchsight.models.robot.urdf_document import place_of
 from wrenchsight.models.robot.urdf_elements import MAX_NUMBER, MOVING_JOINT_TYPES
+
+SECOND_NAME = "rename it; of two robots in a file, the names of each need a prefix of its own"
+"""What to do about a second link or joint of a name."""
 
 _FREE_JOINT_TYPES = ("planar", "floating")  # of a vehicle or a humanoid, which no motor holds
 _FLANGE_NAMES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_eef", "ee")
@@ -99,18 +103,20 @@ class ArmStructure:
     Args:
         root: <robot> of a URDF.
         path: path of the file, for error lines.
+        lines: of the elements in the file, as `read_document` returns them.
 
     Attributes:
         joints: all of them, in the file's order.
     """
 
-    def __init__(self, root: ET.Element, path: Path) -> None:
+    def __init__(self, root: ET.Element, path: Path, lines: Mapping[ET.Element, int]) -> None:
         """Reads joints and links; arguments as the class has them.
 
         `_frames` are links without anything, `_shapeless` those without shapes; `_reaches`, the
         last, reads the tree that stands by then.
         """
         self._path = path
+        self._refuse_no_tree(root, lines)
         rotors = _reflected_rotors(root)
         self.joints = [
             _joint(element, rotors.get(element.get("name", ""), 0.0))
@@ -135,6 +141,34 @@ class ArmStructure:
         }
         self._links = {joint.parent for joint in self.joints} | set(self._by_child)
         self._reach_of = self._reaches()
+
+    def _refuse_no_tree(self, root: ET.Element, lines: Mapping[ET.Element, int]) -> None:
+        """Refuses a file without an arm, and one with two links or joints of a name.
+
+        Raises:
+            InputError: which, and where.
+        """
+        if root.find("joint") is None:
+            raise InputError(self._path, "", "holds no <joint>", "give the file of an arm")
+        for tag in ("link", "joint"):
+            first: dict[str, ET.Element] = {}
+            for element in root.findall(tag):
+                name = element.get("name", "")
+                if name in first:
+                    problem = f'a second {tag} "{name}", as {place_of(first[name], lines)} has it'
+                    raise InputError(self._path, place_of(element, lines), problem, SECOND_NAME)
+                first[name] = element
+        carrying: dict[str, ET.Element] = {}
+        for element in root.findall("joint"):
+            child = element.find("child")
+            link = "" if child is None else child.get("link", "")
+            if link in carrying:
+                problem = (
+                    f'link "{link}" is the child of two joints, "{carrying[link].get("name")}" and '
+                    f'"{element.get("name")}"'
+                )
+                raise InputError(self._path, place_of(element, lines), problem, "a URDF is a tree")
+            carrying[link] = element
 
     def require_link(self, link: str) -> None:
         """Checks that a link exists.
@@ -284,6 +318,11 @@ class ArmStructure:
         """Whether the arm's end carries a joint."""
         return joint.parent in self._links_below(arm[-1].child)
 
+    def moving_below(self, link: str) -> list[DescribedJoint]:
+        """The moving joints that a link carries, near ones first."""
+        links = self._links_below(link)
+        return [joint for name in links for joint in self._below.get(name, ()) if joint.moves]
+
     def joints_below(self, base: str) -> list[DescribedJoint]:
         """The moving joints between the root and the base."""
         joints = []
@@ -317,11 +356,6 @@ class ArmStructure:
         Raises:
             InputError: the joints are no tree.
         """
-        children = [joint.child for joint in self.joints]
-        twice = [child for child in self._by_child if children.count(child) > 1]
-        if twice:
-            problem = f'link "{twice[0]}" is the child of two joints'
-            raise InputError(self._path, "", problem, "a URDF is a tree")
         ordered = [link for link in self._links if link not in self._by_child]
         for link in ordered:  # grows meanwhile: parents before their children
             ordered += [joint.child for joint in self._below.get(link, ())]
@@ -375,7 +409,7 @@ class ArmStructure:
         if joint.leader:
             return reach < _MIN_ARM  # else a column that carries the arm
         if joint.name in self._followed and reach <= _MAX_FINGER:
-            return True
+            return not self._is_parallelogram(joint)
         if length < _MIN_ARM or reach > 1:
             return False
         # The last joint of all: a jaw if the tool's frame is before it, or it is called one. With
@@ -384,6 +418,13 @@ class ArmStructure:
         if self._tool_frames(self._rigid(joint.child)):
             return is_before and (_is_jaw(joint.name) or _is_jaw(joint.child))
         return is_before or _is_jaw(joint.name)
+
+    def _is_parallelogram(self, joint: DescribedJoint) -> bool:
+        """Whether a joint carries its follower, and that a joint of its own, as a palletiser's."""
+        followers = [
+            other for other in self.moving_below(joint.child) if other.leader == joint.name
+        ]
+        return any(self._reach_of[follower.child] > 0 for follower in followers)
 
     def _are_fingers(self, group: Collection[str], length: int) -> bool:
         """Whether all that a rigid group carries are fingers: several short ones, no line."""

@@ -3,7 +3,9 @@
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from wrenchsight.models.robot.convex_hulls import UnusableMeshError, hull_file
+import numpy as np
+
+from wrenchsight.models.robot.convex_hulls import UnusableMeshError, hull_file, hull_vertices
 
 
 class CollisionMeshes:
@@ -13,6 +15,7 @@ class CollisionMeshes:
         self._meshes: list[tuple[str, ET.Element, Path]] = []  # link, element, mesh
         self._unusable: list[str] = []
         self._hulls: list[tuple[str, ET.Element]] | None = None
+        self._hull_files: list[Path] = []  # of `_hulls`
 
     @property
     def count(self) -> int:
@@ -46,4 +49,16 @@ class CollisionMeshes:
                 assert shape is not None
                 shape.set("filename", hull.as_uri())
                 self._hulls.append((link, element))
+                self._hull_files.append(hull)
         return self._hulls
+
+    def lengths(self) -> dict[str, float]:
+        """m, the longest side along an axis of the hulls, by link; the largest of a link's."""
+        lengths: dict[str, float] = {}
+        for (link, element), path in zip(self.hulls(), self._hull_files, strict=True):
+            shape = element.find("geometry/mesh")
+            assert shape is not None
+            scale = np.array([float(word) for word in shape.get("scale", "1 1 1").split()])
+            sides = scale * np.ptp(hull_vertices(path), axis=0)
+            lengths[link] = max(lengths.get(link, 0.0), float(np.abs(sides).max()))
+        return lengths

@@ -60,6 +60,12 @@ def hull_file(mesh: Path) -> Path:
     raise UnusableMeshError("no folder to keep its convex hull in")
 
 
+def hull_vertices(path: Path) -> Array:
+    """(V, 3) of a file that `hull_file` has made, in the mesh's unit."""
+    lines = path.read_text().splitlines()
+    return np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+
+
 def _write_whole(path: Path, text: str) -> None:
     """Writes the file whole or not at all; another process may write the same one meanwhile.
 

@@ -9,7 +9,7 @@ of them are lost where one of its meshes is.
 import math
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from pydrake.multibody.tree import ModelInstanceIndex, PrismaticJoint, RevoluteJ
 from pydrake.systems.framework import DiagramBuilder
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.robot.drake_parsing import add_model
+from wrenchsight.models.robot.drake_parsing import add_models
 from wrenchsight.models.robot.limited_child import limit_process
 from wrenchsight.models.robot.mjcf_efforts import effort_limits
 from wrenchsight.models.robot.rotational_inertia import inertia_values, point_inertia
@@ -40,6 +40,8 @@ _NEGLIGIBLE_INERTIA = 1e-12  # kg m^2
 _ENDLESS_SLIDE = 10.0  # m either way, of a slide without limits
 _MAX_NUMBER = 1e6  # of a number of a pose, m or rad
 _MAX_INCLUDES = 100  # files of an MJCF
+_GENERATED_BODIES = ("replicate", "attach")  # elements that MuJoCo puts bodies in the place of
+_FRAME_PARTS = ("body", "geom", "site", "light", "camera", "frame")
 _LARGEST_RAD = 2.01 * np.pi  # of a range of an arm's joint that does not turn without end
 _MIN_RANGES = 3  # of joints, whose unit is judged
 
@@ -76,24 +78,78 @@ def urdf_of_sdf(root: ET.Element, path: Path) -> ET.Element:
     Raises:
         RuntimeError, ValueError: Drake cannot read it, or it holds no model or several.
     """
-    models = root.findall("model") or root.findall("world/model")
+    models = root.findall("model") or _leave_scenery(root)
     if len(models) != 1:
         raise ValueError(f"holds {len(models)} models, expected one; split the file")
-    shapes: dict[str, list[ET.Element]] = {}
-    for link in root.iter("link"):
+    shapes: dict[str, list[ET.Element]] = {}  # by the link's path of names
+    for path_of_link, link in _links_of(models[0], ()):
         for element in list(link):
             if element.tag in _SHAPES:
-                shapes.setdefault(link.get("name", ""), []).append(element)
+                shapes.setdefault(path_of_link, []).append(element)
             if element.tag not in _SDF_LINK_PARTS:
                 link.remove(element)
     plant = MultibodyPlant(0.0)
-    instance = add_model(plant, ET.tostring(root, encoding="unicode"), "sdf")
-    robot, frames = _urdf_of_plant(plant, instance, models[0].get("name", path.stem))
-    for link in robot.findall("link"):
-        name = link.get("name", "")
-        for number, shape in enumerate(shapes.get(name, ())):
+    instances = add_models(plant, ET.tostring(root, encoding="unicode"), "sdf")
+    names = _Names(plant, instances)
+    robot, frames = _urdf_of_plant(plant, names, models[0].get("name", path.stem))
+    for index, name in names.bodies.items():
+        (link,) = (element for element in robot.findall("link") if element.get("name") == name)
+        for number, shape in enumerate(shapes.get(_path_in_model(plant.get_body(index)), ())):
             _add_sdf_shape(link, shape, f"{name}_{shape.tag}_{number}", frames[name])
     return robot
+
+
+def _links_of(model: ET.Element, path: tuple[str, ...]) -> Iterator[tuple[str, ET.Element]]:
+    """The links of a model and of those within it, each with its names from the model on."""
+    for link in model.findall("link"):
+        yield "::".join((*path, link.get("name", ""))), link
+    for within in model.findall("model"):
+        yield from _links_of(within, (*path, within.get("name", "")))
+
+
+def _path_in_model(element: Any) -> str:
+    """The names of a body or joint from its file's model on: "gripper::palm" of one within."""
+    within = str(element.GetParentPlant().GetModelInstanceName(element.model_instance()))
+    return "::".join((*within.split("::")[1:], element.name()))
+
+
+class _Names:
+    """Names in the URDF of the bodies and joints of models, by their indices in the plant.
+
+    A body or joint of a model within another has its own name where no other has it; else those of
+    its models stand before it.
+    """
+
+    def __init__(self, plant: MultibodyPlant, instances: Sequence[ModelInstanceIndex]) -> None:
+        """Takes all that the model instances hold; those of an SDF come outer ones first."""
+        bodies = [plant.get_body(i) for k in instances for i in plant.GetBodyIndices(k)]
+        joints = [plant.get_joint(i) for k in instances for i in plant.GetJointIndices(k)]
+        self.bodies = {body.index(): _unlike(body, bodies) for body in bodies}
+        self.joints = {joint.index(): _unlike(joint, joints) for joint in joints}
+        self.bodies_and_world = {**self.bodies, plant.world_body().index(): "world"}
+
+
+def _unlike(element: Any, elements: Sequence[Any]) -> str:
+    """The name of one of the elements, with those of its models where another has the same."""
+    alike = sum(other.name() == element.name() for other in elements) > 1
+    return _path_in_model(element).replace("::", "_") if alike else str(element.name())
+
+
+def _leave_scenery(root: ET.Element) -> list[ET.Element]:
+    """The models of the only world; those in which no joint moves are left out where one is."""
+    worlds = root.findall("world")
+    models = [(world, model) for world in worlds for model in world.findall("model")]
+    moving = [
+        model
+        for _, model in models
+        if any(joint.get("type") != "fixed" for joint in model.iter("joint"))
+    ]
+    if not moving:
+        return [model for _, model in models]
+    for world, model in models:
+        if model not in moving:
+            world.remove(model)
+    return moving
 
 
 def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
@@ -111,6 +167,8 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     """
     _include_files(root, path)
     _check_depth(root)
+    _refuse_generated_bodies(root, path)
+    _make_frames_bodies(root)
     _check_angles(root)
     has_shapes = root.find("worldbody//geom") is not None
     name = root.get("model") or path.stem
@@ -133,7 +191,9 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
         _drop_meshes(root)
         plant, scene_graph = MultibodyPlant(0.0), None
         instance = _instance_of(Parser(plant), root)
-    robot, frames = _urdf_of_plant(plant, instance, name, efforts)  # frames: X_LB by body
+    robot, frames = _urdf_of_plant(
+        plant, _Names(plant, [instance]), name, efforts
+    )  # frames: X_LB by body
     for link in robot.findall("link"):
         body_name = link.get("name", "")
         if body_name not in frames:
@@ -182,6 +242,56 @@ def _include_files(root: ET.Element, path: Path) -> None:
             parent[place : place + 1] = list(included)
 
     expand(root, path)
+
+
+def _refuse_generated_bodies(root: ET.Element, path: Path) -> None:
+    """Refuses elements in the place of which MuJoCo puts bodies: Drake leaves them out in silence.
+
+    Raises:
+        ValueError: with the command that writes the bodies out.
+    """
+    for tag in _GENERATED_BODIES:
+        if root.find(f"worldbody//{tag}") is not None:
+            raise ValueError(
+                f'has bodies by <{tag}>, which MuJoCo alone writes out: python -c "import mujoco; '
+                f"mujoco.mj_saveLastXML('flat.xml', mujoco.MjModel.from_xml_path('{path.name}'))\" "
+                "makes flat.xml; draft that"
+            )
+
+
+def _make_frames_bodies(root: ET.Element) -> None:
+    """Makes each <frame> a body that is fixed to its parent: Drake leaves frames out in silence.
+
+    Its geoms weigh nothing where the body that has the frame states its inertia.
+
+    Raises:
+        ValueError: a frame has parts that are a body's alone, such as a joint.
+    """
+    names = {body.get("name") for body in root.iter("body")}
+    number = 0
+
+    def convert(parent: ET.Element, has_inertia: bool) -> None:
+        nonlocal number
+        for child in parent:
+            if child.tag == "body":
+                convert(child, child.find("inertial") is not None)
+            if child.tag != "frame":
+                continue
+            others = [part.tag for part in child if part.tag not in _FRAME_PARTS]
+            if others:
+                raise ValueError(f"a <frame> has a <{others[0]}>: write it into the <body>")
+            convert(child, has_inertia)
+            child.tag, name = "body", None
+            while name is None or name in names:
+                number += 1
+                name = f"{child.get('name', 'frame')}_{number}"
+            child.set("name", name)
+            if has_inertia or child.find("geom") is None:
+                zero = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
+                child.insert(0, ET.Element("inertial", zero))  # `_give_mass` makes it negligible
+
+    for worldbody in root.findall("worldbody"):
+        convert(worldbody, has_inertia=True)
 
 
 def _check_angles(root: ET.Element) -> None:
@@ -299,7 +409,7 @@ def _drop_meshes(root: ET.Element) -> None:
 
 
 def _urdf_of_plant(
-    plant: MultibodyPlant, instance: Any, name: str, efforts: Mapping[str, float] | None = None
+    plant: MultibodyPlant, names: _Names, name: str, efforts: Mapping[str, float] | None = None
 ) -> tuple[ET.Element, dict[str, RigidTransform]]:
     """The <robot> of a model without its shapes, and the poses of its bodies in their links.
 
@@ -307,30 +417,33 @@ def _urdf_of_plant(
     where no joint moves it.
 
     Args:
-        plant, instance: the model, not necessarily finalized.
+        plant: with the model, not necessarily finalized.
+        names: of the model's bodies and joints.
         name: of the <robot>.
         efforts: N m or N by the joint's name; None: the plant's actuators state them.
     """
     robot = ET.Element("robot", name=name)
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    joints = [plant.get_joint(index) for index in names.joints]
     # Of each body that a joint moves, the joint's frame in it: X_BL.
     in_body = {joint.child_body().index(): _frame(joint.frame_on_child()) for joint in joints}
     frames: dict[str, RigidTransform] = {}
-    for index in plant.GetBodyIndices(instance):
-        body = plant.get_body(index)
-        X_LB = frames[body.name()] = in_body.get(index, RigidTransform()).inverse()
-        link = ET.SubElement(robot, "link", name=body.name())
-        _add_inertial(link, body, X_LB)
-    actuators = [plant.get_joint_actuator(k) for k in plant.GetJointActuatorIndices()]
+    for index, body_name in names.bodies.items():
+        X_LB = frames[body_name] = in_body.get(index, RigidTransform()).inverse()
+        link = ET.SubElement(robot, "link", name=body_name)
+        _add_inertial(link, plant.get_body(index), X_LB)
+    actuators = {
+        names.joints[actuator.joint().index()]: actuator
+        for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    }
     if efforts is None:
-        efforts = {actuator.joint().name(): actuator.effort_limit() for actuator in actuators}
+        efforts = {joint: actuator.effort_limit() for joint, actuator in actuators.items()}
     if any(joint.parent_body().index() == plant.world_body().index() for joint in joints):
         ET.SubElement(robot, "link", name="world")
     for joint in joints:
         X_LP = in_body.get(joint.parent_body().index(), RigidTransform()).inverse()
-        _add_joint(robot, joint, X_LP, float(efforts.get(joint.name(), 0.0)))
-    for actuator in actuators:
-        _add_rotor(robot, actuator.joint().name(), actuator.default_reflected_inertia())
+        _add_joint(robot, joint, names, X_LP, float(efforts.get(names.joints[joint.index()], 0.0)))
+    for joint_name, actuator in actuators.items():
+        _add_rotor(robot, joint_name, actuator.default_reflected_inertia())
     return robot, frames
 
 
@@ -338,13 +451,16 @@ def _frame(frame: Any) -> RigidTransform:
     return frame.GetFixedPoseInBodyFrame()
 
 
-def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: float) -> None:
+def _add_joint(
+    robot: ET.Element, joint: Any, names: _Names, X_LP: RigidTransform, effort: float
+) -> None:
     """Appends a joint of Drake's to the <robot> as URDF states it.
 
     Its frame F on the parent is the child link's, with the joint at zero; that of a weld lies
     where the weld holds it. Angles that the file has rounded are written as the exact ones.
 
     Args:
+        names: of the model's bodies and joints.
         X_LP: the parent body's frame in the parent link's.
         effort: N m or N; inf where there is no limit.
     """
@@ -359,8 +475,10 @@ def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: floa
         kind, axis = "prismatic", joint.translation_axis()
     else:
         kind = "floating"  # or planar, ball ...: none is an arm's
-    parent, child = joint.parent_body().name(), joint.child_body().name()
-    element = fixed_joint(joint.name(), parent, child, X_LF)
+    parent, child = (
+        names.bodies_and_world[body.index()] for body in (joint.parent_body(), joint.child_body())
+    )
+    element = fixed_joint(names.joints[joint.index()], parent, child, X_LF)
     robot.append(element)
     if (rpy := rounded_rpy(X_LF.rotation())) is not None:
         for origin in element.findall("origin"):

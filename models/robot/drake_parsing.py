@@ -21,11 +21,20 @@ def add_model(plant: MultibodyPlant, text: str, kind: str) -> ModelInstanceIndex
     Raises:
         RuntimeError, ValueError: Drake cannot read it, or it holds no model or several.
     """
+    (instance,) = add_models(plant, text, kind)
+    return instance
+
+
+def add_models(plant: MultibodyPlant, text: str, kind: str) -> list[ModelInstanceIndex]:
+    """Adds all models of a text, those within others, too; arguments as of `add_model`.
+
+    Raises:
+        RuntimeError: Drake cannot read it.
+    """
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.ERROR)
     try:
-        (instance,) = Parser(plant).AddModelsFromString(text, kind)
+        return list(Parser(plant).AddModelsFromString(text, kind))
     finally:
         logger.setLevel(level)
-    return instance

@@ -4,6 +4,7 @@ A parser that a file breaks (a stack that overflows, memory without end) ends th
 said of it is one line.
 """
 
+import os
 import resource
 import signal
 import subprocess
@@ -15,7 +16,10 @@ from pathlib import Path
 from wrenchsight.models.files.input_error import InputError
 
 CPU_TIME = 6  # s of processor time
-WALL_TIME = 15.0  # s on the clock: a child that waits takes no processor time
+# s on the clock: a child that waits as long takes no processor time. One that asks for a processor
+# which others hold is slow, and not at fault.
+WATCH_TIME = 15.0
+_LEAST_SHARE = 0.01  # of the watch, s of processor time that a child takes which does not wait
 LARGEST_OUTPUT = 1 << 26  # bytes
 _LONGEST_PROBLEM = 400  # characters
 _SIGNALS_OF_LIMITS = (signal.SIGXCPU, signal.SIGKILL, signal.SIGXFSZ)
@@ -49,30 +53,58 @@ def run_limited(
         with output.open("wb") as out, errors.open("wb") as err:
             # -P: no module is imported from the working directory.
             command = [sys.executable, "-P", "-m", module, str(path), *arguments]
-            code: int | None
-            try:
-                code = subprocess.run(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=out,
-                    stderr=err,
-                    check=False,
-                    timeout=WALL_TIME,
-                ).returncode
-            except subprocess.TimeoutExpired:
-                code = None
+            code = _code_of(
+                subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=err)
+            )
         if code == 0:
             return output.read_bytes()
         lines = errors.read_text(encoding="utf-8", errors="replace").split("\n")
     last_line = " ".join(next((line for line in reversed(lines) if line.strip()), "").split())
     if code is None:
-        problem = f"takes more than {WALL_TIME:g} s; it was stopped"
+        problem = f"waits for more than {WATCH_TIME:g} s; it was stopped"
     elif -code in _SIGNALS_OF_LIMITS or "MemoryError" in last_line or "bad_alloc" in last_line:
         problem = _ending_of(code)
     else:
         problem = last_line or _ending_of(code)
     words = remedy if isinstance(remedy, str) else remedy(problem)
     raise InputError(path, "", f"{what}: {problem[:_LONGEST_PROBLEM]}", words)
+
+
+def _code_of(child: subprocess.Popen[bytes]) -> int | None:
+    """The code with which a child ends; None where it waited and was stopped."""
+    with child:
+        try:
+            taken = 0.0  # s of processor time, when it was last looked at
+            while True:
+                try:
+                    return child.wait(timeout=WATCH_TIME)
+                except subprocess.TimeoutExpired:
+                    asks, before, taken = _asks_for_processor(child.pid), taken, _taken(child.pid)
+                    if not asks and taken - before < _LEAST_SHARE * WATCH_TIME:
+                        return None
+        finally:
+            child.kill()  # nothing where it has ended
+
+
+def _asks_for_processor(pid: int) -> bool:
+    """Whether a process runs, or would if no other held the processors."""
+    return _status(pid)[:1] == ["R"]
+
+
+def _taken(pid: int) -> float:
+    """s that a process has taken from processors; 0 where the system does not say."""
+    words = _status(pid)
+    if len(words) < 13:
+        return 0.0
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _status(pid: int) -> list[str]:
+    """Words of Linux on a process, from its state on; none on other systems."""
+    try:  # number (name) state ...: the name may hold blanks and brackets
+        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return []
 
 
 def limit_process(memory: int) -> None:

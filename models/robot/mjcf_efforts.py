@@ -22,13 +22,14 @@ _BIAS, _JOINT = "biastype", "joint"
 
 
 def effort_limits(root: ET.Element) -> dict[str, float]:
-    """The largest torque (N m) or force (N) of each joint that an actuator drives, by its name.
+    """The largest torque (N m) or force (N) of each joint that has a drive, or a limit for one.
 
     Args:
         root: of the MJCF; its defaults and classes count.
 
     Returns:
-        inf for a joint whose file states no limit. A joint of several actuators has their sum.
+        By the joint's name; inf where an actuator drives it and nothing bounds that. A joint of
+        several actuators has their sum.
     """
     joint_defaults, actuator_defaults = _defaults(root)
     limits: dict[str, float] = {}
@@ -41,10 +42,11 @@ def effort_limits(root: ET.Element) -> dict[str, float]:
                 limits[joint_name] = limits.get(joint_name, 0.0) + _actuator_limit(merged)
     for joint, class_name in _joints_with_classes(root):
         name = joint.get("name", "")
-        if name in limits:
-            merged = {**joint_defaults.get(class_name, {}), **joint.attrib}
-            own_limit = _largest(merged, "actuatorfrcrange", "actuatorfrclimited")
-            limits[name] = min(limits[name], own_limit)
+        merged = {**joint_defaults.get(class_name, {}), **joint.attrib}
+        own_limit = _largest(merged, "actuatorfrcrange", "actuatorfrclimited")
+        # An MJCF that MuJoCo has made of a URDF has the URDF's effort here, and no actuator.
+        if name in limits or math.isfinite(own_limit):
+            limits[name] = min(limits.get(name, math.inf), own_limit)
     return limits
 
 

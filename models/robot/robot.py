@@ -224,6 +224,11 @@ class Robot(Arm):
         """Links with a collision shape that no distance can be taken to, each with the reason."""
         return self._urdf.meshes.unusable()
 
+    @property
+    def collision_mesh_lengths(self) -> dict[str, float]:
+        """m, the longest side of each link's collision meshes of which hulls are made, by link."""
+        return self._urdf.meshes.lengths()
+
     def save(self, path: Path) -> None:
         """Writes robot.yaml, with its URDF by absolute path."""
         urdf = _urdf_path(self.config, self.source).resolve()

@@ -16,6 +16,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.robot.arm_structure import SECOND_NAME
 from wrenchsight.models.robot.collision_meshes import CollisionMeshes
 from wrenchsight.models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from wrenchsight.models.robot.mimic_joints import followed_positions, leader_of
@@ -45,6 +46,7 @@ from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
 _KNOWN_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
 _KEPT_TAGS = ("link", "joint", "material", "drake:collision_filter_group")
 _MAX_TILT = math.radians(1.0)  # between two directions of gravity that agree
+_LARGEST_INERTIA = 1e12  # kg m^2, of a number that is one: a heavy link's in g mm^2
 _MIN_AXIS = 1e-9  # of an axis that has a direction
 _MIN_SPEED = 1e-6  # rad/s (m/s), of a joint that moves; a limit below is a slip, or negative
 
@@ -121,6 +123,16 @@ class _Reader:
         self._tidy_joints(moving)
         self._add_tool()
         limits = tuple(self._limits(joint) for joint in moving)  # removes those that Drake refuses
+        endless = [
+            limit.name
+            for joint, limit in zip(moving, limits, strict=True)
+            if joint.get("type") != "continuous" and not math.isfinite(limit.upper - limit.lower)
+        ]
+        if endless:
+            self.notices.append(
+                f"the file states no range of {', '.join(endless)}: a motion may turn or slide "
+                'without end; write lower and upper into the <limit>, or type="continuous"'
+            )
         standing = tuple(self.standing.values())
         return EffectiveUrdf(
             root=self.root,
@@ -209,7 +221,7 @@ class _Reader:
         if not name:
             self._fail(element, f"a <{element.tag}> without a name")
         if name in elements:
-            self._fail(element, f'a second {element.tag} "{name}"')
+            self._fail(element, f'a second {element.tag} "{name}"', SECOND_NAME)
         elements[name] = element
         return name
 
@@ -648,7 +660,7 @@ class _Reader:
         pose = self._origin(inertial)
         values = [0.0] * 6
         if inertia_element is not None:
-            values = [self._number(inertia_element, key, 0.0) for key in INERTIA]
+            values = [self._number(inertia_element, key, 0.0, _LARGEST_INERTIA) for key in INERTIA]
         R = pose.rotation().matrix()
         return mass, pose.translation(), R @ inertia_matrix(values) @ R.T
 
@@ -744,7 +756,8 @@ class _Reader:
         except ValueError:
             value = math.nan
         if not math.isfinite(value) or abs(value) > largest:
-            self._fail(element, f'{key}="{text}" of <{element.tag}>, expected a number')
+            at_most = f" of at most {largest:g}" if math.isfinite(value) else ""
+            self._fail(element, f'{key}="{text}" of <{element.tag}>, expected a number{at_most}')
         return value
 
     @staticmethod

@@ -1,11 +1,13 @@
 """The document that describes a robot: URDF, or SDF and MJCF converted to it."""
 
+import codecs
 import hashlib
 import re
 import xml.etree.ElementTree as ET
 import xml.parsers.expat
 from collections.abc import Mapping
 from pathlib import Path
+from xml.parsers.expat import errors
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import read_limited
@@ -138,8 +140,29 @@ def parse_document(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element
             problem = "is a YAML file, expected a URDF, xacro, SDF or MJCF"
             remedy = f"show a robot.yaml with: wrenchsight robot show {path}"
             raise InputError(path, "", problem, remedy) from error
-        reason = xml.parsers.expat.ErrorString(error.code)
-        raise InputError(path, f"line {error.lineno}", f"no valid XML: {reason}") from error
+        reason, remedy = _reason(data, error)
+        problem = f"no valid XML: {reason}"
+        raise InputError(path, f"line {error.lineno}", problem, remedy) from error
     except (ValueError, LookupError) as error:  # of the encoding that it states
         raise InputError(path, "line 1", f"cannot be read: {error}", "save it as UTF-8") from error
     return builder.close(), lines
+
+
+def _reason(data: bytes, error: xml.parsers.expat.ExpatError) -> tuple[str, str]:
+    """What is wrong with a document that expat refuses, and what to do; '' where that is plain."""
+    reason = xml.parsers.expat.ErrorString(error.code)
+    if error.code == errors.codes[errors.XML_ERROR_MISPLACED_XML_PI]:
+        return (
+            "<?xml ...?> is not the first thing in the file",
+            "delete what stands before it, a comment or an empty line, or move that below it",
+        )
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return f"it is UTF-16, as PowerShell's > writes it ({reason})", "save it as UTF-8"
+    if error.code == errors.codes[errors.XML_ERROR_INVALID_TOKEN]:
+        try:
+            data.decode()
+        except UnicodeDecodeError as wrong:
+            byte = data[wrong.start]
+            line = data.count(b"\n", 0, wrong.start) + 1
+            return f"the byte {byte:#x} in line {line} is no UTF-8", "save it as UTF-8"
+    return reason, ""

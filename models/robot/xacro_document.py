@@ -21,6 +21,9 @@ from wrenchsight.models.robot.xacro_child import PACKAGES_FOLLOW
 
 _CHILD = "wrenchsight.models.robot.xacro_child"
 _LARGEST_FILE = 1 << 26  # bytes
+_UNDEFINED_ARGUMENT = re.compile(r"[Uu]ndefined substitution argument (\w+)")
+_MACRO = re.compile(r"<xacro:macro\s([^>]*)>")
+_ATTRIBUTE = re.compile(r"""(name|params)\s*=\s*["']([^"']*)["']""")
 _PATH_IN_PACKAGE = re.compile(r"\$\(find ([\w.-]+)\)/([\w./-]+)")
 
 
@@ -76,12 +79,49 @@ def urdf_of_xacro(path: Path, arguments: Mapping[str, str]) -> bytes:
     return run_limited(_CHILD, path, words, "xacro", _remedy)
 
 
+def refuse_uncalled_macros(urdf: bytes, path: Path) -> None:
+    """Refuses a xacro file that has become a robot without links, as one that defines macros alone.
+
+    Args:
+        urdf: what xacro has made of it.
+        path: of the xacro file.
+
+    Raises:
+        InputError: with the macros that the file defines and does not call.
+    """
+    if b"<link" in urdf:
+        return
+    text = read_limited(path, _LARGEST_FILE, "a xacro file").decode("utf-8", errors="replace")
+    macros = [dict(_ATTRIBUTE.findall(words)) for words in _MACRO.findall(text)]
+    calls = [
+        f"<xacro:{macro['name']} {_attributes(macro.get('params', ''))}/>"
+        for macro in macros
+        if "name" in macro and f"<xacro:{macro['name']}" not in text
+    ]
+    if not calls:
+        raise InputError(path, "", "xacro makes no <link> of it", "give the file of a whole robot")
+    problem = (
+        f"defines a macro and calls it nowhere, so that xacro makes no <link> of it: {calls[0]}"
+    )
+    remedy = "write the call into it, or give the file that includes it and calls it"
+    raise InputError(path, "", problem, remedy)
+
+
+def _attributes(parameters: str) -> str:
+    """Attributes of a macro's call; blocks (*origin), which are elements within it, as such."""
+    names = [word.partition(":=")[0].partition("=")[0] for word in parameters.split()]
+    return " ".join(f'{name}="..."' for name in names if not name.startswith("*"))
+
+
 def _remedy(problem: str) -> str:
     if PACKAGE_NOT_FOUND in problem:
         return (
             "put the package, with its package.xml and under this name, beside the file's "
             "repository, or set ROS_PACKAGE_PATH to the folder that holds it"
         )
+    if (undefined := _UNDEFINED_ARGUMENT.search(problem)) is not None:
+        name = undefined.group(1)
+        return f"give the argument {name}: --xacro-arg {name}:=VALUE"
     if "argument" in problem:
         return "give what it asks for (--xacro-arg NAME:=VALUE), or correct the file"
     return "correct the file"

@@ -1,5 +1,6 @@
 """Draft of a robot.yaml from a robot's description."""
 
+import itertools
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
@@ -30,11 +31,16 @@ from wrenchsight.models.robot.unit_doubts import unit_doubts
 from wrenchsight.models.robot.urdf_document import drop_commas, is_xacro_file, read_document
 from wrenchsight.models.robot.urdf_pictures import resolved_mesh
 from wrenchsight.models.robot.xacro_document import (
+    refuse_uncalled_macros,
     renamed_packages,
     untrusted_xacro,
     urdf_of_xacro,
 )
 
+_ROBOT_SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml")  # in the order in which files are named
+_MOST_FILES = 20_000  # of a folder, that are looked at
+_NAMED_FILES = 5
+_HEAD_SIZE = 1 << 14  # bytes of a file, within which its root element is expected
 _UPRIGHT_ANGLE = 1e-3  # rad, within which a base counts as upright
 
 
@@ -89,6 +95,8 @@ def draft_robot(
         InputError: the description cannot be read, has no arm or several, or what `Robot.load`
             and `unit_doubts` find.
     """
+    if description.is_dir():
+        raise _of_folder(description)
     is_xacro = is_xacro_file(description)
     _refuse_existing(out)
     if not is_xacro:
@@ -104,6 +112,7 @@ def draft_robot(
         urdf.parent.mkdir(parents=True, exist_ok=True)
     renamed = renamed_packages(description)
     text = _with_meshes(urdf_of_xacro(description, xacro.arguments), description, renamed)
+    refuse_uncalled_macros(text, description)
     with whole_file(urdf) as partial, writing_to(urdf):
         partial.write_bytes(text)
     notes = tuple(
@@ -117,6 +126,32 @@ def draft_robot(
         urdf.unlink()
         raise
     return draft._replace(notes=notes + draft.notes)
+
+
+def _of_folder(folder: Path) -> InputError:
+    """The error of a folder in the place of a file, with the files in it that may describe arms."""
+    files = itertools.islice(folder.rglob("*"), _MOST_FILES)
+    found = sorted(
+        (_ROBOT_SUFFIXES.index(file.suffix.lower()), len(file.parts), str(file))
+        for file in files
+        if file.suffix.lower() in _ROBOT_SUFFIXES and _describes_robot(file)
+    )
+    names = [name for _, _, name in found[:_NAMED_FILES]]
+    remedy = "name a robot file in it"
+    if names:
+        others = f" or one of {len(found) - len(names)} others" if len(found) > len(names) else ""
+        remedy = f"name one of its robot files: {', '.join(names)}{others}"
+    return InputError(folder, "", "is a directory, expected a URDF, xacro, SDF or MJCF", remedy)
+
+
+def _describes_robot(file: Path) -> bool:
+    """Whether a file of a robot's suffix begins as one: other files end so, too (package.xml)."""
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(_HEAD_SIZE)
+    except OSError:
+        return False
+    return any(b"<" + tag in head for tag in (b"robot", b"sdf", b"mujoco"))
 
 
 def _refuse_existing(path: Path) -> None:
@@ -151,9 +186,10 @@ def _draft(
         With notes on what was decided: units, mounting, effort limits, joints at rest, and what is
         in the arm's way.
     """
-    root, _ = read_document(urdf)
+    root, lines = read_document(urdf)
     drop_commas(root)  # between numbers; `Robot.load` reports them when it reads the file
-    structure = ArmStructure(root, urdf)
+    structure = ArmStructure(root, urdf, lines)
+    is_given = flange is not None
     base, flange = _ends(structure, base, flange)
     way = structure.joints_between(base, flange)
     # Joints that follow another one (mimic), and those that are followed, are none of the arm's.
@@ -161,6 +197,8 @@ def _draft(
     # Where no joint is left, all stay: the robot's reader says what is wrong.
     arm = [joint for joint in way if not joint.leader and joint.name not in followed] or way
     locked = structure.at_rest(arm)
+    if not is_given:
+        _refuse_parallelogram(structure, urdf, arm, locked)
     mounting = _mounting(structure, base)
     name = root.get("name") or urdf.stem
     draft = DraftText(
@@ -199,6 +237,32 @@ def _draft(
         in_the_way(robot, *structure.sides(base, arm)),
     ]
     return DraftedRobot(robot, marked_keys(text), tuple(note for note in notes if note))
+
+
+def _refuse_parallelogram(
+    structure: ArmStructure, path: Path, arm: list[DescribedJoint], locked: list[DescribedJoint]
+) -> None:
+    """Refuses an arm beyond which a joint follows one of the arm's and carries a joint of its own.
+
+    Raises:
+        InputError: as of a palletiser, whose rods keep the wrist level.
+    """
+    leaders = {joint.name for joint in arm}
+    for joint in locked:
+        beyond = [other.name for other in structure.moving_below(joint.child)]
+        if joint.leader in leaders and beyond:
+            problem = (
+                f'joint "{joint.name}" follows "{joint.leader}" (mimic) and carries '
+                f'"{beyond[0]}", as the rods of a palletiser do: an arm needs a motor for every '
+                "joint from base to flange"
+            )
+            raise InputError(
+                path,
+                "",
+                problem,
+                f"end the arm before it, all beyond which then counts as rigid: --flange "
+                f"{arm[-1].child}",
+            )
 
 
 def _loaded(draft: DraftText, middle: Array, partial: Path) -> tuple[DraftText, Robot]:

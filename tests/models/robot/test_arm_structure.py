@@ -26,7 +26,7 @@ def robot(*joints, frames=(), origins=None, body=BODY):
         )
     bodies = [f"<link name='{x}'>{'' if x in frames else body}</link>" for x in links]
     root = ET.fromstring(f"<robot name='r'>{''.join(bodies + parts)}</robot>")
-    return ArmStructure(root, Path("r.urdf"))
+    return ArmStructure(root, Path("r.urdf"), {})
 
 
 def line(count, first="base", prefix="l"):

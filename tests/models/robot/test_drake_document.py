@@ -335,3 +335,77 @@ def test_damping_of_an_mjcf_does_not_count(tmp_path):
     )
     root, _ = read_document(arm)
     assert sum(joint.find("limit") is not None for joint in root.iter("joint")) == 3
+
+
+_HAND = '<body name="{}" pos=".1 0 .2"><inertial pos="0 0 0" mass=".5" diaginertia="1 1 1"/></body>'
+
+
+def test_a_frame_of_an_mjcf_places_what_is_in_it(tmp_path):
+    """Drake alone leaves it out in silence, with the mass of the bodies in it."""
+    inner = f'<frame quat=".8 0 0 .6" pos="0 .1 0">{_HAND.format("left")}</frame>'
+    links = _LINKS.replace('<joint name="wrist"', f'{inner}<joint name="wrist"')
+    assert inner in links
+    text = (
+        '<mujoco model="arm"><compiler angle="radian"/><worldbody><body name="base">'
+        f"{links}</body></worldbody></mujoco>"
+    )
+    (tmp_path / "arm.xml").write_text(text)
+    root, _ = read_document(tmp_path / "arm.xml")
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModelsFromString(ET.tostring(root, encoding="unicode"), "urdf")
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    hand, left = (plant.GetFrameByName(name) for name in ("hand", "left"))
+    X = left.CalcPose(context, hand)
+    R_WH = np.array(data.body("hand").xmat).reshape(3, 3)
+    p_WL = np.array(data.body("left").xpos - data.body("hand").xpos)
+    np.testing.assert_allclose(X.translation(), R_WH.T @ p_WL, atol=1e-12)
+    masses = [float(mass.get("value")) for mass in root.iter("mass")]
+    # The frame itself has a negligible mass, which is left out.
+    assert sum(masses) == pytest.approx(float(model.body_mass.sum()))
+
+
+@pytest.mark.parametrize("tag", ["replicate", "attach"])
+def test_bodies_that_mujoco_alone_writes_out_are_refused_with_its_command(tmp_path, tag):
+    links = _LINKS.replace('<joint name="wrist"', f'<{tag} count="3"/><joint name="wrist"')
+    arm = tmp_path / "arm.xml"
+    arm.write_text(
+        '<mujoco model="arm"><compiler angle="radian"/><worldbody><body name="base">'
+        f"{links}</body></worldbody></mujoco>"
+    )
+    with pytest.raises(InputError, match=f"<{tag}>.*mj_saveLastXML.*'arm.xml'.* draft that"):
+        read_document(arm)
+
+
+_PALM = f"""<model name="{{}}"><pose relative_to="lower">0 0 .1 0 0 0</pose>
+  <link name="palm">{INERTIAL.format(mass=0.8)}
+    <collision name="c"><geometry><sphere><radius>.05</radius></sphere></geometry></collision>
+  </link></model>
+<joint name="{{}}" type="fixed"><parent>lower</parent><child>{{}}::palm</child></joint>"""
+
+
+def test_models_within_a_model_of_an_sdf_are_part_of_it(tmp_path):
+    """Links of the same name get those of their models."""
+    palms = "".join(_PALM.format(name, f"{name}_joint", name) for name in ("left", "right"))
+    text = SDF.replace("</model></sdf>", f"{palms}</model></sdf>")
+    (tmp_path / "arm.sdf").write_text(text, encoding="utf-8")
+    root, _ = read_document(tmp_path / "arm.sdf")
+    links = {link.get("name"): link for link in root.findall("link")}
+    assert {"left_palm", "right_palm"} <= links.keys()
+    assert links["left_palm"].find("collision/geometry/sphere") is not None
+    (tmp_path / "robot.yaml").write_text(CONFIG, encoding="utf-8")
+    robot = Robot.load(tmp_path / "robot.yaml")
+    assert robot.chain.inertial_parameters[1, 0] == pytest.approx(1.0 + 2 * 0.8)
+
+
+def test_of_a_world_the_model_that_moves_is_read(tmp_path):
+    ground = '<model name="ground"><static>1</static><link name="plane"/></model>'
+    text = SDF.replace('<model name="arm">', f'<world name="w">{ground}<model name="arm">')
+    (tmp_path / "arm.sdf").write_text(text.replace("</sdf>", "</world></sdf>"), encoding="utf-8")
+    root, _ = read_document(tmp_path / "arm.sdf")
+    assert [link.get("name") for link in root.findall("link")][:2] == ["base", "upper"]

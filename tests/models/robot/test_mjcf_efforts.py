@@ -82,3 +82,10 @@ def test_without_inferred_limits_the_flags_decide() -> None:
     assert effort_limits(ET.fromstring(text)) == {"a": 3.0, "b": np.inf}
     with pytest.raises(ValueError, match="ctrlrange"):
         mujoco.MjModel.from_xml_string(text.replace('ctrllimited="true"', ""))
+
+
+def test_a_limit_of_a_joint_without_an_actuator_counts() -> None:
+    """MuJoCo writes a URDF's effort so."""
+    joints = '<body><joint name="driven" actuatorfrcrange="-28 28"/><joint name="free"/></body>'
+    text = f"<mujoco><worldbody>{joints}</worldbody></mujoco>"
+    assert effort_limits(ET.fromstring(text)) == {"driven": 28.0}

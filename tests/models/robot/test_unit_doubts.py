@@ -7,6 +7,12 @@ import pytest
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.rotational_inertia import (
+    INERTIA_PLACES,
+    BodyInertia,
+    inertia_values,
+    point_inertia,
+)
 from wrenchsight.models.robot.unit_doubts import reach_of, unit_doubts
 
 Q = np.random.default_rng(1).uniform(-3.0, 3.0, (200, 6))
@@ -66,3 +72,30 @@ def test_the_reach_is_that_of_the_stretched_arm(ur10e):
     # a2, a3 and d4 to d6 of the UR10e lie within its stated reach of 1.3 m and its wrist.
     q = np.vstack([Q, np.zeros(6)])
     assert 1.2 < reach_of(ur10e, q) < 1.5
+
+
+def test_inertias_of_all_links_in_another_unit_are_refused(ur10e):
+    """In the file they are those in kg m^2 times 1e6, and masses are in kg."""
+    other = scaled(ur10e)
+    parameters = ur10e.chain.inertial_parameters.copy()
+    for link in parameters:
+        body = BodyInertia.of(link)
+        link[INERTIA_PLACES] = inertia_values(
+            1e6 * body.inertia + point_inertia(body.mass, body.com)
+        )
+    other.__dict__["chain"] = ur10e.chain.with_inertial_parameters(parameters)
+    with pytest.raises(InputError, match=r"in kg mm\^2 it would be 0.*inertias .* by 1e-06"):
+        unit_doubts(other, Q)
+
+
+@pytest.mark.parametrize("moment", [1.0, 0.01])
+def test_the_same_inertia_of_all_links_is_a_placeholder(ur10e, moment):
+    other = scaled(ur10e)
+    parameters = ur10e.chain.inertial_parameters.copy()
+    for link in parameters[:5]:  # the last one may carry parts that are fixed to it
+        body = BodyInertia.of(link)
+        inertia = moment * np.eye(3) + point_inertia(body.mass, body.com)
+        link[INERTIA_PLACES] = inertia_values(inertia)
+    other.__dict__["chain"] = ur10e.chain.with_inertial_parameters(parameters)
+    (doubt,) = unit_doubts(other, Q)
+    assert f"({moment:g} kg m^2), a placeholder" in doubt

@@ -93,7 +93,7 @@ def test_several_arms_need_a_flange(wheel_robots: Path, tmp_path: Path) -> None:
         ("a.xml", "<mujoco/>", "a.xml: "),
         ("a.urdf", "<robot>", "no valid XML"),
         ("robot.yaml", "name: a", "expected a URDF.*wrenchsight robot show .*robot.yaml$"),
-        ("a.urdf", "<robot name='a'><link name='b'/></robot>", "links without a parent"),
+        ("a.urdf", "<robot name='a'><link name='b'/></robot>", "holds no <joint>"),
     ],
 )
 def test_a_description_without_an_arm_is_refused(
@@ -183,7 +183,7 @@ def test_an_expanded_file_without_an_arm_leaves_nothing(tmp_path: Path) -> None:
         "<robot name='a' xmlns:xacro='http://www.ros.org/wiki/xacro'>"
         "<xacro:property name='b' value='1'/><link name='c'/></robot>"
     )
-    with pytest.raises(InputError, match="links without a parent"):
+    with pytest.raises(InputError, match="holds no <joint>"):
         draft_robot(path, tmp_path / "out.yaml", xacro=XacroTrust(is_trusted=True))
     assert [file.name for file in tmp_path.iterdir()] == ["a.xacro"]
 
@@ -508,3 +508,88 @@ def test_joints_of_the_arm_that_move_with_one_motor_are_held_still(tmp_path: Pat
     assert robot.joint_names == ("shoulder_pan", "wrist_flex", "wrist_roll")
     assert robot.config.locked_joints == {"shoulder_lift": 0.0, "gripper": 0.0}
     assert any("shoulder_lift and the joints that follow it (mimic)" in note for note in notes)
+
+
+def test_of_a_folder_the_robot_files_in_it_are_named(tmp_path: Path) -> None:
+    (tmp_path / "urdf").mkdir()
+    arm_with_gripper(tmp_path / "urdf" / "arm.urdf")
+    (tmp_path / "package.xml").write_text("<package/>")
+    with pytest.raises(InputError, match=r"is a directory.*robot files: [^ ]*urdf/arm.urdf$"):
+        draft_robot(tmp_path, tmp_path / "robot.yaml")
+    (tmp_path / "none").mkdir()
+    with pytest.raises(InputError, match="name a robot file in it"):
+        draft_robot(tmp_path / "none", tmp_path / "robot.yaml")
+
+
+def test_ranges_in_degrees_are_refused(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    text = urdf.read_text()
+    urdf.write_text(text.replace("lower='-1.9' upper='1.9'", "lower='-110' upper='110'"))
+    with pytest.raises(InputError, match=r"5 joints turn by 110 to 110 rad.* would be 1.92 rad"):
+        draft_robot(urdf, tmp_path / "robot.yaml")
+    # Exporters write a large number where a joint has no end.
+    urdf.write_text(text.replace("lower='-1.9' upper='1.9'", "lower='-1e5' upper='1e5'"))
+    draft_robot(urdf, tmp_path / "robot.yaml")
+
+
+def test_a_joint_that_states_no_range_is_named(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    text = urdf.read_text()
+    limit = "<limit lower='-1.9' upper='1.9' velocity='3' effort='10'/>"
+    urdf.write_text(text.replace(limit, "", 1))
+    robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert any("no range of shoulder_pan: a motion may turn" in note for note in robot.notices)
+    assert np.isinf(robot.position_upper[0])
+
+
+def test_meshes_in_millimetres_are_refused_with_their_scale(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    trimesh.creation.box((40.0, 40.0, 90.0)).export(tmp_path / "link.stl")
+    mesh = "<collision><geometry><mesh filename='link.stl'{}/></geometry></collision><inertial>"
+    text = urdf.read_text()
+    urdf.write_text(text.replace("<inertial>", mesh.format("")))
+    expected = (
+        r'about 90 m long.*in millimetres it would be 0.09 m; write scale="0.001 0.001 0.001"'
+    )
+    with pytest.raises(InputError, match=expected):
+        draft_robot(urdf, tmp_path / "robot.yaml")
+    urdf.write_text(text.replace("<inertial>", mesh.format(" scale='0.001 0.001 0.001'")))
+    robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert max(robot.collision_mesh_lengths.values()) == pytest.approx(0.09)
+
+
+def test_a_xacro_that_only_defines_a_macro_is_told_how_it_is_called(tmp_path: Path) -> None:
+    pytest.importorskip("xacro", reason="the package xacro is not installed")
+    path = tmp_path / "arm.xacro"
+    path.write_text(
+        "<robot xmlns:xacro='http://www.ros.org/wiki/xacro' name='arm'>"
+        "<xacro:macro name='arm' params='prefix *origin mass:=1'><link name='${prefix}base'/>"
+        "</xacro:macro></robot>"
+    )
+    with pytest.raises(
+        InputError, match=r'calls it nowhere.* <xacro:arm prefix="..." mass="..."/>'
+    ):
+        draft_robot(path, tmp_path / "out.yaml", xacro=XacroTrust(is_trusted=True))
+    assert [file.name for file in tmp_path.iterdir()] == ["arm.xacro"]
+
+
+def test_two_robots_of_the_same_names_in_a_file_are_told_to_take_prefixes(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    body = urdf.read_text().removeprefix("<robot name='arm'>").removesuffix("</robot>")
+    urdf.write_text(f"<robot name='arm'>\n{body}\n{body}</robot>")
+    expected = r'line 3: a second link "base", as line 2 has it; .* a prefix'
+    with pytest.raises(InputError, match=expected):
+        draft_robot(urdf, tmp_path / "robot.yaml")
+
+
+def test_a_palletiser_is_refused_with_the_flange_before_its_parallelogram(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    text = urdf.read_text().replace("'gripper'", "'turn'").replace("moving_jaw", "plate")
+    level = "<joint name='wrist_flex' type='revolute'>"
+    urdf.write_text(text.replace(level, f"{level}<mimic joint='elbow_flex' multiplier='-1'/>"))
+    expected = r'"wrist_flex" follows "elbow_flex" .* carries "wrist_roll".*--flange lower$'
+    with pytest.raises(InputError, match=expected):
+        draft_robot(urdf, tmp_path / "robot.yaml")
+    robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml", flange="lower")
+    assert robot.joint_names == ("shoulder_pan", "shoulder_lift", "elbow_flex")
