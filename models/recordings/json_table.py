@@ -77,21 +77,18 @@ class JsonTable(ConvertedTable):
     """
 
     def __init__(self, path: Path) -> None:
-        self._object_lines: ObjectLines | None = (
-            None  # kept: with it the file that is read would go
-        )
         with opened(path, "a log") as file:
             begin = file.read(_BLOCK_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n")
-        if has_text_before_objects(begin.decode("utf-8", "replace")):
-            self._object_lines = ObjectLines(path)
-            super().__init__(path, _lines(self._object_lines.path))
-            self.notices.append(self._object_lines.notice)
-            return
-        if not begin.startswith((b"{", b"[")):
+        is_behind_text = has_text_before_objects(begin.decode("utf-8", "replace"))
+        if not is_behind_text and not begin.startswith((b"{", b"[")):
             raise InputError(path, "", "is no JSON", "name the file by what it is, such as .csv")
         has_lines = begin.startswith(b"{") and _is_object(begin.split(b"\n")[0])
         try:
-            if has_lines and _is_series(json.loads(begin.split(b"\n")[0])):
+            if is_behind_text:
+                objects = ObjectLines(path)
+                super().__init__(path, _lines(objects.path))
+                self.notices.append(objects.notice)
+            elif has_lines and _is_series(json.loads(begin.split(b"\n")[0])):
                 super().__init__(path, [_series_table(_objects(path), path)])
             elif has_lines and begin.count(b"\n") > 1:
                 self.row_word = "line"

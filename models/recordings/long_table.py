@@ -178,7 +178,11 @@ def _turned(
         for j, joint in enumerate(joints):
             is_signal = len(columns.values) == 1 and _plain(names[column]) in _VALUE_WORDS
             turned[joint if is_signal else f"{joint} {names[column]}"] = by_joint[:, j]
-    return pa.Table.from_pandas(pd.DataFrame(turned), preserve_index=False)
+    try:
+        return pa.Table.from_pandas(pd.DataFrame(turned), preserve_index=False)
+    except (pa.ArrowException, OverflowError) as error:
+        problem = f"has a time that is no number ({str(error).splitlines()[0][:200]})"
+        raise InputError(path, "column t", problem, "correct or remove the row") from error
 
 
 def _without_addresses(labels: Sequence[str]) -> Sequence[str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.json_lines import has_text_before_objects
 from wrenchsight.models.recordings.recording_reader import read_recording
 
@@ -36,6 +37,15 @@ def test_objects_behind_other_text_are_read(tmp_path: Path, form: str, suffix: s
     np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
     np.testing.assert_allclose(log.t - log.t[0], T, rtol=0, atol=1e-6)
     assert any("objects are read from behind other text" in text for text in log.notices)
+
+
+def test_a_damaged_object_is_told(tmp_path: Path) -> None:
+    lines = [f'state {{"ts": {t}, "q": [0.1, {t}]}}' for t in T.tolist()]
+    lines[20] = 'state {"ts": 0.2, "q": [0.1 0.2]}'
+    path = tmp_path / "log.txt"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match="cannot be read as JSON"):
+        read_recording(path)
 
 
 def test_other_text_has_no_objects() -> None:

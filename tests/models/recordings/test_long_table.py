@@ -95,6 +95,15 @@ def test_two_rows_of_one_joint_and_stamp_are_refused(tmp_path: Path) -> None:
         read_recording(path, None, _ROBOT)  # type: ignore[arg-type]
 
 
+def test_a_time_of_too_many_digits_is_refused(tmp_path: Path) -> None:
+    frame = _by_joint(list(_JOINTS))
+    frame["time"] = [10**23 if k == 7 else k // 3 for k in range(len(frame))]
+    path = tmp_path / "log.csv"
+    frame.to_csv(path, index=False)
+    with pytest.raises(InputError, match="column t: has a time that is no number"):
+        read_recording(path, None, _ROBOT)  # type: ignore[arg-type]
+
+
 def test_a_name_that_does_not_change_is_no_joint(tmp_path: Path) -> None:
     columns = {"t": _T, "name": "arm 7"}
     columns |= {f"q{j + 1}": _Q[:, j] for j in range(3)} | {f"i{j + 1}": _I[:, j] for j in range(3)}
