@@ -9,7 +9,7 @@ from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.log_container import LogTable, RowNumbers, TableOfTable
 from wrenchsight.models.recordings.recording_format import column_numbers
 
-TIME_NAME = "t"
+RATED_TIME = "t"
 
 
 class RatedTable(TableOfTable):
@@ -28,7 +28,7 @@ class RatedTable(TableOfTable):
     def __init__(self, table: LogTable, rate_hz: float) -> None:
         super().__init__(table, f"the time is counted in rows, {rate_hz:g} a second")
         self.rate_hz = rate_hz
-        self.names = None if table.names is None else (*_without_time(table.names), TIME_NAME)
+        self.names = None if table.names is None else (*_without_time(table.names), RATED_TIME)
         self.num_columns = table.num_columns + 1
 
     def blocks(

@@ -65,7 +65,7 @@ from wrenchsight.models.recordings.plausibility.idle_signals import (
     unfilled,
 )
 from wrenchsight.models.recordings.plausibility.raw_words import raw_words
-from wrenchsight.models.recordings.rated_table import RatedTable
+from wrenchsight.models.recordings.rated_table import RATED_TIME, RatedTable
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.recording_checks import RecordingChecks
 from wrenchsight.models.recordings.recording_format import (
@@ -255,7 +255,7 @@ class RecordingReader:
         self._leave_out_unfilled_signals()
         self._note_held_rows()
         self._settle_velocities()
-        if log.torque_is_effort:
+        if log.torque_is_effort and self.layout.signal("tau_J") is not None:
             self._settle_effort_unit()
 
     def _resolved_layout(self, log: _OpenedLog) -> ColumnLayout:
@@ -781,6 +781,7 @@ class RecordingReader:
         if "" in table.names:
             notices += ("a column without a name is left out",)
         if time_columns(table.names) is None:
+            self._refuse_doubt_besides_time(table, table.names)
             raise _no_time(path, table.names)
         num_joints = self._robot.num_joints if self._robot is not None else None
         # Columns of further signals may have any name; a wrong one is reported first.
@@ -806,6 +807,16 @@ class RecordingReader:
             more = f" and {len(others) - 6} more" if len(others) > 6 else ""
             notices += (f"columns left out: {', '.join(others[:6])}{more}",)
         return self._in_requested_angle(log._replace(notices=notices))
+
+    def _refuse_doubt_besides_time(self, table: LogTable, names: Sequence[str]) -> None:
+        """Refuses a table without a time for what else it lacks, which its rate does not mend.
+
+        Raises:
+            InputError: its words leave doubt, as `column_words_layout` says.
+        """
+        joint_names = self._robot.joint_names if self._robot is not None else None
+        with_time = (*names, RATED_TIME)
+        column_words_layout(with_time, self.path, table.row_words, joint_names, self._words)
 
     def _recognised_layout(self, table: LogTable) -> KnownLayout | None:
         """The layout of a log that another program wrote; None where none is recognised."""

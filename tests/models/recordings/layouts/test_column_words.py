@@ -172,6 +172,16 @@ def test_letters_of_faults_are_no_amperes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.current, _I)
 
 
+def test_what_no_rate_mends_is_told_before_the_lack_of_a_time(tmp_path: Path) -> None:
+    header = [*_joints("pos_{j}"), "current_1", "current_2"]
+    path = _csv(tmp_path, header, [*_Q.T, *_I.T[:2]])
+    with pytest.raises(InputError, match="numbers 2 currents"):
+        read_recording(path, None, _ROBOT)
+    path = _csv(tmp_path, [*_joints("pos_{j}"), *_joints("current_{j}")], [*_Q.T, *_I.T])
+    with pytest.raises(InputError, match="has no column of time"):
+        read_recording(path, None, _ROBOT)
+
+
 def test_a_name_in_brackets_behind_a_channel_counts(tmp_path: Path) -> None:
     """As recorders write their probes with what they record, and databases their functions."""
     names = [

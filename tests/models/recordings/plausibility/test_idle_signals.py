@@ -40,6 +40,16 @@ def test_currents_that_the_driver_does_not_fill_are_left_out(
     assert reader.layout.signal("current") is None
 
 
+def test_the_unit_of_an_effort_that_is_left_out_is_no_question(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    effort = np.tile([2.89e-321, 1.04e224], (ROWS, 1))
+    names = "time,position_1,position_2,effort_1,effort_2"
+    np.savetxt(path, np.c_[T, Q, effort], delimiter=",", header=names, comments="", fmt="%.17g")
+    notices = RecordingReader(path).notices
+    assert any("the torques are left out: they hold numbers such as" in text for text in notices)
+    assert not any("effort is read" in text for text in notices)
+
+
 def test_a_few_numbers_beyond_any_robot_are_told_with_their_row(tmp_path: Path) -> None:
     current = 1.0 + Q
     current[50, 1] = 1.04e224
