@@ -402,6 +402,10 @@ def _refuse_doubt(
                 if key in columns_of and key not in found]  # fmt: skip
     drives = {"current", "motor_torque"}
     if "position" in columns_of and drives.isdisjoint(columns_of):
+        if all(column.name.is_bare for column in columns_of["position"]):
+            num_joints = 0 if joint_names is None else len(joint_names)
+            if _numbered(columns_of["position"], num_joints, "position", names) is None:
+                return  # such as a column Value
         raise _no_drives(columns_of["position"], found, names, joint_names, path)
     if "position" not in columns_of and not drives.isdisjoint(columns_of):
         key = next(key for key in ("current", "motor_torque") if key in columns_of)

@@ -172,6 +172,12 @@ def test_letters_of_faults_are_no_amperes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.current, _I)
 
 
+def test_a_value_is_no_position_of_a_joint(tmp_path: Path) -> None:
+    path = _csv(tmp_path, ["time", "value"], [_T, _Q[:, 0]])
+    with pytest.raises(InputError, match="names no joint positions in a way that is known: value"):
+        read_recording(path, None, _ROBOT)
+
+
 def test_what_no_rate_mends_is_told_before_the_lack_of_a_time(tmp_path: Path) -> None:
     header = [*_joints("pos_{j}"), "current_1", "current_2"]
     path = _csv(tmp_path, header, [*_Q.T, *_I.T[:2]])
