@@ -207,6 +207,21 @@ def test_a_zero_is_found_with_its_error(ur10e: Robot) -> None:
     assert abs(offset + 0.5 * np.pi) < 4.0 * sd < 0.4
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_position_that_counts_the_joint_before_is_named(ur10e: Robot, sign: float) -> None:
+    """As Fanuc's pendant shows J3: relative to the ground."""
+    log = motion(ur10e)
+    q, v = log.q.copy(), log.v.copy()
+    q[:, 2] += sign * q[:, 1]
+    v[:, 2] += sign * v[:, 1]
+    fault = judged(replace(log, q=q, v=v), ur10e).fault
+    assert fault is not None
+    assert fault.name == "angle of a link for that of its joint"
+    assert fault.values == {"joint": 3.0, "sign": -sign}
+    change = "subtract" if sign > 0.0 else "add"
+    assert fault.remedy.startswith(f"{change} the positions of shoulder_lift_joint")
+
+
 def test_the_remedy_of_a_zero_contains_what_the_file_has(ur10e: Robot) -> None:
     """The log's positions have it already, so that the file needs the sum."""
     log = motion(ur10e)
