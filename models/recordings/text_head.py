@@ -143,7 +143,8 @@ def table_head(
         _take_names(head, lines, rows, next((k for k, line in enumerate(lines) if line.strip()), 0))
     first = head.num_lines
     if first < len(rows):
-        head.first_cells = tuple(rows[first])
+        shown = (cells for cells in rows[first:] if any(cells))  # blank lines may be above
+        head.first_cells = tuple(next(shown, rows[first]))
     if head.names is None and header is None and any(cell_kind(c).is_word for c in rows[first]):
         # Words among the numbers of a table without names, such as of `ros2 topic echo --csv`.
         head.names, head.header = tuple(rows[first]), lines[first].strip()

@@ -61,7 +61,7 @@ def test_lines_of_influxdb_are_rows_of_a_joint(tmp_path: Path) -> None:
         for j in range(2)
     ]
     path = tmp_path / "export.lp"
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(["# DML", "# CONTEXT-DATABASE: test", *lines]) + "\n")
     log = read_recording(path)
     np.testing.assert_array_equal(log.q, _Q)
     np.testing.assert_array_equal(log.current, _I)
