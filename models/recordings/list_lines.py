@@ -29,6 +29,7 @@ _MIN_LINES: Final = 10
 _MIN_SHARE: Final = 0.8  # of the lines that are of the kinds that repeat
 _MOST_KINDS: Final = 8
 _MOST_ITEMS: Final = 200  # of a line
+_MOST_JOINED_LINES: Final = 16  # that an open bracket holds together
 _LONGEST_LINE: Final = 1 << 13  # characters of a line, or of lines that a bracket joins
 _ORDERS: Final = {  # what lists hold in the order of a program, by the word before each
     # YARP's stateExt
@@ -77,14 +78,14 @@ def table_of_list_lines(parts: Iterable[str]) -> Iterator[str]:
     Args:
         parts: of the text, each of which ends with a line; the first shows the kinds of lines.
     """
-    kinds: list[_Kind] = []
+    kinds: list[_Kind] = []  # of lines
     names: dict[_Kind, list[str]] = {}
     columns: list[str] = []
     cells: dict[str, str] = {}
     rest: list[str] = []  # lines of a bracket that is still open
     for part in parts:
         given = part.splitlines()
-        if not kinds:
+        if not columns:
             head = [_items(line) for line in _joined(given) if line.strip()]
             kinds = _kinds(head)
             names = _names(kinds, head)
@@ -94,7 +95,7 @@ def table_of_list_lines(parts: Iterable[str]) -> Iterator[str]:
         for line in given:
             rest.append(line)
             text = " ".join(rest)
-            if _is_open(text):
+            if _is_open(text) and len(rest) < _MOST_JOINED_LINES:
                 lines.append("")
                 continue
             rest = []
@@ -120,12 +121,13 @@ def _is_open(text: str) -> bool:
 def _joined(lines: Sequence[str]) -> list[str]:
     """The lines, those that an open bracket holds together as one: NumPy breaks long arrays."""
     joined: list[str] = []
-    text = ""
+    rest: list[str] = []
     for line in lines:
-        text = f"{text} {line}" if text else line
-        if not _is_open(text):
+        rest.append(line)
+        text = " ".join(rest)
+        if not _is_open(text) or len(rest) == _MOST_JOINED_LINES:
             joined.append(text)
-            text = ""
+            rest = []
     return joined
 
 

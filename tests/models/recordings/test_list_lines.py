@@ -7,7 +7,7 @@ import pytest
 
 from wrenchsight.models.recordings import plain_text
 from wrenchsight.models.recordings.list_lines import are_list_lines
-from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_reader import RecordingReader, read_recording
 
 T = 0.01 * np.arange(60)
 Q = np.round(np.c_[np.sin(T), np.cos(T)], 6)
@@ -58,6 +58,17 @@ def test_arrays_that_numpy_breaks_are_one_line(tmp_path: Path) -> None:
     log = read_recording(path)
     np.testing.assert_allclose(log.t, T, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(np.c_[log.q, log.current], np.c_[Q, I])
+
+
+def test_a_bracket_that_is_not_closed_costs_some_lines(tmp_path: Path) -> None:
+    path = tmp_path / "print.txt"
+    lines = [
+        f"t {t:.2f} q [{_numbers(q)}] i [{_numbers(i)}]" for t, q, i in zip(T, Q, I, strict=True)
+    ]
+    lines[20] = lines[20][:-1]
+    path.write_text("\n".join(lines) + "\n")
+    read = RecordingReader(path).table.blocks([0])
+    assert sum(len(rows) for _, rows in read) >= len(T) - 17
 
 
 def test_lists_in_the_order_of_a_program_have_its_names(tmp_path: Path) -> None:
