@@ -35,7 +35,7 @@ from wrenchsight.models.recordings.layouts.plain_header import header_format
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.lerobot.data_set import DataSet, root_of
 from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS, EpisodeTable
-from wrenchsight.models.recordings.log_container import LogContainer, LogTable
+from wrenchsight.models.recordings.log_container import LogContainer, LogTable, TableOfTable
 from wrenchsight.models.recordings.log_containers import (
     TEXT,
     container_of,
@@ -54,6 +54,7 @@ from wrenchsight.models.recordings.log_words import (
 from wrenchsight.models.recordings.long_table import as_samples
 from wrenchsight.models.recordings.packed_file import UnpackedFile, is_packed
 from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
+from wrenchsight.models.recordings.plausibility.frozen_drives import FrozenDrives
 from wrenchsight.models.recordings.plausibility.idle_signals import (
     MIN_TRAVEL,
     TIME_UNITS,
@@ -104,6 +105,7 @@ _BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 read as seconds have a mes
 _EFFORT_EPISODES = 8  # of a data set, from which the unit of its effort is decided
 _SETTLED_CHUNKS = 8  # of a log, in which a joint moves or none does
 _EFFORT_CHUNKS = 4  # of a log, from which the unit of its effort is decided
+_LISTED_STRETCHES = 3  # in which the drives stand still, in an error line
 MIN_SAMPLES = 10  # fewer show no motion
 _CORRECTED = {
     "q": JOINT_SIGNALS,
@@ -484,7 +486,8 @@ class RecordingReader:
         checks = self._checks()
         if checks is not None and not self._is_described:
             self._refuse_raw_words()
-        num_samples = 0
+        frozen = FrozenDrives()
+        num_samples = first_row = last_row = 0
         for chunk in self._read_motion():  # none of its chunks is empty
             if num_samples == 0 and chunk.num_samples > 1:
                 plausible_step(chunk)  # raises where time is in another unit
@@ -492,6 +495,9 @@ class RecordingReader:
                 complete_samples = _without_gaps(chunk)
                 if complete_samples.num_samples:
                     checks.feed(complete_samples)
+                    frozen.feed(complete_samples)
+            if chunk.row is not None:
+                first_row, last_row = first_row or int(chunk.row[0]), int(chunk.row[-1])
             num_samples += chunk.num_samples
             yield chunk
         if num_samples < MIN_SAMPLES:
@@ -503,6 +509,30 @@ class RecordingReader:
                 )
             problem += f", expected {MIN_SAMPLES} or more"
             raise InputError(self.path, "", problem, "record a longer log")
+
+        frozen.finish()
+        if frozen.stretches:
+            self._refuse_frozen(frozen, frozen.usable_rows(first_row, last_row))
+
+    def _refuse_frozen(self, frozen: FrozenDrives, rows: tuple[int, int] | None) -> None:
+        """Refuses a log whose drives stand still in some stretches while its joints move.
+
+        Args:
+            frozen: the stretches.
+            rows: the longest rows between them, as error lines count them; None: there are none.
+        """
+        name = "tau_J" if self.layout.signal("tau_J") is not None else "current"
+        word = "torques" if name == "tau_J" else "currents"
+        listed = ", ".join(stretch.sentence() for stretch in frozen.stretches[:_LISTED_STRETCHES])
+        problem = f"all {word} stand still while the joints move: {listed}"
+        remedy = _FILL
+        if rows is not None:
+            first, last = (row - _num_head_lines(self.table) for row in rows)
+            remedy = (
+                f"use the rows between alone: rows: {{{self.path.name}: [{first}, {last}]}} in a "
+                f"description (--log-format; `wrenchsight log` drafts the other keys), or {_FILL}"
+            )
+        raise InputError(self.path, f"column {self.layout.column_of(name)}", problem, remedy)
 
     def _refuse_raw_words(self) -> None:
         """Refuses signals that were logged as words without a sign."""
@@ -946,6 +976,13 @@ def _no_time(path: Path, names: Sequence[str]) -> InputError:
 def _has_drives(names: Sequence[str]) -> bool:
     """Whether a header names motor currents or motor torques."""
     return not {"i1", "tau1"}.isdisjoint(_in_lower_case(names))
+
+
+def _num_head_lines(table: LogTable) -> int:
+    """Lines before the first row, which a description's rows do not count; 0 of other files."""
+    while isinstance(table, TableOfTable):
+        table = table.table
+    return table.num_head_lines if isinstance(table, TextTable) else 0
 
 
 def _holds_torque(form: RecordingFormat) -> bool:
