@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_format import (
     LARGEST_RATE,
@@ -24,17 +26,17 @@ WORDS = (
     IN_ROBOT_ORDER,
     WITHOUT_GRAVITY,
 )
-PREFIX, RATE = "joint-prefix=", "rate_hz="  # each followed by its value
+PREFIX, RATE, KEEP_EVERY = "joint-prefix=", "rate_hz=", "keep-every="  # followed by a value
 JOINT_SIGNALS, DRIVE_SIGNALS = "joints", "drives"
 """Signals that a correction is of: positions and velocities, or currents and torques."""
-ORDER_WORD, TURNED_WORD, DELAY_WORD = "order", "turned", "delay"
+ORDER_WORD, TURNED_WORD, DELAY_WORD, GAIN_WORD = "order", "turned", "delay", "gain"
 _CORRECTIONS = tuple(
     f"{signals}-{what}="
     for signals in (JOINT_SIGNALS, DRIVE_SIGNALS)
-    for what in (ORDER_WORD, TURNED_WORD, DELAY_WORD)
+    for what in (ORDER_WORD, TURNED_WORD, DELAY_WORD, GAIN_WORD)
 )
 _OPTION = r"--log-format ([\w=.,-]*\w)"  # in a remedy, which goes on with , or ; or ends
-_VALUES = (PREFIX, RATE, *_CORRECTIONS)
+_VALUES = (PREFIX, RATE, KEEP_EVERY, *_CORRECTIONS)
 _EFFORT_UNITS = {IN_AMPERES: "A", IN_NEWTON_METRES: "N m"}
 _ANGLE_UNITS = {IN_DEGREES: "deg", IN_RADIANS: "rad"}
 
@@ -48,6 +50,7 @@ class LogWords:
     joint_prefix: str = ""  # of the joints' names in the log
     in_robot_order: bool = False  # joints without names are in the robot's order
     rate_hz: float = 0.0  # at which a log without a time was recorded
+    keep_every: int = 1  # rows of which one is kept
     corrections: tuple[tuple[str, SignalCorrection], ...] = ()
     """of the signals JOINT_SIGNALS and DRIVE_SIGNALS"""
 
@@ -77,6 +80,7 @@ def log_words(description: str | Path | None) -> LogWords | None:
         joint_prefix=values.get(PREFIX, ""),
         in_robot_order=IN_ROBOT_ORDER in words,
         rate_hz=_rate(values[RATE]) if RATE in values else 0.0,
+        keep_every=_num_rows(values[KEEP_EVERY]) if KEEP_EVERY in values else 1,
         corrections=tuple(
             (signals, _correction(signals, values, words))
             for signals in (JOINT_SIGNALS, DRIVE_SIGNALS)
@@ -89,11 +93,19 @@ def correction_word(signals: str, what: str, value: Sequence[int] | float) -> st
 
     Args:
         signals: JOINT_SIGNALS or DRIVE_SIGNALS.
-        what: ORDER_WORD, TURNED_WORD or DELAY_WORD.
-        value: joints counted from 1, or s.
+        what: ORDER_WORD, TURNED_WORD, DELAY_WORD or GAIN_WORD.
+        value: joints counted from 1, s, or a factor.
     """
-    text = f"{value:.3f}" if isinstance(value, float) else "-".join(str(k) for k in value)
+    if isinstance(value, float):
+        text = f"{value:.3f}" if what == DELAY_WORD else _positional(value)
+    else:
+        text = "-".join(str(k) for k in value)
     return f"{signals}-{what}={text}"
+
+
+def _positional(value: float) -> str:
+    """Six digits of a number without an exponent."""
+    return np.format_float_positional(value, 6, unique=False, fractional=False, trim="-")
 
 
 def with_words_in_use(remedy: str, log_format: str | Path | None) -> str:
@@ -139,11 +151,16 @@ def _after(first: SignalCorrection, second: SignalCorrection) -> SignalCorrectio
         order = tuple(first.order[k - 1] for k in second.order) or first.order
     now_at = {place: joint for joint, place in enumerate(second.order, start=1)}
     turned = {now_at.get(joint, joint) for joint in first.turned} ^ set(second.turned)
-    return SignalCorrection(order, tuple(sorted(turned)), first.delay + second.delay)
+    return SignalCorrection(
+        order,
+        tuple(sorted(turned)),
+        delay=first.delay + second.delay,
+        gain=first.gain * second.gain,
+    )
 
 
 def _correction_words(signals: str, correction: SignalCorrection) -> list[str]:
-    """The words of an order, turned joints and a delay; none for what is as it was."""
+    """The words of an order, turned joints, a delay and a gain; none for what is as it was."""
     words = []
     if correction.order and list(correction.order) != sorted(correction.order):
         words.append(correction_word(signals, ORDER_WORD, correction.order))
@@ -151,6 +168,8 @@ def _correction_words(signals: str, correction: SignalCorrection) -> list[str]:
         words.append(correction_word(signals, TURNED_WORD, correction.turned))
     if correction.delay:
         words.append(correction_word(signals, DELAY_WORD, correction.delay))
+    if correction.gain != 1.0:
+        words.append(correction_word(signals, GAIN_WORD, correction.gain))
     return words
 
 
@@ -160,6 +179,7 @@ def _correction(signals: str, values: dict[str, str], words: list[str]) -> Signa
         turned=_joints(f"{signals}-{TURNED_WORD}=", values),
         delay=_delay(f"{signals}-{DELAY_WORD}=", values),
         without_gravity=signals == DRIVE_SIGNALS and WITHOUT_GRAVITY in words,
+        gain=_gain(f"{signals}-{GAIN_WORD}=", values),
     )
 
 
@@ -181,6 +201,17 @@ def _delay(key: str, values: dict[str, str]) -> float:
     return float(values[key])
 
 
+def _gain(key: str, values: dict[str, str]) -> float:
+    if key not in values:
+        return 1.0
+    text = values[key]
+    gain = float(text) if re.fullmatch(r"\d{1,6}(\.\d{1,12})?", text) is not None else math.nan
+    if not gain > 0.0:
+        problem = f'"{text}" is no factor, expected a number above 0'
+        raise InputError("--log-format", key.rstrip("="), problem, f"write e.g. {key}6.28319")
+    return gain
+
+
 def _rate(text: str) -> float:
     is_number = re.fullmatch(r"\d{1,6}(\.\d{1,9})?", text) is not None
     rate = float(text) if is_number else math.nan
@@ -188,6 +219,15 @@ def _rate(text: str) -> float:
         problem = f'"{text}" is no rate, expected samples a second'
         raise InputError("--log-format", RATE.rstrip("="), problem, "write e.g. rate_hz=100")
     return rate
+
+
+def _num_rows(text: str) -> int:
+    if re.fullmatch(r"[1-9]\d{0,5}", text) is None:
+        problem = f'"{text}" is no number of rows, expected a whole number from 1 on'
+        raise InputError(
+            "--log-format", KEEP_EVERY.rstrip("="), problem, "write e.g. keep-every=10"
+        )
+    return int(text)
 
 
 def _first_unit(units: dict[str, str], words: list[str]) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.held_samples import HeldSignals
 from wrenchsight.models.recordings.log_words import IN_DEGREES
 from wrenchsight.models.recordings.plausibility.product_sums import (
     LEAST_GRAVITY,
@@ -60,11 +61,15 @@ class RecordingChecks:
         robot: limits, drives, gravity torque.
         layout: layout of the log, for the names of columns in error lines; None for signals in
             memory.
+        held: signals that hold each value for some rows, and are read so; None: none are.
     """
 
-    def __init__(self, robot: Robot, layout: ColumnLayout | None = None) -> None:
+    def __init__(
+        self, robot: Robot, layout: ColumnLayout | None = None, held: HeldSignals | None = None
+    ) -> None:
         self._robot = robot
         self._layout = layout
+        self._held = held
         self._last: Recording | None = None  # one sample
         self._is_first = True  # of the chunks
         self._motion = ProductSums(robot.num_joints)  # x: integral of v; y: change of q
@@ -160,7 +165,12 @@ class RecordingChecks:
         if k < 0:
             return
         remedy = "correct or remove the row"
-        if not part.q[k].any():
+        if self._held is not None and "q" in self._held.names:
+            remedy = (
+                f"each value is repeated for {self._held.num_rows} rows: {self._held.remedy()} (in "
+                f"a description keep_every: {self._held.num_rows})"
+            )
+        elif not part.q[k].any():
             remedy = (
                 f"all positions are zero up to {place_of(part, k)}, as before the first packet of "
                 "a driver: remove these rows"

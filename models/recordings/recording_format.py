@@ -74,6 +74,7 @@ class SignalCorrection:
     turned: tuple[int, ...] = ()
     delay: float = 0.0
     without_gravity: bool = False
+    gain: float = 1.0
 
 
 @dataclass
@@ -174,6 +175,8 @@ class RecordingFormat:
     """other signals, by name"""
     rows: dict[str, list[int]] = field(default_factory=dict)
     """First and last row to use, by file name; [] for all. Row 1 is the first line of numbers."""
+    keep_every: int = 1
+    """Rows of which one is kept, where the source gives a new value only so often; 1: all"""
 
 
 @dataclass(frozen=True)
@@ -225,7 +228,7 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
         signal: as the log has it, with unit, gain and offset.
         correction: `order` names for each joint of the robot the place (from 1) of its column among
             the signal's, `turned` the joints (from 1, in the new order) whose sign changes, `delay`
-            in s adds to the signal's. Empty or 0: unchanged.
+            in s adds to the signal's. Empty or 0: unchanged. `gain` multiplies its values.
         source, place: of the correction, for error lines.
 
     Raises:
@@ -242,22 +245,21 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
     if not abs(correction.delay) <= LARGEST_DELAY:
         problem = f"is {correction.delay:g} s, expected {LARGEST_DELAY:g} s at most"
         raise InputError(source, f"{place}, delay", problem, "correct it")
-    if (correction.order or correction.turned or correction.delay) and (
-        signal.name not in _JOINT_SIGNALS
-    ):
-        problem = "has an order, a delay or turned joints"
+    is_changed = correction.order or correction.turned or correction.delay
+    if (is_changed or correction.gain != 1.0) and signal.name not in _JOINT_SIGNALS:
+        problem = "has an order, a delay, a gain or turned joints"
         raise InputError(source, place, problem, "these are for signals of the joints: remove them")
     if correction.without_gravity and signal.name not in ("current", "tau_J"):
         problem = "is no torque or current, which may be without gravity"
         raise InputError(source, f"{place}, without_gravity", problem, "remove it")
     places = [k - 1 for k in correction.order] or list(range(num_columns))
-    sign = np.ones(num_columns)
-    sign[[k - 1 for k in correction.turned]] = -1.0
+    factor = np.full(num_columns, correction.gain)
+    factor[[k - 1 for k in correction.turned]] *= -1.0
     return replace(
         signal,
         columns=tuple(signal.columns[k] for k in places),
-        scale=sign * signal.scale[places],
-        offset=sign * signal.offset[places],
+        scale=factor * signal.scale[places],
+        offset=factor * signal.offset[places],
         delay=signal.delay + correction.delay,
         without_gravity=signal.without_gravity or correction.without_gravity,
     )
@@ -332,6 +334,9 @@ def _check_description(description: RecordingFormat, path: Path) -> None:
     if not 0.0 <= description.rate_hz <= LARGEST_RATE:
         problem = f"{description.rate_hz:g}, expected samples a second"
         raise InputError(path, "rate_hz", problem, f"give 0 to {LARGEST_RATE:g}")
+    if description.keep_every < 1:
+        problem = f"{description.keep_every}, expected a number of rows"
+        raise InputError(path, "keep_every", problem, "give 1 for all rows, 10 for each tenth")
     if description.time is None and not description.rate_hz:
         raise InputError(path, "time", "is missing", "name its columns, or give rate_hz")
     if description.time is not None and description.rate_hz:

@@ -24,6 +24,7 @@ from wrenchsight.models.recordings.differentiation import (
     LEAST_WINDOW,
     with_velocities,
 )
+from wrenchsight.models.recordings.held_samples import HeldSignals, RowThinning, held_signals
 from wrenchsight.models.recordings.layouts.column_words import column_words_layout
 from wrenchsight.models.recordings.layouts.external_torque import external_torque_layout
 from wrenchsight.models.recordings.layouts.header_layouts import (
@@ -231,11 +232,14 @@ class RecordingReader:
         # What the steps below change; so it stays where they find nothing.
         self._is_differentiated = False
         self.effort_holds_gravity = True
+        self._held: HeldSignals | None = None  # signals that hold each value for some rows
+        self._keep_every = 1  # rows of which one is kept
         # What each pass over the log counts anew.
         self._num_missing = 0
         self._first_missing = ""  # row and column of the first missing number
         self._stamps = StampFilter()
         self._angles = Unwrapper(robot)
+        self._thinning = RowThinning(1)
         # The steps.
         log = self._open(None if words is not None else description)
         self._notices = list(log.notices)  # to which the steps below add
@@ -259,6 +263,7 @@ class RecordingReader:
         self._settle_velocities()
         if log.torque_is_effort and self.layout.signal("tau_J") is not None:
             self._settle_effort_unit()
+        self._settle_held_samples()
 
     def _resolved_layout(self, log: _OpenedLog) -> ColumnLayout:
         """The signals of the description and the further ones."""
@@ -388,6 +393,23 @@ class RecordingReader:
                     f"the velocities stand still while the joints move ({names}): {differentiation}"
                 )
             return
+
+    def _settle_held_samples(self) -> None:
+        """Finds signals that hold each value for some rows; keeps one row of so many if asked."""
+        logged = [signal.name for signal in self.layout.signals]
+        names = [name for name in ("q", "v", "current", "tau_J") if name in logged]
+        for chunk in islice(self._first_chunks(), 1):
+            self._held = held_signals(chunk, names)
+            if self._held is not None and self._keep_every_stated() == 1:
+                rate = 1.0 / chunk.time_step
+                self._notices.append(self._held.notice(rate, self._is_described))
+        self._keep_every = self._keep_every_stated()
+        if self._keep_every > 1:
+            self._notices.append(f"of each {self._keep_every} rows one is kept, as it is stated")
+
+    def _keep_every_stated(self) -> int:
+        """Rows of which one is to be kept, as a word or the description says; 1: all."""
+        return max(self._words.keep_every, self.format.keep_every)
 
     def _replace_signals(self, changed: dict[str, Signal]) -> None:
         """Changes signals of the layout, by name."""
@@ -585,6 +607,7 @@ class RecordingReader:
         self._stamps = StampFilter()
         is_wrapped = position is not None and position.wrap != ""
         self._angles = Unwrapper(self._robot, is_wrapped)
+        self._thinning = RowThinning(self._keep_every, self._held.names if self._held else ())
         # A row without any number, as of another topic, is none. A sample that lacks a mandatory
         # number is left out, of others the number stays NaN.
         for values, rows in self._blocks(used_columns, {*used_columns}):
@@ -602,7 +625,7 @@ class RecordingReader:
                     continue
             chunk = self._recording(values, rows, used_columns)
             self._check_size(chunk)
-            chunk = self._stamps.kept(chunk)
+            chunk = self._thinning.kept(self._stamps.kept(chunk))
             if chunk.num_samples:
                 yield self._angles.unwrapped(chunk)
         last_samples = self._stamps.rest()  # one sample at most: it has no angle to unwrap
@@ -679,7 +702,8 @@ class RecordingReader:
         """New checks for one pass; None where none are wanted or possible."""
         if self._robot is None or not self._check or not self.num_joints:
             return None
-        return RecordingChecks(self._robot, self.layout)
+        is_held = self._held is not None and self._keep_every == 1
+        return RecordingChecks(self._robot, self.layout, self._held if is_held else None)
 
     def _recording(self, values: Array, rows: NDArray[np.int64], used: list[int]) -> Recording:
         """The recording in SI units of some rows of the log.

@@ -81,6 +81,7 @@ def test_the_bundled_descriptions_load() -> None:
         ("header: false", "time: is missing; name its columns, or give rate_hz"),
         ("time: {columns: 1}\nrate_hz: 5", "rate_hz: is given beside time"),
         ("rate_hz: -1", "rate_hz: -1, expected samples a second"),
+        ("time: {columns: 1}\nkeep_every: 0", "keep_every: 0, expected a number of rows"),
         ("time: {}", "time: names no column"),
         ("time: {columns: 1}\nseparator: ',,'", "separator: expected one character"),
         ("time: {columns: 1}\ndecimal_mark: ':'", 'decimal_mark: expected "." or ","'),

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.log_words import with_words_in_use
+from wrenchsight.models.recordings.log_words import (
+    GAIN_WORD,
+    JOINT_SIGNALS,
+    correction_word,
+    with_words_in_use,
+)
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
@@ -35,6 +40,18 @@ def test_words_put_signals_in_order_and_turn_them(ur10e: Robot, tmp_path: Path) 
     sign = [-1, 1, 1, 1, 1, -1]
     np.testing.assert_allclose(log.q, table[:, 1:7] * sign, atol=1e-12)
     np.testing.assert_allclose(log.v, table[:, 7:13] * sign, atol=1e-12)
+
+
+def test_a_gain_multiplies_what_the_log_has(ur10e: Robot, tmp_path: Path) -> None:
+    table = written(tmp_path / "log.csv")
+    word = correction_word(JOINT_SIGNALS, GAIN_WORD, 2.0 * np.pi)
+    assert word == "joints-gain=6.28319"
+    log = read_recording(tmp_path / "log.csv", f"{word},joints-turned=1", ur10e, check=False)
+    sign = [-1, 1, 1, 1, 1, 1]
+    np.testing.assert_allclose(log.q, 6.28319 * table[:, 1:7] * sign, atol=1e-9)
+    np.testing.assert_allclose(log.v, 6.28319 * table[:, 7:13] * sign, atol=1e-9)
+    np.testing.assert_allclose(log.current, table[:, 13:], atol=1e-12)
+    assert correction_word(JOINT_SIGNALS, GAIN_WORD, 1e-5) == "joints-gain=0.00001"
 
 
 @pytest.mark.parametrize("delay", [0.25, -0.3])
@@ -108,6 +125,8 @@ def test_current_and_torque_of_one_log_have_their_own_corrections(
         ("joints-turned=7", "expected joints from 1 to 6"),
         ("drives-delay=soon", "is no delay"),
         ("drives-delay=60", "expected 5 s at most"),
+        ("joints-gain=-2", "is no factor"),
+        ("joints-gain=0", "is no factor"),
     ],
 )
 def test_a_wrong_word_is_one_line(ur10e: Robot, tmp_path: Path, word: str, words: str) -> None:
@@ -123,6 +142,7 @@ def test_a_wrong_word_is_one_line(ur10e: Robot, tmp_path: Path, word: str, words
         ("drives-turned=1-5", "drives-order=3-1-2-4-6-5"),
         ("drives-order=3-1-2-4-6-5,drives-turned=2-3", "drives-order=2-1-3-6-5-4,drives-turned=3"),
         ("joints-turned=4", "drives-turned=4"),
+        ("joints-gain=6.25,drives-turned=2", "joints-gain=0.5,drives-delay=0.1"),
         ("drives-turned=4", "drives-turned=4"),  # the second takes the first one back
     ],
 )
