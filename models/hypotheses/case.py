@@ -41,6 +41,10 @@ LOAD_LEVER = 0.15  # m, of a load's centre of mass from the last joint
 END_MARGIN = 0.6  # s at both ends of a log, which a shift in time takes away
 MIN_MARGINS = 8.0  # of these margins: of a shorter log the ends are used, too
 MIN_MOVING_SHARE = 0.3  # of a row's time, in which a joint that moves does
+MIN_MOVING_ROWS = 10  # of a joint whose friction shows
+MIN_FRICTION_SHARE = (
+    5e-4  # of the effort limit: friction of a joint that moves is 1 % or more of it
+)
 GOOD_SHARE = 0.9  # of rows that are free of contact and fault
 MOST_ROWS = 300  # at which the evidence is taken
 _LINK_PARAMETERS = 4  # m and m c: what gravity shows
@@ -166,6 +170,23 @@ class Case:
     def base_is_good(self) -> bool:
         """Whether nearly all rows are as the model and its errors have them."""
         return float(self.base_fit.kind_share[0]) > GOOD_SHARE
+
+    @cached_property
+    def size_below_friction(self) -> float | None:
+        """The largest RMS of what the drives report at joints that move, in N m.
+
+        None: some joint's may be friction, or none moves.
+        """
+        moves = np.abs(self.rows.sliding[self.at]) > MIN_MOVING_SHARE
+        num_rows = moves.sum(axis=0)
+        is_moving = num_rows >= MIN_MOVING_ROWS
+        if not is_moving.any():
+            return None
+        square = np.where(moves, self.base.measured[self.at] ** 2, 0.0)
+        size = np.sqrt(square.sum(axis=0) / np.maximum(num_rows, 1))
+        if (size > MIN_FRICTION_SHARE * self.effort_limit)[is_moving].any():
+            return None
+        return float(size[is_moving].max())
 
     def joint_torque(self, effort: Array) -> Array:
         """(T, n) N m on the joints, of what the drives report."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation, likeliest, numbers_text
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_format import PER_CENT, PER_MILLE
 
 NAME = "unit or gain of the drives"
@@ -97,6 +97,9 @@ def _forms(case: Case) -> list[_Form]:
     K = case.robot.torque_per_ampere
     # Currents logged as torques are too large by 1 / K, torques as currents by K.
     forms.append(_Form(1.0 / K if case.rows.is_torque else K.copy(), num_free=1.0))
+    if not _follows_load(case, is_known):
+        # What is small and is no torque would follow that of links without mass.
+        forms = [form for form in forms if np.median(form.gains) >= 1.0]
     forms += [
         _Form(np.where(np.arange(n) == j, gain_of_each, 1.0), num_free=1.0 + math.log(n))
         for j in np.flatnonzero(np.abs(np.log(known_gain)) > MIN_LOG_GAIN)
@@ -311,6 +314,21 @@ def _of_known_unit(case: Case, gains: Array) -> _Finding | None:
                 {},
             )
     return None
+
+
+def _follows_load(case: Case, is_known: Flags) -> bool:
+    """Whether the signal follows the torque of the links, at half or more of the joints it loads.
+
+    Also where that varies at no joint: nothing tells then.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+        is_known: (n,) joints at which the signal is a multiple of the torque that is needed.
+    """
+    base = case.base
+    load = (base.expected - base.friction)[case.at]
+    is_loaded = load.std(axis=0) > MIN_EXPECTED_SDS * np.median(base.kinds.sd, axis=0)
+    return bool(2 * (is_known & is_loaded).sum() >= is_loaded.sum())
 
 
 def _gains(case: Case) -> Array:

@@ -33,9 +33,10 @@ def explain(case: Case) -> Explanation | None:
         """Log evidence of the log with its drives in an order."""
         return case.fit(_view(case, order), quick=True).log_evidence
 
-    order = best_order(n, starts, score, case.quick_base_evidence, _NUM_EXCHANGES)
-    if order is None:
+    found = best_order(n, starts, score, case.quick_base_evidence, _NUM_EXCHANGES)
+    if found is None:
         return None
+    order = found.order
     view = _view(case, order)
     fit = case.fit(view)
     word = case.word
@@ -48,6 +49,7 @@ def explain(case: Case) -> Explanation | None:
         remedy=(
             f"set {case.key}: {{order: {order_text(order)}}} in a description, or try "
             f"--log-format {correction_word(DRIVE_SIGNALS, ORDER_WORD, [k + 1 for k in order])}"
+            f"{found.alike_text(case.robot.joint_names)}"
         ),
         values={"order": [float(k + 1) for k in order]},
     )

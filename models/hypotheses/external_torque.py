@@ -12,7 +12,12 @@ NAME = "external torque as effort"
 
 
 def explain(case: Case) -> Explanation | None:
-    """The log as external torque: zero but for contacts and an offset of each joint."""
+    """The log as external torque: zero but for contacts and an offset of each joint.
+
+    None where it is below any noise of a torque.
+    """
+    if case.size_below_friction is not None:
+        return None
     base, n = case.base, case.num_joints
     columns = np.broadcast_to(np.eye(n), (len(case.at), n, n))
     view = replace(

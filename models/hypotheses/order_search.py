@@ -1,12 +1,37 @@
 """Orders of joints that logs have: candidates, and a search by exchanges."""
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 from wrenchsight.models.robot.robot import Robot
 
 Order = tuple[int, ...]
 """Entry j is the place, counted from 0, at which the log has what belongs to joint j."""
+
+ALIKE_ODDS = 100.0  # within which two orders explain a log alike
+_MOST_STATED = 2  # orders that are named beside the one that is taken
+
+
+class FoundOrder(NamedTuple):
+    """The order that explains a log best, and those that explain it alike, likeliest first."""
+
+    order: Order
+    alike: tuple[Order, ...]
+
+    def alike_text(self, joint_names: Sequence[str]) -> str:
+        """A clause on the orders that explain the log alike; empty where there is none."""
+        if not self.alike:
+            return ""
+        stated = self.alike[:_MOST_STATED]
+        unlike = {j for order in stated for j, k in enumerate(order) if k != self.order[j]}
+        names = ", ".join(joint_names[j] for j in sorted(unlike))
+        orders = " or ".join(order_text(order) for order in stated)
+        return (
+            f"; {orders} would explain them alike: the names of the columns tell which it is, or a "
+            f"log in which these joints move one after the other: {names}"
+        )
 
 
 def usual_orders(robot: Robot) -> list[Order]:
@@ -32,12 +57,14 @@ def best_order(
     score: Callable[[Order], float],
     base_score: float,
     passes: int = 3,
-) -> Order | None:
+) -> FoundOrder | None:
     """The order of the largest score by exchanges of pairs; None where no other order is better.
+
+    Of orders whose scores are within ALIKE_ODDS of the largest one, the first of `starts` is taken.
 
     Args:
         num_joints: n; an order has for each joint of the robot its index in the log.
-        starts: from which the search begins, beside the log's own order.
+        starts: from which the search begins, beside the log's own order: the usual orders first.
         score: score of an order; each order's is computed once.
         base_score: score of the log's own order.
         passes: exchanges of one pair, at most.
@@ -58,7 +85,12 @@ def best_order(
         if scored(better) <= scored(best):
             break
         best = better
-    return None if best == own_order else best
+    if best == own_order:
+        return None
+    least = scored(best) - math.log(ALIKE_ODDS)
+    alike = [order for order in sorted(scores, key=scored, reverse=True) if scored(order) > least]
+    taken = next((order for order in starts if order in alike and order != own_order), best)
+    return FoundOrder(taken, tuple(order for order in alike if order not in (taken, own_order)))
 
 
 def order_text(order: Order) -> str:

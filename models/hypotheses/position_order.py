@@ -34,9 +34,10 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     # Each pass exchanges one pair. Where the log suits its model as it is, one pass is enough to
     # see that no exchange is better; a log in a wrong order takes some.
     passes = 1 if case.base_is_good else 3
-    order = best_order(n, usual_orders(case.robot), score, case.quick_base_evidence, passes)
-    if order is None:
+    found = best_order(n, usual_orders(case.robot), score, case.quick_base_evidence, passes)
+    if found is None:
         return None
+    order = found.order
     view = _view(case, order, with_effort)
     fit = case.fit(view)
     # Odds beforehand: all n! orders are equally likely, with or without the drives' signals.
@@ -49,7 +50,10 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
         cause=f"{signals} in the order {order_listed}",
-        remedy=joint_remedy(case.key if with_effort else None, ORDER_WORD, order_listed, places),
+        remedy=(
+            joint_remedy(case.key if with_effort else None, ORDER_WORD, order_listed, places)
+            + found.alike_text(case.robot.joint_names)
+        ),
         values={"order": [float(k + 1) for k in order]},
     )
 

@@ -41,6 +41,7 @@ COULOMB = np.array([8.0, 8.5, 6.0, 2.0, 2.2, 1.9])  # N m
 RATE = 2.0 * np.pi * np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29])  # rad/s
 CENTRE = np.array([0.0, -0.8, 1.0, -0.5, 1.0, 0.0])  # rad
 GRAVITY = np.array([0.0, 0.0, -9.81])
+TURN = 2.0 * np.pi  # rad
 
 
 def motion(
@@ -127,6 +128,14 @@ DAMAGES: dict[str, tuple[str, Callable[[Recording, Robot], Recording]]] = {
         "signs of the joints",
         lambda log, robot: replace(log, q=turned(log.q, 1), v=turned(log.v, 1)),
     ),
+    "revolutions": (
+        "unit of the positions",
+        lambda log, robot: replace(log, q=log.q / TURN, v=log.v / TURN),
+    ),
+    "positions of another gear": (
+        "unit of the positions",
+        lambda log, robot: replace(log, q=0.6 * log.q, v=0.6 * log.v),
+    ),
     "currents late": ("time of the drives", lambda log, robot: later(log, 0.2)),
     "currents early": ("time of the drives", lambda log, robot: later(log, -0.3)),
     "gravity missing": (
@@ -148,6 +157,20 @@ def test_an_effort_below_any_friction_is_not_torque_without_gravity(ur10e: Robot
     assert "effort-without-gravity" not in judgement.sentence()
 
 
+def test_a_position_error_that_follows_the_velocity_is_no_torque_a_thousand_times_too_small(
+    ur10e: Robot,
+) -> None:
+    """Links without mass would need such a torque; one in kN m follows their weight."""
+    log = motion(ur10e)
+    fault = judged(replace(log, tau_J=0.01 * np.tanh(log.v)), ur10e).fault
+    assert fault is not None
+    assert fault.name == "no torque of the drives"
+    in_kilonewton_metres = 1e-3 * ur10e.joint_torque(log.current)
+    fault = judged(replace(log, tau_J=in_kilonewton_metres), ur10e).fault
+    assert fault is not None
+    assert fault.cause == "torques a thousand times too small"
+
+
 @pytest.mark.parametrize("kind", list(DAMAGES))
 def test_a_fault_is_named_and_its_remedy_mends_the_log(
     ur10e: Robot, tmp_path: Path, kind: str
@@ -161,6 +184,33 @@ def test_a_fault_is_named_and_its_remedy_mends_the_log(
     word = judgement.sentence().partition("--log-format ")[2].split()[0].strip(";,")
     mended = judged(read_recording(path, word, ur10e), ur10e)
     assert mended.fault is None, mended.sentence()
+
+
+def test_units_of_angles_are_named(ur10e: Robot) -> None:
+    log = motion(ur10e)
+    revolutions = judged(replace(log, q=log.q / TURN, v=log.v / TURN), ur10e).sentence()
+    assert "positions and velocities in revolutions, read as rad" in revolutions
+    assert "set position: {unit: rev}, velocity: {unit: rev/s} in a description" in revolutions
+    half = judged(replace(log, q=0.5 * log.q, v=0.5 * log.v), ur10e).fault
+    assert half is not None
+    assert "positions and velocities of all joints that are to be multiplied by" in half.cause
+    assert half.values["factor"] == pytest.approx(2.0, rel=0.03)
+
+
+@pytest.mark.parametrize(("joint", "factor"), [(2, 0.5), (2, 2.0), (3, TURN)])
+def test_a_factor_of_one_joint_is_named(ur10e: Robot, joint: int, factor: float) -> None:
+    """Of the elbow and a wrist: counts of another gear, or revolutions."""
+    log = motion(ur10e)
+    factors = np.where(np.arange(6) == joint, factor, 1.0)
+    fault = judged(replace(log, q=log.q / factors, v=log.v / factors), ur10e).fault
+    assert fault is not None
+    assert fault.name == "unit of the positions"
+    assert fault.values["joint"] == joint + 1.0
+    found, sd = fault.values["factor"], fault.values["factor_sd"]
+    assert isinstance(found, float)
+    assert isinstance(sd, float)
+    assert abs(found - factor) < 4.0 * sd < 0.6 * factor
+    assert ("as revolutions are" in fault.cause) == (factor == TURN)
 
 
 def test_delays_are_found_to_within_their_error(ur10e: Robot) -> None:
@@ -343,6 +393,20 @@ def test_a_current_without_sign_is_named(ur10e: Robot) -> None:
     fault = judged(replace(log, current=np.abs(log.current)), ur10e).fault
     assert fault is not None
     assert fault.name == "current without sign"
+
+
+@pytest.mark.parametrize("joints", [(0,), (0, 3)])
+def test_a_current_without_sign_at_some_joints_is_named(
+    ur10e: Robot, joints: tuple[int, ...]
+) -> None:
+    log = motion(ur10e)
+    is_unsigned = np.isin(np.arange(6), joints)
+    current = np.where(is_unsigned, np.abs(log.current), log.current)
+    fault = judged(replace(log, current=current), ur10e).fault
+    assert fault is not None
+    assert fault.name == "current without sign"
+    assert fault.values["joints"] == [j + 1.0 for j in joints]
+    assert f"at {', '.join(ur10e.joint_names[j] for j in joints)} (no value is" in fault.cause
 
 
 @pytest.mark.parametrize("force", [(0.0, 0.0, 0.0), (0.0, 0.0, 150.0), (60.0, -90.0, 0.0)])
