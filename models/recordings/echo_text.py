@@ -14,6 +14,8 @@
 Each message becomes a row of seconds, nanoseconds and the entries of its lists, on the line of the
 `---` that ends it. Lists may also be written in one line, as `position: [1.57, -0.2]`. A
 DynamicJointState (on the right) is read as a JointState whose names are JOINT/INTERFACE.
+
+Where each message is of one joint, a row has the numbers of that joint alone.
 """
 
 import re
@@ -28,6 +30,8 @@ _SECONDS: Final = re.compile(r"\s+secs?: *(\d+)")
 _NANOSECONDS: Final = re.compile(r"\s+(?:nanosec|nsecs): *(\d+)")
 _KEY: Final = re.compile(rf"(?:([a-z_]+)|[- ] +({_INTERFACES}|{_VALUES})):(.*)")
 _MOST_ENTRIES: Final = 4096  # of a list
+_MOST_JOINTS: Final = 64  # of messages of one joint each
+_LEFT_OUT_ARRAY: Final = re.compile(r"(?m)^\s*\w+: '?<(array|sequence) type: .{1,80}, length: \d+>")
 
 
 def is_echo(head: str) -> bool:
@@ -39,11 +43,17 @@ def is_echo(head: str) -> bool:
     )
 
 
+def lacks_arrays(head: str) -> bool:
+    """Whether a text has words in place of arrays, as `rostopic echo --noarr` prints them."""
+    return _LEFT_OUT_ARRAY.search(head) is not None
+
+
 def table_of_echo(parts: Iterable[str]) -> Iterator[str]:
     """The messages of a text as lines of a table, its first line the names of the columns.
 
     The first message with positions gives names and lists; the numbers of others are put in its
-    order by their names, and what they lack, as those of another publisher, stays empty.
+    order by their names, and what they lack, as those of another publisher, stays empty. Where the
+    messages of the first part are of one joint each, all of these joints have columns.
 
     Args:
         parts: of the text, each of which ends with a line.
@@ -52,12 +62,13 @@ def table_of_echo(parts: Iterable[str]) -> Iterator[str]:
     first: dict[str, list[str]] | None = None
     for part in parts:
         lines: list[str] = []
+        all_joints = _single_joints(part) if first is None else None
         for line in part.splitlines():
             row = ""
             if line.startswith("---"):
                 lists = message.lists()
                 if first is None and _is_complete(lists):  # in place of the line before this one
-                    first = lists
+                    first = lists if all_joints is None else all_joints
                     lines[-1:] = [_names(first)]
                 row = _row(lists, first)
                 message = _Message()
@@ -65,6 +76,31 @@ def table_of_echo(parts: Iterable[str]) -> Iterator[str]:
                 message.add(line)
             lines.append(row)
         yield "\n".join(lines) + "\n"
+
+
+def _single_joints(text: str) -> dict[str, list[str]] | None:
+    """What a message of all joints would hold, where the messages of a text are of one joint each.
+
+    Returns:
+        None where one is of more joints, or all are of the same.
+    """
+    joints: dict[str, None] = {}
+    keys: set[str] = set()
+    message = _Message()
+    for line in text.splitlines():
+        if not line.startswith("---"):
+            message.add(line)
+            continue
+        lists = message.lists()
+        message = _Message()
+        if not _is_complete(lists):
+            continue
+        names = lists.get("name", [])
+        if len(names) != 1 or len(joints) > _MOST_JOINTS:
+            return None
+        joints[names[0]] = None
+        keys |= {key for key in _LISTS if len(lists.get(key, [])) == 1}
+    return {key: list(joints) for key in keys} if len(joints) > 1 else None
 
 
 class _Message:

@@ -11,7 +11,7 @@ from wrenchsight.models.recordings.arrow_table import (
     FEATHER_1_MAGIC,
     ArrowContainer,
 )
-from wrenchsight.models.recordings.echo_text import is_echo
+from wrenchsight.models.recordings.echo_text import is_echo, lacks_arrays
 from wrenchsight.models.recordings.json_lines import has_text_before_objects
 from wrenchsight.models.recordings.json_table import (
     JsonContainer,
@@ -82,6 +82,8 @@ def container_of(path: Path) -> LogContainer | None:
     if head.startswith(b"PK") and _is_npz(path):
         return _NPZ
     text = head.decode("utf-8", "replace").removeprefix("\ufeff")
+    if suffix in (*_TEXT_SUFFIXES, *_YAML_SUFFIXES) and lacks_arrays(text):
+        return TEXT  # which says so
     if suffix in _TEXT_SUFFIXES and head and is_echo(text):
         return TEXT
     if suffix in _YAML_SUFFIXES:

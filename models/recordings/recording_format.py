@@ -26,7 +26,7 @@ FORMATS = "recordings/formats"  # folder of the bundled descriptions
 
 PER_CENT, PER_MILLE = "per cent", "per mille"  # of the rated value of each drive: the gain
 UNITS: dict[str, dict[str, float]] = {  # in SI, by key of a description
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "100 ns": 1e-7, "ns": 1e-9},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "100 ns": 1e-7, "ns": 1e-9, "days": 86400.0},
     "position": {"rad": 1.0, "deg": np.pi / 180, "rev": 2 * np.pi, "m": 1.0, "mm": 1e-3},
     "velocity": {
         "rad/s": 1.0,

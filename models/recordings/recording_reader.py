@@ -310,7 +310,9 @@ class RecordingReader:
 
     def _align_rows(self) -> None:
         """Puts signals that have rows or clocks of their own on the rows of the positions."""
-        if isinstance(self.table, RosbagTable | EpisodeTable):
+        if isinstance(self.table, EpisodeTable):
+            return
+        if isinstance(self.table, RosbagTable) and not self.table.has_parts:
             return
         with suppress(InputError):  # a fault that a later pass reports
             self.table = aligned(self.table, self.layout, self.path)

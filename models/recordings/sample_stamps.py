@@ -89,10 +89,13 @@ class StampFilter:
         """The samples of a log that ends before its clock runs; None for any other log.
 
         Raises:
-            InputError: there are several.
+            InputError: there are several: no clock was set.
         """
         if self._pending is not None and self._pending.num_samples > 1:
-            raise time_error(self._pending, 1)
+            problem = "all stamps are 0: no clock was set, and the log holds no time"
+            remedy = "if it was recorded at a known rate, add --log-format rate_hz=100 (samples a "
+            remedy += "second; in a description rate_hz: 100 in place of time)"
+            raise InputError(self._pending.source, "column t", problem, remedy)
         return self._pending
 
     def _unset(self, t: Array) -> Flags:

@@ -15,6 +15,7 @@ from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.date_stamps import StampForm, stamp_form, stamp_seconds
+from wrenchsight.models.recordings.echo_text import lacks_arrays
 from wrenchsight.models.recordings.list_cells import UnfoldedFile, has_lists
 from wrenchsight.models.recordings.plain_text import PlainCopy, is_plain
 from wrenchsight.models.recordings.recording_format import RecordingFormat
@@ -84,6 +85,7 @@ class TextContainer:
 
     def open(self, path: Path, form: RecordingFormat | None) -> "TextTable":
         """As the protocol; without a description, the file's first lines show how it is written."""
+        _refuse_left_out_arrays(path)
         plain = None if is_plain(path) else PlainCopy(path)
         if form is not None:
             return _without_lists(
@@ -105,6 +107,20 @@ class TextContainer:
             options = pa_csv.WriteOptions(include_header=False)
             with pa_csv.CSVWriter(file, table.schema, write_options=options) as writer:
                 writer.write_table(table, max_chunksize=1 << 16)
+
+
+def _refuse_left_out_arrays(path: Path) -> None:
+    """Refuses printed messages whose arrays were left out."""
+    with opened(path, "a log") as file:
+        head = file.read(_LAST_BYTES).decode("utf-8", "replace")
+    if lacks_arrays(head):
+        problem = (
+            "holds the lengths of arrays alone, as echo --noarr prints them: no joint's values"
+        )
+        remedy = (
+            "print them in full (`rostopic echo -p TOPIC`, `ros2 topic echo TOPIC`), or record "
+        )
+        raise InputError(path, "", problem, f"{remedy}a bag")
 
 
 def _without_lists(

@@ -34,6 +34,7 @@ from wrenchsight.models.recordings.layouts.signal_words import (
     is_commanded,
     is_measured,
     name_tokens,
+    names_rotation,
     without_joint_words,
 )
 from wrenchsight.models.recordings.layouts.time_names import clock_numbers, time_columns
@@ -262,6 +263,9 @@ def signal_columns(
             bare.append(column)
     if not by_quantity.keys().isdisjoint(("current", "motor_torque")):
         by_quantity.setdefault("position", bare)  # Axis 1 Actual beside Axis 1 Current
+    velocities = by_quantity.get("velocity", [])
+    of_joints = [column for column in velocities if not names_rotation(names[column.place])]
+    by_quantity["velocity"] = of_joints or velocities
     joint_columns: dict[str, JointColumns] = {}
     for quantity in _QUANTITIES:
         columns = by_quantity.get(quantity, [])

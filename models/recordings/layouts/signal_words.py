@@ -16,7 +16,7 @@ QUANTITIES = {  # in this order: "current as torque" is a torque, "joint speed" 
     "velocity": {"vel", "vels", "velo", "velocity", "velocities", "velocityactual", "speed",
                  "speeds", "qd", "dq", "qdot", "qvel", "dot", "dtheta", "thetadot", "jvel", "omega",
                  "v", "geschw", "geschwindigkeit", "vitesse", "velocita", "velocidad",
-                 "velocidade", "速度", "转速"},
+                 "velocidade", "drehzahl", "速度", "转速"},
     "motor_torque": {"tau", "trq", "torq", "torque", "torques", "moment", "moments", "effort",
                      "efforts", "eff", "taumsr", "jtrq", "drehmoment", "couple", "coppia",
                      "momento", "par", "torsor", "力矩", "扭矩", "转矩", "トルク"},
@@ -41,10 +41,11 @@ _ASIDE = {  # words of what is no measured signal of a joint
     "mode", "status", "gripper", "finger", "digital", "output", "input", "gravity", "coriolis",
     "friction", "control", "scaling", "override", "following", "lag", "deviation", "residual",
     "accel", "acceleracion", "ddot", "ddq", "qdd", "ddtheta", "jerk", "cartesian", "pose",
-    "flange", "sollwert", "temperatur", "spannung", "drehzahl", "rpm", "schleppfehler",
+    "flange", "sollwert", "temperatur", "spannung", "rpm", "schleppfehler",
     "consigne", "consigna", "objetivo", "目标", "指令", "设定", "期望", "温度", "电压", "误差",
     "目標", "fault", "faults", "warning", "alarm",
 }  # fmt: skip
+_ROTATION_WORDS = {"drehzahl"}  # of a joint where a unit is stated, else of whatever turns
 _COMMANDED = {
     "action",
     "actions",
@@ -156,7 +157,8 @@ def column_name(name: str) -> ColumnName:
         (key for key in QUANTITIES if unit in UNITS[key] and unit not in (PER_CENT, PER_MILLE)), ""
     )  # fmt: skip
     quantity, unit = _UNITS_OF_WORD.get((quantity, unit), (quantity, unit))
-    if not tokens or _ASIDE & set(tokens):
+    is_of_motor = bool(_ROTATION_WORDS & set(tokens)) and (not unit or "motor" in tokens)
+    if not tokens or _ASIDE & set(tokens) or is_of_motor:
         return ColumnName("", unit, tuple(tokens))
     quantity_words = set().union(*(QUANTITIES[key] for key in named))
     joint = tuple(token for token in tokens if token not in quantity_words)
@@ -177,6 +179,11 @@ def is_commanded(name: str) -> bool:
 def names_quantity_alone(column: ColumnName) -> bool:
     """Whether a name is a quantity and no joint: position, actual_speed, motor current."""
     return bool(column.quantity) and set(column.words) <= _MEASURED
+
+
+def names_rotation(name: str) -> bool:
+    """Whether a name is a speed of rotation, which may be that of a motor: Drehzahl."""
+    return not _ROTATION_WORDS.isdisjoint(name_tokens(name[:_MAX_NAME]))
 
 
 def is_measured(column: ColumnName) -> bool:

@@ -10,6 +10,7 @@ _SPELLINGS: Final = {  # by the unit of a description; compared in lower case, w
     "ms": "ms msec msecs millis millisec milliseconds milliseconden millisekunden 毫秒",
     "us": "us µs μs usec usecs micros microseconds mikrosekunden 微秒",
     "ns": "ns nsec nsecs nanos nanosec nanosecs nanoseconds 纳秒",
+    "days": "days tage",
     "rad": "rad rads radian radians radianes radianti 弧度",
     "deg": "deg degs degree degrees ° º grad grd grado grados gradi degre degres 度",
     "rev": "rev revs turn turns revolution revolutions umdr u",

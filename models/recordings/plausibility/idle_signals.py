@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 
-TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "100 ns": 1e-7, "ns": 1e-9}
+TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "100 ns": 1e-7, "ns": 1e-9, "days": 86400.0}
 # Numbers that dates from 2001 to 2099 have: since 1970; in steps of 100 ns since 1601 (Windows), or
 # since the year 1 (.NET).
 _DATES = (
@@ -19,6 +19,8 @@ _DATES = (
     ("100 ns", 6.31e17, 6.63e17),
 )
 _LEAST_STEP, _LARGEST_STEP = 1e-4, 0.25  # s, of a log of motor currents
+_LARGEST_DAY_STEP = _LARGEST_STEP / 86400.0  # of a clock that counts days: no other is so fast
+_DAYS = ((3.6e4, 7.5e4), (7.25e5, 7.7e5))  # of such dates: of spreadsheets, and since the year 0
 _SMALLEST_COUNT = 1.0  # in which a clock of ms, us or ns steps
 _MAX_PATH_RATIO = 3.0  # factor by which the path may differ from the integral of the speed
 MIN_TRAVEL = 5e-3  # rad or m, beyond what an encoder rounds
@@ -116,9 +118,20 @@ def time_unit(part: Recording, has_velocities: bool) -> str:
         return ""
     steps = np.diff(part.t)
     step = float(np.median(steps))
+    if 0.0 < step <= _LARGEST_DAY_STEP:
+        is_date = any(first <= part.t[0] <= last for first, last in _DAYS)
+        has_motion = has_velocities and part.num_joints > 0
+        if has_motion and not _agrees(part, steps * TIME_UNITS["days"]):
+            return ""
+        is_day = step * TIME_UNITS["days"] >= _LEAST_STEP and (is_date or has_motion)
+        return "days" if is_day else ""
     if step < _SMALLEST_COUNT:
         return ""
-    units = [u for u, factor in TIME_UNITS.items() if _LEAST_STEP <= step * factor <= _LARGEST_STEP]
+    units = [
+        unit
+        for unit, factor in TIME_UNITS.items()
+        if unit != "days" and _LEAST_STEP <= step * factor <= _LARGEST_STEP
+    ]
     of_date = [unit for unit, first, last in _DATES if first <= part.t[0] <= last]
     units = [unit for unit in units if unit in of_date] or [u for u in units if u != "100 ns"]
     if has_velocities and part.num_joints:

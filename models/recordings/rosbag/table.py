@@ -211,6 +211,7 @@ class RosbagTable:
         self._counts: dict[str, int] = {}
         self._columns: list[_Column] = []  # all but the first one, the time
         self._others: dict[str, str] = {}  # kinds of the topics that are not read
+        self.has_parts = False  # no message of a topic holds all of its numbers
         self._unstamped: set[str] = set()  # topics whose headers have no stamp
         names = ["time"]
         kinds: set[str] = set()
@@ -239,6 +240,8 @@ class RosbagTable:
                     )
                 self._topics[topic] = messages
                 self._counts[topic] = connection.msgcount
+                is_number = np.isfinite(values)
+                self.has_parts |= not (is_number == is_number.any(axis=0)).all(axis=1).any()
                 for k, name in enumerate(messages.names):
                     if np.isfinite(values[:, k]).any():
                         names.append(f"{topic}/{name}")

@@ -14,6 +14,13 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 T = 0.01 * np.arange(40)
 TABLE = np.round(np.c_[np.sin(T), np.cos(T), np.cos(T), -np.sin(T), 1.0 + T, 2.0 - T], 6)
 
+_TWO_JOINTS = SimpleNamespace(
+    joint_names=("shoulder", "elbow"), num_joints=2, name="two", q_offset=np.zeros(2),
+    has_inertias=False, is_coupled=False, torque_per_ampere=np.ones(2), current_sign=np.ones(2),
+    motor_current=lambda tau_J: tau_J, velocity_limit=np.full(2, np.inf),
+    chain=SimpleNamespace(prismatic=np.zeros(2, bool)),
+)  # fmt: skip
+
 
 def _same(log: Recording) -> None:
     np.testing.assert_allclose(log.t, T, rtol=0, atol=1e-9)
@@ -125,15 +132,44 @@ def test_printed_messages_are_read(
         )  # fmt: skip
     path = tmp_path / "log.txt"
     path.write_text("\n---\n".join([*messages, ""]))
-    robot = SimpleNamespace(joint_names=("shoulder", "elbow"), num_joints=2, name="two",
-                            q_offset=np.zeros(2), has_inertias=False, is_coupled=False,
-                            torque_per_ampere=np.ones(2), current_sign=np.ones(2),
-                            motor_current=lambda tau_J: tau_J, velocity_limit=np.full(2, np.inf),
-                            chain=SimpleNamespace(prismatic=np.zeros(2, bool)))  # fmt: skip
-    log = read_recording(path, "effort-in-newton-metres", robot, check=False)
+    log = read_recording(path, "effort-in-newton-metres", _TWO_JOINTS, check=False)
     np.testing.assert_allclose(log.t, 50.0 + T, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(np.c_[log.q, log.v, log.tau_J], TABLE)
     assert "read as messages that `ros2 topic echo` has printed" in log.notices
+
+
+def test_printed_messages_of_one_joint_each_are_joined(tmp_path: Path) -> None:
+    """As boards of one motor each publish them, some ms apart."""
+    messages = []
+    for t, row in zip(T, TABLE, strict=True):
+        for j, name in enumerate(("elbow", "shoulder")):
+            lists = zip(("position", "velocity", "effort"), row[1 - j :: 2], strict=True)
+            messages.append(
+                f"header:\n  stamp:\n    sec: 50\n    nanosec: {round(t * 1e9) + 2_000_000 * j}\n"
+                f"name:\n- {name}\n" + "\n".join(f"{key}:\n- {x:.6f}" for key, x in lists)
+            )  # fmt: skip
+    path = tmp_path / "log.txt"
+    path.write_text("\n---\n".join([*messages, ""]))
+    log = read_recording(path, "effort-in-newton-metres", _TWO_JOINTS, check=False)
+    # At the stamps of the shoulder, linear between those of the elbow, 2 ms before it.
+    t = log.t - 50.0
+    assert len(t) == len(T) - 1  # the elbow has none behind the last one
+    np.testing.assert_allclose(t, T[:-1] + 0.002, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(log.q[:, 0], TABLE[:-1, 0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(log.q[:, 1], np.cos(t), rtol=0, atol=0.002)
+    assert any("rows of their own" in notice for notice in log.notices)
+
+
+def test_arrays_that_were_left_out_are_told(tmp_path: Path) -> None:
+    for name, words in (("log.txt", "<array type: float64, length: 6>"),
+                        ("log.yaml", "'<sequence type: double, length: 6>'")):  # fmt: skip
+        message = (
+            f"header:\n  stamp:\n    sec: 50\n    nanosec: 0\nname: {words}\nposition: {words}\n"
+        )
+        path = tmp_path / name
+        path.write_text("---\n".join([message] * 20))
+        with pytest.raises(InputError, match="lengths of arrays alone"):
+            read_recording(path)
 
 
 @pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])

@@ -642,6 +642,14 @@ def test_a_clock_of_too_few_digits_is_refused(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.q, table[:, 1:3])
 
 
+def test_a_clock_that_was_never_set_is_no_time(tmp_path: Path) -> None:
+    table = _table()
+    table[:, 0] = 0.0
+    path = _csv(tmp_path, _HEADER, *_lines(table))
+    _refused(path, "all stamps are 0", "the log holds no time", "rate_hz=100")
+    np.testing.assert_allclose(read_recording(path, "rate_hz=100").time_step, 0.01)
+
+
 def test_a_clock_that_is_rounded_to_its_step_has_too_few_digits(tmp_path: Path) -> None:
     """A tenth of its stamps or less repeat; those of rows that are written twice are no such."""
     table = _table()

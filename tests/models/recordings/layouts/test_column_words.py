@@ -52,6 +52,8 @@ def _joints(text: str, number: int = 1) -> list[str]:
          (1.0, 1.0, 1.0)),
         ("cycle_ms", "Axis {j}.Position (rev)", "Axis {j}.Speed (1/min)", "Axis {j}.Current (A)",
          (0.5 / np.pi, 30 / np.pi, 1.0)),
+        ("Zeitstempel", "Winkel Achse {j} [Grad]", "Drehzahl Achse {j} [1/min]",
+         "Strom Achse {j} [A]", (180 / np.pi, 30 / np.pi, 1.0)),
         ("t", "axis{j}.encoder.pos_estimate", "axis{j}.encoder.vel_estimate",  # ODrive, in turns
          "axis{j}.motor.current_control.Iq_measured", (0.5 / np.pi, 0.5 / np.pi, 1.0)),
         ("IPOC", "AIPos.A{j}", "$VEL_AXIS_ACT[{j}]", "MACur.A{j}", (1.0, 1.0, 1.0)),

@@ -89,3 +89,15 @@ def test_rows_that_repeat_at_rest_are_no_held_samples(tmp_path: Path) -> None:
     signals = np.c_[q, q, 0 * q, 0 * q, 10 * q, 10 * q]
     np.savetxt(path, np.c_[t, signals], delimiter=",", header="t,q1,q2,v1,v2,i1,i2", comments="")
     assert not any("stay the same for" in notice for notice in RecordingReader(path).notices)
+
+
+@pytest.mark.parametrize("begin", [45292.5, 739253.5])
+def test_time_in_days_is_read(tmp_path: Path, begin: float) -> None:
+    """As spreadsheets and MATLAB count dates; a step of 1e-7 is no other unit's."""
+    path = tmp_path / "log.csv"
+    log = np.c_[begin + T / 86400.0, Q, np.cos(T), -np.sin(T), Q]
+    np.savetxt(path, log, delimiter=",", header="t,q1,q2,v1,v2,i1,i2", comments="", fmt="%.17g")
+    reader = RecordingReader(path)
+    t = np.concatenate([chunk.t for chunk in reader.chunks()])
+    np.testing.assert_allclose(t - t[0], T, rtol=0, atol=2e-5)  # what a double of days resolves
+    assert any("time is read in days" in notice for notice in reader.notices)

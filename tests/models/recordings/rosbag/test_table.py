@@ -433,3 +433,19 @@ def test_times_that_no_stamp_holds_are_refused(
         return
     with pytest.raises(InputError, match="no ROS stamp can hold, expected 0 to 2\\^31 s"):
         write_recording(log, path)
+
+
+def test_messages_of_one_joint_each_are_joined(tmp_path: Path) -> None:
+    """As boards of one motor each publish them, 2 ms apart."""
+    t, path = 0.01 * np.arange(60), tmp_path / "log.mcap"
+    with rosbag_table.BagWriter(path) as writer:
+        for j in range(2):
+            stamps = np.round((5.0 + t + 0.002 * j) * 1e9).astype(np.int64)
+            x = np.sin(t + 0.002 * j + j)
+            quantities = {q: {f"joint_{j + 1}": x} for q in ("position", "velocity", "effort")}
+            writer.write_joint_states("/joint_states", stamps, quantities)
+    log = read_recording(path)
+    at = log.t - 5.0
+    assert log.num_samples == 59  # the second joint has none before the first one's
+    for j in range(2):
+        np.testing.assert_allclose(log.q[:, j], np.sin(at + j), rtol=0, atol=1e-4)
