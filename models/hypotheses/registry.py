@@ -17,6 +17,7 @@ from wrenchsight.models.hypotheses import (
     position_of_links,
     position_order,
     position_unit,
+    still_effort,
     time_shift,
     unsigned_effort,
 )
@@ -35,6 +36,7 @@ HYPOTHESES: dict[str, Callable[[Case], Explanation | None]] = {
         gravity_missing,
         external_torque,
         empty_effort,
+        still_effort,
         joint_zero,
         position_of_links,
         position_unit,

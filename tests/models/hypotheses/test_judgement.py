@@ -395,6 +395,24 @@ def test_a_current_without_sign_is_named(ur10e: Robot) -> None:
     assert fault.name == "current without sign"
 
 
+def test_a_drive_that_stands_still_is_named(ur10e: Robot) -> None:
+    """Its joint moves; the others' currents contradict no sign, zero or unit of theirs."""
+    log = motion(ur10e)
+    current = log.current.copy()
+    current[:, 2] = current[0, 2]
+    fault = judged(replace(log, current=current), ur10e).fault
+    assert fault is not None
+    assert fault.name == "drive that stands still"
+    assert f"of elbow_joint (at {current[0, 2]:.3g} A)" in fault.cause
+    assert fault.values["joints"] == [3.0]
+    # It may carry one torque while it rests.
+    q, v = log.q.copy(), log.v.copy()
+    q[:, 2], v[:, 2] = q[0, 2], 0.0
+    at_rest = judge_log([replace(log, q=q, v=v, current=current)], ur10e, None)
+    assert at_rest is not None
+    assert "drive that stands still" not in at_rest.log_odds
+
+
 @pytest.mark.parametrize("joints", [(0,), (0, 3)])
 def test_a_current_without_sign_at_some_joints_is_named(
     ur10e: Robot, joints: tuple[int, ...]
