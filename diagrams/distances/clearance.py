@@ -57,6 +57,7 @@ _COARSE_POSTURES = 100  # random ones, in which such pairs are counted
 # s, shortest interval of a motion that is halved. Of links that move at 1 m/s to each other, slacks
 # within 0.05 mm of the least that is allowed may then remain without proof.
 _MIN_INTERVAL = 1e-4
+_SLACK_ACCURACY = 2e-3  # m, to which the least slack of a motion is known
 _FLOOR_SIZE = (10.0, 10.0, 1.0)  # m, of the floor
 # m that a program of postures requires beyond what must be kept, for what happens between them;
 # distances are exact to some micrometres.
@@ -106,12 +107,17 @@ class _FoundPairs(NamedTuple):
 
 
 class _Interval(NamedTuple):
-    """A part of a motion that is not yet proved to be clear: its times, s, and slacks there, m."""
+    """A part of a motion that is not yet proved to be clear.
+
+    Attributes:
+        start, end: s.
+        first_slack, last_slack: (n + 1, n + 1) m, least slacks there as `_LeastSlacks.at`.
+    """
 
     start: float
     end: float
-    first_slack: float
-    last_slack: float
+    first_slack: Array
+    last_slack: Array
 
 
 @dataclass
@@ -119,55 +125,70 @@ class _LeastSlacks:
     """The least slacks of a motion at the times that are asked for.
 
     Attributes:
-        pairs_at: pairs within INFLUENCE_DISTANCE at a time, s.
+        by_levels_at: least slacks at a time, s, of the pairs within INFLUENCE_DISTANCE, by the
+            levels of their shapes, and the pair with the least of all.
+        num_levels: number of joints and the world.
         far_slack: m, that no pair beyond INFLUENCE_DISTANCE is below.
         worst: pair with the least slack at all times so far; None: nothing has been near.
     """
 
-    pairs_at: Callable[[float], list[ClosestPair]]
+    by_levels_at: Callable[[float], tuple[dict[tuple[int, int], float], ClosestPair | None]]
+    num_levels: int
     far_slack: float
     worst: ClosestPair | None = None
 
-    def at(self, t: float) -> float:
-        """The least slack at a time in s, m; `far_slack` where it is that or more."""
-        closest = min(self.pairs_at(t), key=lambda pair: pair.slack, default=None)
-        if closest is None:
-            return self.far_slack
-        if self.worst is None or closest.slack < self.worst.slack:
+    def at(self, t: float) -> Array:
+        """(n + 1, n + 1) m, the least slacks at a time in s by the lower and the higher level.
+
+        `far_slack` stands where it is that or more.
+        """
+        by_levels, closest = self.by_levels_at(t)
+        if closest is not None and (self.worst is None or closest.slack < self.worst.slack):
             self.worst = replace(closest, time=t)
-        return min(closest.slack, self.far_slack)
+        slacks = np.full((self.num_levels, self.num_levels), self.far_slack)
+        for levels, slack in by_levels.items():
+            slacks[levels] = min(slack, self.far_slack)
+        return slacks
+
+    def is_known(self, lowest: float) -> bool:
+        """Whether slacks of `lowest` (m) or more leave the least one as it is, to the accuracy."""
+        return self.worst is None or lowest >= self.worst.slack - _SLACK_ACCURACY
 
 
 def _stays_above(
-    bound: float, least_slacks: _LeastSlacks, intervals: Sequence[_Interval], fastest: float
+    bound: float, least_slacks: _LeastSlacks, intervals: Sequence[_Interval], fastest: Array
 ) -> bool:
     """Whether it is proved that no slack of a motion is below a bound in some intervals.
 
-    Between two times with slacks s_0 and s_1 no slack is below
+    Between two times with slacks s_0 and s_1 of two levels no slack of theirs is below
 
         (s_0 + s_1 - fastest (t_1 - t_0)) / 2
 
-    as it falls and rises at `fastest` at most. Where this is below the bound the interval is
-    halved. The proof fails where a slack is found below the bound, or this is below it in an
-    interval shorter than _MIN_INTERVAL.
+    as it falls and rises at `fastest` at most. Where this is below the bound, or below the least
+    slack that has been seen by more than _SLACK_ACCURACY, the interval is halved. The proof fails
+    where a slack is found below the bound, or this is below it in an interval shorter than
+    _MIN_INTERVAL.
 
     Args:
         bound: m.
         least_slacks: slacks of the motion at any time.
         intervals: with slacks that are not below the bound.
-        fastest: m/s, at which a distance changes at most.
+        fastest: (n + 1, n + 1) m/s, at which a distance between two levels changes at most.
     """
     unproved = list(intervals)  # in any order
     while unproved:
         interval = unproved.pop()
         length = interval.end - interval.start
-        if 0.5 * (interval.first_slack + interval.last_slack - fastest * length) >= bound:
+        ends = interval.first_slack + interval.last_slack
+        lowest = 0.5 * float((ends - fastest * length).min())
+        is_short = length < _MIN_INTERVAL
+        if lowest >= bound and (is_short or least_slacks.is_known(lowest)):
             continue
-        if length < _MIN_INTERVAL:
+        if is_short:
             return False
         middle = 0.5 * (interval.start + interval.end)
         slack = least_slacks.at(middle)
-        if slack < bound:
+        if slack.min() < bound:
             return False
         unproved.append(_Interval(interval.start, middle, interval.first_slack, slack))
         unproved.append(_Interval(middle, interval.end, slack, interval.last_slack))
@@ -279,6 +300,7 @@ class Clearance:
         self.coarse = tuple(shares.items())
         self.near_at_home = self._less_than_margin(by_home)
         self._required: dict[tuple[Any, Any], float] = by_home | self._required_of_others()
+        self._known_pairs: dict[tuple[Any, Any], tuple[float, tuple[int, int]]] = {}
 
     def _tool_shapes(self) -> set[Any]:
         """Shapes of the tool, or of the link that E lies on."""
@@ -625,9 +647,10 @@ class Clearance:
         count with the least slack that they can have there. With a margin above it, no motion
         counts as clear.
 
-        No point of the arm moves faster than sum_j speed_j r_j, r_j the farthest that it can be
-        from joint j. The distance of two moving links changes at twice that, `fastest`, at most.
-        All else stands still, a workpiece that floats as well: it stays at its default pose.
+        The distance of two links changes by the joints between them alone: in the frame of the one,
+        no point of the other moves faster than the sum over these of speed_j r_j, r_j the farthest
+        that it can be from joint j. All else stands still as the base does, a workpiece that
+        floats as well: it stays at its default pose.
 
         Args:
             position: from time in s, 0 to duration, to q (n,).
@@ -635,15 +658,19 @@ class Clearance:
             duration: s.
 
         Returns:
-            Whether it keeps clear, and the pair with the least slack; None where nothing is near.
+            Whether it keeps clear, and the pair with the least slack, which of a motion that keeps
+            clear is the least to _SLACK_ACCURACY; None where nothing is near.
         """
-        fastest = 2.0 * float(speed @ self._speed_radius)  # m/s, of two moving links to each other
+        # m/s, of a point at each level in the frame of the base; of two levels the difference.
+        moved = np.concatenate([[0.0], np.cumsum(speed * self._speed_radius)])
+        fastest = np.abs(moved - moved[:, np.newaxis])
         # m, of the pairs in `_required` that count, the 0 of a resting pair among them. Pairs that
         # are not in it must keep the margin.
         required = [value for value in self._required.values() if value > -np.inf]
         allowance = 0.5 * min([self.margin, *required])  # m, by which a slack may be below 0
         least_slacks = _LeastSlacks(
-            pairs_at=lambda t: self.slacks(position(t)),
+            by_levels_at=lambda t: self._least_by_levels(position(t)),
+            num_levels=len(moved),
             far_slack=INFLUENCE_DISTANCE - max([self.margin, *required]),
         )
         # A millionth of a period absorbs the rounding of a duration of whole periods.
@@ -653,8 +680,44 @@ class Clearance:
         intervals = [
             _Interval(times[k], times[k + 1], slacks[k], slacks[k + 1]) for k in range(num_periods)
         ]
-        is_clear = min(slacks) >= 0.0 and _stays_above(-allowance, least_slacks, intervals, fastest)
+        is_clear = float(np.min(slacks)) >= 0.0 and _stays_above(
+            -allowance, least_slacks, intervals, fastest
+        )
         return is_clear, least_slacks.worst
+
+    def _least_by_levels(
+        self, q: ArrayLike
+    ) -> tuple[dict[tuple[int, int], float], ClosestPair | None]:
+        """Least slacks, m, at q (n,) of the pairs within INFLUENCE_DISTANCE, and the least pair.
+
+        Returns:
+            By the lower and the higher level of the two shapes. And the pair with the least slack
+            of all, time 0; None where nothing is near.
+        """
+        least: dict[tuple[int, int], float] = {}
+        closest, closest_slack = None, np.inf
+        for pair in self.shapes.pairs(q, INFLUENCE_DISTANCE):
+            required, levels = self._required_and_levels(pair.id_A, pair.id_B)
+            slack = pair.distance - required
+            if slack < least.get(levels, np.inf):
+                least[levels] = slack
+                if slack < closest_slack:
+                    closest, closest_slack = pair, slack
+        if closest is None:
+            return least, None
+        names = self.shapes.name(closest.id_A), self.shapes.name(closest.id_B)
+        return least, ClosestPair(*names, closest.distance, closest_slack, time=0.0)
+
+    def _required_and_levels(
+        self, first: GeometryId, second: GeometryId
+    ) -> tuple[float, tuple[int, int]]:
+        """What two shapes must keep, m, and their levels, the lower first; remembered."""
+        known = self._known_pairs.get((first, second))
+        if known is None:
+            low, high = sorted((self._level(first), self._level(second)))
+            known = self._required.get((first, second), self.margin), (low, high)
+            self._known_pairs[first, second] = known
+        return known
 
     def _find_pairs(self, q: ArrayLike, influence: float, pose: ArrayLike = ()) -> _FoundPairs:
         """The pairs within `influence` (m) that are not left out, as `ArmShapes.pairs`."""

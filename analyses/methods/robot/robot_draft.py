@@ -387,12 +387,19 @@ def _rest_notes(
     below_base = structure.joints_below(base)
     for joint in locked:
         note = f"{joint.name} is held still at {joint.middle:g} {joint.unit} (locked_joints)"
-        if structure.is_beyond(joint, arm):
+        if joint.leader:  # one of the arm's
+            note += f"; it follows {joint.leader} (mimic): what it carries counts as rigid"
+        elif structure.is_beyond(joint, arm) and not _follows(structure, base, joint):
             note += f"; if it is the arm's: --flange {joint.child}"
         elif joint in below_base:
             note += f"; if it is the arm's: --base {joint.parent}"
         notes.append(note)
     return notes
+
+
+def _follows(structure: ArmStructure, base: str, joint: DescribedJoint) -> bool:
+    """Whether a joint that follows another lies between the base and a joint's link."""
+    return any(other.leader for other in structure.joints_between(base, joint.child))
 
 
 def _force_unit(joint: DescribedJoint) -> str:

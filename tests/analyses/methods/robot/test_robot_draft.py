@@ -591,5 +591,7 @@ def test_a_palletiser_is_refused_with_the_flange_before_its_parallelogram(tmp_pa
     expected = r'"wrist_flex" follows "elbow_flex" .* carries "wrist_roll".*--flange lower$'
     with pytest.raises(InputError, match=expected):
         draft_robot(urdf, tmp_path / "robot.yaml")
-    robot, *_ = draft_robot(urdf, tmp_path / "robot.yaml", flange="lower")
+    robot, _, notes = draft_robot(urdf, tmp_path / "robot.yaml", flange="lower")
     assert robot.joint_names == ("shoulder_pan", "shoulder_lift", "elbow_flex")
+    assert any("wrist_flex" in note and "counts as rigid" in note for note in notes)
+    assert not any("--flange" in note for note in notes)
