@@ -811,8 +811,9 @@ class RecordingReader:
             InputError: the columns have no names, none is a time, or signals are missing.
         """
         table = as_samples(container.open(path, None), self.path)
-        if self._words.rate_hz:
-            table = RatedTable(table, self._words.rate_hz)
+        rate_hz = self._words.rate_hz or (table.rate_hz if isinstance(table, TextTable) else 0.0)
+        if rate_hz:
+            table = RatedTable(table, rate_hz)
         bundled = self._bundled_format(table)
         if bundled is not None:
             return bundled
@@ -978,7 +979,9 @@ def _of_unknown_ending(path: Path) -> LogContainer:
         InputError: it is none.
     """
     table = TEXT.open(path, None)  # raises for a kind of file that is not read
-    if table.num_columns > 1 and any(is_number(cell) for cell in table.first_cells):
+    if table.num_columns > 1 and any(
+        is_number(cell, table.decimal_mark) for cell in table.first_cells
+    ):
         return TEXT
     problem = f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
     remedy = "export the log as CSV, or as npz with arrays t, q, v and i"

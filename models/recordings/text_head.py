@@ -26,6 +26,10 @@ _SEPARATORS: Final = (";", "\t", "|", ",", " ")  # the earlier one where two fit
 # Unambiguous, so that it does not backtrack: a cell may have a hundred thousand digits.
 _NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _COMMENT: Final = re.compile(r"\s*(#+|//+|%(?=\s))\s*")  # begins a line; %time is a name of ROS 1
+_IN_STARS: Final = re.compile(r"\*{2,}\w+\*{2,}")  # LabVIEW's end of a header, between others
+_NAMES_BEHIND: Final = re.compile(  # a size, a title: double robot(1500,19) # columns: time, q[1]
+    r".{0,200}?\b(?:columns|fields|variables|channels|signals|names)\s*[:=]\s*(.+)", re.IGNORECASE
+)
 _OTHER_SEPARATOR: Final = re.compile(r"\t|\s[;,|]|[;,|](\s|$)")  # beside blanks
 _TYPE_CELLS: Final = frozenset((
     "double", "float", "float32", "float64", "real", "real32", "real64", "lreal", "int",
@@ -40,9 +44,14 @@ _MOST_LEVELS: Final = 5  # lines of names, units and types above the rows
 _NAME_LABELS: Final = frozenset((
     "name", "names", "signal", "signals", "signal name", "signalname", "channel", "channels",
     "channel name", "symbol", "symbolname", "variable", "variables", "bezeichnung", "kanal",
+    "x_value",
 ))  # fmt: skip
 _UNIT_LABELS: Final = frozenset((
     "unit", "units", "einheit", "einheiten", "dimension", "y_unit_label", "unité", "unità",
+))  # fmt: skip
+_STEP_LABELS: Final = frozenset((
+    "delta_x", "delta x", "dx", "wf_increment", "increment", "interval", "sample interval",
+    "sampling interval", "sample period", "time step",
 ))  # fmt: skip
 _TIME_NAME: Final = "Time"  # of the column whose cells above the rows are such labels
 _NO_NAME: Final = " "  # where a line has the number of a column
@@ -75,6 +84,10 @@ class TableHead:
         num_lines: lines before the first row.
         header: text of the line of names, by which repetitions of it are known; '' for none.
         first_cells: cells of the first row.
+        is_labelled: whether the names are one of several lines that begin with a label each, which
+            a description does not find.
+        rate_hz: rows a second by a step that is stated above them, where their time is empty; 0:
+            none is.
         notices: what was recognised, one sentence each.
     """
 
@@ -86,6 +99,8 @@ class TableHead:
     num_lines: int = 0
     header: str = ""
     first_cells: tuple[str, ...] = ("",)
+    is_labelled: bool = False
+    rate_hz: float = 0.0
     notices: list[str] = field(default_factory=list)
 
 
@@ -202,9 +217,9 @@ def _first_row(rows: Sequence[Sequence[str]], header: bool | None) -> tuple[int,
         first = next(shown, 0)
         return first, len(rows[first]) if first < len(rows) else 0
     count, _ = _usual_count(rows)
-    begins_with_number = _begin_with_numbers([x for x in rows if len(x) == count and _is_row(x)])
+    have_no_label = _begin_without_word([x for x in rows if len(x) == count and _is_row(x)])
     for k, cells in enumerate(rows):
-        if begins_with_number and cells and cell_kind(cells[0]).is_word:  # Offset;0;0;0
+        if have_no_label and cells and cell_kind(cells[0]).is_word:  # Offset;0;0;0
             continue
         if len(cells) == count and _is_row(cells) and not _counts_columns(cells):
             return k, count
@@ -212,9 +227,9 @@ def _first_row(rows: Sequence[Sequence[str]], header: bool | None) -> tuple[int,
     return first, len(rows[first]) if rows else 0
 
 
-def _begin_with_numbers(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether most rows begin with a number, so that a line with a word there is none of them."""
-    return 2 * sum(cell_kind(cells[0]).is_number for cells in rows) > len(rows)
+def _begin_without_word(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether most rows begin with a number or an empty cell: a line with a word there is none."""
+    return 2 * sum(not cell_kind(cells[0]).is_word for cells in rows) > len(rows)
 
 
 def _counts_columns(cells: Sequence[str]) -> bool:
@@ -227,6 +242,12 @@ def _counts_columns(cells: Sequence[str]) -> bool:
 
 def _words_of(line: str, separator: str, count: int) -> list[str]:
     """The words of a line that may name columns; by another separator where that gives `count`."""
+    behind = _NAMES_BEHIND.fullmatch(line.strip())
+    if behind:
+        listed = [split_cells(behind[1], mark) for mark in _SEPARATORS]
+        exact = next((cells for cells in listed if len(cells) == count > 1), None)
+        if exact is not None:
+            return exact
     text = _COMMENT.sub("", line, count=1) if _COMMENT.match(line) else line
     text = text.strip() if separator != "\t" else text.strip(" \r\n")
     ways = [split_cells(text, separator)]
@@ -286,10 +307,12 @@ def _take_labelled_names(
     """
     count, first = head.num_columns, head.num_lines
     labelled: dict[str, int] = {}  # lines by their labels
-    if not _begin_with_numbers([x for x in rows[first:] if len(x) == count]):
+    if not _begin_without_word([x for x in rows[first:] if len(x) == count]):
         return False
     for k in range(first - 1, -1, -1):
         if not lines[k].strip() and not labelled:
+            continue
+        if labelled and _IN_STARS.fullmatch(lines[k].strip()):
             continue
         if len(rows[k]) != count or not cell_kind(rows[k][0]).is_word:
             break
@@ -297,13 +320,24 @@ def _take_labelled_names(
     top = next((k for label, k in labelled.items() if label in _NAME_LABELS), None)
     if top is None or len(labelled) < _LEAST_LABELLED or _repeats(rows[top]):
         return False
+    head.is_labelled = True
     head.names = (_TIME_NAME, *rows[top][1:])
     head.skip_lines, head.header = top, lines[top].strip()
     units = next((k for label, k in labelled.items() if label in _UNIT_LABELS), None)
     if units is not None:
         head.names = (_TIME_NAME, *_with_units(rows[top][1:], rows[units][1:]))
     head.notices.append(f"names are read from line {top + 1}, one of {len(labelled)} with labels")
+    step = next((k for label, k in labelled.items() if label in _STEP_LABELS), None)
+    if step is not None and not any(cells[0] for cells in rows[first:] if len(cells) == count):
+        head.rate_hz = _rate(rows[step][1:])
     return True
+
+
+def _rate(cells: Sequence[str]) -> float:
+    """Rows a second by the steps in s of all columns; 0 where they differ, or are none."""
+    steps = {cell.replace(",", ".") for cell in cells if cell}
+    step = next(iter(steps)) if len(steps) == 1 else ""
+    return 1.0 / float(step) if is_number(step) and float(step) > 0.0 else 0.0
 
 
 def _take_names(

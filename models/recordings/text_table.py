@@ -180,6 +180,9 @@ class TextTable:
         first_cells: first cells of the first row.
         skip_lines: lines before the header or the first row.
         num_head_lines: lines before the first row.
+        is_labelled: whether a description finds the columns by their numbers alone.
+        rate_hz: rows a second by a step that is stated above them, where their time is empty; 0:
+            none is.
 
     Raises:
         InputError: no such file, a directory, a binary file, no line of numbers.
@@ -233,6 +236,7 @@ class TextTable:
         # A copy may have a line of names more than the log, whose lines are counted.
         self._num_added = 0 if copy is None else copy.num_added_lines
         self.num_head_lines = skip_lines + begins[head.num_lines] - self._num_added
+        self.is_labelled, self.rate_hz = head.is_labelled, head.rate_hz
         self._header = head.header.encode()
         self.first_cells = head.first_cells
         self._stamps = _stamp_forms(self.first_cells)

@@ -205,19 +205,26 @@ def encoding_of(table: LogTable, columns: Sequence[int]) -> RawWords | None:
     return raw_words(values[np.isfinite(values).all(axis=1)][:_ENCODING_ROWS])
 
 
-def _text_keys(table: LogTable) -> list[str]:
-    """How a text is written, where that is not the usual way."""
+def _innermost(table: LogTable) -> LogTable:
+    """The table of the file."""
     while isinstance(table, RatedTable | AlignedTable):
         table = table.table
+    return table
+
+
+def _text_keys(table: LogTable) -> list[str]:
+    """How a text is written, where that is not the usual way."""
+    table = _innermost(table)
     if not isinstance(table, TextTable):
         return []
     separator = "\\t" if table.separator == "\t" else table.separator
     lines = [] if separator == "," else [f'separator: "{separator}"\n']
     if table.decimal_mark != ".":
         lines.append(f'decimal_mark: "{table.decimal_mark}"\n')
-    if table.skip_lines:
-        lines.append(f"skip_lines: {table.skip_lines}\n")
-    if table.names is None:
+    skip_lines = table.num_head_lines if table.is_labelled else table.skip_lines
+    if skip_lines:
+        lines.append(f"skip_lines: {skip_lines}\n")
+    if table.names is None or table.is_labelled:
         lines.append("header: false\n")
     return lines
 
@@ -286,7 +293,9 @@ def _columns_text(columns: Sequence[int], table: LogTable) -> str:
         columns: their indices, from 0; the numbers in the text count from 1.
     """
     names = table.names
-    if names is not None:
+    text_table = _innermost(table)
+    has_names = not (isinstance(text_table, TextTable) and text_table.is_labelled)
+    if names is not None and has_names:
         listed = [names[column] for column in columns]
         text = _series_text(listed)
         try:

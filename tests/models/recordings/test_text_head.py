@@ -107,3 +107,28 @@ def test_numbers_of_columns_are_no_names() -> None:
              "2024-05-17,10:57:01,0.1,0.2,3", "2024-05-17,10:57:01,0.1,0.2,4"]  # fmt: skip
     names = ("Date", "Time", "POS_J1 [deg]", "POS_J2 [deg]", "CUR_J1 [mA]")
     assert table_head(lines).names == names
+
+
+def test_a_step_above_an_empty_time_is_its_rate() -> None:
+    """As LabVIEW writes measurements without an X column: two headers, the second one of labels."""
+    lines = [
+        "LabVIEW Measurement\t", "Separator\tTab", "***End_of_Header***\t", "",
+        "Channels\t2\t\t", "Samples\t40\t40\t", "Y_Unit_Label\tdeg\tA\t",
+        "X0\t0,000E+0\t0,000E+0\t", "Delta_X\t0,020000\t0,020000\t", "***End_of_Header***",
+        "X_Value\tAchsposition 1\tMotorstrom 1\tComment",
+        *(f"\t{k},125\t{k},5\t" for k in range(40)),
+    ]  # fmt: skip
+    head = table_head(lines)
+    assert head.names == ("Time", "Achsposition 1 [deg]", "Motorstrom 1 [A]", "Comment")
+    assert (head.num_lines, head.is_labelled) == (11, True)
+    assert head.rate_hz == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize(
+    "line", ["double robot(40,3) # columns: time, q[1], i[1]", "# fields: time q[1] i[1]"]
+)
+def test_names_may_stand_behind_other_words(line: str) -> None:
+    """As a CombiTimeTable has them, behind its size."""
+    head = table_head(["#1", line, *(f"{0.01 * k:g}\t{k}.5\t{k}" for k in range(40))])
+    assert head.names == ("time", "q[1]", "i[1]")
+    assert head.num_lines == 2
