@@ -81,6 +81,24 @@ class LoadRows:
         model = np.concatenate([part.model for part in parts])
         return cls(rows, load, model, parts[0].model_sd)
 
+    def whitened(self, joint: int, load: Array, missed: Array | None = None) -> Array:
+        """A joint's rows, whitened in time; not divided by the scale of a fit.
+
+        Args:
+            joint: its index.
+            load: (m, L) N m per parameter of one load or more.
+            missed: (m, M) N m per parameter of what the model misses; None: nothing (M = 0).
+
+        Returns:
+            (m, L + 3 n + M + c + 1) columns of load, drift (3 a joint), what is missed, model (c)
+            and residual.
+        """
+        # A joint's rows depend on its own three changes of friction alone.
+        drift = np.zeros((len(self.rows.t), 3 * self.rows.num_joints))
+        drift[:, 3 * joint : 3 * joint + 3] = self.rows.drift[:, joint]
+        columns = [load, drift, *([] if missed is None else [missed]), self.model[:, joint]]
+        return self.rows.whitened(joint, np.hstack(columns))
+
     def __getitem__(self, part: slice | NDArray[np.bool_]) -> "LoadRows":
         """Returns the rows of `part`."""
         return LoadRows(self.rows[part], self.load[part], self.model[part], self.model_sd)
@@ -320,13 +338,10 @@ def _whitened_rows(logs: list[LoadRows], j: int, frame: Array, num_unknowns: int
     """
     parts = []
     for index, log in enumerate(logs):
-        columns = np.zeros((len(log.rows.t), num_unknowns))
-        if index == 0:
-            columns[:, :NUM_INERTIAL] = log.load[:, j] @ frame
-        columns[:, NUM_INERTIAL + 3 * j : NUM_INERTIAL + 3 * j + 3] = log.rows.drift[:, j]
-        if len(logs) > 1:  # what the model misses of the weight at the flange
-            columns[:, -NUM_INERTIAL:] = log.load[:, j]
-        parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
+        at_flange = log.load[:, j]
+        load = at_flange @ frame if index == 0 else np.zeros_like(at_flange)
+        # What the model misses of the weight at the flange is in all logs.
+        parts.append(log.whitened(j, load, at_flange if len(logs) > 1 else None))
     whole = np.vstack(parts)  # columns as they went in, the residual behind them
     return _WhitenedRows(whole[:, :num_unknowns], whole[:, num_unknowns:-1], whole[:, -1:])
 

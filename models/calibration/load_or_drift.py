@@ -293,14 +293,8 @@ def _whitened_columns(
         model (c) and residual; and the sds (3 n + c,) of drift and model. The load's are the
         caller's.
     """
-    rows, n = log.rows, log.rows.num_joints
-    blocks = []
-    for j in range(n):
-        # A joint's rows depend on its own three changes of friction alone.
-        drift = np.zeros((len(rows.t), 3 * n))
-        drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
-        blocks.append(rows.whitened(j, np.hstack([load_columns(j), drift, log.model[:, j]])))
-    drift_sd = FrictionDrift().deviation(rows, law)
+    blocks = [log.whitened(j, load_columns(j)) for j in range(log.rows.num_joints)]
+    drift_sd = FrictionDrift().deviation(log.rows, law)
     return blocks, np.concatenate([drift_sd.ravel(), log.model_sd])
 
 
