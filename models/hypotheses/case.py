@@ -48,6 +48,7 @@ MIN_FRICTION_SHARE = (
 GOOD_SHARE = 0.9  # of rows that are free of contact and fault
 MOST_ROWS = 300  # at which the evidence is taken
 _LINK_PARAMETERS = 4  # m and m c: what gravity shows
+_LEAST_SHARE = 1e-9  # of a kind of rows, for a logarithm
 _LEAST_SQUARE = 1e-12  # of the errors' variance: of a log without torque, for a division
 
 
@@ -86,6 +87,13 @@ class View:
                 self.sliding_columns.stop + len(prior_sd),
             ),
         )
+
+
+class FittedView(NamedTuple):
+    """A log as a hypothesis sees it, with its fit."""
+
+    view: View
+    fit: Fit
 
 
 class _Expected(NamedTuple):
@@ -263,6 +271,22 @@ class Case:
         left = fit.residual / view.kinds.sd
         left_square, square = (float(self._weight @ (x**2).sum(axis=1)) for x in (left, measured))
         return max(0.0, 1.0 - left_square / max(square, _LEAST_SQUARE))
+
+    def free_share(self, fitted: FittedView) -> Array:
+        """(N,) probability that nothing but the model's error is in each row `at`, by a fit."""
+        kinds, fit = fitted.view.kinds, fitted.fit
+        kind, _ = kinds.of_rows(fit.residual, np.maximum(fit.kind_share, _LEAST_SHARE))
+        return np.asarray(kind[0] + kind[1])  # free, or poor
+
+    def left(self, fitted: FittedView, share: Array) -> float:
+        """Squared residual of a fit in units of the error, summed over rows.
+
+        Args:
+            fitted: a view with its fit.
+            share: (N,) with which each row `at` counts, 0 to 1.
+        """
+        square = ((fitted.fit.residual / fitted.view.kinds.sd) ** 2).sum(axis=1)
+        return float((self._weight * share) @ square)
 
     def _expected(self, rows: LogRows, chain: SerialChain, at: RowIndices | slice) -> _Expected:
         """What the model expects of T rows, and what of it is open at some of them.

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.hypotheses.sign_search import best_signs
 from wrenchsight.models.numerics.arrays import Array
@@ -42,6 +42,8 @@ def explain(case: Case) -> Explanation | None:
         log_evidence=fit.log_evidence - case.num_joints * math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
+        is_choice=True,
         cause=f"{word}s of the opposite sign at {wrong}",
         remedy=f"{remedy}, or try --log-format {option}",
         values={"sign": signs.tolist()},

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.explanation import Explanation, likeliest, numbers_text
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_format import PER_CENT, PER_MILLE
@@ -171,6 +171,7 @@ def _explanation(case: Case, form: _Form) -> Explanation:
         log_evidence=log_evidence,
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         cause=found.cause,
         remedy=found.remedy,
         values={"gain": gains.tolist()} | found.values,

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from wrenchsight.models.hypotheses.case import FittedView
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.log_words import DRIVE_SIGNALS, JOINT_SIGNALS, correction_word
 
@@ -18,6 +19,8 @@ class Explanation:
         log_evidence: natural logarithm; what was chosen among several forms is paid for.
         explained: share of the measured torque's mean square, 0 to 1.
         kind_share: (5,) of the rows, by `evidence.KINDS`.
+        fitted: the log as the hypothesis sees it, with its fit; None: no force at the tool is tried
+            beside it.
         cause: what would be wrong, as the subject of "... explain": "currents in the order ...".
         remedy: what to do, with the key or option that mends it.
         values: what was found, by name with its unit, for metrics.json.
@@ -25,6 +28,9 @@ class Explanation:
             the tool that lasts (`judgement.stands_beside_contact`).
         is_small: whether its odds count also where it explains little more than the log as it is,
             if that does not fit the model.
+        is_choice: whether it is one of few, an order or signs, in which nothing is fitted: what a
+            force does at every instant it cannot copy.
+        has_force: whether forces at the tool that last stand beside it (`lasting_force`).
         is_fault: whether readings of the log as it is would be wrong; friction that has drifted is
             none, as the band holds it.
     """
@@ -35,10 +41,13 @@ class Explanation:
     kind_share: Array
     cause: str
     remedy: str
+    fitted: FittedView | None = None
     values: dict[str, float | list[float]] = field(default_factory=dict)
     is_fault: bool = True
     is_small: bool = False
     has_form: bool = True
+    is_choice: bool = False
+    has_force: bool = False
 
 
 def likeliest(found: Iterable[Explanation | None]) -> Explanation | None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.case import Case, FittedView
 from wrenchsight.models.hypotheses.explanation import Explanation
 
 NAME = "drift of friction"
@@ -32,6 +32,7 @@ def explain(case: Case) -> Explanation | None:
         log_evidence=fit.log_evidence - math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         cause=f"friction that is not the model's, most of all of {case.robot.joint_names[worst]}",
         remedy="refresh it: wrenchsight identify --refresh",
         values={

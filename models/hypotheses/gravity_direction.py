@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrenchsight.models.estimation.wrench_prior import STANDARD_GRAVITY
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.evidence import Fit
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array
@@ -59,6 +59,7 @@ def explain(case: Case) -> Explanation | None:
         log_evidence=fit.log_evidence - math.log(4.0 * math.pi / (2.0 * math.pi)),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         cause=(
             f"gravity {math.degrees(tilt):.1f} +- {error:.1g} deg away from robot.yaml's "
             f"({_mounting(tilt)})"

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.case import Case, FittedView
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.recordings.log_words import WITHOUT_GRAVITY
 
@@ -24,6 +24,7 @@ def explain(case: Case) -> Explanation | None:
         log_evidence=fit.log_evidence - math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         has_form=False,
         cause=f"a {case.word} from which the controller has taken gravity",
         remedy=(

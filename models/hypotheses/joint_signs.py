@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.explanation import Explanation, joint_remedy, likeliest
 from wrenchsight.models.hypotheses.sign_search import best_signs
 from wrenchsight.models.numerics.arrays import Array
@@ -47,6 +47,8 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
         log_evidence=fit.log_evidence - (case.num_joints + 1) * math.log(2.0),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
+        is_choice=True,
         cause=f"{signals} of the opposite sign at {wrong}",
         remedy=joint_remedy(case.key if with_effort else None, TURNED_WORD, f"{turned}", turned),
         values={"sign": signs.tolist()},

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array
 
@@ -76,6 +76,7 @@ def _refined(case: Case, j: int, guess: float) -> Explanation | None:
         log_evidence=fit.log_evidence - math.log(2.0 * case.num_joints),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         # Off by the opposite of what has to be added to positions.
         cause=f"a zero of {name} that is off by {-offset:.3f} +- "
         f"{max(sd, _LEAST_STATED_SD):.1g} {unit}",

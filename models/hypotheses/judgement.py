@@ -14,7 +14,7 @@ from typing import Any
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.hypotheses import lasting_force
-from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.case import Case, FittedView
 from wrenchsight.models.hypotheses.evidence import KINDS
 from wrenchsight.models.hypotheses.explanation import Explanation, odds_text
 from wrenchsight.models.hypotheses.log_rows import log_rows
@@ -41,6 +41,10 @@ MIN_IMPLAUSIBLE = 0.05  # share of rows from which on no force at the tool expla
 MIN_WITHOUT_CONTACT = 0.10  # share of rows without contact that a log with a contact in it has
 MAX_CONTACT_LEFT = 0.04  # share of rows in contact that a fault leaves in a log without contact
 MIN_FREE, MIN_GAIN = 0.9, 0.2  # share of rows free of error that a fault then leaves, or adds
+NUM_BESIDE_FORCE = 2  # faults, the likeliest ones, that are tried beside forces that last
+# Of what the likeliest explanation without a fault leaves unexplained where a fault beside such
+# forces leaves no contact: share that the fault leaves at most.
+MAX_LEFT_BESIDE_FORCE = 0.5
 MAX_UNEXPLAINED_SHARE = 0.5  # share of rows that are neither free nor touched by a plausible force
 _ROUNDING_SHARE = 1e-9  # of the share that a fault leaves unexplained, where both leave nothing
 
@@ -135,8 +139,9 @@ class Judgement:
         fault = self.fault
         if fault is None:
             return ""
+        force = ", beside a force at the tool," if fault.has_force else ""
         return (
-            f"the {self.word}s of the log do not fit the robot: {fault.cause} would explain "
+            f"the {self.word}s of the log do not fit the robot: {fault.cause}{force} would explain "
             f"{100.0 * fault.explained:.3g} % of them (as they are: {100.0 * self.explained:.3g} "
             f"%; odds {odds_text(self.log_odds[fault.name])})"
         )
@@ -285,6 +290,10 @@ def judge(case: Case) -> Judgement:
         and _explains_enough(one, case, explained, log_odds[one.name] == largest_odds)
         and stands_beside_contact(one, case.base_fit.kind_share, explained)
     ]
+    beside_force = _beside_forces(case, explanations, explained)
+    if beside_force is not None:
+        fault, log_odds = beside_force
+        faults = [fault]
     faults.sort(key=lambda fault: -log_odds[fault.name])  # likeliest first
     best = faults[0] if faults else None
     rival: Explanation | None = None
@@ -299,6 +308,49 @@ def judge(case: Case) -> Judgement:
         best=best,
         rival=rival,
     )
+
+
+def _beside_forces(
+    case: Case, explanations: Sequence[Explanation], base_explained: float
+) -> tuple[Explanation, dict[str, float]] | None:
+    """The order or signs that explain what a contact for most of the log hides, and all log odds.
+
+    A fault and its absence are compared with the same freedom: drift of friction and the
+    NUM_BESIDE_FORCE likeliest faults are fitted with forces that last beside them. The likeliest
+    fault then counts, if it is a choice: a number that is fitted could stand for a force that
+    changes. What counts of the log is where the fault leaves no contact: the approach, and what is
+    as expected beside a force. There it leaves MAX_LEFT_BESIDE_FORCE of what the likeliest
+    explanation without a fault leaves, at most.
+
+    Args:
+        case: the log, its model and the fit of the log as it is.
+        explanations: of the log, each alone.
+        base_explained: as `_log_odds`.
+
+    Returns:
+        None where no force lasts, or where no order or signs count.
+    """
+    base = FittedView(case.base, case.base_fit)
+    force = [one for one in explanations if one.name == lasting_force.NAME]
+    if not force or force[0].log_evidence <= base.fit.log_evidence:
+        return None
+    faults = sorted((one for one in explanations if one.is_fault), key=lambda one: one.log_evidence)
+    others = [one for one in explanations if not one.is_fault and not one.has_force]
+    tried = [lasting_force.with_force(case, one) for one in [*faults[-NUM_BESIDE_FORCE:], *others]]
+    by_name = {one.name: one for one in explanations} | {one.name: one for one in tried}
+    beside = list(by_name.values())
+    log_odds = _log_odds(beside, base.fit.log_evidence, base_explained)
+    fault = max(
+        (one for one in beside if one.is_fault), key=lambda one: log_odds[one.name], default=None
+    )
+    if fault is None or not (fault.is_choice and fault.has_force) or fault.fitted is None:
+        return None
+    fits = [(one.log_evidence, one.fitted) for one in beside if not one.is_fault and one.fitted]
+    _, other = max([(base.fit.log_evidence, base), *fits], key=lambda pair: pair[0])
+    share = case.free_share(fault.fitted)
+    if case.left(fault.fitted, share) > MAX_LEFT_BESIDE_FORCE * case.left(other, share):
+        return None
+    return (fault, log_odds) if log_odds[fault.name] > math.log(SURE_ODDS) else None
 
 
 def _explains_enough(fault: Explanation, case: Case, explained: float, is_likeliest: bool) -> bool:

@@ -1,20 +1,24 @@
 """Hypothesis: forces at the tool that last, each for seconds. No fault of the log: they are read.
 
 The evidence charges each row in contact for a force of its own. A push that lasts for seconds is
-one force: here each stretch of contact has one wrench, constant in the axes of W or of E, beside
-the rows' own kinds. So a tilt, a zero or a gain competes with what is as simple.
+one force: here each stretch of contact has one wrench, constant in the axes of W or of E, and one
+force along the motion of E, as sliding along something makes it, beside the rows' own kinds. So a
+tilt, a zero or a gain competes with what is as simple.
 
 A stretch begins as rows that the model without corrections does not leave free. Then wrench and
 stretch take turns: the stretch is the interval over which the wrench raises the likelihood most.
+
+A fault of the log may hide behind such a force, or beside one (`with_force`).
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.evidence import KIND_PRIOR, Fit
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -23,6 +27,7 @@ NAME = "force that lasts"
 MAX_FREE_PROBABILITY = 0.5  # of a row of a stretch
 MIN_DURATION = 1.0  # s, of a force
 MAX_GAP = 0.5  # s, within one force
+SLOWEST_SLIDING = 0.005  # m/s of E, below which a force along its motion fades
 MAX_FORCES = 4  # of a log, the longest ones
 _NUM_PASSES = 2  # of new stretches, after the fit within the first ones
 _NUM_FORMS = 2  # axes
@@ -37,55 +42,96 @@ class _Stretch(NamedTuple):
 
 
 def explain(case: Case) -> Explanation | None:
-    """The log with one wrench for each of the longest stretches; None: there is none."""
-    at = case.at
-    kind, _ = case.base.kinds.of_rows(case.base.measured[at] - case.base.expected[at], _SHARE)
-    first_stretches = _longest_stretches(case.rows.t[at], kind[0] < MAX_FREE_PROBABILITY)
-    if not first_stretches:
+    """The log with one force for each of the longest stretches; None: there is none."""
+    fitted = _fitted_beside(case, case.base)
+    if fitted is None:
         return None
-    q = case.rows.q[at]
-    J = case.jacobian(q)
-    R_EW = case.orientation(q).transpose(0, 2, 1)
-    J_in_E = np.concatenate([R_EW @ J[:, :3], R_EW @ J[:, 3:]], axis=1)
-    fits = [_fitted(case, in_axes.transpose(0, 2, 1), first_stretches) for in_axes in (J, J_in_E)]
-    view, fit = max(fits, key=lambda pair: pair[1].log_evidence)
     return Explanation(
         name=NAME,
-        log_evidence=fit.log_evidence - math.log(_NUM_FORMS),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
+        log_evidence=fitted.fit.log_evidence - math.log(_NUM_FORMS),
+        explained=case.explained(*fitted),
+        kind_share=fitted.fit.kind_share,
+        fitted=fitted,
         cause="a force at the tool that lasts",
         remedy="nothing is to be mended",
         is_fault=False,
+        has_force=True,
     )
 
 
-def _fitted(case: Case, columns: Array, first_stretches: Sequence[_Stretch]) -> tuple[View, Fit]:
-    """The view and the fit of constant wrenches, from a first guess of their stretches.
+def with_force(case: Case, explanation: Explanation) -> Explanation:
+    """The explanation with forces that last beside it, if that is likelier; else as it is."""
+    alone = explanation.fitted
+    beside = None if alone is None else _fitted_beside(case, alone.view)
+    if alone is None or beside is None:
+        return explanation
+    gain = beside.fit.log_evidence - alone.fit.log_evidence - math.log(_NUM_FORMS)
+    if gain <= 0.0:
+        return explanation
+    return replace(
+        explanation,
+        log_evidence=explanation.log_evidence + gain,
+        explained=case.explained(*beside),
+        kind_share=beside.fit.kind_share,
+        fitted=beside,
+        has_force=True,
+    )
 
-    The wrenches are fitted within the first stretches. Then, as long as the evidence grows and
-    _NUM_PASSES times at most, the stretches are fitted to the wrenches and these within them.
+
+def _fitted_beside(case: Case, view: View) -> FittedView | None:
+    """A view with one force for each of its longest stretches; None: there is none.
 
     Args:
-        case: the log, its model and the fit of the log as it is.
-        columns: (N, n, 6) torque of each component of a wrench, moment first, at the rows
-            `Case.at`.
-        first_stretches: one for each wrench.
+        case: the log.
+        view: the log as a hypothesis sees it.
+    """
+    at = case.at
+    kind, _ = view.kinds.of_rows(view.measured[at] - view.expected[at], _SHARE)
+    first_stretches = _longest_stretches(case.rows.t[at], kind[0] < MAX_FREE_PROBABILITY)
+    if not first_stretches:
+        return None
+    q, v = view.rows.q[at], view.rows.v[at]
+    J = case.jacobian(q)
+    R_EW = case.orientation(q).transpose(0, 2, 1)
+    J_in_E = np.concatenate([R_EW @ J[:, :3], R_EW @ J[:, 3:]], axis=1)
+    velocity = np.einsum("nij,nj->ni", J[:, 3:], v)  # of E
+    size = np.sqrt((velocity**2).sum(axis=1, keepdims=True) + SLOWEST_SLIDING**2)
+    along = np.einsum("nij,ni->nj", J[:, 3:], velocity / size)[:, None]
+    forms = [np.concatenate([in_axes, along], axis=1).transpose(0, 2, 1) for in_axes in (J, J_in_E)]
+    fits = [_fitted(case, view, columns, first_stretches) for columns in forms]
+    return max(fits, key=lambda fitted: fitted.fit.log_evidence)
+
+
+def _fitted(
+    case: Case, base: View, columns: Array, first_stretches: Sequence[_Stretch]
+) -> FittedView:
+    """The view and the fit of forces, from a first guess of their stretches.
+
+    The forces are fitted within the first stretches. Then, as long as the evidence grows and
+    _NUM_PASSES times at most, the stretches are fitted to the forces and these within them.
+
+    Args:
+        case: the log.
+        base: the view without a force.
+        columns: (N, n, 7) torque of each component of a wrench, moment first, and of a force along
+            the motion of E, at the rows `Case.at`.
+        first_stretches: one for each force.
     """
     masks = [_rows_within(case, stretch) for stretch in first_stretches]
-    view, fit = _fitted_within(case, columns, masks)
+    fitted = _fitted_within(case, base, columns, masks)
     for _ in range(_NUM_PASSES):
-        # What `with_columns` adds comes first in theta: six numbers a stretch.
-        wrenches = fit.theta[: 6 * len(masks)].reshape(-1, 6)
+        fit = fitted.fit
+        # What `with_columns` adds comes first in theta: seven numbers a stretch.
+        forces = fit.theta[: columns.shape[2] * len(masks)].reshape(len(masks), -1)
         masks = [
-            _rows_within(case, _best_interval(case, fit, columns @ wrench, is_within))
-            for wrench, is_within in zip(wrenches, masks, strict=True)
+            _rows_within(case, _best_interval(case, base, fit, columns @ force, is_within))
+            for force, is_within in zip(forces, masks, strict=True)
         ]
-        next_view, next_fit = _fitted_within(case, columns, masks)
-        if next_fit.log_evidence <= fit.log_evidence:
+        following = _fitted_within(case, base, columns, masks)
+        if following.fit.log_evidence <= fit.log_evidence:
             break
-        view, fit = next_view, next_fit
-    return view, fit
+        fitted = following
+    return fitted
 
 
 def _rows_within(case: Case, stretch: _Stretch) -> Flags:
@@ -95,28 +141,32 @@ def _rows_within(case: Case, stretch: _Stretch) -> Flags:
     return np.asarray((t >= begin) & (t <= end))
 
 
-def _fitted_within(case: Case, columns: Array, masks: Sequence[Flags]) -> tuple[View, Fit]:
-    """The view and the fit with a constant wrench in each of some stretches.
+def _fitted_within(case: Case, base: View, columns: Array, masks: Sequence[Flags]) -> FittedView:
+    """The view and the fit with a force in each of some stretches.
 
     Args:
-        case: the log, its model and the fit of the log as it is.
-        columns: (N, n, 6) as `_fitted`.
+        case: the log.
+        base: the view without a force.
+        columns: (N, n, 7) as `_fitted`.
         masks: (N,) rows of each stretch.
     """
     blocks = [columns * is_within[:, None, None] for is_within in masks]
-    prior_sd = np.tile(case.base.kinds.wrench_sd, len(masks))
-    view = case.base.with_columns(np.concatenate(blocks, axis=2), prior_sd)
-    return view, case.fit(view)
+    sd = base.kinds.wrench_sd
+    prior_sd = np.tile([*sd, sd[-1]], len(masks))
+    view = base.with_columns(np.concatenate(blocks, axis=2), prior_sd)
+    return FittedView(view, case.fit(view))
 
 
-def _best_interval(case: Case, fit: Fit, torque: Array, is_within: Flags) -> _Stretch:
-    """The interval over which a wrench raises the likelihood most.
+def _best_interval(case: Case, base: View, fit: Fit, torque: Array, is_within: Flags) -> _Stretch:
+    """The interval over which a force raises the likelihood most.
 
     Args:
-        fit: with the wrench where `is_within`, (N,).
-        torque: (N, n) N m, of the wrench at all rows.
+        case: the log.
+        base: the view without a force.
+        fit: with the force where `is_within`, (N,).
+        torque: (N, n) N m, of the force at all rows.
     """
-    kinds, share = case.base.kinds, np.maximum(fit.kind_share, _SHARE / len(_SHARE))
+    kinds, share = base.kinds, np.maximum(fit.kind_share, _SHARE / len(_SHARE))
     without = fit.residual + torque * is_within[:, None]
     gain = kinds.of_rows(without - torque, share)[1] - kinds.of_rows(without, share)[1]
     total = np.concatenate([[0.0], np.cumsum(kinds.weight * gain)])

@@ -60,7 +60,8 @@ def best_order(
 ) -> FoundOrder | None:
     """The order of the largest score by exchanges of pairs; None where no other order is better.
 
-    Of orders whose scores are within ALIKE_ODDS of the largest one, the first of `starts` is taken.
+    Of orders whose scores are within ALIKE_ODDS of the largest one, the first of `starts` is taken;
+    else that of the fewest joints out of place: exchanged, joints that move little fit alike.
 
     Args:
         num_joints: n; an order has for each joint of the robot its index in the log.
@@ -89,8 +90,10 @@ def best_order(
         return None
     least = scored(best) - math.log(ALIKE_ODDS)
     alike = [order for order in sorted(scores, key=scored, reverse=True) if scored(order) > least]
-    taken = next((order for order in starts if order in alike and order != own_order), best)
-    return FoundOrder(taken, tuple(order for order in alike if order not in (taken, own_order)))
+    alike = [order for order in alike if order != own_order]
+    nearest = min(alike, key=lambda order: sum(k != j for j, k in enumerate(order)))
+    taken = next((order for order in starts if order in alike), nearest)
+    return FoundOrder(taken, tuple(order for order in alike if order != taken))
 
 
 def order_text(order: Order) -> str:

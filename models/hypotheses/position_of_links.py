@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.hypotheses.log_rows import slowest_sliding
 
@@ -50,6 +50,7 @@ def explain(case: Case) -> Explanation | None:
         log_evidence=fit.log_evidence - math.log(2.0 * len(forms)),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         cause=(
             f"a position of {name} that counts {before}, too (the angle of the link to the ground, "
             "as some pendants show it),"

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.explanation import Explanation, joint_remedy, likeliest
 from wrenchsight.models.hypotheses.order_search import Order, best_order, order_text, usual_orders
 from wrenchsight.models.recordings.log_words import ORDER_WORD
@@ -49,6 +49,8 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
         log_evidence=fit.log_evidence + log_prior,
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
+        is_choice=True,
         cause=f"{signals} in the order {order_listed}",
         remedy=(
             joint_remedy(case.key if with_effort else None, ORDER_WORD, order_listed, places)

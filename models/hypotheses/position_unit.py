@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.explanation import Explanation, likeliest, numbers_text
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.log_words import GAIN_WORD, JOINT_SIGNALS, correction_word
@@ -75,6 +75,7 @@ def _of_unit(case: Case, unit: _Unit, turns: Flags) -> Explanation | None:
         log_evidence=fit.log_evidence - math.log(2.0 * len(UNITS)),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         cause=f"positions and velocities in {unit.name}, read as rad",
         remedy=_remedy(unit.factor, unit.remedy),
         values={"rad_per_unit": unit.factor},
@@ -192,6 +193,7 @@ def _refined(
         log_evidence=fit.log_evidence - math.log(2.0 * num_forms),
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         cause="",
         remedy="",
     )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from wrenchsight.models.hypotheses.case import Case, RowIndices, View
+from wrenchsight.models.hypotheses.case import Case, FittedView, RowIndices, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.log_words import DELAY_WORD, DRIVE_SIGNALS, correction_word
@@ -74,6 +74,7 @@ def explain(case: Case) -> Explanation | None:
         log_evidence=log_evidence + log_width_share + log_prior,
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         cause=cause,
         remedy=remedy,
         # Of slow motion an average changes little.

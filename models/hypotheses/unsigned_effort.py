@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.case import Case, FittedView
 from wrenchsight.models.hypotheses.explanation import Explanation
 
 NAME = "current without sign"
@@ -52,6 +52,7 @@ def explain(case: Case) -> Explanation | None:
         log_evidence=fit.log_evidence + log_prior,
         explained=case.explained(view, fit),
         kind_share=fit.kind_share,
+        fitted=FittedView(view, fit),
         cause=f"{case.word}s without sign{place} (no value is negative)",
         remedy=(
             f"log the signed {case.word}: a force cannot be told from a size alone "
