@@ -73,9 +73,9 @@ def explain(case: Case) -> Explanation | None:
 def _forms(case: Case) -> list[_Form]:
     """The forms of gains that are tried.
 
-    Of all joints: one gain, and one of each joint, where they are far from 1; milliampere (mN m)
-    and its inverse; torques that are logged as currents, or the reverse. Of a single joint: its
-    gain, which counts for more the more joints it may be at.
+    Of all joints: one gain, and one of each joint, where they are far from 1; milliampere (mN m),
+    a millionth of an ampere, and a thousand amperes; torques that are logged as currents, or the
+    reverse. Of a single joint: its gain, which counts for more the more joints it may be at.
     """
     n = case.num_joints
     gain_of_each = _gains(case)
@@ -93,7 +93,7 @@ def _forms(case: Case) -> list[_Form]:
             forms.append(_Form(np.full(n, common), num_free=1.0))
             each = np.where(is_known, gain_of_each, common)
             forms.append(_Form(each, num_free=float(is_known.sum())))
-        forms += [_Form(np.full(n, factor), num_free=1.0) for factor in (1e3, 1e-3)]
+        forms += [_Form(np.full(n, factor), num_free=1.0) for factor in (1e3, 1e6, 1e-3)]
     K = case.robot.torque_per_ampere
     # Currents logged as torques are too large by 1 / K, torques as currents by K.
     forms.append(_Form(1.0 / K if case.rows.is_torque else K.copy(), num_free=1.0))
@@ -294,6 +294,12 @@ def _of_known_unit(case: Case, gains: Array) -> _Finding | None:
     if are_near(math.log(1e3)):
         return _Finding(
             f"{case.word}s in {unit}", f"set {key}: {{unit: {unit}}} in a description", {}
+        )
+    if are_near(math.log(1e6)):
+        return _Finding(
+            f"{case.word}s in a millionth of {'a N m' if case.rows.is_torque else 'an ampere'}",
+            f"set {key}: {{gain: [0.000001]}} in a description",
+            {},
         )
     if are_near(math.log(1e-3)):
         return _Finding(

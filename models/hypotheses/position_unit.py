@@ -201,9 +201,10 @@ def _refined(
 
 
 def _next_to_own(case: Case, factors: Callable[[float], Array]) -> tuple[float, float]:
-    """The score of the log with a factor near 1, and its logarithm."""
+    """The score of the log with a factor near 1, and its logarithm, within what is tried."""
     fit = case.fit(_linearised(case, factors, 0.0, case.base), quick=True)
-    return fit.log_evidence, float(fit.theta[0])
+    reach = math.log(MAX_FACTOR)  # currents in another unit ask for any factor
+    return fit.log_evidence, float(np.clip(fit.theta[0], -reach, reach))
 
 
 def _linearised(

@@ -122,8 +122,10 @@ class RecordingChecks:
         is_counted = bool((is_whole & (np.ptp(chunk.q, axis=0) > _COUNT_SPREAD)).any())
         if revolute and is_counted:
             remedy = (
-                "the positions are whole numbers, such as counts of an encoder: set position: "
-                "{gain: [6.28318 / counts per turn], offset: [...]} in a description (--log-format)"
+                "the positions are whole numbers, such as counts of an encoder or thousandths of a "
+                "degree: set position: {gain: [6.28318 / counts per turn], offset: [...]}, or "
+                "{unit: deg, gain: [0.001]}, in a description (--log-format), and the gains of "
+                "velocities and currents alike"
             )
         elif revolute and self._is_scaled("q"):
             turns = np.max(np.abs(chunk.q)) / (2 * np.pi)

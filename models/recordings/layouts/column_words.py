@@ -33,8 +33,8 @@ from wrenchsight.models.recordings.layouts.signal_words import (
     column_name,
     is_commanded,
     is_measured,
+    is_of_drive,
     name_tokens,
-    names_rotation,
     without_joint_words,
 )
 from wrenchsight.models.recordings.layouts.time_names import clock_numbers, time_columns
@@ -52,6 +52,7 @@ from wrenchsight.models.recordings.recording_format import (
 
 _LISTED_NAMES = 6  # of the columns that are left out, in a notice
 _QUANTITIES = ("position", "velocity", "current", "motor_torque")
+_FREE_BASE = {"position": 7, "velocity": 6, "motor_torque": 6}  # columns before the joints'
 _ENTRY = re.compile(r"(.+)\.(\d{1,4})")  # of an array: its name and number
 _DUTY_WORDS = frozenset(("load", "loads", "pwm", "duty"))  # of a servo
 _STAMP = "field.header.stamp"
@@ -263,14 +264,18 @@ def signal_columns(
             bare.append(column)
     if not by_quantity.keys().isdisjoint(("current", "motor_torque")):
         by_quantity.setdefault("position", bare)  # Axis 1 Actual beside Axis 1 Current
-    velocities = by_quantity.get("velocity", [])
-    of_joints = [column for column in velocities if not names_rotation(names[column.place])]
-    by_quantity["velocity"] = of_joints or velocities
+    for quantity in ("velocity", "motor_torque"):
+        columns = by_quantity.get(quantity, [])
+        of_joints = [column for column in columns if not is_of_drive(names[column.place])]
+        by_quantity[quantity] = of_joints or columns
     joint_columns: dict[str, JointColumns] = {}
+    behind_base = _behind_free_base(by_quantity, num_joints, names)
     for quantity in _QUANTITIES:
         columns = by_quantity.get(quantity, [])
-        match = _numbered(columns, num_joints, quantity, names) or _named(
-            columns, joint_names, path, words
+        match = (
+            behind_base.get(quantity)
+            or _numbered(columns, num_joints, quantity, names)
+            or _named(columns, joint_names, path, words)
         )
         if match is None:
             continue
@@ -314,6 +319,31 @@ def _numbered(
     others = [f"{names[min(x.values())]} .." for x in series_of_joints.values() if x != entries]
     how = f"{names[min(entries.values())]} .. is read, not {_listed(others)}" if others else ""
     return [entries[k] for k in sorted(entries)], how
+
+
+def _behind_free_base(
+    by_quantity: Mapping[str, Sequence[_Column]], num_joints: int, names: Sequence[str]
+) -> dict[str, tuple[list[int], str]]:
+    """The joints' columns behind those of a base that is free to move, and a sentence on that.
+
+    Such a base has 7 positions (a place and a quaternion), and 6 velocities and torques, as in
+    MuJoCo's qpos, qvel and qfrc_actuator.
+
+    Returns:
+        By quantity; empty where the numbers of positions and velocities are others.
+    """
+    if not num_joints:
+        return {}
+    found: dict[str, tuple[list[int], str]] = {}
+    for quantity, num_base in _FREE_BASE.items():
+        match = _numbered(by_quantity.get(quantity, []), num_base + num_joints, quantity, names)
+        if match is not None:
+            how = (
+                "the first columns are those of a free base (7 positions, 6 velocities): left out; "
+                "it must stand still and upright"
+            )
+            found[quantity] = (match[0][num_base:], how)
+    return found if "position" in found and "velocity" in found else {}
 
 
 def _unqualified(

@@ -87,6 +87,9 @@ _PROGRAM_WORDS = {
     # objects of CiA 402: torque and current in per mille of the rated ones
     "6077": " torque permille ",
     "6078": " current permille ",
+    # of MuJoCo: in joint space, and of the actuators, before their gears
+    "qfrc_actuator": " torque ",
+    "actuator_force": " actuator torque ",
     # of LeRobot's data sets
     "observation.state": "position",
 }
@@ -97,6 +100,7 @@ _FIRST_WORDS = (
     "real", "target", "cmd", "电机", "关节", "実", "实际", "反馈", "目标", "轴",
 )  # fmt: skip
 _IDEOGRAMS = "\u3040-\u30ff\u3400-\u9fff"
+_OBJECT = re.compile(r"\b\w*status[./](?=[^\W\d])", re.IGNORECASE)  # joint_status.position
 _INNER_UNITS = ("rad", "deg", "ma", "nm", "mnm", "percent", "pct", "permille", "promille")
 _IN_BRACKETS = re.compile(r"[\s_]*[\[(<{（]\s*([^\])>}）]+?)\s*[\])>}）]\s*")
 _AT_END = re.compile(
@@ -146,7 +150,7 @@ def column_name(name: str) -> ColumnName:
         inner = column_name(wrapped[2])
         if inner.quantity and not names_quantity_alone(inner):
             return inner
-    unit, rest = _unit(name.strip())
+    unit, rest = _unit(_OBJECT.sub("", name.strip()))
     unit = unit or next((u for word, u in _PROGRAM_UNITS.items() if rest.endswith(word)), "")
     tokens = name_tokens(rest)
     if not unit:  # percent_1, or pos_deg_1
@@ -181,9 +185,9 @@ def names_quantity_alone(column: ColumnName) -> bool:
     return bool(column.quantity) and set(column.words) <= _MEASURED
 
 
-def names_rotation(name: str) -> bool:
-    """Whether a name is a speed of rotation, which may be that of a motor: Drehzahl."""
-    return not _ROTATION_WORDS.isdisjoint(name_tokens(name[:_MAX_NAME]))
+def is_of_drive(name: str) -> bool:
+    """Whether a name may be of what is before a gear: Drehzahl, actuator_force."""
+    return not (_ROTATION_WORDS | {"actuator"}).isdisjoint(name_tokens(name[:_MAX_NAME]))
 
 
 def is_measured(column: ColumnName) -> bool:

@@ -289,7 +289,13 @@ def test_the_remedy_of_a_zero_contains_what_the_file_has(ur10e: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    ("gain", "word"), [(1000.0, "mA"), (0.0, "N m in place of currents"), (-1.0, "per mille")]
+    ("gain", "word"),
+    [
+        (1000.0, "mA"),
+        (1e6, "a millionth of an ampere"),
+        (0.0, "N m in place of currents"),
+        (-1.0, "per mille"),
+    ],
 )
 def test_units_are_named(ur10e: Robot, gain: float, word: str) -> None:
     log = motion(ur10e)

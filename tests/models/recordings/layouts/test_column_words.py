@@ -16,6 +16,7 @@ _ROBOT = SimpleNamespace(
     joint_names=_JOINTS,
     q_offset=np.zeros(3),
     velocity_limit=np.full(3, np.inf),
+    motor_current=lambda tau_J: tau_J,
     chain=SimpleNamespace(prismatic=np.zeros(3, bool)),
 )
 _T = 0.01 * np.arange(_ROWS)
@@ -251,3 +252,27 @@ def test_a_torque_in_per_cent_does_not_take_the_place_of_currents(tmp_path: Path
     recording = read_recording(path, check=False)
     np.testing.assert_array_equal(recording.current, _I)
     assert any("left out: Torque A1 [%]" in notice for notice in recording.notices)
+
+
+def test_columns_of_a_free_base_are_left_out(tmp_path: Path) -> None:
+    """As MuJoCo logs a robot on one: 7 positions, 6 velocities and torques before the joints'."""
+    base = [np.full(_ROWS, 0.5)] * 7
+    header = ["time", *(f"qpos_{k}" for k in range(10)), *(f"qvel_{k}" for k in range(9))]
+    header += [
+        *(f"actuator_force_{k}" for k in range(3)),
+        *(f"qfrc_actuator_{k}" for k in range(9)),
+    ]
+    columns = [_T, *base, *_Q.T, *base[:6], *_V.T, *(0.01 * _I.T), *base[:6], *_I.T]
+    log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
+    np.testing.assert_array_equal(log.q, _Q)
+    np.testing.assert_array_equal(log.v, _V)
+    assert log.tau_J is not None
+    np.testing.assert_array_equal(log.tau_J, _I)
+    assert any("those of a free base" in notice for notice in log.notices)
+
+
+def test_what_is_within_a_status_is_a_signal(tmp_path: Path) -> None:
+    names = [f"joint_status.joint_{word}.{{j}}" for word in ("position", "speed", "current")]
+    header = ["t", *(x for name in names for x in _joints(name))]
+    log = read_recording(_csv(tmp_path, header, [_T, *_Q.T, *_V.T, *_I.T]))
+    np.testing.assert_array_equal(np.c_[log.q, log.v, log.current], np.c_[_Q, _V, _I])
