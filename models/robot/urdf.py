@@ -5,6 +5,7 @@ silence (no effort limit, a mesh that cannot be drawn). So the file is checked h
 """
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import NoReturn
@@ -43,10 +44,12 @@ from wrenchsight.models.robot.urdf_elements import (
 from wrenchsight.models.robot.urdf_pictures import drop_pictures
 from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
 
+_UNEXPANDED = "it is xacro, not yet expanded: name the file .xacro and pass --trust-xacro"
 _KNOWN_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
 _KEPT_TAGS = ("link", "joint", "material", "drake:collision_filter_group")
 _MAX_TILT = math.radians(1.0)  # between two directions of gravity that agree
 _LARGEST_INERTIA = 1e12  # kg m^2, of a number that is one: a heavy link's in g mm^2
+_ENDLESS = re.compile(r"\s*[-+]?inf(inity)?\s*", re.IGNORECASE)
 _MIN_AXIS = 1e-9  # of an axis that has a direction
 _MIN_SPEED = 1e-6  # rad/s (m/s), of a joint that moves; a limit below is a slip, or negative
 
@@ -718,7 +721,10 @@ class _Reader:
 
     def _limit(self, limit: ET.Element, key: str) -> float:
         """A limit of a joint; inf beyond MAX_NUMBER, and then removed for Drake, too."""
-        value = self._number(limit, key, 0.0, math.inf)
+        if _ENDLESS.fullmatch(limit.get(key, "")):
+            value = float(limit.get(key, ""))
+        else:
+            value = self._number(limit, key, 0.0, math.inf)
         if abs(value) > MAX_NUMBER:
             limit.attrib.pop(key)
             value = math.copysign(math.inf, value)
@@ -744,7 +750,8 @@ class _Reader:
             values = np.array([])
         if values.shape != (3,) or not np.all(np.abs(values) <= MAX_NUMBER):
             problem = f'{key}="{text}" of <{element.tag}>, expected three numbers'
-            self._fail(element, f"{problem} of at most {MAX_NUMBER:g}")
+            remedy = _UNEXPANDED if "$" in text else ""
+            self._fail(element, f"{problem} of at most {MAX_NUMBER:g}", remedy)
         return values
 
     def _number(
@@ -757,7 +764,8 @@ class _Reader:
             value = math.nan
         if not math.isfinite(value) or abs(value) > largest:
             at_most = f" of at most {largest:g}" if math.isfinite(value) else ""
-            self._fail(element, f'{key}="{text}" of <{element.tag}>, expected a number{at_most}')
+            problem = f'{key}="{text}" of <{element.tag}>, expected a number{at_most}'
+            self._fail(element, problem, _UNEXPANDED if "$" in (text or "") else "")
         return value
 
     @staticmethod

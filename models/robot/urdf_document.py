@@ -15,6 +15,8 @@ from wrenchsight.models.robot.drake_document import DOCUMENT_KINDS, urdf_of_mode
 from wrenchsight.models.robot.xacro_document import untrusted_xacro
 
 LARGEST_DOCUMENT = 1 << 26  # bytes
+_COMPRESSED = (b"\x1f\x8b", b"PK", b"\x28\xb5\x2f\xfd", b"BZh", b"\xfd7zXZ")  # first bytes
+_BEFORE_XML = b"\xef\xbb\xbf \t\r\n"  # bytes that may stand before a document
 _NUMBER_LISTS = ("xyz", "rpy", "size", "scale", "rgba")  # attributes that hold several numbers
 _COMMA_BEFORE_BLANK = re.compile(r",(?=\s|$)")
 
@@ -158,6 +160,14 @@ def _reason(data: bytes, error: xml.parsers.expat.ExpatError) -> tuple[str, str]
         )
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return f"it is UTF-16, as PowerShell's > writes it ({reason})", "save it as UTF-8"
+    if data.startswith(_COMPRESSED):
+        return "it is compressed", "unpack it (gunzip, unzip)"
+    if data.lstrip(_BEFORE_XML)[:1] not in (b"<", b""):
+        return (
+            f"it does not begin with < ({reason})",
+            "give a URDF, xacro, SDF or MJCF; a topic's or parameter's text has to be unquoted, "
+            "and a USD exported as one of these",
+        )
     if error.code == errors.codes[errors.XML_ERROR_INVALID_TOKEN]:
         try:
             data.decode()

@@ -192,6 +192,9 @@ def _draft(
     is_given = flange is not None
     base, flange = _ends(structure, base, flange)
     way = structure.joints_between(base, flange)
+    for joint in way:
+        if joint.leader:
+            structure.require_joint(joint.leader, joint.name)
     # Joints that follow another one (mimic), and those that are followed, are none of the arm's.
     followed = {joint.leader for joint in way if joint.leader}
     # Where no joint is left, all stay: the robot's reader says what is wrong.

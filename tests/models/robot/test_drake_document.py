@@ -409,3 +409,29 @@ def test_of_a_world_the_model_that_moves_is_read(tmp_path):
     (tmp_path / "arm.sdf").write_text(text.replace("</sdf>", "</world></sdf>"), encoding="utf-8")
     root, _ = read_document(tmp_path / "arm.sdf")
     assert [link.get("name") for link in root.findall("link")][:2] == ["base", "upper"]
+
+
+def test_an_mjcf_that_is_turned_by_right_angles_in_radians_is_refused(tmp_path):
+    """As fragments are that a program puts under a compiler of its own."""
+    links = _LINKS.replace("-2 2", "-115 115").replace('"0 0 .4"', '"0 0 .4" euler="0 1.57 0"')
+    arm = tmp_path / "arm.xml"
+    text = (
+        f'<mujoco model="arm">{{}}<worldbody><body name="base">{links}</body></worldbody></mujoco>'
+    )
+    arm.write_text(text.format(""))
+    with pytest.raises(InputError, match=r'euler="0 1.57 0" degrees.*<compiler angle="radian"/>'):
+        read_document(arm)
+    arm.write_text(text.format('<compiler angle="degree"/>'))
+    read_document(arm)
+
+
+def test_things_that_float_beside_an_arm_of_an_mjcf_are_left_out(tmp_path):
+    thing = '<body name="cube"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+    arm = tmp_path / "scene.xml"
+    arm.write_text(
+        '<mujoco model="arm"><compiler angle="radian"/><worldbody>'
+        f'<body name="base">{_LINKS}</body>{thing}</worldbody></mujoco>'
+    )
+    root, _ = read_document(arm)
+    names = [link.get("name") for link in root.findall("link")]
+    assert "base" in names and "cube" not in names

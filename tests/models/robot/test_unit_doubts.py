@@ -99,3 +99,15 @@ def test_the_same_inertia_of_all_links_is_a_placeholder(ur10e, moment):
     other.__dict__["chain"] = ur10e.chain.with_inertial_parameters(parameters)
     (doubt,) = unit_doubts(other, Q)
     assert f"({moment:g} kg m^2), a placeholder" in doubt
+
+
+def test_a_centre_of_mass_in_millimetres_is_refused(ur10e):
+    other = scaled(ur10e)
+    parameters = ur10e.chain.inertial_parameters.copy()
+    parameters[1, 1:4] *= 1000.0
+    other.__dict__["chain"] = ur10e.chain.with_inertial_parameters(parameters)
+    name = ur10e.joint_names[1]
+    with pytest.raises(
+        InputError, match=f"what {name} moves is up to .* in millimetres .* by 0.001"
+    ):
+        unit_doubts(other, Q)

@@ -1,5 +1,6 @@
 """Numbers of a URDF as other programs read them."""
 
+import gzip
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -58,6 +59,8 @@ _DECLARED = '<?xml version="1.0"{}?>\n<robot name="é"/>'
             "line 1: .*it is UTF-16, .*; save it as UTF-8",
         ),
         (_DECLARED.format("").encode("latin-1"), "the byte 0xe9 in line 2 is no UTF-8; save it"),
+        (gzip.compress(b"<robot/>"), "it is compressed; unpack it"),
+        (b'data: "<robot/>"', "it does not begin with <.*unquoted, and a USD exported"),
         (b"<robot>\n<link></robot>", "line 2: no valid XML: mismatched tag$"),
     ],
 )

@@ -595,3 +595,38 @@ def test_a_palletiser_is_refused_with_the_flange_before_its_parallelogram(tmp_pa
     assert robot.joint_names == ("shoulder_pan", "shoulder_lift", "elbow_flex")
     assert any("wrist_flex" in note and "counts as rigid" in note for note in notes)
     assert not any("--flange" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            "<origin xyz='0.02 0 0.1'/>",
+            "<origin xyz='0.02 0 0.1' rpy='90 0 -45'/>",
+            r'turned by 90 0 -45 rad, more than a whole turn.* write rpy="1.5708 0 -0.785398"',
+        ),
+        (
+            "<child link='upper'/>",
+            "<child link='uper'/>",
+            'child link "uper" does not exist; .*"upper"',
+        ),
+        (
+            "<axis xyz='0 1 0'/>",
+            "<axis xyz='0 1 0'/><mimic joint='motor'/>",
+            '"shoulder_lift" follows "motor" .mimic., which is no joint',
+        ),
+        ("lower='-1.9'", "lower='${-pi}'", r"expected a number; it is xacro, not yet expanded"),
+    ],
+)
+def test_a_slip_in_a_joint_is_named(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    urdf.write_text(urdf.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=expected):
+        draft_robot(urdf, tmp_path / "robot.yaml")
+
+
+def test_an_infinite_effort_limit_is_none(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    urdf.write_text(urdf.read_text().replace("effort='10'", "effort='inf'"))
+    _, places, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert "effort_limit" in places
