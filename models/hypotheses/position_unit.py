@@ -24,6 +24,7 @@ LIMIT_MARGIN = 0.2  # rad or m by which a log may exceed the robot's limits, as 
 SPEED_MARGIN = 2.0  # times the velocity limit, as the log's check
 _LOG_STEP = 0.25  # of the factors of all joints that are tried first
 _PRIOR_SD = 0.3  # of the logarithm of a factor, at each step of its fit
+_MAX_FIRST_STEP = 1.0  # of the logarithm, from the log as it is
 _MAX_STEPS = 4  # of Newton
 _MAX_CHANGE_SDS = 0.3  # of a step, below which it is the last one
 _DIFFERENCE_STEP = 1e-3  # of the logarithm, of the derivative
@@ -173,7 +174,7 @@ def _refined(
         num_forms: ways to have such a factor, equally likely beforehand.
 
     Returns:
-        None where the factor is near 1, or not sure.
+        None where the factor is near 1, not sure, or one that the robot's limits do not allow.
     """
     log_factor = guess
     for _ in range(_MAX_STEPS):
@@ -185,7 +186,8 @@ def _refined(
             return None
         if abs(change) < _MAX_CHANGE_SDS * sd:
             break
-    if abs(log_factor) < max(MIN_LOG_FACTOR, MIN_STANDARD_ERRORS * sd):
+    is_near_1 = abs(log_factor) < max(MIN_LOG_FACTOR, MIN_STANDARD_ERRORS * sd)
+    if is_near_1 or not _is_possible(case, factors(log_factor)):
         return None
     factor = math.exp(log_factor)
     explanation = Explanation(
@@ -201,10 +203,9 @@ def _refined(
 
 
 def _next_to_own(case: Case, factors: Callable[[float], Array]) -> tuple[float, float]:
-    """The score of the log with a factor near 1, and its logarithm, within what is tried."""
+    """The score of the log with a factor near 1, and its logarithm, of _MAX_FIRST_STEP at most."""
     fit = case.fit(_linearised(case, factors, 0.0, case.base), quick=True)
-    reach = math.log(MAX_FACTOR)  # currents in another unit ask for any factor
-    return fit.log_evidence, float(np.clip(fit.theta[0], -reach, reach))
+    return fit.log_evidence, min(max(float(fit.theta[0]), -_MAX_FIRST_STEP), _MAX_FIRST_STEP)
 
 
 def _linearised(

@@ -352,6 +352,20 @@ def test_another_unit_is_named_beside_a_model_of_the_same_drives(ur10e: Robot, g
     assert np.array(fault.values["gain"]) == pytest.approx(gain, rel=0.2)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["ur-20_01_22-joint_2", "ur-20_02_19_14harm50secLoad"])
+def test_currents_a_thousand_times_too_large_leave_all_odds_finite(
+    ur10e: Robot, data: Callable[[str], Path], name: str
+) -> None:
+    """No hypothesis goes so far from the log that its torques overflow."""
+    log = resampled(read_recording(data(f"ur10e/{name}.csv"), robot=ur10e))
+    judgement = judge_log([replace(log, current=1e3 * log.current)], ur10e, identified(ur10e))
+    assert judgement is not None
+    assert judgement.fault is not None
+    assert judgement.fault.name == "unit or gain of the drives"
+    assert all(math.isfinite(odds) for odds in judgement.log_odds.values())
+
+
 def test_a_load_is_no_gain(ur10e: Robot) -> None:
     """It loads all joints, as a gain of the torques that hold the arm does."""
     log = motion(ur10e, force=np.array([0.0, 0.0, -9.81 * 0.5 * ur10e.payload]))
