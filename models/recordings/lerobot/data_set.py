@@ -207,6 +207,11 @@ def load_data_set(root: Path) -> DataSet:
     features = _features(info.get("features"), path)
     episodes = _episodes_v2(root, info) if version == 2 else _episodes_v3(root, info)
     if not episodes:
+        total = info.get("total_episodes")
+        if isinstance(total, int) and total > 0:
+            listed = root / ("meta/episodes.jsonl" if version == 2 else "meta/episodes")
+            problem = f"is missing or empty, but {INFO} has total_episodes: {total}"
+            raise InputError(listed, "", problem, "copy the whole data set again, with meta/")
         raise InputError(root, "", "holds no episodes", "record one")
     return DataSet(root, version, info, float(fps), features, episodes)
 

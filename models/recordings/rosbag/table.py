@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.parquet_table import ConvertedTable
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.rosbag.bounded_bag import (
     ROS1_SUFFIX,
     OpenedBag,
     bounded_reader,
 )
+from wrenchsight.models.recordings.rosbag.fields_table import fields_table
 from wrenchsight.models.recordings.rosbag.messages import (
     JOINT_STATE,
     KINDS,
@@ -84,9 +86,18 @@ class RosbagContainer:
 
     suffixes: tuple[str, ...] = (".mcap", ".db3", ROS1_SUFFIX)
 
-    def open(self, path: Path, form: RecordingFormat | None) -> "RosbagTable":
-        """As the protocol; the bag describes itself, so that `form` is not used."""
-        return RosbagTable(path)
+    def open(self, path: Path, form: RecordingFormat | None) -> "RosbagTable | ConvertedTable":
+        """As the protocol; the bag describes itself, so that `form` is not used.
+
+        Where no topic is of a kind of joint states, the fields of another one may be.
+        """
+        try:
+            return RosbagTable(path)
+        except InputError:
+            table = fields_table(path)
+            if table is None:
+                raise
+            return table
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
         """As the protocol, in MCAP; times are rounded to the nanosecond of a stamp.

@@ -217,7 +217,7 @@ def test_the_unit_of_positions_is_decided_by_their_size(
         ("meta/info.json", b'{"codebase_version": "v9.0"}', "codebase_version: is 'v9.0', expec"),
         ("meta/info.json", b'{"codebase_version": "v2.1", "fps": -3}', "fps: is -3"),
         ("meta/episodes.jsonl", b"[]", "expected an object"),
-        ("meta/episodes.jsonl", b"", "holds no episodes"),
+        ("meta/episodes.jsonl", b"", "is missing or empty, but meta/info.json has"),
         ("data/chunk-000/episode_000000.parquet", b"PAR1", "damaged Parquet"),
     ],
 )

@@ -449,3 +449,23 @@ def test_messages_of_one_joint_each_are_joined(tmp_path: Path) -> None:
     assert log.num_samples == 59  # the second joint has none before the first one's
     for j in range(2):
         np.testing.assert_allclose(log.q[:, j], np.sin(at + j), rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("has_time", [True, False])
+def test_fields_of_a_drivers_own_message_are_read(tmp_path: Path, has_time: bool) -> None:
+    """As ur_msgs/RobotStateRTMsg has arrays without names; the bag holds the definition."""
+    kind, types = "driver/msg/State", get_typestore(Stores.ROS1_NOETIC)
+    clock = "time" if has_time else "robot_mode"
+    fields = ["q_target", "q_actual", "qd_actual", "i_actual"]
+    definition = "\n".join([f"float64 {clock}", *(f"float64[] {name}" for name in fields)])
+    types.register(get_types_from_msg(definition, kind))
+    values, stamps, path = _values(width=8), _stamps(), tmp_path / "log.bag"
+    with Ros1Writer(path) as writer:
+        connection = writer.add_connection("/state", kind, typestore=types)
+        for stamp, row in zip(stamps, values, strict=True):
+            number = 1e-9 * stamp + 5.0 if has_time else 7.0
+            message = types.types[kind](number, *row.reshape(4, 2))
+            writer.write(connection, int(stamp), bytes(types.serialize_ros1(message, kind)))
+    log = read_recording(path)
+    np.testing.assert_allclose(log.t, 1e-9 * stamps + 5.0 * has_time, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(np.c_[log.q, log.v, log.current], values[:, 2:])
