@@ -405,11 +405,23 @@ class _Outcome:
             sentences += tuple(self.second_pass.readings.episodes.lines())
         return sentences
 
+    def _may_show_lever(self) -> bool:
+        """Whether something presses with a force that is read: else a model's error has a lever.
+
+        Contacts are not looked for beside a model without a torque error: then it may be so.
+        """
+        if self.model.torque_error is None:
+            return True
+        contacts = self.second_pass.readings.episodes.contacts
+        return any(contact.force is not None for contact in contacts)
+
     def warnings(self, settings: EstimateSettings) -> list[str]:
         """What makes the readings doubtful, one sentence each."""
         if self.judgement is not None and self.judgement.fault is not None:
             return []  # what else is to be said of a log that is wrong would mislead
         warnings = [*self.first_pass_result.warnings, *self.reading_warnings]
+        if self.first_pass_result.lever is not None and self._may_show_lever():
+            warnings.insert(0, self.first_pass_result.lever.sentence())
         if self.second_pass.tracked is not None:
             warnings += self.second_pass.tracked.tracker.advice(self.model.joint_names)
         monitor = self.first_pass_result.friction_monitor

@@ -34,7 +34,7 @@ from wrenchsight.models.calibration.load_or_drift import LoadOrDrift
 from wrenchsight.models.detection.contact_detector import ContactEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
-from wrenchsight.models.estimation.lever_prior import find_lever
+from wrenchsight.models.estimation.lever_prior import Lever, find_lever
 from wrenchsight.models.estimation.wrench_prior import live_prior
 from wrenchsight.models.friction.sliding_friction import with_sliding
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -65,6 +65,7 @@ class FirstPassResult:
         ripple_shown: ripple of the gears; None: the log shows none.
         model_with_drift: the model whose band is stated: with the drift and the ripple that the log
             shows.
+        lever: of the force, where the moment's prior is that of a lever; None: it is not.
         warnings: one sentence each.
         work_done: share of the whole work, 0 to 1.
     """
@@ -76,6 +77,7 @@ class FirstPassResult:
     drift_shown: Array | None
     ripple_shown: GearRipple | None
     model_with_drift: IdentifiedModel
+    lever: Lever | None
     warnings: tuple[str, ...]
     work_done: float
 
@@ -90,11 +92,13 @@ class EvidencePrior(NamedTuple):
     Attributes:
         sds: of force and moment, N and N m.
         rule: by which it was found.
+        lever: whose moment gives the moment's sd; None: the evidence does.
         warnings: one sentence each.
     """
 
     sds: tuple[float, float]
     rule: str
+    lever: Lever | None
     warnings: tuple[str, ...]
 
 
@@ -163,10 +167,12 @@ def first_pass(
     ripple_shown = None if monitor is None else monitor.ripple()
     if ripple_shown is not None:
         model_with_drift = _with_ripple(model_with_drift, ripple_shown)
+    lever: Lever | None = None
     warnings: tuple[str, ...] = ()
     if prior is None and not config.estimator.reconstruction.states_prior:
         evidence = _evidence_prior(pass_over_log("finding the prior"))
-        prior, prior_rule, warnings = evidence.sds, evidence.rule, evidence.warnings
+        prior, prior_rule = evidence.sds, evidence.rule
+        lever, warnings = evidence.lever, evidence.warnings
         work_done += _PASS_WORK
     if ripple_shown is not None:
         warnings += (ripple_shown.sentence(model.joint_names),)
@@ -178,6 +184,7 @@ def first_pass(
         drift_shown=drift_shown,
         ripple_shown=ripple_shown,
         model_with_drift=model_with_drift,
+        lever=lever,
         warnings=warnings,
         work_done=work_done,
     )
@@ -298,7 +305,7 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
     samples = _prior_samples(log_pass)
     live = live_prior(log_pass.robot.payload)
     if not len(samples.q):
-        return EvidencePrior(live, "live: every sample is impossible", ())
+        return EvidencePrior(live, "live: every sample is impossible", None, ())
     stated = log_pass.config.estimator.reconstruction
     noise = samples.torque_covariance
     warnings: list[str] = []
@@ -310,20 +317,22 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
             f"{least_force_sd:.3g} N for short contacts; state another with --prior"
         )
     force_sd, moment_sd = max(force_sd, least_force_sd), max(moment_sd, least_moment_sd)
+    lever: Lever | None = None
     if stated.prior_moment_sd is None and stated.reads_moments:
         R_WE, _ = log_pass.robot.chain.pose(samples.q)
         # `evidence_prior` leaves out samples that are not finite itself, `find_lever` does not.
         J_seen, R_WE, tau_ext = _finite(samples.J_seen, R_WE, samples.tau_ext)
         lever = find_lever(J_seen, R_WE, tau_ext, noise, samples.duration)
-        if lever is not None and lever.moment_sd > _LEVER_RATIO * moment_sd:
+        if lever is not None and lever.moment_sd <= _LEVER_RATIO * moment_sd:
+            lever = None
+        if lever is not None:
             moment_sd = lever.moment_sd
-            warnings.append(lever.sentence())
     rule = "evidence of the log"  # not both sds are stated: then no evidence is asked for
     if stated.prior_force_sd is not None:
         rule += ", force given"
     elif stated.prior_moment_sd is not None:
         rule += ", moment given"
-    return EvidencePrior((float(force_sd), float(moment_sd)), rule, tuple(warnings))
+    return EvidencePrior((float(force_sd), float(moment_sd)), rule, lever, tuple(warnings))
 
 
 def _prior_samples(log_pass: _PassOverLog) -> _PriorSamples:
