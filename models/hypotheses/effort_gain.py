@@ -293,7 +293,10 @@ def _of_known_unit(case: Case, gains: Array) -> _Finding | None:
     unit = "mN m" if case.rows.is_torque else "mA"
     if are_near(math.log(1e3)):
         return _Finding(
-            f"{case.word}s in {unit}", f"set {key}: {{unit: {unit}}} in a description", {}
+            f"{case.word}s in {unit}",
+            f"set {key}: {{unit: {unit}}} in a description, if the drives report that (their size "
+            "alone leaves it open by some 20 %)",
+            {},
         )
     if are_near(math.log(1e6)):
         return _Finding(

@@ -29,6 +29,7 @@ from wrenchsight.models.robot.robot import Robot
 
 # By how much nearer to 0 the logarithm of one ratio must be than that of the other: a factor of 2.
 MIN_LOG_DIFFERENCE = 0.7
+_FAR_LOG_RATIO = 1.5  # of all ratios' logarithms: 4.5 times more or less than gravity's torque
 NO_GRAVITY = "effort holds no gravity torque"
 """Begin of the sentence on an effort from which gravity is taken; what it is follows a colon."""
 _LEAST_SAMPLES = 20  # slow ones
@@ -92,6 +93,12 @@ class EffortUnit:
                 f"effort is read as motor current in A: its ratio to the gravity torque ({ratios}) "
                 "agrees with torque_per_ampere in robot.yaml; if the driver reports N m, add "
                 f"{remedies['N m']}"
+            )
+        if np.abs(np.log(self.ratio[self.is_telling])).min() > _FAR_LOG_RATIO:
+            return (
+                f"effort is read as joint torque in N m, but its ratio to the gravity torque "
+                f"({ratios}) is far from 1: it may be in another unit (motor_torque: {{gain: [N m "
+                "of one]} in a description)"
             )
         return (
             f"effort is read as joint torque in N m: its ratio to the gravity torque ({ratios}) is "

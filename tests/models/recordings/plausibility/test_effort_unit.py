@@ -1,5 +1,7 @@
 """The unit of effort, N m or A, as gravity decides it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,11 @@ def test_an_effort_that_is_not_filled_is_no_external_torque(ur10e: Robot, size: 
     sentence = effort_unit([log], ur10e).sentence(ur10e)
     assert "does not fill it" in sentence
     assert "external" not in sentence
+
+
+def test_an_effort_far_from_gravitys_torque_is_not_said_to_be_about_it(bundled_arm: Robot) -> None:
+    log = _log(bundled_arm, "N m")
+    assert log.tau_J is not None
+    for size, words in ((1.0, "is about 1;"), (100.0, "is far from 1: it may be in another unit")):
+        scaled = replace(log, tau_J=size * log.tau_J)
+        assert words in effort_unit([scaled], bundled_arm).sentence(bundled_arm)
