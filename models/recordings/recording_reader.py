@@ -511,6 +511,7 @@ class RecordingReader:
         if checks is not None and not self._is_described:
             self._refuse_raw_words()
         frozen = FrozenDrives()
+        has_drives = any(self.layout.signal(name) is not None for name in ("current", "tau_J"))
         num_samples = first_row = last_row = 0
         for chunk in self._read_motion():  # none of its chunks is empty
             if num_samples == 0 and chunk.num_samples > 1:
@@ -519,7 +520,8 @@ class RecordingReader:
                 complete_samples = _without_gaps(chunk)
                 if complete_samples.num_samples:
                     checks.feed(complete_samples)
-                    frozen.feed(complete_samples)
+                    if has_drives:
+                        frozen.feed(complete_samples)
             if chunk.row is not None:
                 first_row, last_row = first_row or int(chunk.row[0]), int(chunk.row[-1])
             num_samples += chunk.num_samples

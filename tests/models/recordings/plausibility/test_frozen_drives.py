@@ -64,3 +64,13 @@ def test_the_rows_that_are_named_can_be_read(ur10e: Robot, tmp_path: Path) -> No
     mended = read_recording(path, tmp_path / "columns.yaml", ur10e)
     assert mended.t[0] == pytest.approx(1.5)
     assert mended.num_samples == 250
+
+
+def test_a_log_without_drives_has_none_that_stand_still(ur10e: Robot, tmp_path: Path) -> None:
+    log, path = swing(ur10e), tmp_path / "log.csv"
+    columns = [f"{name}{j}" for name in "qv" for j in range(1, 7)]
+    table = np.c_[log.t, log.q, log.v]
+    np.savetxt(path, table, delimiter=",", header=",".join(["t", *columns]), comments="")
+    keys = 'time: {columns: t}\nposition: {columns: "q{1..6}"}\nvelocity: {columns: "v{1..6}"}\n'
+    (tmp_path / "columns.yaml").write_text(keys)
+    assert not read_recording(path, tmp_path / "columns.yaml", ur10e).current.any()
