@@ -540,6 +540,8 @@ class _LogColumns:
         entry_place = f"{Path(self._source).name} ({place})"
         if item.isdecimal():
             number = int(item) if len(item) < 10 else MOST_COLUMNS + 1
+            if not 1 <= number <= num_columns and names is not None and names.count(item) == 1:
+                return names.index(item)  # of a register, whose number is its column's name
             if not 1 <= number <= num_columns:
                 problem = f"has {num_columns} columns, but {entry_place} names column {item}"
                 remedy = "check the separator, or the description's column numbers (from 1)"

@@ -49,6 +49,17 @@ _HDF5_REMEDY = (
     "h5py.File('{name}').visititems(lambda n, x: d.update({n.replace('/', '.'): x[()]}) if "
     "isinstance(x, h5py.Dataset) else None); numpy.savez('{stem}.npz', **d)\""
 )
+_PANDAS_HDF5_REMEDY = (
+    'write it as CSV: pip install pandas tables, then python -c "import pandas; '
+    "pandas.read_hdf('{name}').rename_axis('time').to_csv('{stem}.csv')\""
+)
+_PANDAS_MARK = b"pandas_type"  # in the HDF5 files that pandas writes
+_TDMS_REMEDY = (
+    'write it as CSV: pip install npTDMS pandas, then python -c "import nptdms; '
+    "nptdms.TdmsFile.read('{name}').as_dataframe(time_index=True).rename_axis('time')"
+    ".to_csv('{stem}.csv')\""
+)
+_HDF5_MAGIC = b"\x89HDF"
 _SHEET_REMEDY = (
     "save the sheet of the log as CSV in the spreadsheet program, or each sheet by: pip install "
     "openpyxl, then python -c \"import pandas; [sheet.to_csv(f'{stem}_{k}.csv', index=False, "
@@ -64,7 +75,8 @@ _PICKLE_REMEDY = (
 _BINARY_KINDS = (  # first bytes, kind of file, remedy with the file's name and its stem
     (b"\x1f\x8b", "compressed by gzip", "name it .csv.gz"),
     (b"PK\x03\x04", "a zip archive or a spreadsheet", _SHEET_REMEDY),
-    (b"\x89HDF", "an HDF5 file", _HDF5_REMEDY),
+    (_HDF5_MAGIC, "an HDF5 file", _HDF5_REMEDY),
+    (b"TDSm", "a TDMS file of LabVIEW", _TDMS_REMEDY),
     (b"#ROSBAG", "a ROS 1 bag", "name it .bag"),
     (b"\x89MCAP", "an MCAP file", "name it .mcap"),
     *((magic, "a pickle, which runs code when it is read", _PICKLE_REMEDY) for magic in _PICKLES),
@@ -156,6 +168,9 @@ def write_csv_header(file: BinaryIO, names: Sequence[str]) -> None:
 def binary_remedy(path: Path, magic: bytes) -> str:
     """What to do about a file of a kind that is not read, by its first bytes."""
     remedy = next(text for first, _, text in _BINARY_KINDS if first == magic)
+    if magic == _HDF5_MAGIC:
+        with opened(path, "a log") as file:
+            remedy = _PANDAS_HDF5_REMEDY if _PANDAS_MARK in file.read(_HEAD_BYTES) else remedy
     return remedy.replace("{name}", path.name).replace("{stem}", path.stem)
 
 

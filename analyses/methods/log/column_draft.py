@@ -60,6 +60,7 @@ _ANGLE_QUESTIONS = {  # of numbers beyond what a joint turns
     "velocity": "? unit: deg/s; or gain: rad/s of one count",
 }
 _ENCODING_ROWS = 50_000  # in which encodings of words are looked for
+_UNITS_OF_SLIDING = ("mm", "mm/s")  # a gain of 0.001 is theirs, and that of thousandths of a rad
 _SAME_SCALE = 1e-9  # relative, of two scales that differ by rounding
 _LEAST_GAIN = 1e-8  # from 1, from which a gain is stated; less is rounding of the units
 _FIRST_LINE = (
@@ -269,7 +270,11 @@ def _scaling(signal: Signal, key: str) -> dict[str, str]:
     scale = -signal.scale if signal.exerted_on == ENVIRONMENT else signal.scale
     units = UNITS.get(key, {"1": 1.0})
     sizes = np.abs(scale)
-    of_this_size = [name for name, si in units.items() if abs(si / sizes[0] - 1.0) < _SAME_SCALE]
+    of_this_size = [
+        name
+        for name, si in units.items()
+        if name not in _UNITS_OF_SLIDING and abs(si / sizes[0] - 1.0) < _SAME_SCALE
+    ]
     have_one_size = np.all(np.abs(sizes / sizes[0] - 1.0) < _SAME_SCALE)
     unit = of_this_size[0] if of_this_size and have_one_size else next(iter(units))
     values = {"unit": unit} if key else {}
@@ -303,7 +308,13 @@ def _columns_text(columns: Sequence[int], table: LogTable) -> str:
         except ValueError:
             is_same = False
         is_unique = all(names.count(name) == 1 for name in listed)
-        if is_same and is_unique and not any(re.search(r'["\\\n]', name) for name in listed):
+        is_number = any(name.strip().isdigit() for name in listed)  # taken for a column's number
+        if (
+            is_same
+            and is_unique
+            and not is_number
+            and not any(re.search(r'["\\\n]', name) for name in listed)
+        ):
             return f'"{text}"'
     first, last = columns[0] + 1, columns[-1] + 1
     if len(columns) > 1 and list(columns) == list(range(first - 1, last)):

@@ -339,6 +339,8 @@ def test_files_that_are_no_log_are_refused(tmp_path: Path) -> None:
     for name, content, words in (
         ("log.xlsx", b"PK\x03\x04" + bytes(40), "pandas.read_excel('log.xlsx', sheet_name=None"),
         ("log.hdf5", b"\x89HDF\r\n" + bytes(40), "numpy.savez('log.npz', **d)"),
+        ("log.h5", b"\x89HDF\r\n" + bytes(40) + b"pandas_type", "pandas.read_hdf('log.h5')"),
+        ("log.tdms", b"TDSm" + bytes(40), "nptdms.TdmsFile.read('log.tdms')"),
         ("log.pkl", b"\x80\x04" + bytes(40), "pandas.read_pickle('log.pkl')"),
     ):
         (tmp_path / name).write_bytes(content)

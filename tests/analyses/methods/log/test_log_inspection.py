@@ -51,7 +51,7 @@ def test_angles_beyond_any_joint_have_a_question_in_the_draft(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "npz", "mat", "mcap", "semicolons", "torque",
-                                  "milliseconds", "external", "unfilled"])  # fmt: skip
+                                  "milliseconds", "external", "unfilled", "labels"])  # fmt: skip
 def test_a_draft_reads_the_log_as_it_was_read(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"log.{kind}"
     log = _log()
@@ -68,6 +68,12 @@ def test_a_draft_reads_the_log_as_it_was_read(tmp_path: Path, kind: str) -> None
     elif kind == "external":
         header = "t,q[0],q[1],q[2],tau_ext_hat[0],tau_ext_hat[1],tau_ext_hat[2]"
         path = _csv(tmp_path / "log.csv", header, np.c_[_T, _Q, _I])
+    elif kind == "labels":  # names, units and the step of the time stand in lines of their own
+        header = "Unit,rad,rad,rad,A,A,A\nDelta_X,0.01,0.01,0.01,0.01,0.01,0.01\n"
+        header += "Name,pos 1,pos 2,pos 3,current 1,current 2,current 3"
+        path = _csv(tmp_path / "log.csv", header, np.c_[_Q, _I])
+        lines = path.read_text().splitlines()
+        path.write_text("\n".join([*lines[:3], *(f",{line}" for line in lines[3:]), ""]))
     elif kind == "unfilled":
         path = _csv(tmp_path / "log.csv", "t,q0,q1,q2,v0,v1,v2", np.c_[_T, _Q, 0 * _V])
     else:
@@ -199,3 +205,20 @@ def test_files_of_one_name_have_a_draft_a_figure_and_figures_each(tmp_path: Path
     figures = json.loads((out / "metrics.json").read_text())
     assert [figures[key]["log"]["samples"] for key in map(str, paths[:2])] == [300, 200]
     assert figures["run.2.csv"]["log"]["samples"] == 100
+
+
+def test_registers_that_name_columns_are_drafted_by_the_columns_numbers(tmp_path: Path) -> None:
+    """A number in a description is that of a column, from 1; beyond these it may be a name."""
+    header = ",".join(["time", *(str(k) for k in range(270, 279))])
+    path = _csv(tmp_path / "log.csv", header, np.c_[_T, 1e3 * _Q, 1e3 * _V, 1e3 * _I])
+    keys = "time: {columns: time}\nposition: {columns: '{270..272}', gain: [0.001]}\n"
+    keys += "velocity: {columns: '{273..275}', gain: [0.001]}\n"
+    keys += "current: {columns: '{276..278}', unit: mA}\n"
+    (tmp_path / "columns.yaml").write_text(keys)
+    log = read_recording(path, tmp_path / "columns.yaml")
+    np.testing.assert_allclose(log.q, _Q, rtol=0, atol=1e-9)
+    settings = LogSettings(logs=[str(path)], log_format=str(tmp_path / "columns.yaml"))
+    (inspected,) = inspect_logs(settings, tmp_path / "out")
+    assert 'position: {columns: "2-4", unit: rad, gain: [0.001]}' in inspected.draft
+    again = read_recording(path, tmp_path / "out" / "columns.yaml")
+    np.testing.assert_array_equal(again.q, log.q)
