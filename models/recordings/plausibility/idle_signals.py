@@ -20,7 +20,10 @@ _DATES = (
 )
 _LEAST_STEP, _LARGEST_STEP = 1e-4, 0.25  # s, of a log of motor currents
 _LARGEST_DAY_STEP = _LARGEST_STEP / 86400.0  # of a clock that counts days: no other is so fast
-_DAYS = ((3.6e4, 7.5e4), (7.25e5, 7.7e5))  # of such dates: of spreadsheets, and since the year 0
+_DAYS_OF_DATES = (
+    (3.6e4, 7.5e4),
+    (7.25e5, 7.7e5),
+)  # of such dates: of spreadsheets, and since the year 0
 _SMALLEST_COUNT = 1.0  # in which a clock of ms, us or ns steps
 _MAX_PATH_RATIO = 3.0  # factor by which the path may differ from the integral of the speed
 MIN_TRAVEL = 5e-3  # rad or m, beyond what an encoder rounds
@@ -119,7 +122,7 @@ def time_unit(part: Recording, has_velocities: bool) -> str:
     steps = np.diff(part.t)
     step = float(np.median(steps))
     if 0.0 < step <= _LARGEST_DAY_STEP:
-        is_date = any(first <= part.t[0] <= last for first, last in _DAYS)
+        is_date = any(first <= part.t[0] <= last for first, last in _DAYS_OF_DATES)
         has_motion = has_velocities and part.num_joints > 0
         if has_motion and not _agrees(part, steps * TIME_UNITS["days"]):
             return ""
