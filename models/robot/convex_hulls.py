@@ -22,6 +22,7 @@ HULL_SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".off", ".glb")
 _HULL_VERSION = b"1"  # of the way that hulls are made; another one leaves those in the cache alone
 _LARGEST_FILE = 1 << 28  # bytes
 _MOST_VERTICES = 800  # Drake's distances take longer with every vertex
+_MANY_POINTS = 20_000  # as many on two circles take qhull some 10 s
 _MAX_DIRECTIONS = 150  # of the supporting planes that bound a hull of more
 
 
@@ -94,10 +95,14 @@ def convex_hull(points: Array) -> tuple[Array, Any]:
     from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
     try:
-        hull = ConvexHull(points)
-        if len(hull.vertices) > _MOST_VERTICES:
+        if len(points) > _MANY_POINTS:
+            # Moved by rounding, no points lie in one plane: qhull takes minutes to hours to merge
+            # the facets of as many points on a circle.
+            points = points[ConvexHull(points, qhull_options="QJ").vertices]
+        hull = None if len(points) > _MANY_POINTS else ConvexHull(points)
+        if hull is None or len(hull.vertices) > _MOST_VERTICES:
             # A plane touches the hull in each direction; behind all of them lies the outer hull.
-            corners = points[hull.vertices]
+            corners = points if hull is None else points[hull.vertices]
             normals = _spread_directions(_MAX_DIRECTIONS)  # (D, 3) unit
             heights = (normals @ corners.T).max(axis=1)
             inner_point = corners.mean(axis=0)

@@ -6,6 +6,7 @@ from pathlib import Path
 import coal
 import numpy as np
 import pytest
+import scipy.spatial
 import trimesh
 from scipy.spatial import ConvexHull
 
@@ -110,3 +111,30 @@ def test_the_place_and_size_are_those_that_coal_reads(wheel_robots: Path, name: 
     vertices = np.asarray(trimesh.load_mesh(hull_file(wheel_robots / name)).vertices)
     np.testing.assert_allclose(vertices.min(axis=0), shape.aabb_local.min_, atol=1e-6)
     np.testing.assert_allclose(vertices.max(axis=0), shape.aabb_local.max_, atol=1e-6)
+
+
+def test_no_many_points_in_one_plane_come_to_qhull(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cylinder with 30,000 points on each rim: qhull merges their facets for over a minute."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 30_000, endpoint=False)
+    rim = np.column_stack([0.05 * np.cos(angle), 0.05 * np.sin(angle)])
+    points = np.concatenate([np.insert(rim, 2, z, axis=1) for z in (0.0, 0.2)])
+
+    def hull(given: np.ndarray, qhull_options: str | None = None) -> ConvexHull:
+        assert qhull_options == "QJ" or len(given) <= 20_000
+        return ConvexHull(given, qhull_options=qhull_options)
+
+    monkeypatch.setattr(scipy.spatial, "ConvexHull", hull)
+    vertices, _ = convex_hull(points)
+    assert _beyond(points[::100], vertices) < 1e-8  # m: what qhull moves points by
+    # Planes of 150 directions, 10 degrees from one another, leave the rim a bulge.
+    assert (np.abs(vertices) < [0.052, 0.052, 0.2 + 1e-9]).all()
+
+
+def test_a_fine_box_is_a_box() -> None:
+    x = np.linspace(-1.0, 1.0, 70)
+    side = np.array([(a, b, c) for a in x for b in x for c in (-1.0, 1.0)])
+    points = np.concatenate([np.roll(side, k, axis=1) for k in range(3)])
+    vertices, _ = convex_hull(points)
+    assert sorted(map(tuple, vertices.round(9))) == sorted(
+        (a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)
+    )
